@@ -1,0 +1,201 @@
+//! Where voxels are in the patient.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::GeometryError;
+
+/// The largest number of voxels that a [`Grid`] may have: 1 Gi.
+pub const MAX_VOXELS: usize = 1 << 30;
+
+/// The largest side of a working grid, in voxels.
+pub const MAX_WORKING_SIZE: usize = 512;
+
+/// How far from isotropic, or from the patient axes, a grid may be and still count as a working grid.
+const ALIGNMENT_TOLERANCE: f64 = 1e-4;
+
+/// The placement of voxels in the patient: a size and an affine to LPS millimetres.
+///
+/// The centre of voxel `[x, y, z]` is at `patient_from_voxel * (x, y, z)`. Values on a grid are
+/// stored x-fastest: the index of a voxel is `x + size[0] * (y + size[1] * z)`.
+///
+/// Invariants: at least one voxel along each axis, at most [`MAX_VOXELS`] in all, and a finite,
+/// invertible affine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    size: [usize; 3],
+    patient_from_voxel: DAffine3,
+    voxel_from_patient: DAffine3,
+}
+
+impl Grid {
+    /// A grid of `size` voxels, placed by an affine from voxel indices to LPS millimetres.
+    ///
+    /// # Errors
+    /// When a side is zero, when there are more than [`MAX_VOXELS`] voxels, or when the affine is not
+    /// finite or not invertible (an edge shorter than a nanometre or longer than a kilometre counts too).
+    pub fn new(size: [usize; 3], patient_from_voxel: DAffine3) -> Result<Self, GeometryError> {
+        if size.contains(&0) {
+            return Err(GeometryError::EmptyGrid { size });
+        }
+        let voxels = size
+            .iter()
+            .try_fold(1usize, |product, &side| product.checked_mul(side));
+        if voxels.is_none_or(|count| count > MAX_VOXELS) {
+            return Err(GeometryError::TooManyVoxels {
+                size,
+                limit: MAX_VOXELS,
+            });
+        }
+        if !patient_from_voxel.is_finite() {
+            return Err(GeometryError::BadAffine { what: "not finite" });
+        }
+        let axes = patient_from_voxel.matrix3;
+        let spacing = [
+            axes.x_axis.length(),
+            axes.y_axis.length(),
+            axes.z_axis.length(),
+        ];
+        if spacing.iter().any(|edge| !(1e-6..=1e6).contains(edge)) {
+            return Err(GeometryError::BadAffine {
+                what: "not invertible: a voxel has no extent",
+            });
+        }
+        let volume_of_unit_edges = axes.determinant() / (spacing[0] * spacing[1] * spacing[2]);
+        if volume_of_unit_edges.abs() < 1e-3 {
+            return Err(GeometryError::BadAffine {
+                what: "not invertible: its axes are coplanar",
+            });
+        }
+        let voxel_from_patient = patient_from_voxel.inverse();
+        Ok(Self {
+            size,
+            patient_from_voxel,
+            voxel_from_patient,
+        })
+    }
+
+    /// A grid along the patient axes L, P and S, whose voxel `[0, 0, 0]` is centred at `origin` (LPS mm).
+    ///
+    /// # Errors
+    /// As [`Grid::new`].
+    pub fn aligned(
+        size: [usize; 3],
+        spacing_mm: [f64; 3],
+        origin: DVec3,
+    ) -> Result<Self, GeometryError> {
+        let axes = DMat3::from_diagonal(DVec3::from_array(spacing_mm));
+        Self::new(
+            size,
+            DAffine3 {
+                matrix3: axes,
+                translation: origin,
+            },
+        )
+    }
+
+    /// Voxels along x, y and z.
+    pub fn size(&self) -> [usize; 3] {
+        self.size
+    }
+
+    /// Number of voxels.
+    pub fn voxel_count(&self) -> usize {
+        self.size.iter().product()
+    }
+
+    /// Edge lengths of a voxel, in mm.
+    pub fn spacing_mm(&self) -> [f64; 3] {
+        let axes = self.patient_from_voxel.matrix3;
+        [
+            axes.x_axis.length(),
+            axes.y_axis.length(),
+            axes.z_axis.length(),
+        ]
+    }
+
+    /// The affine from voxel indices to LPS mm.
+    pub fn patient_from_voxel(&self) -> DAffine3 {
+        self.patient_from_voxel
+    }
+
+    /// The affine from LPS mm to voxel indices.
+    pub fn voxel_from_patient(&self) -> DAffine3 {
+        self.voxel_from_patient
+    }
+
+    /// Position of a voxel in the x-fastest order of values.
+    pub fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        x + self.size[0] * (y + self.size[1] * z)
+    }
+
+    /// The voxel at a position of the x-fastest order: the inverse of [`Grid::index`].
+    pub fn voxel(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.size;
+        [index % nx, index / nx % ny, index / (nx * ny)]
+    }
+
+    /// Whether a position in voxel coordinates lies in a voxel: within half a voxel of a centre.
+    pub fn contains(&self, position_in_voxel: DVec3) -> bool {
+        let inside = |position: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&position);
+        (0..3).all(|axis| inside(position_in_voxel[axis], self.size[axis]))
+    }
+
+    /// The block of `size` voxels that starts at voxel `first` (which may be negative), as a grid of its own.
+    ///
+    /// # Errors
+    /// As [`Grid::new`].
+    pub fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
+        let shift = DVec3::from_array(first.map(|voxel| voxel as f64));
+        Self::new(
+            size,
+            self.patient_from_voxel * DAffine3::from_translation(shift),
+        )
+    }
+
+    /// The same voxel centres in the order of the patient axes L, P, S, if the axes of the grid lie along them.
+    ///
+    /// Voxels need not be isotropic. An oblique grid has no such order.
+    pub fn reordered_to_patient_axes(&self) -> Option<Self> {
+        let axes = self.patient_from_voxel.matrix3;
+        let columns = [axes.x_axis, axes.y_axis, axes.z_axis];
+        let mut size = [0; 3];
+        let mut spacing = [0.0; 3];
+        let mut far_corner = DVec3::ZERO;
+        for (column, &side) in columns.iter().zip(&self.size) {
+            let along = dominant_axis(*column);
+            let length = column[along];
+            let off_axis = (*column - DVec3::AXES[along] * length).length();
+            if off_axis > ALIGNMENT_TOLERANCE * length.abs() || size[along] != 0 {
+                return None;
+            }
+            size[along] = side;
+            spacing[along] = length.abs();
+            far_corner[along] = f64::min(length * (side - 1) as f64, 0.0);
+        }
+        Self::aligned(
+            size,
+            spacing,
+            self.patient_from_voxel.translation + far_corner,
+        )
+        .ok()
+    }
+
+    /// Whether the edges of a voxel have one length.
+    pub fn is_isotropic(&self) -> bool {
+        let [x, y, z] = self.spacing_mm();
+        let tolerance = ALIGNMENT_TOLERANCE * x;
+        (x - y).abs() <= tolerance && (x - z).abs() <= tolerance
+    }
+}
+
+/// The axis along which a vector points most.
+fn dominant_axis(vector: DVec3) -> usize {
+    let lengths = vector.abs();
+    if lengths.x >= lengths.y && lengths.x >= lengths.z {
+        0
+    } else if lengths.y >= lengths.z {
+        1
+    } else {
+        2
+    }
+}

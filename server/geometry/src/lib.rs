@@ -1,0 +1,37 @@
+//! From an MR volume and a brain mask to the cortex at any depth: the arithmetic of Isocortex.
+//!
+//! `Volume → BrainMask → Envelope → DistanceMap → Forest → EnvelopeMesh → ShrunkMesh`
+//!
+//! Values go in and values come out: there is no input or output here, no clock, no async and no GPU.
+//! World space is DICOM's patient space: LPS, in millimetres. Arrays are x-fastest. The grid of every
+//! step after the mask is the *working grid*: isotropic, its axes along L, P and S.
+//!
+//! The method is that of Bergo, de Goes, Goldenstein and Falcão, "A Deformable Model for Fast
+//! Visualization of Euclidean Isosurfaces of the Brain", 2006; "the paper" below.
+
+mod core_voxels;
+mod depth_field;
+mod distance_map;
+mod envelope;
+mod envelope_mesh;
+mod error;
+mod forest;
+mod grid;
+mod mask;
+mod paths;
+pub mod phantom;
+mod shell;
+mod volume;
+
+pub use core_voxels::{Core, core};
+pub use depth_field::DepthField;
+pub use distance_map::{DistanceMap, distance_map};
+pub use envelope::{Envelope, envelope};
+pub use envelope_mesh::{EnvelopeMesh, MeshSize, envelope_mesh};
+pub use error::GeometryError;
+pub use forest::{Forest, forest};
+pub use grid::{Grid, MAX_VOXELS, MAX_WORKING_SIZE};
+pub use mask::{BrainMask, Mask};
+pub use paths::{PathKind, PathTable, ShrunkMesh, path_table};
+pub use shell::{ShellIndex, ShellVoxel};
+pub use volume::{Rescale, Volume};

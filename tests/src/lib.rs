@@ -1,0 +1,1 @@
+//! Integration tests of Isocortex; everything is in the one test program `it`.
