@@ -4,9 +4,13 @@ set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
 
-scripts/setup.sh demo
-if [ -z "${ISOCORTEX_DEMO_VOLUME:-}" ] && head=$(scripts/head.sh 2>/dev/null); then
-  export ISOCORTEX_DEMO_VOLUME=$head/ch2.nii.gz ISOCORTEX_DEMO_MASK=$head/ch2bet.nii.gz
+scripts/setup.sh build
+if [ -z "${ISOCORTEX_DEMO_VOLUME:-}" ]; then
+  if head=$(scripts/head.sh); then
+    export ISOCORTEX_DEMO_VOLUME=$head/ch2.nii.gz ISOCORTEX_DEMO_MASK=$head/ch2bet.nii.gz
+  else
+    say "no real head is to be had here; the demo takes a phantom head instead."
+  fi
 fi
 
 say "building the server (the first time takes some minutes)"

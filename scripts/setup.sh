@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs what `make demo` (argument: demo), `make test` (test) or both (all) want beyond a Rust toolchain,
-# Node and make. What cannot be installed is named; only what nothing works without is an error.
+# Installs what is wanted beyond a Rust toolchain, Node and make: to build (argument: build), to test as well (test),
+# or for that and the demo's head (all). What cannot be installed is named; only what nothing works without is an error.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -24,8 +24,8 @@ head_of_demo() {
 }
 
 case "${1:-all}" in
-  demo) compiler; head_of_demo ;;
+  build) compiler ;;
   test) compiler; browser ;;
-  all) compiler; head_of_demo; browser ;;
-  *) die "usage: scripts/setup.sh [demo|test|all]" ;;
+  all) compiler; browser; head_of_demo ;;
+  *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac
