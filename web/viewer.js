@@ -41,7 +41,8 @@ export class Viewer {
       this.#setRanges();
       this.#alter({});
     } else {
-      for (const picture of [this.#render, this.#slice, ...this.#strip.values()]) picture.show(null);
+      clearTimeout(this.#rest);
+      for (const picture of [this.#render, this.#slice, ...this.#strip.values()]) picture.clear();
     }
   }
 
@@ -55,18 +56,28 @@ export class Viewer {
   }
 
   #drawRender() {
+    const { view, depth_mm } = this.#scene;
     const size = pictureSize(this.#viewport.clientWidth, devicePixelRatio);
-    this.#render.show(`${this.#case.id}/render?${renderQuery(this.#scene, this.#scene.view, size)}`);
+    this.#render.show(`${this.#case.id}/render?${renderQuery(this.#scene, view, size)}`, (image) => {
+      const depth = depth_mm.toFixed(1);
+      image.alt = `The cortex ${depth} mm below the dura, ${view} view`;
+      element("depth-shown").textContent = `${depth} mm`;
+      letter(this.#viewport, VIEWS[view].edges);
+    });
   }
 
   #drawTheRest() {
     if (!this.#scene) return;
+    const { plane, depth_mm } = this.#scene;
     const whole = { ...this.#scene, zoom: 1 };
     const size = pictureSize(STRIP_PIXELS, devicePixelRatio);
     for (const [view, picture] of this.#strip) {
-      picture.show(`${this.#case.id}/render?${renderQuery(whole, view, size)}`);
+      picture.show(`${this.#case.id}/render?${renderQuery(whole, view, size)}`, () => {});
     }
-    this.#slice.show(`${this.#case.id}/slices/${this.#scene.plane}?${sliceQuery(this.#scene)}`);
+    this.#slice.show(`${this.#case.id}/slices/${plane}?${sliceQuery(this.#scene)}`, (image) => {
+      image.alt = `${PLANES[plane].label} slice with the outline of the cut at ${depth_mm.toFixed(1)} mm`;
+      letter(this.#sliceFrame, PLANES[plane].edges);
+    });
   }
 
   #setRanges() {
@@ -85,10 +96,8 @@ export class Viewer {
 
   #showControls() {
     const scene = this.#scene;
-    const depth = scene.depth_mm.toFixed(1);
     setValue("depth", scene.depth_mm);
-    setValue("depth-number", depth);
-    element("depth-shown").textContent = `${depth} mm`;
+    setValue("depth-number", scene.depth_mm.toFixed(1));
     setValue("zoom", scene.zoom);
     for (const side of ["center", "width"]) {
       setValue(`window-${side}`, scene.window[side]);
@@ -97,13 +106,9 @@ export class Viewer {
     setValue("colormap", scene.colormap);
     setValue("position", scene.position_mm);
     element("position-shown").textContent = `${scene.position_mm.toFixed(1)} mm`;
-    element("render").alt = `The cortex ${depth} mm below the dura, ${scene.view} view`;
-    element("slice").alt = `${PLANES[scene.plane].label} slice with the outline of the cut at ${depth} mm`;
     press("views", scene.view);
     press("strip", scene.view);
     press("planes", scene.plane);
-    letter(this.#viewport, VIEWS[scene.view].edges);
-    letter(this.#sliceFrame, PLANES[scene.plane].edges);
   }
 
   #buildViews() {
@@ -112,9 +117,9 @@ export class Viewer {
       element("views").append(makeButton(view, label, choose));
       const thumb = makeButton(view, "", choose);
       thumb.title = label;
+      thumb.setAttribute("aria-label", `${label} view`);
       thumb.classList.add("frame");
-      const image = thumb.appendChild(new Image());
-      image.alt = `${label} view`;
+      thumb.appendChild(new Image());
       for (const side of Object.keys(edges)) {
         thumb.appendChild(document.createElement("span")).className = `edge ${side}`;
       }

@@ -124,6 +124,7 @@ class Page {
   async open(url) {
     const { errorText } = await this.#ask("Page.navigate", { url });
     if (errorText) throw new Error(`${url}: ${errorText}`);
+    await this.until("document.readyState === 'complete' && location.href !== 'about:blank'", `loading ${url}`);
   }
 
   /** The value of a JavaScript expression in the page; a promise is awaited. */
