@@ -1,6 +1,8 @@
 //! Depth as a continuous function of position.
 
 use glam::Vec3;
+use multiversion::multiversion;
+use rayon::prelude::*;
 
 use crate::{DistanceMap, Grid};
 
@@ -11,6 +13,7 @@ use crate::{DistanceMap, Grid};
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthField {
     grid: Grid,
+    spacing_mm: f32,
     values: Vec<i16>,
 }
 
@@ -18,21 +21,56 @@ impl DepthField {
     /// Steps of the stored values in a voxel.
     pub const STEPS_PER_VOXEL: f32 = 128.0;
 
-    /// The field of a distance map.
+    /// The greatest `sigma_voxels` of [`DepthField::smoothed`].
+    pub const MAX_SIGMA_VOXELS: f32 = 1.87;
+
+    /// The field of a distance map: exact at voxel centres but for rounding.
     pub fn new(distance: &DistanceMap) -> Self {
-        let _ = distance;
-        todo!()
+        let steps =
+            |squared: u16| (f32::from(squared).sqrt() * Self::STEPS_PER_VOXEL).round() as i16;
+        let table: Vec<i16> = (0..=u16::MAX).map(steps).collect();
+        let depths = distance.squared().par_iter().zip(distance.inside());
+        let values = depths
+            .map(|(&squared, &is_inside)| {
+                let steps = table[usize::from(squared)];
+                if is_inside { steps } else { -steps }
+            })
+            .collect();
+        Self::on(distance.grid().clone(), values)
     }
 
-    /// The field smoothed by a Gaussian of `sigma_voxels`, for normals in which the voxel staircase does not show.
+    fn on(grid: Grid, values: Vec<i16>) -> Self {
+        let spacing_mm = grid.spacing_mm()[0] as f32;
+        Self {
+            grid,
+            spacing_mm,
+            values,
+        }
+    }
+
+    /// The field smoothed by about a Gaussian of `sigma_voxels`, for normals in which the voxel staircase does not show.
+    ///
+    /// The kernel is the binomial one of nearest variance, n/2 for 2n + 1 taps, up to
+    /// [`DepthField::MAX_SIGMA_VOXELS`]; in whole numbers, so that every machine gets the same values.
     pub fn smoothed(&self, sigma_voxels: f32) -> Self {
-        let _ = sigma_voxels;
-        todo!()
+        let sigma = sigma_voxels.clamp(0.0, Self::MAX_SIGMA_VOXELS);
+        let kernel = binomial_kernel((2.0 * sigma * sigma).round() as usize);
+        let [nx, ny, nz] = self.grid.size();
+        let mut values = self.values.clone();
+        for (stride, side) in [(1, nx), (nx, ny), (nx * ny, nz)] {
+            values = convolved(&values, &kernel, nx, stride, side);
+        }
+        Self::on(self.grid.clone(), values)
     }
 
     /// The working grid.
     pub fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// Edge of a voxel, in mm.
+    pub fn spacing_mm(&self) -> f32 {
+        self.spacing_mm
     }
 
     /// Signed depths in 1/128 of a voxel, x-fastest.
@@ -41,16 +79,209 @@ impl DepthField {
     }
 
     /// Signed depth in mm at a position in voxel coordinates, trilinear; beyond the grid, that of its nearest face.
+    #[inline]
     pub fn depth_mm(&self, position_in_voxel: Vec3) -> f32 {
-        let _ = position_in_voxel;
-        todo!()
+        let [nx, ny, _] = self.grid.size();
+        let (base, fraction) = self.cell(position_in_voxel, 0);
+        let start = base[0] + nx * (base[1] + ny * base[2]);
+        let row = |start: usize| {
+            let pair = &self.values[start..start + 2];
+            between(f32::from(pair[0]), f32::from(pair[1]), fraction.x)
+        };
+        let slice = |start: usize| between(row(start), row(start + nx), fraction.y);
+        let steps = between(slice(start), slice(start + nx * ny), fraction.z);
+        steps * (self.spacing_mm / Self::STEPS_PER_VOXEL)
     }
 
     /// Gradient of the depth at a position in voxel coordinates: trilinear between central differences at voxel centres.
     ///
     /// Without unit (mm per mm), along L, P and S, pointing inwards; its length is near 1 but on ridges.
     pub fn gradient(&self, position_in_voxel: Vec3) -> Vec3 {
-        let _ = position_in_voxel;
-        todo!()
+        let (base, fraction) = self.cell(position_in_voxel, 1);
+        let [nx, ny, _] = self.grid.size();
+        let [x_stride, y_stride, z_stride] = [1, nx, nx * ny];
+        let start = base[0] + nx * (base[1] + ny * base[2]);
+        let value = |index: usize| f32::from(self.values[index]);
+        let difference = |index: usize| {
+            Vec3::new(
+                value(index + x_stride) - value(index - x_stride),
+                value(index + y_stride) - value(index - y_stride),
+                value(index + z_stride) - value(index - z_stride),
+            )
+        };
+        let row = |start: usize| difference(start).lerp(difference(start + x_stride), fraction.x);
+        let slice = |start: usize| row(start).lerp(row(start + y_stride), fraction.y);
+        slice(start).lerp(slice(start + z_stride), fraction.z) / (2.0 * Self::STEPS_PER_VOXEL)
+    }
+
+    /// The first voxel of the cell that holds a position, at least `margin` from the faces, and the place in that cell.
+    #[inline]
+    fn cell(&self, position_in_voxel: Vec3, margin: usize) -> ([usize; 3], Vec3) {
+        let size = self.grid.size();
+        let mut base = [0; 3];
+        let mut fraction = Vec3::ZERO;
+        for axis in 0..3 {
+            let low = margin as f32;
+            let high = (size[axis] - 1 - margin) as f32;
+            // Not `clamp`: a position that is not a number goes to the first cell.
+            let position = position_in_voxel[axis].max(low).min(high);
+            base[axis] = (position as usize).min(size[axis] - 2 - margin);
+            fraction[axis] = position - base[axis] as f32;
+        }
+        (base, fraction)
+    }
+}
+
+#[inline]
+fn between(low: f32, high: f32, fraction: f32) -> f32 {
+    low + (high - low) * fraction
+}
+
+/// The 2n + 1 binomial coefficients of order 2n; their sum is 4ⁿ, their variance n/2.
+fn binomial_kernel(n: usize) -> Vec<i32> {
+    let mut kernel = vec![1];
+    for _ in 0..2 * n {
+        let shifted = kernel.iter().copied().chain([0]);
+        kernel = shifted
+            .zip([0].into_iter().chain(kernel.clone()))
+            .map(|(a, b)| a + b)
+            .collect();
+    }
+    kernel
+}
+
+/// Values convolved along one axis, given by its stride and side; beyond a face, values are those of the face.
+fn convolved(values: &[i16], kernel: &[i32], nx: usize, stride: usize, side: usize) -> Vec<i16> {
+    let reach = kernel.len() / 2;
+    let mut out = vec![0; values.len()];
+    out.par_chunks_mut(nx)
+        .enumerate()
+        .for_each_init(Vec::new, |padded, (row, out)| {
+            let start = row * nx;
+            let place = start / stride % side;
+            if stride == 1 {
+                pad_row(&values[start..start + nx], reach, padded);
+                let rows: Vec<_> = (0..kernel.len())
+                    .map(|tap| &padded[tap..tap + nx])
+                    .collect();
+                weighted_sum(&rows, kernel, out);
+            } else {
+                let neighbour = |tap: usize| (place + tap).saturating_sub(reach).min(side - 1);
+                let first = |tap: usize| start - place * stride + neighbour(tap) * stride;
+                let rows: Vec<_> = (0..kernel.len())
+                    .map(|tap| &values[first(tap)..][..nx])
+                    .collect();
+                weighted_sum(&rows, kernel, out);
+            }
+        });
+    out
+}
+
+/// A row with its end values repeated `reach` times before and after it.
+fn pad_row(row: &[i16], reach: usize, padded: &mut Vec<i16>) {
+    padded.clear();
+    padded.extend(std::iter::repeat_n(row[0], reach));
+    padded.extend_from_slice(row);
+    padded.extend(std::iter::repeat_n(row[row.len() - 1], reach));
+}
+
+/// The mean of rows, weighted by a kernel whose sum is a power of two, to the nearest whole number.
+#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
+fn weighted_sum(rows: &[&[i16]], kernel: &[i32], out: &mut [i16]) {
+    const LANES: usize = 32;
+    let total: i32 = kernel.iter().sum();
+    let shift = total.trailing_zeros();
+    for (chunk, out) in out.chunks_mut(LANES).enumerate() {
+        let mut sums = [total / 2; LANES];
+        for (row, &weight) in rows.iter().zip(kernel) {
+            for (sum, &value) in sums.iter_mut().zip(&row[chunk * LANES..]) {
+                *sum += weight * i32::from(value);
+            }
+        }
+        for (out, sum) in out.iter_mut().zip(sums) {
+            *out = (sum >> shift) as i16;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{distance_map, envelope, phantom};
+
+    fn ball_field(radius: f64) -> DepthField {
+        DepthField::new(&distance_map(
+            &envelope(&phantom::ball(radius), 0.0).unwrap(),
+        ))
+    }
+
+    fn centre(field: &DepthField) -> Vec3 {
+        Vec3::from_array(field.grid().size().map(|side| (side / 2) as f32))
+    }
+
+    #[test]
+    fn depth_falls_from_the_centre_of_a_ball_to_below_zero_outside() {
+        let field = ball_field(20.0);
+        let at = |radius: f32| field.depth_mm(centre(&field) + Vec3::X * radius);
+        assert!((at(0.0) - 20.0).abs() < 0.5);
+        assert!((at(10.5) - 9.5).abs() < 0.3);
+        assert!(at(22.0) < -1.5);
+        assert_eq!(
+            field.depth_mm(Vec3::splat(-1e9)),
+            field.depth_mm(Vec3::ZERO)
+        );
+        assert!(field.depth_mm(Vec3::splat(f32::NAN)).is_finite());
+    }
+
+    #[test]
+    fn the_gradient_points_inwards_with_length_one() {
+        let field = ball_field(20.0);
+        for direction in [Vec3::X, -Vec3::Y, Vec3::ONE.normalize()] {
+            let gradient = field.gradient(centre(&field) + direction * 10.0);
+            assert!(gradient.normalize().dot(-direction) > 0.97, "{gradient}");
+            assert!((gradient.length() - 1.0).abs() < 0.15, "{gradient}");
+        }
+    }
+
+    #[test]
+    fn smoothing_keeps_a_plane_and_softens_the_staircase() {
+        let field = ball_field(20.0);
+        let smooth = field.smoothed(1.5);
+        let surface = |direction: Vec3| centre(&field) + direction * 19.5;
+        let mut worst = [1.0f32; 2];
+        for i in 0..200 {
+            let angle = i as f32 * 0.37;
+            let direction = Vec3::new(angle.cos(), angle.sin(), (angle * 0.31).sin()).normalize();
+            for (worst, field) in worst.iter_mut().zip([&field, &smooth]) {
+                let normal = -field.gradient(surface(direction)).normalize();
+                *worst = worst.min(normal.dot(direction));
+            }
+        }
+        assert!(worst[1] > 0.99 && worst[1] > worst[0], "{worst:?}");
+        assert_eq!(binomial_kernel(2), [1, 4, 6, 4, 1]);
+        assert_eq!(field.smoothed(0.0), field);
+    }
+
+    #[test]
+    fn a_convolution_is_that_of_its_definition() {
+        let field = ball_field(9.0);
+        let kernel = binomial_kernel(3);
+        let [nx, ny, nz] = field.grid().size();
+        for (stride, side) in [(1, nx), (nx, ny), (nx * ny, nz)] {
+            let fast = convolved(field.values(), &kernel, nx, stride, side);
+            for index in (0..fast.len()).step_by(11) {
+                let place = index / stride % side;
+                let value = |tap: usize| {
+                    let neighbour = (place + tap).saturating_sub(3).min(side - 1);
+                    i32::from(field.values()[index - place * stride + neighbour * stride])
+                };
+                let sum: i32 = kernel
+                    .iter()
+                    .enumerate()
+                    .map(|(tap, weight)| weight * value(tap))
+                    .sum();
+                assert_eq!(i32::from(fast[index]), (sum + 32).div_euclid(64));
+            }
+        }
     }
 }

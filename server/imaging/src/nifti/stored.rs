@@ -26,7 +26,7 @@ const STORED_MAX: f64 = u16::MAX as f64;
 pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError> {
     let mut file = NiftiFile::open(bytes, limits)?;
     let stored = match file.header.data_type {
-        DataType::U8 => read_narrow(&mut file, 0.0, u16::from as fn(u8) -> u16),
+        DataType::U8 => read_narrow(&mut file, 0.0, |value: u8| value.into()),
         DataType::I8 => read_narrow(&mut file, -128.0, |value: i8| {
             (i16::from(value) + 128) as u16
         }),
