@@ -49,7 +49,7 @@ impl<'a> Isosurface<'a> {
     /// The unit vector inwards, across the smoothed field.
     #[inline]
     pub(crate) fn inward(&self, position: [f32; 3]) -> [f32; 3] {
-        let [x, y, z] = self.normals.gradient(position);
+        let [x, y, z] = self.normals.gradient(position).unwrap_or_default();
         let length = (x * x + y * y + z * z).sqrt().max(1e-6);
         [x / length, y / length, z / length]
     }
@@ -117,10 +117,11 @@ impl<'a> Isosurface<'a> {
         let mut slope = facing.max(0.25);
         let mut below = self.below(ray.at(height));
         for _ in 0..3 {
-            let next = height + below / slope;
             if below.abs() <= TOLERANCE {
-                return Some(next);
+                // As far as the steepest surface needs: never past this one.
+                return Some(height + below);
             }
+            let next = height + below / slope;
             let there = self.below(ray.at(next));
             let secant = (below - there) / (next - height);
             slope = if secant > 0.1 { secant } else { slope };

@@ -9,6 +9,8 @@
 mod nodes;
 mod pixels;
 mod seeds;
+#[cfg(test)]
+mod tests;
 
 use rayon::prelude::*;
 
