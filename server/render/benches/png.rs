@@ -1,7 +1,5 @@
 //! PNG of a grey frame of 512 × 512 pixels.
 
-#![expect(missing_docs, reason = "criterion's macros make public items")]
-
 mod common;
 
 use common::Case;

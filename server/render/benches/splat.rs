@@ -1,7 +1,5 @@
 //! A frame of 512 × 512 pixels, lit, on one thread; and a slice with contours.
 
-#![expect(missing_docs, reason = "criterion's macros make public items")]
-
 mod common;
 
 use common::Case;

@@ -5,7 +5,7 @@ use glam::DVec3;
 use render::{BoundingSphere, Scene};
 
 /// All that a scene borrows.
-pub struct Case {
+pub(crate) struct Case {
     volume: Volume,
     field: DepthField,
     normals: DepthField,
@@ -15,7 +15,7 @@ pub struct Case {
 
 impl Case {
     /// An ellipsoid of 140 × 176 × 144 mm with shallow waves, filled with stripes of grey.
-    pub fn head_sized() -> Self {
+    pub(crate) fn head_sized() -> Self {
         let spacing_mm = 0.896;
         let size = [180, 222, 186];
         let centre = DVec3::from(size.map(|side| (side - 1) as f64)) * spacing_mm / 2.0;
@@ -52,7 +52,7 @@ impl Case {
         }
     }
 
-    pub fn scene(&self) -> Scene<'_> {
+    pub(crate) fn scene(&self) -> Scene<'_> {
         Scene {
             volume: &self.volume,
             field: &self.field,
