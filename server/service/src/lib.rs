@@ -1,1 +1,7 @@
-//! service
+//! The service: cases in a store, prepared by workers, shown over HTTP.
+
+pub mod case;
+pub mod jobs;
+pub mod models;
+pub mod prepare;
+pub mod store;
