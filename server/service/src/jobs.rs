@@ -73,7 +73,10 @@ async fn collect_now_and_then(store: Store, mut phase: watch::Receiver<Phase>) {
             () = tokio::time::sleep(COLLECT_EVERY) => {}
         }
         if let Err(error) = store.collect().await {
-            tracing::warn!(error = &error as &dyn std::error::Error, "left-over objects could not be removed");
+            tracing::warn!(
+                error = &error as &dyn std::error::Error,
+                "left-over objects could not be removed"
+            );
         }
     }
 }
@@ -100,7 +103,10 @@ impl Worker {
                 Ok(Some(claim)) => self.prepare(&claim).await,
                 Ok(None) => self.wait().await,
                 Err(error) => {
-                    tracing::error!(error = &error as &dyn std::error::Error, "no job could be taken");
+                    tracing::error!(
+                        error = &error as &dyn std::error::Error,
+                        "no job could be taken"
+                    );
                     self.wait().await;
                 }
             }
@@ -189,7 +195,11 @@ impl Worker {
 
     /// `false` where the lease is not ours any more. A store that cannot be asked is asked again at the next beat.
     async fn renew(&self, claim: &Claim, progress: Option<Progress>) -> bool {
-        let renewed = self.store.rows().renew(claim, self.lease_end(), progress).await;
+        let renewed = self
+            .store
+            .rows()
+            .renew(claim, self.lease_end(), progress)
+            .await;
         renewed.unwrap_or_else(|error| {
             tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be renewed");
             true
@@ -211,7 +221,10 @@ impl Worker {
                 Ok(())
             }
             Outcome::HandedBack => {
-                let release = Release { available_at: self.store.now(), counts: false };
+                let release = Release {
+                    available_at: self.store.now(),
+                    counts: false,
+                };
                 self.store.rows().release(claim, release).await?;
                 tracing::info!(case = %claim.id, "a preparation was handed back");
                 Ok(())
@@ -220,11 +233,19 @@ impl Worker {
     }
 
     async fn publish(&self, claim: &Claim, derived: Derived) -> Result<(), StoreError> {
-        self.store.signals().progress(&claim.id, Some(Progress::at(Stage::Storing)));
+        self.store
+            .signals()
+            .progress(&claim.id, Some(Progress::at(Stage::Storing)));
         let framed = frame_all(derived.objects).await?;
         // The lease is renewed once more: writing is bounded, the preparation was not.
-        self.store.rows().renew(claim, self.lease_end(), Some(Progress::at(Stage::Storing))).await?;
-        let published = self.store.publish(Publisher::Worker(claim), &framed, &derived.facts).await?;
+        self.store
+            .rows()
+            .renew(claim, self.lease_end(), Some(Progress::at(Stage::Storing)))
+            .await?;
+        let published = self
+            .store
+            .publish(Publisher::Worker(claim), &framed, &derived.facts)
+            .await?;
         if published == Published::Done {
             self.store.signals().count(Count::Prepared);
             tracing::info!(case = %claim.id, "a case is ready");
@@ -243,7 +264,10 @@ impl Worker {
         );
         self.store.signals().count(Count::Retried);
         let available_at = later(self.store.now(), self.store.options().retry_after);
-        let release = Release { available_at, counts: true };
+        let release = Release {
+            available_at,
+            counts: true,
+        };
         // Where even this fails, the lease ends by itself.
         if let Err(error) = self.store.rows().release(claim, release).await {
             tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be handed back");
@@ -264,7 +288,13 @@ fn derive(
         progress.send_replace(Some(now));
         store.signals().progress(&claim.id, Some(now));
     };
-    options.preparation.run(source, &claim.parameters, &options.limits, &observe, cancelled)
+    options.preparation.run(
+        source,
+        &claim.parameters,
+        &options.limits,
+        &observe,
+        cancelled,
+    )
 }
 
 /// The preparation panicked: a fault of this program that the same input would meet again.

@@ -109,7 +109,8 @@ impl Model {
     }
 
     fn is_default(&self, size: MeshSize, kind: PathKind) -> bool {
-        kind == PathKind::Forest && [size.contour_count(), size.points_per_contour()] == DEFAULT_MESH
+        kind == PathKind::Forest
+            && [size.contour_count(), size.points_per_contour()] == DEFAULT_MESH
     }
 
     async fn make_paths(
@@ -122,7 +123,8 @@ impl Model {
             PathKind::Flow => &[ObjectKind::Envelope],
         };
         let field = self.field.clone();
-        let make = move |_: &CaseFacts, payloads: &[Bytes]| decode_and_tabulate(payloads, &field, size);
+        let make =
+            move |_: &CaseFacts, payloads: &[Bytes]| decode_and_tabulate(payloads, &field, size);
         let table = self.store.load(&self.id, kinds, make).await?;
         Ok(Arc::new(table.ok_or(PathsError::Deleted)??))
     }
@@ -135,7 +137,9 @@ impl Model {
         let decode = |_: &CaseFacts, payloads: &[Bytes]| {
             decode_envelope(payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
         };
-        self.store.load(&self.id, &[ObjectKind::Envelope], decode).await
+        self.store
+            .load(&self.id, &[ObjectKind::Envelope], decode)
+            .await
     }
 
     /// Memory held, in bytes, with what the tables of paths may come to take.

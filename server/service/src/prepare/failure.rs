@@ -29,9 +29,10 @@ pub(super) fn from_geometry(error: GeometryError) -> Failure {
         GeometryError::BadAffine { .. } => ("affine-bad", 422),
         GeometryError::EmptyMask => ("mask-empty", 422),
         GeometryError::MaskOutsideVolume { .. } => ("mask-outside-volume", 422),
-        GeometryError::Parameter { name: "closing_radius_mm", .. } => {
-            ("closing-radius-out-of-range", 422)
-        }
+        GeometryError::Parameter {
+            name: "closing_radius_mm",
+            ..
+        } => ("closing-radius-out-of-range", 422),
         GeometryError::Parameter { .. } => ("parameter-out-of-range", 422),
         GeometryError::TooSmall { .. } => ("envelope-too-small", 422),
         _ => ("geometry", 422),

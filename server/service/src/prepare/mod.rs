@@ -86,9 +86,13 @@ pub fn prepare(
     drop(mask);
 
     steps.begin(Stage::Closing)?;
-    let envelope = geometry::envelope(&brain, parameters.closing_radius_mm).map_err(from_geometry)?;
+    let envelope =
+        geometry::envelope(&brain, parameters.closing_radius_mm).map_err(from_geometry)?;
     drop(brain);
-    let [native_size, native_spacing_mm] = [native.grid().size().map(|side| side as f64), native.grid().spacing_mm()];
+    let [native_size, native_spacing_mm] = [
+        native.grid().size().map(|side| side as f64),
+        native.grid().spacing_mm(),
+    ];
     let volume = crop(&native, &envelope)?;
     drop(native);
 
@@ -123,7 +127,10 @@ fn read_mask(source: &Source, volume: &Volume, limits: &Limits) -> Result<Mask, 
     match &source.mask {
         Some(bytes) => imaging::nifti::read_mask(bytes, limits).map_err(|error| {
             let failure = from_imaging(error);
-            Failure { detail: format!("the mask: {}", failure.detail), ..failure }
+            Failure {
+                detail: format!("the mask: {}", failure.detail),
+                ..failure
+            }
         }),
         None => own_mask(volume),
     }
@@ -131,17 +138,22 @@ fn read_mask(source: &Source, volume: &Volume, limits: &Limits) -> Result<Mask, 
 
 /// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
 fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
-    let volume = native.crop_to(envelope.grid(), CROP_MARGIN_VOXELS).ok_or_else(|| {
-        Failure::unprocessable(
-            "mask-outside-volume",
-            "nothing of the mask lies inside the volume; is it the mask of another head?".to_owned(),
-        )
-    })?;
+    let volume = native
+        .crop_to(envelope.grid(), CROP_MARGIN_VOXELS)
+        .ok_or_else(|| {
+            Failure::unprocessable(
+                "mask-outside-volume",
+                "nothing of the mask lies inside the volume; is it the mask of another head?"
+                    .to_owned(),
+            )
+        })?;
     let [least, greatest] = volume.intensity_range();
     if least >= greatest {
         return Err(Failure::unprocessable(
             "volume-constant",
-            format!("every voxel around the brain has the intensity {least}; there is nothing to show"),
+            format!(
+                "every voxel around the brain has the intensity {least}; there is nothing to show"
+            ),
         ));
     }
     Ok(volume)
@@ -202,7 +214,13 @@ pub struct Derived {
 impl Derived {
     /// The objects of a computed case.
     pub fn of(prepared: Prepared) -> Self {
-        let Prepared { volume, distance, forest, default_paths, facts } = prepared;
+        let Prepared {
+            volume,
+            distance,
+            forest,
+            default_paths,
+            facts,
+        } = prepared;
         let envelope = distance.envelope();
         let objects = vec![
             (ObjectKind::Envelope, encode_envelope(envelope).into()),

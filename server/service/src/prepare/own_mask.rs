@@ -71,32 +71,56 @@ mod tests {
             let voxel = grid.voxel(index).map(|at| at as f64 - 19.5);
             DVec3::from_array(voxel).length()
         };
-        let voxels = (0..grid.voxel_count()).map(|index| if distance(index) < radius { 900 } else { background });
+        let voxels = (0..grid.voxel_count()).map(|index| {
+            if distance(index) < radius {
+                900
+            } else {
+                background
+            }
+        });
         let voxels = voxels.collect();
         Volume::new(grid, voxels, rescale).unwrap()
     }
 
-    const PLAIN: Rescale = Rescale { slope: 1.0, intercept: 0.0 };
+    const PLAIN: Rescale = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
 
     #[test]
     fn a_brain_over_zeros_is_its_own_mask() {
         let mask = own_mask(&ball(14.0, 5.0, 0, PLAIN)).unwrap();
         let brain = mask.voxels().iter().filter(|&&voxel| voxel).count();
-        assert!((brain as f64 / (4.0 / 3.0 * std::f64::consts::PI * 14f64.powi(3)) - 1.0).abs() < 0.02);
+        assert!(
+            (brain as f64 / (4.0 / 3.0 * std::f64::consts::PI * 14f64.powi(3)) - 1.0).abs() < 0.02
+        );
     }
 
     #[test]
     fn zero_is_an_intensity_not_a_stored_value() {
-        let shifted = Rescale { slope: 0.1, intercept: -50.0 };
+        let shifted = Rescale {
+            slope: 0.1,
+            intercept: -50.0,
+        };
         assert!(own_mask(&ball(14.0, 5.0, 500, shifted)).is_ok());
-        assert_eq!(own_mask(&ball(14.0, 5.0, 0, shifted)).unwrap_err().kind, "mask-missing");
+        assert_eq!(
+            own_mask(&ball(14.0, 5.0, 0, shifted)).unwrap_err().kind,
+            "mask-missing"
+        );
     }
 
     #[test]
     fn a_head_or_a_noisy_background_needs_a_mask() {
-        for volume in [ball(17.0, 5.0, 0, PLAIN), ball(14.0, 5.0, 3, PLAIN), ball(24.0, 2.0, 0, PLAIN)] {
+        for volume in [
+            ball(17.0, 5.0, 0, PLAIN),
+            ball(14.0, 5.0, 3, PLAIN),
+            ball(24.0, 2.0, 0, PLAIN),
+        ] {
             let failure = own_mask(&volume).unwrap_err();
-            assert_eq!((failure.kind.as_str(), failure.status), ("mask-missing", 422));
+            assert_eq!(
+                (failure.kind.as_str(), failure.status),
+                ("mask-missing", 422)
+            );
         }
     }
 }

@@ -59,7 +59,12 @@ impl<'a> Steps<'a> {
     /// Wall time of each step in ms; the last one ends now.
     pub(super) fn timings(&self) -> Vec<(Stage, f64)> {
         let now = Instant::now();
-        let ends = self.begun.iter().skip(1).map(|&(_, begin)| begin).chain([now]);
+        let ends = self
+            .begun
+            .iter()
+            .skip(1)
+            .map(|&(_, begin)| begin)
+            .chain([now]);
         let took = |((stage, begin), end): (&(Stage, Instant), Instant)| {
             (*stage, (end - *begin).as_secs_f64() * 1000.0)
         };
@@ -88,7 +93,11 @@ mod tests {
         flag.store(true, Ordering::Relaxed);
         assert_eq!(steps.begin(Stage::Closing).unwrap_err().kind, "cancelled");
         assert_eq!(*seen.lock().unwrap(), [Stage::Reading, Stage::Mask]);
-        let timed: Vec<_> = steps.timings().into_iter().map(|(stage, _)| stage).collect();
+        let timed: Vec<_> = steps
+            .timings()
+            .into_iter()
+            .map(|(stage, _)| stage)
+            .collect();
         assert_eq!(timed, [Stage::Reading, Stage::Mask]);
     }
 }

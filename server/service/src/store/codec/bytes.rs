@@ -98,7 +98,9 @@ mod tests {
 
     #[test]
     fn a_grid_comes_back_exactly() {
-        let affine = DAffine3::from_cols_array(&[0.1, 0.2, -1.0, 1.0, 0.1, 0.0, 0.0, 1.3, 0.1, 7.0, -8.0, 0.3]);
+        let affine = DAffine3::from_cols_array(&[
+            0.1, 0.2, -1.0, 1.0, 0.1, 0.0, 0.0, 1.3, 0.1, 7.0, -8.0, 0.3,
+        ]);
         let grid = Grid::new([3, 4, 5], affine).unwrap();
         let mut bytes = Vec::new();
         put_grid(&mut bytes, &grid);

@@ -15,7 +15,11 @@ pub(crate) fn decode_forest(codes: &[u8], envelope: &Envelope) -> Option<Forest>
     let mut codes = codes.iter();
     let mut predecessor = Vec::with_capacity(envelope.mask().voxels().len());
     for &inside in envelope.mask().voxels() {
-        predecessor.push(if inside { *codes.next()? } else { Forest::OUTSIDE });
+        predecessor.push(if inside {
+            *codes.next()?
+        } else {
+            Forest::OUTSIDE
+        });
     }
     if codes.next().is_some() {
         return None;

@@ -22,7 +22,11 @@ pub(crate) fn encode_paths(table: &PathTable) -> Vec<u8> {
     let rows = &table.rows;
     for axis in 0..3 {
         let steps = (0..rows.len()).map(|at| {
-            let before = if at < vertices { 0 } else { rows[at - vertices][axis] };
+            let before = if at < vertices {
+                0
+            } else {
+                rows[at - vertices][axis]
+            };
             rows[at][axis].wrapping_sub(before)
         });
         put_residuals(&mut bytes, steps);
@@ -45,7 +49,11 @@ pub(crate) fn decode_paths(bytes: &[u8]) -> Option<PathTable> {
     let mut rows = vec![[0; 3]; positions];
     for axis in 0..3 {
         for (at, step) in read_residuals(&mut reader, positions)?.enumerate() {
-            let before = if at < vertices { 0 } else { rows[at - vertices][axis] };
+            let before = if at < vertices {
+                0
+            } else {
+                rows[at - vertices][axis]
+            };
             rows[at][axis] = step.wrapping_add(before);
         }
     }
@@ -80,7 +88,9 @@ mod tests {
             origin_in_patient: [-1.0, 2.0, 0.25],
             step_mm: 0.01,
             row_mm: 0.5,
-            rows: (0..5 * vertices as u16).map(|at| [at.wrapping_mul(40_503), at, u16::MAX - at]).collect(),
+            rows: (0..5 * vertices as u16)
+                .map(|at| [at.wrapping_mul(40_503), at, u16::MAX - at])
+                .collect(),
             rest_depth_mm: (0..vertices).map(|vertex| vertex as f32 / 3.0).collect(),
         };
         let bytes = encode_paths(&table);

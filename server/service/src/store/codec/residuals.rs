@@ -41,9 +41,19 @@ mod tests {
     fn every_difference_comes_back() {
         assert_eq!([0, u16::MAX, 1, u16::MAX - 1].map(fold), [0, 1, 2, 3]);
         let mut bytes = Vec::new();
-        put_residuals(&mut bytes, (0..60_000u16).chain(60_000..u16::MAX).collect::<Vec<_>>().into_iter());
+        put_residuals(
+            &mut bytes,
+            (0..60_000u16)
+                .chain(60_000..u16::MAX)
+                .collect::<Vec<_>>()
+                .into_iter(),
+        );
         let mut reader = Reader(&bytes);
-        assert!(read_residuals(&mut reader, usize::from(u16::MAX)).unwrap().eq(0..u16::MAX));
+        assert!(
+            read_residuals(&mut reader, usize::from(u16::MAX))
+                .unwrap()
+                .eq(0..u16::MAX)
+        );
         assert!(read_residuals(&mut Reader(&bytes[1..]), usize::from(u16::MAX)).is_none());
     }
 }

@@ -63,8 +63,13 @@ mod tests {
     #[test]
     fn a_volume_comes_back_exactly() {
         let grid = Grid::aligned([7, 5, 3], [1.0, 2.0, 0.5], glam::DVec3::NEG_ONE).unwrap();
-        let voxels = (0..105u32).map(|index| (index * 40_503 >> 3) as u16).collect();
-        let rescale = Rescale { slope: 0.5, intercept: -3.0 };
+        let voxels = (0..105u32)
+            .map(|index| (index * 40_503 >> 3) as u16)
+            .collect();
+        let rescale = Rescale {
+            slope: 0.5,
+            intercept: -3.0,
+        };
         let volume = Volume::new(grid, voxels, rescale).unwrap();
         let bytes = encode_volume(&volume);
         assert_eq!(decode_volume(&bytes), Some(volume));
