@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use tokio::sync::watch;
-use tokio::task::JoinSet;
+use tokio::task::{JoinError, JoinSet};
 use tokio::time::MissedTickBehavior;
 
 use crate::case::{Failure, Progress, Stage};
@@ -135,7 +135,7 @@ impl Worker {
         later(self.store.now(), self.store.options().lease)
     }
 
-    async fn prepare(&mut self, claim: &Claim) {
+    async fn prepare(&self, claim: &Claim) {
         tracing::info!(case = %claim.id, attempt = claim.attempt, "preparing a case");
         self.store.signals().changed(&claim.id);
         let cancelled = self.store.signals().begin(&claim.id);
@@ -151,11 +151,7 @@ impl Worker {
     }
 
     /// Prepares and keeps the lease; the store has nothing of it yet at the end.
-    async fn run(
-        &mut self,
-        claim: &Claim,
-        cancelled: &Arc<AtomicBool>,
-    ) -> Result<Outcome, StoreError> {
+    async fn run(&self, claim: &Claim, cancelled: &Arc<AtomicBool>) -> Result<Outcome, StoreError> {
         let Some(source) = self.store.source(&claim.id, &claim.sources).await? else {
             return Ok(Outcome::Refused(source_damaged()));
         };
@@ -167,29 +163,37 @@ impl Worker {
         let mut heartbeat = tokio::time::interval(self.store.options().heartbeat);
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
         heartbeat.tick().await;
+        let mut phase = self.phase.clone();
         loop {
             tokio::select! {
-                derived = &mut derived => {
-                    return Ok(match derived {
-                        _ if *self.phase.borrow() == Phase::Stopping => Outcome::HandedBack,
-                        _ if cancelled.load(Ordering::Relaxed) => Outcome::Lost,
-                        Ok(Ok(derived)) => Outcome::Derived(derived),
-                        Ok(Err(failure)) => Outcome::Refused(failure),
-                        Err(_) => Outcome::Refused(crashed()),
-                    });
-                }
+                derived = &mut derived => return Ok(self.outcome(derived, cancelled)),
                 _ = heartbeat.tick() => {
                     let progress = *seen.borrow();
                     if !self.renew(claim, progress).await {
                         cancelled.store(true, Ordering::Relaxed);
                     }
                 }
-                _ = self.phase.wait_for(|&phase| phase == Phase::Stopping),
+                _ = phase.wait_for(|&phase| phase == Phase::Stopping),
                     if !cancelled.load(Ordering::Relaxed) =>
                 {
                     cancelled.store(true, Ordering::Relaxed);
                 }
             }
+        }
+    }
+
+    fn outcome(
+        &self,
+        derived: Result<Result<Derived, Failure>, JoinError>,
+        cancelled: &AtomicBool,
+    ) -> Outcome {
+        let is_stopping = *self.phase.borrow() == Phase::Stopping;
+        match derived {
+            _ if is_stopping => Outcome::HandedBack,
+            _ if cancelled.load(Ordering::Relaxed) => Outcome::Lost,
+            Ok(Ok(derived)) => Outcome::Derived(derived),
+            Ok(Err(failure)) => Outcome::Refused(failure),
+            Err(_) => Outcome::Refused(crashed()),
         }
     }
 

@@ -13,7 +13,7 @@ use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use crate::case::{CaseId, CaseState};
 use crate::store::{Store, StoreError};
 
-pub use self::model::{Model, PathsError};
+pub use self::model::{Model, PathKind, PathsError};
 
 /// Models in memory unless said otherwise, in bytes: some twenty heads of 256³.
 pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;

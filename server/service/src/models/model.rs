@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use geometry::{
-    DepthField, DistanceMap, GeometryError, MeshSize, PathKind, PathTable, ShellIndex, Volume,
+    DepthField, DistanceMap, Forest, GeometryError, MeshSize, PathTable, Paths, ShellIndex,
+    ShrunkMesh, Volume,
 };
 use quick_cache::sync::{Cache, DefaultLifecycle};
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
@@ -43,6 +44,15 @@ pub struct Model {
 }
 
 type TableKey = (MeshSize, PathKind);
+
+/// What the vertices of a mesh follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PathKind {
+    /// The optimal paths of the second transform, as in the paper.
+    Forest,
+    /// Up the gradient of the distance map: the nearest way to a depth.
+    Flow,
+}
 
 /// Why a table of paths could not be had.
 #[derive(Debug, thiserror::Error)]
@@ -118,15 +128,66 @@ impl Model {
         size: MeshSize,
         kind: PathKind,
     ) -> Result<Arc<PathTable>, PathsError> {
+        let field = self.field.clone();
+        let make = move |walk: Walk| {
+            let mesh = geometry::envelope_mesh(&field, size)?;
+            Ok(geometry::path_table(
+                &mesh,
+                &walk.distance,
+                &field,
+                walk.paths(),
+            ))
+        };
+        self.walk(kind, make).await.map(Arc::new)
+    }
+
+    /// The mesh at one depth. Where its table of paths would exceed what is kept of tables, none is made: the vertices walk.
+    ///
+    /// # Errors
+    /// As [`Model::paths`].
+    pub async fn shrink(
+        &self,
+        size: MeshSize,
+        kind: PathKind,
+        depth_mm: f32,
+    ) -> Result<ShrunkMesh, PathsError> {
+        if self.keeps_table_of(size) {
+            return Ok(self.paths(size, kind).await?.shrink(depth_mm));
+        }
+        let field = self.field.clone();
+        let shrink = move |walk: Walk| {
+            let mesh = geometry::envelope_mesh(&field, size)?;
+            Ok(geometry::shrink_once(
+                &mesh,
+                &walk.distance,
+                &field,
+                walk.paths(),
+                depth_mm,
+            ))
+        };
+        self.walk(kind, shrink).await
+    }
+
+    /// Whether the table of paths of a mesh is small enough to be kept.
+    fn keeps_table_of(&self, size: MeshSize) -> bool {
+        let row_bytes = 6 * size.vertex_count() as u64;
+        row_bytes * self.default_paths.row_count() as u64 <= TABLES_BYTES / 2
+    }
+
+    /// Reads what walking needs and walks, on a blocking thread.
+    async fn walk<T: Send + 'static>(
+        &self,
+        kind: PathKind,
+        work: impl Fn(Walk) -> Result<T, GeometryError> + Send + Sync + 'static,
+    ) -> Result<T, PathsError> {
         let kinds: &[ObjectKind] = match kind {
             PathKind::Forest => &[ObjectKind::Envelope, ObjectKind::Forest],
             PathKind::Flow => &[ObjectKind::Envelope],
         };
-        let field = self.field.clone();
-        let make =
-            move |_: &CaseFacts, payloads: &[Bytes]| decode_and_tabulate(payloads, &field, size);
-        let table = self.store.load(&self.id, kinds, make).await?;
-        Ok(Arc::new(table.ok_or(PathsError::Deleted)??))
+        let decode_and_work =
+            move |_: &CaseFacts, payloads: &[Bytes]| Walk::decode(payloads).map(&work);
+        let done = self.store.load(&self.id, kinds, decode_and_work).await?;
+        Ok(done.ok_or(PathsError::Deleted)??)
     }
 
     /// The distance map, made anew from the stored envelope: some 20 ms for a head of 256³.
@@ -173,20 +234,30 @@ impl Parts {
     }
 }
 
-/// A table from an envelope and, for the forest's paths, a forest; `None` where they cannot be decoded.
-fn decode_and_tabulate(
-    payloads: &[Bytes],
-    field: &DepthField,
-    size: MeshSize,
-) -> Option<Result<PathTable, GeometryError>> {
-    let envelope = decode_envelope(payloads.first()?)?;
-    let forest = match payloads.get(1) {
-        Some(codes) => Some(decode_forest(codes, &envelope)?),
-        None => None,
-    };
-    let distance = geometry::distance_map(&envelope);
-    let mesh = geometry::envelope_mesh(field, size);
-    Some(mesh.map(|mesh| geometry::path_table(&mesh, &distance, field, forest.as_ref())))
+/// What vertices walk through.
+struct Walk {
+    distance: DistanceMap,
+    /// `None` for walks up the gradient.
+    forest: Option<Forest>,
+}
+
+impl Walk {
+    /// From an envelope and, for the forest's paths, a forest; `None` where they cannot be decoded.
+    fn decode(payloads: &[Bytes]) -> Option<Self> {
+        let envelope = decode_envelope(payloads.first()?)?;
+        let forest = match payloads.get(1) {
+            Some(codes) => Some(decode_forest(codes, &envelope)?),
+            None => None,
+        };
+        Some(Self {
+            distance: geometry::distance_map(&envelope),
+            forest,
+        })
+    }
+
+    fn paths(&self) -> Paths<'_> {
+        self.forest.as_ref().map_or(Paths::Flow, Paths::Forest)
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -199,7 +270,7 @@ impl Weighter<TableKey, Arc<PathTable>> for ByBytes {
 }
 
 fn table_bytes(table: &PathTable) -> usize {
-    6 * table.rows.len() + 4 * table.rest_depth_mm.len()
+    6 * table.rows.len() + size_of_val(&table.pieces[..]) + 4 * table.first_piece.len()
 }
 
 fn new_tables() -> Cache<TableKey, Arc<PathTable>, ByBytes> {

@@ -12,7 +12,7 @@ use std::sync::atomic::AtomicBool;
 
 use bytes::Bytes;
 use geometry::{
-    BrainMask, DepthField, DistanceMap, Envelope, Forest, Mask, MeshSize, PathTable, Volume,
+    BrainMask, DepthField, DistanceMap, Envelope, Forest, Mask, MeshSize, PathTable, Paths, Volume,
 };
 
 use self::failure::{from_geometry, from_imaging};
@@ -164,7 +164,12 @@ fn default_paths(distance: &DistanceMap, forest: &Forest) -> Result<PathTable, F
     let [contours, points] = DEFAULT_MESH;
     let size = MeshSize::new(contours, points).map_err(from_geometry)?;
     let mesh = geometry::envelope_mesh(&field, size).map_err(from_geometry)?;
-    Ok(geometry::path_table(&mesh, distance, &field, Some(forest)))
+    Ok(geometry::path_table(
+        &mesh,
+        distance,
+        &field,
+        Paths::Forest(forest),
+    ))
 }
 
 fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> {
