@@ -66,10 +66,16 @@ impl Workers {
     }
 }
 
+/// Waits until a phase is reached, or the workers are gone.
+async fn until(phase: &mut watch::Receiver<Phase>, reached: Phase) {
+    // The value would hold a lock.
+    drop(phase.wait_for(|&phase| phase >= reached).await);
+}
+
 async fn collect_now_and_then(store: Store, mut phase: watch::Receiver<Phase>) {
     loop {
         tokio::select! {
-            _ = phase.wait_for(|&phase| phase >= Phase::Finishing) => return,
+            () = until(&mut phase, Phase::Finishing) => return,
             () = tokio::time::sleep(COLLECT_EVERY) => {}
         }
         if let Err(error) = store.collect().await {
@@ -83,7 +89,7 @@ async fn collect_now_and_then(store: Store, mut phase: watch::Receiver<Phase>) {
 
 /// How a preparation ended.
 enum Outcome {
-    Derived(Derived),
+    Derived(Box<Derived>),
     Refused(Failure),
     /// Deleted meanwhile, or another has the lease.
     Lost,
@@ -116,7 +122,7 @@ impl Worker {
     async fn wait(&mut self) {
         let poll = tokio::time::sleep(self.store.options().poll);
         tokio::select! {
-            _ = self.phase.wait_for(|&phase| phase > Phase::Working) => {}
+            () = until(&mut self.phase, Phase::Finishing) => {}
             () = self.store.signals().until_queued() => {}
             () = poll => {}
         }
@@ -173,7 +179,7 @@ impl Worker {
                         cancelled.store(true, Ordering::Relaxed);
                     }
                 }
-                _ = phase.wait_for(|&phase| phase == Phase::Stopping),
+                () = until(&mut phase, Phase::Stopping),
                     if !cancelled.load(Ordering::Relaxed) =>
                 {
                     cancelled.store(true, Ordering::Relaxed);
@@ -191,7 +197,7 @@ impl Worker {
         match derived {
             _ if is_stopping => Outcome::HandedBack,
             _ if cancelled.load(Ordering::Relaxed) => Outcome::Lost,
-            Ok(Ok(derived)) => Outcome::Derived(derived),
+            Ok(Ok(derived)) => Outcome::Derived(Box::new(derived)),
             Ok(Err(failure)) => Outcome::Refused(failure),
             Err(_) => Outcome::Refused(crashed()),
         }
@@ -212,7 +218,7 @@ impl Worker {
 
     async fn settle(&self, claim: &Claim, outcome: Outcome) -> Result<(), StoreError> {
         match outcome {
-            Outcome::Derived(derived) => self.publish(claim, derived).await,
+            Outcome::Derived(derived) => self.publish(claim, *derived).await,
             Outcome::Refused(failure) => {
                 tracing::info!(case = %claim.id, kind = failure.kind, "a case cannot be prepared");
                 if self.store.rows().fail(claim, &failure).await? {

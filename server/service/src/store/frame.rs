@@ -60,14 +60,14 @@ enum Encoding {
 
 /// A payload ready to be stored: packed, named, and with its header.
 #[derive(Debug, Clone)]
-pub(super) struct Framed {
+pub(crate) struct Framed {
     pub(super) name: ObjectName,
     pub(super) header: [u8; HEADER_LENGTH],
     pub(super) payload: Bytes,
 }
 
 /// Packs a payload where that pays (it saves a sixteenth at least), and frames it.
-pub(super) fn frame(kind: ObjectKind, plain: Bytes) -> Framed {
+pub(crate) fn frame(kind: ObjectKind, plain: Bytes) -> Framed {
     let plain_length = plain.len() as u64;
     let packed = zstd::bulk::compress(&plain, ZSTD_LEVEL)
         .ok()

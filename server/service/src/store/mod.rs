@@ -55,8 +55,9 @@ pub use self::error::StoreError;
 pub use self::name::{ObjectKind, ObjectName};
 pub use self::objects::Objects;
 pub use self::page::{Cursor, Page};
-pub use self::rows::CaseRows;
-pub(crate) use self::rows::{Claim, LeaseTerms, Published, Release};
+pub use self::rows::{
+    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
+};
 pub(crate) use self::signals::Count;
 pub use self::signals::Counters;
 pub use self::spool::{Spool, Spooled, Upload};

@@ -102,6 +102,7 @@ fn read_rows(mut reader: Reader<'_>, row_count: usize, vertices: usize) -> Optio
         return None;
     }
     let mut rows = vec![[0; 3]; positions];
+    #[expect(clippy::needless_range_loop, reason = "two rows are indexed by it")]
     for axis in 0..3 {
         for (at, step) in read_residuals(&mut reader, positions)?.enumerate() {
             let before = at
