@@ -93,35 +93,37 @@ pub fn distance_map(envelope: &Envelope) -> DistanceMap {
 fn mark_border([nx, ny, _]: [usize; 3], inside: &[bool], bounds: &mut [u8]) {
     let plane = nx * ny;
     let interior = plane..inside.len() - plane;
-    bounds[interior.clone()]
+    bounds[interior]
         .par_chunks_mut(nx)
         .enumerate()
         .for_each(|(row, bounds)| {
             let start = plane + row * nx;
-            let neighbours = [start - nx, start + nx, start - plane, start + plane];
-            let [above, below, before, behind] = neighbours.map(|start| &inside[start..start + nx]);
-            let here = &inside[start - 1..start + nx + 1];
-            for x in 0..nx {
-                let surrounded =
-                    here[x] & here[x + 2] & above[x] & below[x] & before[x] & behind[x];
-                if here[x + 1] & !surrounded {
-                    bounds[x] = 0;
-                }
+            let shifted = |offset: isize| inside[start.wrapping_add_signed(offset)..].iter();
+            let (nx, plane) = (nx as isize, plane as isize);
+            let along_x = shifted(-1).zip(shifted(1)).map(|(a, b)| a & b);
+            let along_y = shifted(-nx).zip(shifted(nx)).map(|(a, b)| a & b);
+            let along_z = shifted(-plane).zip(shifted(plane)).map(|(a, b)| a & b);
+            let surrounded = along_x
+                .zip(along_y)
+                .zip(along_z)
+                .map(|((x, y), z)| x & y & z);
+            for ((bound, &here), surrounded) in bounds.iter_mut().zip(shifted(0)).zip(surrounded) {
+                *bound = if here & !surrounded { 0 } else { *bound };
             }
         });
 }
 
+/// The first of the deepest voxels; 0 where nothing is inside.
 fn deepest_inside(inside: &[bool], squared: &[u16]) -> u32 {
-    let depth = |index: usize| {
-        if inside[index] {
-            i32::from(squared[index])
-        } else {
-            -1
-        }
-    };
-    let deepest = (0..squared.len())
-        .into_par_iter()
-        .reduce_with(|a, b| if (depth(b), a) > (depth(a), b) { b } else { a })
+    let depth = |(&inside, &squared): (&bool, &u16)| if inside { squared } else { 0 };
+    let deepest = inside
+        .iter()
+        .zip(squared)
+        .map(depth)
+        .max()
         .unwrap_or_default();
-    deepest as u32
+    let mut voxels = inside.iter().zip(squared);
+    voxels
+        .position(|(&inside, &squared)| inside && squared == deepest)
+        .unwrap_or_default() as u32
 }

@@ -5,3 +5,5 @@ pub mod jobs;
 pub mod models;
 pub mod prepare;
 pub mod store;
+#[cfg(test)]
+mod testing;

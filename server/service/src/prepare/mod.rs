@@ -6,6 +6,8 @@
 mod failure;
 mod own_mask;
 mod steps;
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 use std::sync::atomic::AtomicBool;
