@@ -1,19 +1,40 @@
 //! The closed mask that hugs the dura.
 
+use rayon::prelude::*;
+
+use crate::runs::{Connectivity, fill_holes, keep_largest_component};
+use crate::transform::squared_distances;
 use crate::{BrainMask, GeometryError, Grid, Mask};
 
+/// The largest radius of the closing, in mm.
+const MAX_CLOSING_RADIUS_MM: f64 = 50.0;
+
 /// The Euclidean closing of a brain mask: its surface bridges the sulci and follows the dura.
+///
+/// Invariants: at least one voxel, none on a face of the grid.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Envelope(pub(crate) Mask);
+pub struct Envelope(Mask);
 
 impl Envelope {
-    /// An envelope from a mask on a working grid that was made by [`envelope`] before and stored.
+    /// An envelope from a mask that [`envelope`] made before and that was stored.
     ///
     /// # Errors
-    /// When the mask is empty or reaches a face of its grid.
+    /// When the mask is empty, when its grid is not isotropic along the patient axes, or when the mask reaches
+    /// a face of its grid.
     pub fn from_stored(mask: Mask) -> Result<Self, GeometryError> {
-        let _ = mask;
-        todo!()
+        let [first, last] = mask.bounds().ok_or(GeometryError::EmptyMask)?;
+        let size = mask.grid().size();
+        let is_aligned = mask.grid().is_isotropic()
+            && mask.grid().reordered_to_patient_axes().as_ref() == Some(mask.grid());
+        if !is_aligned {
+            return Err(GeometryError::BadAffine {
+                what: "not that of a working grid",
+            });
+        }
+        if (0..3).any(|axis| first[axis] == 0 || last[axis] + 1 == size[axis]) {
+            return Err(GeometryError::CutEnvelope);
+        }
+        Ok(Self(mask))
     }
 
     /// The working grid.
@@ -26,17 +47,103 @@ impl Envelope {
         &self.0
     }
 
+    /// Edge of a voxel, in mm.
+    pub fn spacing_mm(&self) -> f64 {
+        self.grid().spacing_mm()[0]
+    }
+
     /// Volume enclosed, in millilitres.
     pub fn volume_ml(&self) -> f64 {
-        todo!()
+        let voxels = self.0.voxels().iter().filter(|&&voxel| voxel).count();
+        voxels as f64 * self.spacing_mm().powi(3) / 1000.0
     }
 }
 
 /// Closes a brain mask by a ball of `closing_radius_mm`, fills the holes and keeps the largest component.
 ///
+/// The closing is exact: a dilation and an erosion by thresholds of two exact distance transforms. It is
+/// computed with room for the whole ball around the brain, so that no face of a volume cuts it.
+///
 /// # Errors
 /// When the radius is not within 0 to 50 mm.
 pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, GeometryError> {
-    let _ = (brain, closing_radius_mm);
-    todo!()
+    if !(0.0..=MAX_CLOSING_RADIUS_MM).contains(&closing_radius_mm) {
+        return Err(GeometryError::Parameter {
+            name: "closing_radius_mm",
+            value: closing_radius_mm,
+            range: "from 0 to 50",
+        });
+    }
+    let mask = brain.mask();
+    let grid = mask.grid();
+    let radius = closing_radius_mm / grid.spacing_mm()[0];
+    let size = grid.size();
+    let mut closed = close(size, mask.voxels(), radius);
+    keep_largest_component(size, &mut closed, Connectivity::Corners);
+    fill_holes(size, &mut closed);
+    Ok(Envelope(Mask::new(grid.clone(), closed)?))
+}
+
+/// The closing of a set of voxels by a ball of `radius` voxels.
+///
+/// A closing stays within the convex hull of the set, so that the result needs no more room than the set.
+fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
+    if radius < 1.0 {
+        return voxels.to_vec();
+    }
+    // Distances matter up to the radius alone; the bound is past it.
+    let bound = (radius.floor() as u64 + 1).min(255) as u8;
+    let within = (radius * radius).floor().min(f64::from(u16::MAX)) as u16;
+    let pad = usize::from(bound);
+    let padded_size = size.map(|side| side + 2 * pad);
+    let to_set = padded(
+        size,
+        voxels,
+        pad,
+        |is_set| if is_set { 0 } else { bound },
+        bound,
+    );
+    let distance = squared_distances(padded_size, &to_set);
+    let mut to_rest = to_set;
+    to_rest
+        .par_iter_mut()
+        .zip(&distance)
+        .for_each(|(to_rest, &squared)| {
+            *to_rest = if squared <= within { bound } else { 0 };
+        });
+    let distance = squared_distances(padded_size, &to_rest);
+    unpadded(size, &distance, pad, |squared| squared > within)
+}
+
+/// Values made from those of a block, surrounded by `pad` voxels of `outside` on all sides.
+fn padded<T: Copy, U: Copy>(
+    [nx, ny, nz]: [usize; 3],
+    values: &[T],
+    pad: usize,
+    convert: impl Fn(T) -> U,
+    outside: U,
+) -> Vec<U> {
+    let [px, py, pz] = [nx, ny, nz].map(|side| side + 2 * pad);
+    let mut block = vec![outside; px * py * pz];
+    for (row, values) in values.chunks_exact(nx).enumerate() {
+        let start = pad + px * (row % ny + pad + py * (row / ny + pad));
+        for (out, &value) in block[start..start + nx].iter_mut().zip(values) {
+            *out = convert(value);
+        }
+    }
+    block
+}
+
+/// Values made from those of the block inside of a padded one: the inverse of [`padded`].
+fn unpadded<T: Copy, U>(
+    [nx, ny, nz]: [usize; 3],
+    block: &[T],
+    pad: usize,
+    convert: impl Fn(T) -> U,
+) -> Vec<U> {
+    let [px, py] = [nx, ny].map(|side| side + 2 * pad);
+    let rows = (0..ny * nz).map(|row| pad + px * (row % ny + pad + py * (row / ny + pad)));
+    rows.flat_map(|start| &block[start..start + nx])
+        .map(|&value| convert(value))
+        .collect()
 }

@@ -43,6 +43,9 @@ pub enum GeometryError {
         /// How much of the mask's voxels lie inside the volume.
         percent: f64,
     },
+    /// A stored envelope reaches a face of its grid.
+    #[error("the envelope is cut by a face of its grid")]
+    CutEnvelope,
     /// A parameter is out of its range.
     #[error("{name} is {value}; it must be {range}")]
     Parameter {

@@ -20,7 +20,9 @@ mod grid;
 mod mask;
 mod paths;
 pub mod phantom;
+mod runs;
 mod shell;
+mod transform;
 mod volume;
 
 pub use core_voxels::{Core, core};

@@ -7,7 +7,12 @@ use crate::{DistanceMap, Grid};
 pub struct ShellVoxel(u32);
 
 impl ShellVoxel {
+    fn new([x, y, z]: [usize; 3]) -> Self {
+        Self((x | y << 10 | z << 20) as u32)
+    }
+
     /// Coordinates on the working grid.
+    #[inline]
     pub fn position(self) -> [u32; 3] {
         [self.0 & 0x3ff, self.0 >> 10 & 0x3ff, self.0 >> 20]
     }
@@ -18,13 +23,45 @@ impl ShellVoxel {
 pub struct ShellIndex {
     grid: Grid,
     voxels: Vec<ShellVoxel>,
+    /// The squared depths that occur, ascending, each with the number of shallower voxels.
+    depths: Vec<(u16, u32)>,
 }
 
 impl ShellIndex {
     /// Sorts the envelope's voxels by depth; voxels of one depth stay in the order of the grid.
     pub fn new(distance: &DistanceMap) -> Self {
-        let _ = distance;
-        todo!()
+        let (squared, inside) = (distance.squared(), distance.inside());
+        let mut next = vec![0u32; 1 << 16];
+        for (&squared, &is_inside) in squared.iter().zip(inside) {
+            next[usize::from(squared)] += u32::from(is_inside);
+        }
+        let mut depths = Vec::new();
+        let mut shallower = 0;
+        for (squared, next) in next.iter_mut().enumerate() {
+            let count = std::mem::replace(next, shallower);
+            if count > 0 {
+                depths.push((squared as u16, shallower));
+                shallower += count;
+            }
+        }
+        let [nx, ny, _] = distance.grid().size();
+        let mut voxels = vec![ShellVoxel(0); shallower as usize];
+        for (row, (squared, inside)) in squared
+            .chunks_exact(nx)
+            .zip(inside.chunks_exact(nx))
+            .enumerate()
+        {
+            for x in (0..nx).filter(|&x| inside[x]) {
+                let place = &mut next[usize::from(squared[x])];
+                voxels[*place as usize] = ShellVoxel::new([x, row % ny, row / ny]);
+                *place += 1;
+            }
+        }
+        Self {
+            grid: distance.grid().clone(),
+            voxels,
+            depths,
+        }
     }
 
     /// The working grid.
@@ -32,9 +69,25 @@ impl ShellIndex {
         &self.grid
     }
 
+    /// All voxels of the envelope, the shallowest first.
+    pub fn voxels(&self) -> &[ShellVoxel] {
+        &self.voxels
+    }
+
     /// The voxels whose depth is in `[depth_mm, depth_mm + thickness_mm)`.
     pub fn shell(&self, depth_mm: f32, thickness_mm: f32) -> &[ShellVoxel] {
-        let _ = (depth_mm, thickness_mm, &self.voxels);
-        todo!()
+        let start = self.shallower_than(depth_mm);
+        let end = self.shallower_than(depth_mm + thickness_mm).max(start);
+        &self.voxels[start..end]
+    }
+
+    /// Number of voxels whose depth is less than `depth_mm`.
+    fn shallower_than(&self, depth_mm: f32) -> usize {
+        let depth = f64::from(depth_mm) / self.grid.spacing_mm()[0];
+        let is_shallower = |&(squared, _): &(u16, u32)| f64::from(squared).sqrt() < depth;
+        let position = self.depths.partition_point(is_shallower);
+        self.depths
+            .get(position)
+            .map_or(self.voxels.len(), |&(_, shallower)| shallower as usize)
     }
 }

@@ -1,6 +1,6 @@
 //! MR intensities on their native grid.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use crate::{Envelope, GeometryError, Grid};
 
@@ -65,35 +65,276 @@ impl Volume {
 
     /// Least and greatest intensity.
     pub fn intensity_range(&self) -> [f32; 2] {
-        todo!()
+        let least = self.voxels.iter().copied().min().unwrap_or_default();
+        let greatest = self.voxels.iter().copied().max().unwrap_or_default();
+        let ends = [least, greatest].map(|stored| self.intensity(f32::from(stored)));
+        if self.rescale.slope < 0.0 {
+            [ends[1], ends[0]]
+        } else {
+            ends
+        }
     }
 
     /// The stored value at a position in voxel coordinates, trilinear between voxel centres.
     ///
     /// Outside of every voxel there is nothing: `None`. In the outer half of a border voxel it is that
     /// voxel's own value.
+    #[inline]
     pub fn sample(&self, position_in_voxel: Vec3) -> Option<f32> {
-        let _ = position_in_voxel;
-        todo!()
+        let size = self.grid.size();
+        let x = Cell::of(position_in_voxel.x, size[0])?;
+        let y = Cell::of(position_in_voxel.y, size[1])?;
+        let z = Cell::of(position_in_voxel.z, size[2])?;
+        let plane = size[0] * size[1];
+        let row = |y: usize, z: usize| {
+            let start = y * size[0] + z * plane;
+            let (low, high) = (self.voxels[start + x.low], self.voxels[start + x.high]);
+            x.between(f32::from(low), f32::from(high))
+        };
+        let slice = |z: usize| y.between(row(y.low, z), row(y.high, z));
+        Some(z.between(slice(z.low), slice(z.high)))
     }
 
     /// The intensities below which the given fractions of the volume's voxels inside `envelope` lie.
     ///
-    /// `fractions` are in 0..=1. A voxel is inside when its centre is. `None` when no voxel is inside.
+    /// `fractions` are in 0..=1. A voxel is inside when its centre is in a voxel of the envelope. `None` when
+    /// no voxel is inside.
     pub fn percentiles_inside<const N: usize>(
         &self,
         envelope: &Envelope,
         fractions: [f64; N],
     ) -> Option<[f32; N]> {
-        let _ = (envelope, fractions);
-        todo!()
+        let [first, last] = self.block_around(envelope.grid(), 0)?;
+        let region = envelope.grid();
+        let inside = envelope.mask().voxels();
+        let region_from_voxel = region.voxel_from_patient() * self.grid.patient_from_voxel();
+        let step = region_from_voxel.matrix3.x_axis;
+        let mut histogram = vec![0u64; 1 << 16];
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                let start = DVec3::from_array([first[0], y, z].map(|place| place as f64));
+                let start = region_from_voxel.transform_point3(start);
+                let row = self.grid.index([first[0], y, z]);
+                for (x, &stored) in self.voxels[row..=row + last[0] - first[0]]
+                    .iter()
+                    .enumerate()
+                {
+                    let position = start + step * x as f64;
+                    if region.contains(position) {
+                        let nearest = position.round().to_array().map(|place| place as usize);
+                        let nearest = region.index(clamped(nearest, region.size()));
+                        histogram[usize::from(stored)] += u64::from(inside[nearest]);
+                    }
+                }
+            }
+        }
+        self.percentiles_of(&histogram, fractions)
+    }
+
+    fn percentiles_of<const N: usize>(
+        &self,
+        histogram: &[u64],
+        fractions: [f64; N],
+    ) -> Option<[f32; N]> {
+        let total: u64 = histogram.iter().sum();
+        if total == 0 {
+            return None;
+        }
+        Some(fractions.map(|fraction| {
+            // A falling rescale turns the order of the stored values round.
+            let fraction = if self.rescale.slope < 0.0 {
+                1.0 - fraction
+            } else {
+                fraction
+            };
+            let wanted = (fraction * total as f64).ceil().max(1.0) as u64;
+            let mut below = 0;
+            let stored = histogram.iter().position(|&count| {
+                below += count;
+                below >= wanted
+            });
+            self.intensity(stored.unwrap_or(histogram.len() - 1) as f32)
+        }))
     }
 
     /// The smallest block of voxels that surrounds `region` with `margin_voxels` to spare, as a volume of its own.
     ///
     /// What of the block lies outside of this volume is left out. `None` when nothing of it is inside.
     pub fn crop_to(&self, region: &Grid, margin_voxels: usize) -> Option<Self> {
-        let _ = (region, margin_voxels);
-        todo!()
+        let [first, last] = self.block_around(region, margin_voxels)?;
+        let size = [0, 1, 2].map(|axis| last[axis] - first[axis] + 1);
+        let grid = self
+            .grid
+            .block(first.map(|voxel| voxel as i64), size)
+            .ok()?;
+        let mut voxels = Vec::with_capacity(grid.voxel_count());
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                let start = self.grid.index([first[0], y, z]);
+                voxels.extend_from_slice(&self.voxels[start..start + size[0]]);
+            }
+        }
+        Some(Self {
+            grid,
+            voxels,
+            rescale: self.rescale,
+        })
+    }
+
+    /// First and last voxel of the part of this volume that surrounds `region`.
+    fn block_around(&self, region: &Grid, margin: usize) -> Option<[[usize; 3]; 2]> {
+        let voxel_from_region = self.grid.voxel_from_patient() * region.patient_from_voxel();
+        let far = DVec3::from_array(region.size().map(|side| side as f64 - 0.5));
+        let corners = (0..8).map(|corner| {
+            let is_far = glam::BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0);
+            voxel_from_region.transform_point3(DVec3::select(is_far, far, DVec3::splat(-0.5)))
+        });
+        let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |bounds, corner| {
+            (bounds.0.min(corner), bounds.1.max(corner))
+        });
+        let size = self.grid.size();
+        let mut block = [[0; 3]; 2];
+        for axis in 0..3 {
+            let first = (low[axis].floor() - margin as f64).max(0.0);
+            let last = (high[axis].ceil() + margin as f64).min(size[axis] as f64 - 1.0);
+            if first > last {
+                return None;
+            }
+            block[0][axis] = first as usize;
+            block[1][axis] = last as usize;
+        }
+        Some(block)
+    }
+}
+
+/// Where a position lies between two voxel centres of one axis.
+#[derive(Clone, Copy)]
+struct Cell {
+    low: usize,
+    high: usize,
+    fraction: f32,
+}
+
+impl Cell {
+    /// `None` outside of every voxel; in the outer half of the first and the last, those voxels alone.
+    #[inline]
+    fn of(position: f32, side: usize) -> Option<Self> {
+        let last = (side - 1) as f32;
+        if !(position >= -0.5 && position <= last + 0.5) {
+            return None;
+        }
+        let position = position.clamp(0.0, last);
+        let low = position as usize;
+        Some(Self {
+            low,
+            high: (low + 1).min(side - 1),
+            fraction: position - low as f32,
+        })
+    }
+
+    #[inline]
+    fn between(self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.fraction
+    }
+}
+
+fn clamped(voxel: [usize; 3], size: [usize; 3]) -> [usize; 3] {
+    [0, 1, 2].map(|axis| voxel[axis].min(size[axis] - 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{BrainMask, Mask, envelope};
+
+    const PLAIN: Rescale = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+
+    /// A volume whose stored values are `100 + 2x + 10y + 30z`.
+    fn ramp(size: [usize; 3], rescale: Rescale) -> Volume {
+        let grid = Grid::aligned(size, [1.0; 3], DVec3::ZERO).unwrap();
+        let value = |index| {
+            let [x, y, z] = grid.voxel(index);
+            (100 + 2 * x + 10 * y + 30 * z) as u16
+        };
+        let voxels = (0..grid.voxel_count()).map(value).collect();
+        Volume::new(grid, voxels, rescale).unwrap()
+    }
+
+    #[test]
+    fn sampling_is_exact_on_a_linear_ramp() {
+        let volume = ramp([4, 5, 6], PLAIN);
+        let value = volume.sample(Vec3::new(1.25, 2.5, 3.75)).unwrap();
+        assert!((value - (100.0 + 2.5 + 25.0 + 112.5)).abs() < 1e-3);
+        assert_eq!(
+            volume.sample(Vec3::new(3.0, 4.0, 5.0)),
+            Some(100.0 + 6.0 + 40.0 + 150.0)
+        );
+    }
+
+    #[test]
+    fn outside_of_the_volume_there_is_nothing() {
+        let volume = ramp([4, 5, 6], PLAIN);
+        assert_eq!(volume.sample(Vec3::new(-0.4, 0.0, 0.0)), Some(100.0));
+        assert_eq!(volume.sample(Vec3::new(-0.6, 0.0, 0.0)), None);
+        assert_eq!(volume.sample(Vec3::new(0.0, 4.6, 0.0)), None);
+        assert_eq!(volume.sample(Vec3::new(0.0, f32::NAN, 0.0)), None);
+    }
+
+    #[test]
+    fn a_crop_keeps_every_voxel_at_its_place_in_the_patient() {
+        let volume = ramp([20, 20, 20], PLAIN);
+        let region = Grid::aligned([3; 3], [1.0; 3], DVec3::new(5.0, 6.0, 7.0)).unwrap();
+        let crop = volume.crop_to(&region, 2).unwrap();
+        let patient = DVec3::new(6.0, 7.5, 8.0);
+        let at = |volume: &Volume| {
+            let voxel = volume.grid().voxel_from_patient().transform_point3(patient);
+            volume.sample(voxel.as_vec3()).unwrap()
+        };
+        assert_eq!(at(&crop), at(&volume));
+        assert!(crop.voxels().len() < volume.voxels().len());
+        let far = Grid::aligned([3; 3], [1.0; 3], DVec3::splat(100.0)).unwrap();
+        assert!(volume.crop_to(&far, 2).is_none());
+    }
+
+    #[test]
+    fn percentiles_count_the_voxels_inside_alone() {
+        for slope in [1.0, -1.0] {
+            let volume = ramp(
+                [12, 12, 12],
+                Rescale {
+                    slope,
+                    intercept: 5.0,
+                },
+            );
+            let mut mask = vec![false; 1728];
+            for x in 2..=6 {
+                mask[volume.grid().index([x, 5, 5])] = true;
+            }
+            let mask = Mask::new(volume.grid().clone(), mask).unwrap();
+            let brain = BrainMask::from_mask(&mask, volume.grid()).unwrap();
+            let envelope = envelope(&brain, 0.0).unwrap();
+            let [least, middle, most] = volume
+                .percentiles_inside(&envelope, [0.0, 0.5, 1.0])
+                .unwrap();
+            let intensity = |x: f32| slope * (100.0 + 2.0 * x + 50.0 + 150.0) + 5.0;
+            let mut expected = [intensity(2.0), intensity(4.0), intensity(6.0)];
+            expected.sort_by(f32::total_cmp);
+            assert_eq!([least, middle, most], expected);
+        }
+    }
+
+    #[test]
+    fn the_range_is_that_of_the_intensities() {
+        let volume = ramp(
+            [2, 2, 2],
+            Rescale {
+                slope: -2.0,
+                intercept: 1.0,
+            },
+        );
+        assert_eq!(volume.intensity_range(), [-2.0 * 142.0 + 1.0, -199.0]);
     }
 }

@@ -1,0 +1,227 @@
+//! Connected components of a mask, found on runs of voxels along x.
+
+/// Which voxels count as neighbours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Connectivity {
+    /// Those that share a face.
+    Faces,
+    /// Those that share a face, an edge or a corner.
+    Corners,
+}
+
+/// A stretch of voxels along x: `start..end` in the x-fastest order.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    start: u32,
+    end: u32,
+}
+
+/// The runs of one value in a mask, joined to components.
+struct Components {
+    runs: Vec<Run>,
+    /// Union-find over the runs; a root is its own parent.
+    parents: Vec<u32>,
+}
+
+impl Components {
+    fn find(size: [usize; 3], mask: &[bool], value: bool, connectivity: Connectivity) -> Self {
+        let [nx, ny, nz] = size;
+        let (runs, row_starts) = runs_by_row(nx, mask, value);
+        let parents = (0..runs.len() as u32).collect();
+        let mut components = Self { runs, parents };
+        let neighbour_rows: &[(isize, isize)] = match connectivity {
+            Connectivity::Faces => &[(-1, 0), (0, -1)],
+            Connectivity::Corners => &[(-1, 0), (-1, -1), (0, -1), (1, -1)],
+        };
+        let slack = u32::from(connectivity == Connectivity::Corners);
+        for row in 0..ny * nz {
+            for &(dy, dz) in neighbour_rows {
+                let (y, z) = (row % ny, row / ny);
+                let (Some(y), Some(z)) = (y.checked_add_signed(dy), z.checked_add_signed(dz))
+                else {
+                    continue;
+                };
+                if y < ny {
+                    let other = y + ny * z;
+                    components.join_rows(&row_starts, row, other, nx, slack);
+                }
+            }
+        }
+        components
+    }
+
+    /// Joins the touching runs of two rows; both are sorted, so that one walk over them is enough.
+    fn join_rows(&mut self, row_starts: &[u32], row: usize, other: usize, nx: usize, slack: u32) {
+        let (mut a, mut b) = (row_starts[row], row_starts[other]);
+        let shift = ((row - other) * nx) as u32;
+        while a < row_starts[row + 1] && b < row_starts[other + 1] {
+            let (here, there) = (self.runs[a as usize], self.runs[b as usize]);
+            if here.start < there.end + shift + slack && there.start + shift < here.end + slack {
+                self.union(a, b);
+            }
+            if here.end < there.end + shift {
+                a += 1;
+            } else {
+                b += 1;
+            }
+        }
+    }
+
+    fn root(&mut self, mut run: u32) -> u32 {
+        while self.parents[run as usize] != run {
+            let grandparent = self.parents[self.parents[run as usize] as usize];
+            self.parents[run as usize] = grandparent;
+            run = grandparent;
+        }
+        run
+    }
+
+    /// The smaller number becomes the root, so that the outcome does not depend on the order of joining.
+    fn union(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.parents[a.max(b) as usize] = a.min(b);
+    }
+
+    fn fill(&self, run: usize, mask: &mut [bool], value: bool) {
+        let Run { start, end } = self.runs[run];
+        mask[start as usize..end as usize].fill(value);
+    }
+}
+
+/// The runs of `value`, and for each row the number of its first run (one more entry ends the last row).
+fn runs_by_row(nx: usize, mask: &[bool], value: bool) -> (Vec<Run>, Vec<u32>) {
+    let mut runs = Vec::new();
+    let mut row_starts = Vec::with_capacity(mask.len() / nx + 1);
+    for (row, voxels) in mask.chunks_exact(nx).enumerate() {
+        row_starts.push(runs.len() as u32);
+        let offset = row * nx;
+        let mut x = 0;
+        while let Some(gap) = voxels[x..].iter().position(|&voxel| voxel == value) {
+            let start = x + gap;
+            let length = voxels[start..].iter().position(|&voxel| voxel != value);
+            x = length.map_or(nx, |length| start + length);
+            runs.push(Run {
+                start: (offset + start) as u32,
+                end: (offset + x) as u32,
+            });
+        }
+    }
+    row_starts.push(runs.len() as u32);
+    (runs, row_starts)
+}
+
+/// Keeps the component with most voxels and clears the others; of two equal ones, the first.
+pub(crate) fn keep_largest_component(
+    size: [usize; 3],
+    mask: &mut [bool],
+    connectivity: Connectivity,
+) {
+    let mut components = Components::find(size, mask, true, connectivity);
+    let mut voxels = vec![0u64; components.runs.len()];
+    for run in 0..components.runs.len() {
+        let root = components.root(run as u32);
+        voxels[root as usize] += u64::from(components.runs[run].end - components.runs[run].start);
+    }
+    let Some(largest) = (0..voxels.len()).rev().max_by_key(|&run| voxels[run]) else {
+        return;
+    };
+    for run in 0..components.runs.len() {
+        if components.root(run as u32) as usize != largest {
+            components.fill(run, mask, false);
+        }
+    }
+}
+
+/// Fills what of the background cannot be reached from the faces of the grid by steps through voxel faces.
+pub(crate) fn fill_holes(size: [usize; 3], mask: &mut [bool]) {
+    let [nx, ny, nz] = size;
+    let mut components = Components::find(size, mask, false, Connectivity::Faces);
+    let mut is_open = vec![false; components.runs.len()];
+    for run in 0..components.runs.len() {
+        let Run { start, end } = components.runs[run];
+        let (start, end) = (start as usize, end as usize);
+        let (y, z) = (start / nx % ny, start / (nx * ny));
+        let on_face =
+            start % nx == 0 || end % nx == 0 || y == 0 || y == ny - 1 || z == 0 || z == nz - 1;
+        if on_face {
+            is_open[components.root(run as u32) as usize] = true;
+        }
+    }
+    for run in 0..components.runs.len() {
+        if !is_open[components.root(run as u32) as usize] {
+            components.fill(run, mask, true);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: [usize; 3] = [6, 5, 4];
+
+    fn mask_of(voxels: &[[usize; 3]]) -> Vec<bool> {
+        let mut mask = vec![false; SIZE.iter().product()];
+        for [x, y, z] in voxels {
+            mask[x + SIZE[0] * (y + SIZE[1] * z)] = true;
+        }
+        mask
+    }
+
+    #[test]
+    fn the_larger_of_two_components_is_kept() {
+        let large = [[1, 1, 1], [2, 1, 1], [2, 2, 1]];
+        let mut mask = mask_of(&[&large[..], &[[5, 4, 3], [5, 3, 3]]].concat());
+        keep_largest_component(SIZE, &mut mask, Connectivity::Corners);
+        assert_eq!(mask, mask_of(&large));
+    }
+
+    #[test]
+    fn a_corner_joins_only_where_corners_count() {
+        for step in [[1, 1, 1], [1, 0, 1], [0, 1, 1], [1, 1, 0]] {
+            let voxels = [[2, 2, 1], [2 + step[0], 2 + step[1], 1 + step[2]]];
+            let mut mask = mask_of(&voxels);
+            keep_largest_component(SIZE, &mut mask, Connectivity::Corners);
+            assert_eq!(mask, mask_of(&voxels), "{step:?}");
+            keep_largest_component(SIZE, &mut mask, Connectivity::Faces);
+            assert_eq!(mask, mask_of(&voxels[..1]), "{step:?}");
+        }
+        // Towards lower x and y as well.
+        let voxels = [[3, 3, 1], [2, 2, 2]];
+        let mut mask = mask_of(&voxels);
+        keep_largest_component(SIZE, &mut mask, Connectivity::Corners);
+        assert_eq!(mask, mask_of(&voxels));
+    }
+
+    #[test]
+    fn rows_do_not_join_across_the_edge_of_the_grid() {
+        let mut mask = mask_of(&[[5, 1, 1], [4, 1, 1], [0, 2, 1]]);
+        keep_largest_component(SIZE, &mut mask, Connectivity::Corners);
+        assert_eq!(mask, mask_of(&[[5, 1, 1], [4, 1, 1]]));
+    }
+
+    #[test]
+    fn a_hole_is_filled_and_a_bay_is_not() {
+        let block = |hole: [usize; 3]| -> Vec<_> {
+            (0..27)
+                .map(|i| [1 + i % 3, 1 + i / 3 % 3, i / 9])
+                .filter(|&voxel| voxel != hole)
+                .collect::<Vec<_>>()
+        };
+        let mut with_hole = mask_of(&block([2, 2, 1]));
+        fill_holes(SIZE, &mut with_hole);
+        assert!(with_hole[2 + 6 * (2 + 5)]);
+        let mut with_bay = mask_of(&block([2, 2, 0]));
+        let before = with_bay.clone();
+        fill_holes(SIZE, &mut with_bay);
+        assert_eq!(with_bay, before);
+    }
+
+    #[test]
+    fn an_empty_mask_stays_empty() {
+        let mut mask = mask_of(&[]);
+        keep_largest_component(SIZE, &mut mask, Connectivity::Faces);
+        fill_holes(SIZE, &mut mask);
+        assert_eq!(mask, mask_of(&[]));
+    }
+}
