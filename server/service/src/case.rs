@@ -189,6 +189,23 @@ pub enum Stage {
 }
 
 impl Stage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 8] = [
+        Self::Reading,
+        Self::Mask,
+        Self::Closing,
+        Self::Distance,
+        Self::Core,
+        Self::Forest,
+        Self::Mesh,
+        Self::Storing,
+    ];
+
+    /// The stage of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|stage| stage.name() == name)
+    }
+
     /// The name used in JSON and in rows.
     pub fn name(self) -> &'static str {
         match self {
@@ -356,16 +373,7 @@ mod tests {
 
     #[test]
     fn stages_have_one_name_in_json_and_in_rows() {
-        for stage in [
-            Stage::Reading,
-            Stage::Mask,
-            Stage::Closing,
-            Stage::Distance,
-            Stage::Core,
-            Stage::Forest,
-            Stage::Mesh,
-            Stage::Storing,
-        ] {
+        for stage in Stage::ALL {
             assert_eq!(serde_json::to_value(stage).unwrap(), stage.name());
         }
     }
