@@ -308,7 +308,7 @@ pub async fn list_cases(
 pub async fn get_case(
     State(state): State<AppState>,
     CasePath(id): CasePath,
-    ApiQuery(_): ApiQuery<NoQuery>,
+    _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     let case = state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
     Ok(fresh_json(StatusCode::OK, &CaseView::from(case)))
@@ -327,7 +327,7 @@ pub async fn get_case(
 pub async fn delete_case(
     State(state): State<AppState>,
     CasePath(id): CasePath,
-    ApiQuery(_): ApiQuery<NoQuery>,
+    _no_query: ApiQuery<NoQuery>,
 ) -> Result<StatusCode, AppError> {
     let deleted = state.store.delete(&id).await?;
     state.forget(&id);

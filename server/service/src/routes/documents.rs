@@ -95,7 +95,7 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
         .into_iter()
         .fold(Router::new(), |router, (address, kind, bytes)| {
             let document = Arc::new(Document::new(kind, bytes));
-            let answer = move |ApiQuery(_): ApiQuery<NoQuery>, request: HeaderMap| {
+            let answer = move |_no_query: ApiQuery<NoQuery>, request: HeaderMap| {
                 let document = Arc::clone(&document);
                 async move { document.answer(&request) }
             };

@@ -34,7 +34,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 pub async fn get_events(
     State(state): State<AppState>,
     CasePath(id): CasePath,
-    ApiQuery(_): ApiQuery<NoQuery>,
+    _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     if state.store.case(&id).await?.is_none() {
         return Err(AppError::NoSuchCase);

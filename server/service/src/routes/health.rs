@@ -37,7 +37,7 @@ pub struct Version {
 
 /// Whether the process answers
 #[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, description = "It does", body = Health)))]
-pub async fn healthz(ApiQuery(_): ApiQuery<NoQuery>) -> Response {
+pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
     fresh_json(StatusCode::OK, &Health { status: "ok" })
 }
 
@@ -48,7 +48,7 @@ pub async fn healthz(ApiQuery(_): ApiQuery<NoQuery>) -> Response {
 ))]
 pub async fn readyz(
     State(state): State<AppState>,
-    ApiQuery(_): ApiQuery<NoQuery>,
+    _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     state.store.check().await.map_err(|error| {
         tracing::warn!(%error, "the store cannot be reached");
@@ -63,7 +63,7 @@ pub async fn readyz(
 ))]
 pub async fn metrics(
     State(state): State<AppState>,
-    ApiQuery(_): ApiQuery<NoQuery>,
+    _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     let text = state.metrics.text(state.pool.waiting());
     let text = text.map_err(|_| AppError::Internal)?;
@@ -73,7 +73,7 @@ pub async fn metrics(
 
 /// Which server this is
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
-pub async fn version(ApiQuery(_): ApiQuery<NoQuery>) -> Json<Version> {
+pub async fn version(_no_query: ApiQuery<NoQuery>) -> Json<Version> {
     Json(Version {
         name: "isocortex",
         version: env!("CARGO_PKG_VERSION"),

@@ -60,7 +60,7 @@ pub struct UploadForm {
 )]
 pub async fn create_case(
     State(state): State<AppState>,
-    ApiQuery(_): ApiQuery<NoQuery>,
+    _no_query: ApiQuery<NoQuery>,
     request: Request,
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), state.max_upload_bytes)?;
