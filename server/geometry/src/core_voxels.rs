@@ -11,6 +11,11 @@ pub struct Core {
 }
 
 impl Core {
+    #[cfg(test)]
+    pub(crate) fn from_voxels(voxels: Vec<u32>) -> Self {
+        Self { voxels }
+    }
+
     /// Indices of the core voxels on the working grid, ascending; at least one.
     pub fn voxels(&self) -> &[u32] {
         &self.voxels

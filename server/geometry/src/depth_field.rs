@@ -1,6 +1,7 @@
 //! Depth as a continuous function of position.
 
 use glam::Vec3;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::{DistanceMap, Grid};
@@ -57,7 +58,7 @@ impl DepthField {
         let [nx, ny, nz] = self.grid.size();
         let mut values = self.values.clone();
         for (stride, side) in [(1, nx), (nx, ny), (nx * ny, nz)] {
-            values = convolve(&values, &kernel, nx, stride, side);
+            values = convolved(&values, &kernel, nx, stride, side);
         }
         Self::on(self.grid.clone(), values)
     }
@@ -149,49 +150,138 @@ fn binomial_kernel(n: usize) -> Vec<i32> {
     kernel
 }
 
-/// Convolves along one axis, given by its stride and side; beyond a face, values are those of the face.
-fn convolve(values: &[i16], kernel: &[i32], nx: usize, stride: usize, side: usize) -> Vec<i16> {
+/// Values convolved along one axis, given by its stride and side; beyond a face, values are those of the face.
+fn convolved(values: &[i16], kernel: &[i32], nx: usize, stride: usize, side: usize) -> Vec<i16> {
     let reach = kernel.len() / 2;
-    let total: i32 = kernel.iter().sum();
     let mut out = vec![0; values.len()];
-    out.par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
-        let start = row * nx;
-        let mut sums = vec![total / 2; nx];
-        let place = start / stride % side;
-        for (tap, &weight) in kernel.iter().enumerate() {
+    out.par_chunks_mut(nx)
+        .enumerate()
+        .for_each_init(Vec::new, |padded, (row, out)| {
+            let start = row * nx;
+            let place = start / stride % side;
             if stride == 1 {
-                let source = &values[start..start + nx];
-                add_shifted(&mut sums, source, weight, tap, reach);
+                pad_row(&values[start..start + nx], reach, padded);
+                let rows: Vec<_> = (0..kernel.len())
+                    .map(|tap| &padded[tap..tap + nx])
+                    .collect();
+                weighted_sum(&rows, kernel, out);
             } else {
-                let neighbour = (place + tap).saturating_sub(reach).min(side - 1);
-                let source = start - place * stride + neighbour * stride;
-                for (sum, &value) in sums.iter_mut().zip(&values[source..source + nx]) {
-                    *sum += weight * i32::from(value);
-                }
+                let neighbour = |tap: usize| (place + tap).saturating_sub(reach).min(side - 1);
+                let first = |tap: usize| start - place * stride + neighbour(tap) * stride;
+                let rows: Vec<_> = (0..kernel.len())
+                    .map(|tap| &values[first(tap)..][..nx])
+                    .collect();
+                weighted_sum(&rows, kernel, out);
             }
-        }
-        let shift = total.trailing_zeros();
-        for (out, sum) in out.iter_mut().zip(sums) {
-            *out = (sum >> shift) as i16;
-        }
-    });
+        });
     out
 }
 
-/// Adds the weighted values of a row to sums that lie `tap - reach` voxels before them.
-fn add_shifted(sums: &mut [i32], row: &[i16], weight: i32, tap: usize, reach: usize) {
-    let last = row.len() - 1;
-    for (x, sum) in sums.iter_mut().enumerate().take(reach.min(last + 1)) {
-        *sum += weight * i32::from(row[(x + tap).saturating_sub(reach).min(last)]);
-    }
-    let middle = reach.min(last + 1)..(last + 1).saturating_sub(reach).max(reach.min(last + 1));
-    if !middle.is_empty() {
-        let source = &row[middle.start + tap - reach..middle.end + tap - reach];
-        for (sum, &value) in sums[middle.clone()].iter_mut().zip(source) {
-            *sum += weight * i32::from(value);
+/// A row with its end values repeated `reach` times before and after it.
+fn pad_row(row: &[i16], reach: usize, padded: &mut Vec<i16>) {
+    padded.clear();
+    padded.extend(std::iter::repeat_n(row[0], reach));
+    padded.extend_from_slice(row);
+    padded.extend(std::iter::repeat_n(row[row.len() - 1], reach));
+}
+
+/// The mean of rows, weighted by a kernel whose sum is a power of two, to the nearest whole number.
+#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
+fn weighted_sum(rows: &[&[i16]], kernel: &[i32], out: &mut [i16]) {
+    const LANES: usize = 32;
+    let total: i32 = kernel.iter().sum();
+    let shift = total.trailing_zeros();
+    for (chunk, out) in out.chunks_mut(LANES).enumerate() {
+        let mut sums = [total / 2; LANES];
+        for (row, &weight) in rows.iter().zip(kernel) {
+            for (sum, &value) in sums.iter_mut().zip(&row[chunk * LANES..]) {
+                *sum += weight * i32::from(value);
+            }
+        }
+        for (out, sum) in out.iter_mut().zip(sums) {
+            *out = (sum >> shift) as i16;
         }
     }
-    for (x, sum) in sums.iter_mut().enumerate().skip(middle.end) {
-        *sum += weight * i32::from(row[(x + tap).saturating_sub(reach).min(last)]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{distance_map, envelope, phantom};
+
+    fn ball_field(radius: f64) -> DepthField {
+        DepthField::new(&distance_map(
+            &envelope(&phantom::ball(radius), 0.0).unwrap(),
+        ))
+    }
+
+    fn centre(field: &DepthField) -> Vec3 {
+        Vec3::from_array(field.grid().size().map(|side| (side / 2) as f32))
+    }
+
+    #[test]
+    fn depth_falls_from_the_centre_of_a_ball_to_below_zero_outside() {
+        let field = ball_field(20.0);
+        let at = |radius: f32| field.depth_mm(centre(&field) + Vec3::X * radius);
+        assert!((at(0.0) - 20.0).abs() < 0.5);
+        assert!((at(10.5) - 9.5).abs() < 0.3);
+        assert!(at(22.0) < -1.5);
+        assert_eq!(
+            field.depth_mm(Vec3::splat(-1e9)),
+            field.depth_mm(Vec3::ZERO)
+        );
+        assert!(field.depth_mm(Vec3::splat(f32::NAN)).is_finite());
+    }
+
+    #[test]
+    fn the_gradient_points_inwards_with_length_one() {
+        let field = ball_field(20.0);
+        for direction in [Vec3::X, -Vec3::Y, Vec3::ONE.normalize()] {
+            let gradient = field.gradient(centre(&field) + direction * 10.0);
+            assert!(gradient.normalize().dot(-direction) > 0.97, "{gradient}");
+            assert!((gradient.length() - 1.0).abs() < 0.15, "{gradient}");
+        }
+    }
+
+    #[test]
+    fn smoothing_keeps_a_plane_and_softens_the_staircase() {
+        let field = ball_field(20.0);
+        let smooth = field.smoothed(1.5);
+        let surface = |direction: Vec3| centre(&field) + direction * 19.5;
+        let mut worst = [1.0f32; 2];
+        for i in 0..200 {
+            let angle = i as f32 * 0.37;
+            let direction = Vec3::new(angle.cos(), angle.sin(), (angle * 0.31).sin()).normalize();
+            for (worst, field) in worst.iter_mut().zip([&field, &smooth]) {
+                let normal = -field.gradient(surface(direction)).normalize();
+                *worst = worst.min(normal.dot(direction));
+            }
+        }
+        assert!(worst[1] > 0.99 && worst[1] > worst[0], "{worst:?}");
+        assert_eq!(binomial_kernel(2), [1, 4, 6, 4, 1]);
+        assert_eq!(field.smoothed(0.0), field);
+    }
+
+    #[test]
+    fn a_convolution_is_that_of_its_definition() {
+        let field = ball_field(9.0);
+        let kernel = binomial_kernel(3);
+        let [nx, ny, nz] = field.grid().size();
+        for (stride, side) in [(1, nx), (nx, ny), (nx * ny, nz)] {
+            let fast = convolved(field.values(), &kernel, nx, stride, side);
+            for index in (0..fast.len()).step_by(11) {
+                let place = index / stride % side;
+                let value = |tap: usize| {
+                    let neighbour = (place + tap).saturating_sub(3).min(side - 1);
+                    i32::from(field.values()[index - place * stride + neighbour * stride])
+                };
+                let sum: i32 = kernel
+                    .iter()
+                    .enumerate()
+                    .map(|(tap, weight)| weight * value(tap))
+                    .sum();
+                assert_eq!(i32::from(fast[index]), (sum + 32).div_euclid(64));
+            }
+        }
     }
 }

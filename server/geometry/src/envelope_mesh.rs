@@ -1,6 +1,15 @@
 //! Triangles around the envelope, from sagittal contours.
 
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::contour::Contour;
 use crate::{DepthField, GeometryError};
+
+/// Points of a contour that are compared with its neighbour's to find its start.
+const MATCHED_POINTS: usize = 64;
+/// Starts that are tried for each of these points.
+const STARTS_PER_POINT: usize = 4;
 
 /// How fine a mesh is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -10,13 +19,32 @@ pub struct MeshSize {
 }
 
 impl MeshSize {
+    /// The paper's case of reasonable quality: 30 contours of 30 points, 1,800 triangles.
+    pub const STANDARD: Self = Self {
+        contour_count: 30,
+        points_per_contour: 30,
+    };
+
     /// A mesh of `contour_count` sagittal contours (the paper's N_F) of `points_per_contour` points (its N_P).
     ///
     /// # Errors
     /// When `contour_count` is not in 3..=512 or `points_per_contour` not in 3..=1024.
     pub fn new(contour_count: usize, points_per_contour: usize) -> Result<Self, GeometryError> {
-        let _ = (contour_count, points_per_contour);
-        todo!()
+        let error = |name, value: usize, range| GeometryError::Parameter {
+            name,
+            value: value as f64,
+            range,
+        };
+        if !(3..=512).contains(&contour_count) {
+            return Err(error("contours", contour_count, "from 3 to 512"));
+        }
+        if !(3..=1024).contains(&points_per_contour) {
+            return Err(error("points", points_per_contour, "from 3 to 1024"));
+        }
+        Ok(Self {
+            contour_count: contour_count as u16,
+            points_per_contour: points_per_contour as u16,
+        })
     }
 
     /// Number of contours, N_F.
@@ -29,7 +57,8 @@ impl MeshSize {
         usize::from(self.points_per_contour)
     }
 
-    /// `contour_count * points_per_contour + 2`: the contours' points, contour by contour, then the first and the last cap's centre.
+    /// `contour_count * points_per_contour + 2`: the contours' points, contour by contour from the patient's right to
+    /// the left, then the centres of the first and the last cap.
     pub fn vertex_count(self) -> usize {
         self.contour_count() * self.points_per_contour() + 2
     }
@@ -40,8 +69,30 @@ impl MeshSize {
     }
 
     /// The triangles of every mesh of this size, at every depth: vertex indices, counter-clockwise seen from outside.
+    ///
+    /// First the strips between neighbouring contours, two triangles for each pair of points, then the first cap and
+    /// the last.
     pub fn triangles(self) -> Vec<[u32; 3]> {
-        todo!()
+        let (contours, points) = (
+            u32::from(self.contour_count),
+            u32::from(self.points_per_contour),
+        );
+        let [first_centre, last_centre] = [contours * points, contours * points + 1];
+        let mut triangles = Vec::with_capacity(self.triangle_count());
+        for contour in 0..contours - 1 {
+            let (near, far) = (contour * points, (contour + 1) * points);
+            for point in 0..points {
+                let next = (point + 1) % points;
+                triangles.push([near + point, near + next, far + point]);
+                triangles.push([near + next, far + next, far + point]);
+            }
+        }
+        let last = (contours - 1) * points;
+        triangles.extend((0..points).map(|point| [(point + 1) % points, point, first_centre]));
+        triangles.extend(
+            (0..points).map(|point| [last + point, last + (point + 1) % points, last_centre]),
+        );
+        triangles
     }
 }
 
@@ -51,14 +102,151 @@ pub struct EnvelopeMesh {
     /// How fine it is.
     pub size: MeshSize,
     /// Vertices in voxel coordinates of the working grid, in the order of [`MeshSize::vertex_count`].
-    pub positions_in_voxel: Vec<glam::Vec3>,
+    pub positions_in_voxel: Vec<Vec3>,
 }
 
-/// Cuts the envelope into sagittal contours and joins their points to a closed mesh.
+/// Cuts the envelope into equally spaced sagittal contours and joins their points to a closed mesh.
+///
+/// On each plane the largest contour of depth 0 is sampled at equal distances. The outermost planes lie half a
+/// voxel inside of the envelope's extent, where the contour has an area; the centres of the two caps are put
+/// on the envelope itself. Each contour starts where its points come nearest to those of the contour before, from
+/// the middle outwards, so that the strips between them do not twist.
+///
+/// Source: the paper, section 3.1.
 ///
 /// # Errors
 /// When the envelope is too small to be cut.
 pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh, GeometryError> {
-    let _ = (field, size);
-    todo!()
+    let planes = planes(field, size.contour_count())?;
+    let contours: Vec<Contour> = planes
+        .par_iter()
+        .map(|&x| Contour::largest(field, x))
+        .collect::<Option<_>>()
+        .ok_or(GeometryError::TooSmall {
+            what: "a sagittal plane has no contour",
+        })?;
+    let starts = matching_starts(&contours);
+    let points = size.points_per_contour();
+    let mut positions = Vec::with_capacity(size.vertex_count());
+    for ((contour, &start), &x) in contours.iter().zip(&starts).zip(&planes) {
+        let sampled = contour.sample(points, start);
+        positions.extend(
+            sampled
+                .into_iter()
+                .map(|point| Vec3::new(x, point.x, point.y)),
+        );
+    }
+    for (end, outward) in [(0, -1.0), (contours.len() - 1, 1.0)] {
+        let centre = contours[end].centre();
+        positions.push(on_envelope(
+            field,
+            Vec3::new(planes[end], centre.x, centre.y),
+            outward,
+        ));
+    }
+    Ok(EnvelopeMesh {
+        size,
+        positions_in_voxel: positions,
+    })
+}
+
+/// The x of equally spaced sagittal planes, each with a contour, in voxels.
+fn planes(field: &DepthField, count: usize) -> Result<Vec<f32>, GeometryError> {
+    let [first, last] = extent_along_x(field);
+    for half_voxels in 1..=8 {
+        let inset = half_voxels as f32 / 2.0;
+        let (start, end) = (first as f32 + inset, last as f32 - inset);
+        let has_contour = |x| Contour::largest(field, x).is_some();
+        if end > start && has_contour(start) && has_contour(end) {
+            let step = (end - start) / (count - 1) as f32;
+            return Ok((0..count).map(|i| start + step * i as f32).collect());
+        }
+    }
+    Err(GeometryError::TooSmall {
+        what: "it has no two sagittal planes with a contour",
+    })
+}
+
+/// First and last x at which a voxel lies inside.
+fn extent_along_x(field: &DepthField) -> [usize; 2] {
+    let nx = field.grid().size()[0];
+    let mut deepest = vec![i16::MIN; nx];
+    for row in field.values().chunks_exact(nx) {
+        for (deepest, &value) in deepest.iter_mut().zip(row) {
+            *deepest = (*deepest).max(value);
+        }
+    }
+    let is_inside = |&deepest: &i16| deepest >= 0;
+    let first = deepest.iter().position(is_inside).unwrap_or_default();
+    [
+        first,
+        deepest.iter().rposition(is_inside).unwrap_or_default(),
+    ]
+}
+
+/// Where each contour starts, as a fraction of its length.
+///
+/// The middle contour starts at its uppermost point. Each other one starts where the sum of squared distances
+/// between its points and those of its neighbour towards the middle is least.
+fn matching_starts(contours: &[Contour]) -> Vec<f32> {
+    let mut starts = vec![0.0; contours.len()];
+    let middle = contours.len() / 2;
+    let tried = MATCHED_POINTS * STARTS_PER_POINT;
+    let candidates = contours[middle].sample(tried, 0.0);
+    let uppermost = (0..tried).max_by(|&a, &b| candidates[a].y.total_cmp(&candidates[b].y));
+    starts[middle] = uppermost.unwrap_or_default() as f32 / tried as f32;
+    for i in middle + 1..contours.len() {
+        starts[i] = matching_start(
+            &contours[i],
+            &contours[i - 1].sample(MATCHED_POINTS, starts[i - 1]),
+        );
+    }
+    for i in (0..middle).rev() {
+        starts[i] = matching_start(
+            &contours[i],
+            &contours[i + 1].sample(MATCHED_POINTS, starts[i + 1]),
+        );
+    }
+    starts
+}
+
+fn matching_start(contour: &Contour, neighbour: &[Vec2]) -> f32 {
+    let tried = neighbour.len() * STARTS_PER_POINT;
+    let points = contour.sample(tried, 0.0);
+    let mismatch = |start: usize| -> f32 {
+        let turned = (0..neighbour.len()).map(|i| points[(start + i * STARTS_PER_POINT) % tried]);
+        turned
+            .zip(neighbour)
+            .map(|(point, &other)| point.distance_squared(other))
+            .sum()
+    };
+    let mismatches: Vec<f32> = (0..tried).map(mismatch).collect();
+    let best = (0..tried)
+        .min_by(|&a, &b| mismatches[a].total_cmp(&mismatches[b]))
+        .unwrap_or_default();
+    best as f32 / tried as f32
+}
+
+/// The point of depth 0 beside a cap's centre: outwards along x, or the centre itself where it lies outside already.
+fn on_envelope(field: &DepthField, centre: Vec3, outward: f32) -> Vec3 {
+    let depth = |along: f32| field.depth_mm(centre + Vec3::X * (outward * along));
+    if depth(0.0) <= 0.0 {
+        return centre;
+    }
+    let Some(beyond) = (1..64)
+        .map(|quarter| quarter as f32 / 4.0)
+        .find(|&along| depth(along) < 0.0)
+    else {
+        return centre;
+    };
+    let (mut inside, mut outside) = (beyond - 0.25, beyond);
+    for _ in 0..20 {
+        let middle = (inside + outside) / 2.0;
+        if depth(middle) >= 0.0 {
+            inside = middle
+        } else {
+            outside = middle
+        }
+    }
+    centre + Vec3::X * (outward * inside)
 }

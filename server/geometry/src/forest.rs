@@ -1,8 +1,23 @@
 //! The optimal-path forest of the second Euclidean transform.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use rayon::prelude::*;
+
+use crate::core_voxels::neighbour_offsets;
+use crate::nearest_core::NearestCore;
 use crate::{Core, DistanceMap, Grid};
 
 /// For each voxel of the envelope its predecessor on an optimal path from the core.
+///
+/// The paper's second Euclidean image foresting transform: seeds are the core's voxels, neighbours are 26, and
+/// the cost of a path is the Euclidean distance from its root to its end. That cost depends on the root
+/// alone, so that of all paths to the nearest root any is optimal. This forest takes the one that keeps to
+/// the straight line, and needs no queue where that line lies in the envelope; elsewhere the transform's
+/// ordered propagation leads round the bay.
+///
+/// Invariant: every path ends at a root after finitely many steps, all inside of the envelope.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Forest {
     size: [usize; 3],
@@ -12,23 +27,246 @@ pub struct Forest {
 impl Forest {
     /// Code of a voxel outside of the envelope.
     pub const OUTSIDE: u8 = 255;
-    /// Code of a root. Codes 0 to 26 but 13 are neighbours, `(dx+1) + 3 (dy+1) + 9 (dz+1)`.
+    /// Code of a root. The others, 0 to 26, are neighbours: `(dx + 1) + 3 (dy + 1) + 9 (dz + 1)`.
     pub const ROOT: u8 = 13;
 
-    /// A forest from codes stored before; `None` unless every path ends at a root.
+    /// A forest from codes that were stored before; `None` unless every path ends at a root.
     pub fn from_stored(grid: &Grid, predecessor: Vec<u8>) -> Option<Self> {
-        let _ = (grid, predecessor);
-        todo!()
+        let size = grid.size();
+        let forest =
+            (predecessor.len() == grid.voxel_count()).then_some(Self { size, predecessor })?;
+        forest.every_path_ends().then_some(forest)
     }
 
     /// Predecessor codes, x-fastest.
     pub fn predecessor(&self) -> &[u8] {
         &self.predecessor
     }
+
+    /// The voxel before `index` on its path; `None` for a root and outside of the envelope.
+    #[inline]
+    pub fn step(&self, index: usize) -> Option<usize> {
+        match self.predecessor[index] {
+            Self::ROOT | Self::OUTSIDE => None,
+            code => Some(index.wrapping_add_signed(offset_of(code, self.size))),
+        }
+    }
+
+    /// The voxels from `index` to its root, both included.
+    pub fn path(&self, index: usize) -> impl Iterator<Item = usize> {
+        std::iter::successors(Some(index), |&voxel| self.step(voxel))
+    }
+
+    /// The end of the path of `index`.
+    pub fn root(&self, index: usize) -> usize {
+        self.path(index).last().unwrap_or(index)
+    }
+
+    /// Follows each voxel until it meets a root or a voxel that is known to lead to one.
+    fn every_path_ends(&self) -> bool {
+        let mut ends = vec![false; self.predecessor.len()];
+        let mut path = Vec::new();
+        for start in 0..ends.len() {
+            let mut voxel = start;
+            while self.predecessor[voxel] != Self::OUTSIDE && !ends[voxel] {
+                // Marked at once: a path that comes back to itself is told by its length below.
+                path.push(voxel);
+                if self.predecessor[voxel] == Self::ROOT {
+                    break;
+                }
+                match self.checked_step(voxel) {
+                    Some(next) if path.len() <= ends.len() => voxel = next,
+                    _ => return false,
+                }
+            }
+            for voxel in path.drain(..) {
+                ends[voxel] = true;
+            }
+        }
+        true
+    }
+
+    /// As [`Forest::step`], for codes that are not trusted: `None` where the step leaves the grid or the envelope.
+    fn checked_step(&self, index: usize) -> Option<usize> {
+        let [nx, ny, nz] = self.size;
+        let code = usize::from(self.predecessor[index]);
+        let place = [index % nx, index / nx % ny, index / (nx * ny)];
+        let step = [code % 3, code / 3 % 3, code / 9];
+        let is_inside = |axis: usize, side: usize| (1..=side).contains(&(place[axis] + step[axis]));
+        if code > 26 || !is_inside(0, nx) || !is_inside(1, ny) || !is_inside(2, nz) {
+            return None;
+        }
+        let next = index.wrapping_add_signed(offset_of(code as u8, self.size));
+        (self.predecessor[next] != Self::OUTSIDE).then_some(next)
+    }
+}
+
+/// Distance in the x-fastest order that a predecessor code stands for.
+#[inline]
+fn offset_of(code: u8, [nx, ny, _]: [usize; 3]) -> isize {
+    let code = isize::from(code);
+    (code % 3 - 1) + nx as isize * ((code / 3 % 3 - 1) + ny as isize * (code / 9 - 1))
+}
+
+/// The code of the neighbour a step away; each component is -1, 0 or 1.
+#[inline]
+fn code_of([dx, dy, dz]: [i32; 3]) -> u8 {
+    (13 + dx + 3 * dy + 9 * dz) as u8
 }
 
 /// The second Euclidean transform: every voxel of the envelope joined to its nearest core voxel.
+///
+/// The distance to the root that a path ends at is the exact distance to the nearest core voxel, but for
+/// voxels at the border of two roots' regions, where 26 neighbours can not always follow it, and for those
+/// that do not see their nearest root.
 pub fn forest(distance: &DistanceMap, core: &Core) -> Forest {
-    let _ = (distance, core);
-    todo!()
+    let nearest = NearestCore::new(distance.grid().size(), core, distance.inside());
+    let mut forest = straight_forest(distance, &nearest);
+    let stranded = take_stranded(&mut forest, distance);
+    reach_stranded(&mut forest, &nearest, &stranded);
+    forest
+}
+
+/// Code of a voxel whose straight way to its root leaves the envelope.
+const STRANDED: u8 = 254;
+
+/// Each voxel's step towards its nearest root, or [`STRANDED`].
+fn straight_forest(distance: &DistanceMap, nearest: &NearestCore) -> Forest {
+    let size = distance.grid().size();
+    let [nx, ny, _] = size;
+    let mut predecessor = vec![Forest::OUTSIDE; distance.inside().len()];
+    predecessor
+        .par_chunks_mut(nx)
+        .enumerate()
+        .for_each(|(row, codes)| {
+            let start = row * nx;
+            for (x, code) in codes.iter_mut().enumerate() {
+                if distance.inside()[start + x] {
+                    *code = straight_step(nearest, distance, [x, row % ny, row / ny], start + x);
+                }
+            }
+        });
+    Forest { size, predecessor }
+}
+
+/// The neighbour closest to the straight line from a voxel to its root, if it is inside and has the same root.
+fn straight_step(
+    nearest: &NearestCore,
+    distance: &DistanceMap,
+    voxel: [usize; 3],
+    index: usize,
+) -> u8 {
+    let root = nearest.core_of(index);
+    let way = nearest.way(voxel, root);
+    let longest = way[0].abs().max(way[1].abs()).max(way[2].abs());
+    let step = way.map(|along| {
+        if 2 * along.abs() >= longest {
+            along.signum()
+        } else {
+            0
+        }
+    });
+    let code = code_of(step);
+    let next = index.wrapping_add_signed(offset_of(code, nearest.size()));
+    if distance.inside()[next] && (nearest.core_of(next) == root || longest == 0) {
+        return code;
+    }
+    best_step(nearest, distance, voxel, index).unwrap_or(STRANDED)
+}
+
+/// The neighbour inside with the same root that is nearest to it, if it is nearer than the voxel itself.
+///
+/// With none of the same root, one of another root that is strictly nearer to that.
+fn best_step(
+    nearest: &NearestCore,
+    distance: &DistanceMap,
+    voxel: [usize; 3],
+    index: usize,
+) -> Option<u8> {
+    let root = nearest.core_of(index);
+    let cost = squared_length(nearest.way(voxel, root));
+    let steps = (0..27u8).filter_map(|code| {
+        let next = index.wrapping_add_signed(offset_of(code, nearest.size()));
+        let is_candidate = code != Forest::ROOT && distance.inside()[next];
+        is_candidate.then(|| {
+            let root_there = nearest.core_of(next);
+            let cost_there = squared_length(nearest.way(nearest.voxel(next), root_there));
+            (root_there != root, cost_there, code)
+        })
+    });
+    steps
+        .filter(|&(_, cost_there, _)| cost_there < cost)
+        .min()
+        .map(|(_, _, code)| code)
+}
+
+#[inline]
+fn squared_length([x, y, z]: [i32; 3]) -> u32 {
+    (x * x + y * y + z * z) as u32
+}
+
+/// Marks the voxels whose path ends at a stranded one as stranded too, and lists them all.
+fn take_stranded(forest: &mut Forest, distance: &DistanceMap) -> Vec<u32> {
+    let codes = forest.predecessor.par_iter().enumerate();
+    let mut stranded: Vec<u32> = codes
+        .filter(|&(_, &code)| code == STRANDED)
+        .map(|(index, _)| index as u32)
+        .collect();
+    let offsets = neighbour_offsets(forest.size);
+    let mut next = 0;
+    while let Some(&voxel) = stranded.get(next) {
+        next += 1;
+        for offset in offsets {
+            let neighbour = (voxel as usize).wrapping_add_signed(offset);
+            let is_follower = distance.inside()[neighbour]
+                && forest.predecessor[neighbour] != STRANDED
+                && forest.step(neighbour) == Some(voxel as usize);
+            if is_follower {
+                forest.predecessor[neighbour] = STRANDED;
+                stranded.push(neighbour as u32);
+            }
+        }
+    }
+    stranded
+}
+
+/// Lets the transform's ordered propagation reach the stranded voxels from the others.
+///
+/// A path's cost is the distance to its root, but not less than that of the path that it extends, so that the
+/// order of the queue is the order of reaching.
+fn reach_stranded(forest: &mut Forest, nearest: &NearestCore, stranded: &[u32]) {
+    let offsets = neighbour_offsets(forest.size);
+    let mut queue = BinaryHeap::new();
+    let offer = |queue: &mut BinaryHeap<_>, from: usize, to: usize, root: u32, cost: u32| {
+        let cost = cost.max(squared_length(nearest.way(nearest.voxel(to), root)));
+        queue.push(Reverse((cost, to as u32, from as u32, root)));
+    };
+    for &voxel in stranded {
+        for offset in offsets {
+            let neighbour = (voxel as usize).wrapping_add_signed(offset);
+            if forest.predecessor[neighbour] < 27 {
+                let root = nearest.core_of(neighbour);
+                offer(&mut queue, neighbour, voxel as usize, root, 0);
+            }
+        }
+    }
+    while let Some(Reverse((cost, voxel, from, root))) = queue.pop() {
+        let voxel = voxel as usize;
+        if forest.predecessor[voxel] != STRANDED {
+            continue;
+        }
+        let (here, there) = (nearest.voxel(voxel), nearest.voxel(from as usize));
+        let step = [0, 1, 2].map(|axis| there[axis] as i32 - here[axis] as i32);
+        forest.predecessor[voxel] = code_of(step);
+        for offset in offsets {
+            let neighbour = voxel.wrapping_add_signed(offset);
+            if forest.predecessor[neighbour] == STRANDED {
+                offer(&mut queue, voxel, neighbour, root, cost);
+            }
+        }
+    }
+    debug_assert!(
+        !forest.predecessor.contains(&STRANDED),
+        "the envelope is one component"
+    );
 }

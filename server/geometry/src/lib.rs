@@ -9,7 +9,9 @@
 //! The method is that of Bergo, de Goes, Goldenstein and Falcão, "A Deformable Model for Fast
 //! Visualization of Euclidean Isosurfaces of the Brain", 2006; "the paper" below.
 
+mod contour;
 mod core_voxels;
+mod deepest_first;
 mod depth_field;
 mod distance_map;
 mod envelope;
@@ -18,12 +20,14 @@ mod error;
 mod forest;
 mod grid;
 mod mask;
+mod nearest_core;
 mod paths;
 pub mod phantom;
 mod runs;
 mod shell;
 mod transform;
 mod volume;
+mod walk;
 
 pub use core_voxels::{Core, core};
 pub use depth_field::DepthField;
@@ -34,6 +38,7 @@ pub use error::GeometryError;
 pub use forest::{Forest, forest};
 pub use grid::{Grid, MAX_VOXELS, MAX_WORKING_SIZE};
 pub use mask::{BrainMask, Mask};
-pub use paths::{PathKind, PathTable, ShrunkMesh, path_table};
+pub use paths::{PathTable, Piece, ShrunkMesh, path_table, shrink_once};
 pub use shell::{ShellIndex, ShellVoxel};
 pub use volume::{Rescale, Volume};
+pub use walk::Paths;

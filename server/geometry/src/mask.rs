@@ -85,23 +85,34 @@ impl Mask {
         Some([first, last])
     }
 
-    /// Share of the set in a cell of eight voxels, trilinear between their centres; outside of the grid there is none of it.
+    /// Share of the set at a position, trilinear between voxel centres; outside of the grid there is none of it.
     fn share_at(&self, position_in_voxel: DVec3) -> f64 {
         let base = position_in_voxel.floor();
-        let fraction = position_in_voxel - base;
-        let mut share = 0.0;
-        for corner in 0..8 {
-            let offset = DVec3::new(
-                f64::from(corner & 1),
-                f64::from(corner >> 1 & 1),
-                f64::from(corner >> 2),
-            );
-            let weights = offset * fraction + (1.0 - offset) * (1.0 - fraction);
-            if self.is_marked(base + offset) {
-                share += weights.element_product();
-            }
+        let corners = self.corners(base);
+        if corners == [corners[0]; 8] {
+            return f64::from(u8::from(corners[0]));
         }
-        share
+        let fraction = position_in_voxel - base;
+        let weight = |corner: usize| {
+            let offset = corner_offset(corner);
+            (offset * fraction + (1.0 - offset) * (1.0 - fraction)).element_product()
+        };
+        (0..8).filter(|&corner| corners[corner]).map(weight).sum()
+    }
+
+    /// Whether each corner of the cell that begins at a voxel is marked.
+    fn corners(&self, base: DVec3) -> [bool; 8] {
+        let [nx, ny, nz] = self.grid.size();
+        let is_within = |place: f64, side: usize| place >= 0.0 && place < (side - 1) as f64;
+        if is_within(base.x, nx) && is_within(base.y, ny) && is_within(base.z, nz) {
+            let [x, y, z] = base.to_array().map(|place| place as usize);
+            let start = x + nx * (y + ny * z);
+            let pair = |start: usize| [self.voxels[start], self.voxels[start + 1]];
+            let pairs = [0, nx, nx * ny, nx * ny + nx].map(|offset| pair(start + offset));
+            std::array::from_fn(|corner| pairs[corner / 2][corner % 2])
+        } else {
+            std::array::from_fn(|corner| self.is_marked(base + corner_offset(corner)))
+        }
     }
 
     fn is_marked(&self, voxel: DVec3) -> bool {
@@ -152,6 +163,11 @@ fn snapped_to_integers(affine: DAffine3) -> DAffine3 {
     } else {
         affine
     }
+}
+
+/// The way from a cell's first voxel to its others.
+fn corner_offset(corner: usize) -> DVec3 {
+    as_position([corner & 1, corner >> 1 & 1, corner >> 2])
 }
 
 fn as_position(voxel: [usize; 3]) -> DVec3 {

@@ -1,17 +1,25 @@
 //! Every depth of every vertex, tabulated.
 
-use crate::{DepthField, DistanceMap, EnvelopeMesh, Forest, MeshSize};
+use glam::Vec3;
+use multiversion::multiversion;
+use rayon::prelude::*;
 
-/// What a vertex follows as the mesh shrinks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum PathKind {
-    /// The optimal paths of the second transform, as in the paper.
-    Forest,
-    /// Up the gradient of the distance map: the nearest way to a depth.
-    Flow,
-}
+use crate::walk::{Corner, Walker, crossing};
+use crate::{DepthField, DistanceMap, EnvelopeMesh, MeshSize, Paths};
+
+/// Depth from a row of a table to the next, in voxels.
+const ROW_VOXELS: f32 = 0.5;
+
+/// How far the depth of a position between two rows may be off, in mm, before the table holds it more finely.
+const ROW_TOLERANCE_MM: f32 = 0.025;
+
+/// Depths closer than this are not told apart, in mm.
+const FINEST_STEP_MM: f32 = 0.01;
 
 /// The positions of a mesh's vertices at every depth: depth-major, 16 bits a coordinate.
+///
+/// A depth between two rows is interpolated between them. Where a vertex's way bends or jumps so much between two
+/// rows that this would be off by more than 0.025 mm, finer pieces of it are kept beside the rows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathTable {
     /// How fine the mesh is.
@@ -22,38 +30,357 @@ pub struct PathTable {
     pub step_mm: f32,
     /// Depth from a row to the next, in mm. Row 0 is depth 0.
     pub row_mm: f32,
+    /// Depth of the deepest voxel of the case, in mm; the last row is the first that is at least as deep.
+    pub max_depth_mm: f32,
     /// Rows of `size.vertex_count()` stored positions.
     pub rows: Vec<[u16; 3]>,
-    /// For each vertex the depth of its path's end, in mm, beyond which it rests.
-    pub rest_depth_mm: Vec<f32>,
+    /// Finer pieces of some ways, by the row that they follow.
+    pub pieces: Vec<Piece>,
+    /// Number of the first piece after each row, and at last the number of pieces.
+    pub first_piece: Vec<u32>,
+}
+
+/// A straight piece of one vertex's way between two rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    /// Whose way it is.
+    pub vertex: u32,
+    /// Depths at its ends, in mm.
+    pub depths_mm: [f32; 2],
+    /// Stored positions of its ends.
+    pub ends: [[u16; 3]; 2],
 }
 
 /// A mesh at a depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShrunkMesh {
-    /// Its depth: what was asked for, at most that of the deepest row.
+    /// Its depth: what was asked for, within 0 and the case's greatest depth.
     pub depth_mm: f32,
     /// Vertices in LPS mm, in the order of [`MeshSize::vertex_count`].
     pub positions_in_patient: Vec<[f32; 3]>,
 }
 
 impl PathTable {
-    /// The mesh of the isosurface `depth_mm` below the envelope, clamped to 0 and the table's last row.
+    /// Number of rows.
+    pub fn row_count(&self) -> usize {
+        self.rows.len() / self.size.vertex_count()
+    }
+
+    /// The mesh of the isosurface `depth_mm` below the envelope, clamped to 0 and the case's greatest depth.
+    ///
+    /// Each vertex is at the first point of its path that is deep enough; where no point is, at the path's end. Two
+    /// rows of the table are read, and nothing else but for the few finer pieces.
+    ///
+    /// Source: the paper, section 3.2.
     pub fn shrink(&self, depth_mm: f32) -> ShrunkMesh {
-        let _ = depth_mm;
-        todo!()
+        let depth_mm = depth_mm.max(0.0).min(self.max_depth_mm);
+        let row = ((depth_mm / self.row_mm) as usize).min(self.row_count() - 2);
+        let vertices = self.size.vertex_count();
+        let [near, far] = [row, row + 1].map(|row| &self.rows[row * vertices..][..vertices]);
+        let fraction = (depth_mm - row as f32 * self.row_mm) / self.row_mm;
+        let mut positions = vec![[0.0; 3]; vertices];
+        let scale = Scale {
+            origin: self.origin_in_patient,
+            step: self.step_mm,
+            fraction,
+        };
+        interpolate(
+            near.as_flattened(),
+            far.as_flattened(),
+            &scale,
+            positions.as_flattened_mut(),
+        );
+        let pieces = self.first_piece[row] as usize..self.first_piece[row + 1] as usize;
+        for piece in &self.pieces[pieces] {
+            let [start, end] = piece.depths_mm;
+            if (start..end).contains(&depth_mm) {
+                let fraction = (depth_mm - start) / (end - start);
+                let scale = Scale { fraction, ..scale };
+                let position = &mut positions[piece.vertex as usize];
+                interpolate(&piece.ends[0], &piece.ends[1], &scale, position);
+            }
+        }
+        ShrunkMesh {
+            depth_mm,
+            positions_in_patient: positions,
+        }
     }
 }
 
-/// Follows the path of every vertex and tabulates its position at every depth.
-///
-/// With [`PathKind::Forest`] a `forest` is needed.
+/// How two rows of stored positions become one of positions in LPS mm.
+#[derive(Clone, Copy)]
+struct Scale {
+    origin: [f32; 3],
+    step: f32,
+    fraction: f32,
+}
+
+/// Positions between those of two rows, all as x, y, z, x, y, z and so on.
+#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
+fn interpolate(near: &[u16], far: &[u16], scale: &Scale, out: &mut [f32]) {
+    // Eight vertices at a time, so that the pattern of axes repeats with the registers.
+    const LANES: usize = 24;
+    let origin: [f32; LANES] = std::array::from_fn(|lane| scale.origin[lane % 3]);
+    let chunks = near
+        .chunks(LANES)
+        .zip(far.chunks(LANES))
+        .zip(out.chunks_mut(LANES));
+    for ((near, far), out) in chunks {
+        for (((out, &near), &far), origin) in out.iter_mut().zip(near).zip(far).zip(origin) {
+            let (near, far) = (f32::from(near), f32::from(far));
+            *out = origin + scale.step * (near + (far - near) * scale.fraction);
+        }
+    }
+}
+
+/// Follows the way of every vertex and tabulates its position at every depth.
 pub fn path_table(
     mesh: &EnvelopeMesh,
     distance: &DistanceMap,
     field: &DepthField,
-    forest: Option<&Forest>,
+    paths: Paths<'_>,
 ) -> PathTable {
-    let _ = (mesh, distance, field, forest);
-    todo!()
+    let walker = Walker::new(distance, field, paths);
+    let frame = Frame::new(distance);
+    let ways = mesh.positions_in_voxel.par_iter().enumerate();
+    let columns: Vec<Column> = ways
+        .map(|(vertex, &start)| frame.tabulate(&walker, vertex as u32, start))
+        .collect();
+    let mut rows = Vec::with_capacity(frame.row_count * columns.len());
+    for row in 0..frame.row_count {
+        rows.extend(columns.iter().map(|column| column.positions[row]));
+    }
+    let mut pieces: Vec<_> = columns
+        .into_iter()
+        .flat_map(|column| column.pieces)
+        .collect();
+    pieces.sort_by_key(|&(row, piece)| (row, piece.vertex));
+    let first_piece = (0..=frame.row_count)
+        .map(|row| {
+            pieces.partition_point(|&(row_of_piece, _)| (row_of_piece as usize) < row) as u32
+        })
+        .collect();
+    PathTable {
+        size: mesh.size,
+        origin_in_patient: frame.origin_in_patient,
+        step_mm: frame.step_mm,
+        row_mm: frame.row_mm,
+        max_depth_mm: frame.max_depth_mm,
+        rows,
+        pieces: pieces.into_iter().map(|(_, piece)| piece).collect(),
+        first_piece,
+    }
+}
+
+/// The mesh at one depth, without a table: for meshes so fine that their table would be too large.
+pub fn shrink_once(
+    mesh: &EnvelopeMesh,
+    distance: &DistanceMap,
+    field: &DepthField,
+    paths: Paths<'_>,
+    depth_mm: f32,
+) -> ShrunkMesh {
+    let walker = Walker::new(distance, field, paths);
+    let depth_mm = depth_mm.max(0.0).min(distance.max_depth_mm());
+    let patient_from_voxel = distance.grid().patient_from_voxel();
+    let shrink = |&start: &Vec3| {
+        let position = first_deep_enough(&walker, start, depth_mm);
+        patient_from_voxel
+            .transform_point3(position.as_dvec3())
+            .as_vec3()
+            .to_array()
+    };
+    let positions_in_patient = mesh.positions_in_voxel.par_iter().map(shrink).collect();
+    ShrunkMesh {
+        depth_mm,
+        positions_in_patient,
+    }
+}
+
+/// The first point of a vertex's way that is at least `depth_mm` deep, or the way's end.
+fn first_deep_enough(walker: &Walker, start: Vec3, depth_mm: f32) -> Vec3 {
+    let mut previous = None;
+    for corner in walker.way(start) {
+        if corner.depth_mm >= depth_mm {
+            let from = previous.unwrap_or(corner);
+            return crossing(walker.field(), from, corner, depth_mm);
+        }
+        previous = Some(corner);
+    }
+    previous.map_or(start, |end| end.position)
+}
+
+/// How the positions and depths of one case are stored.
+struct Frame {
+    /// Stored steps in a voxel.
+    steps_per_voxel: f32,
+    origin_in_patient: [f32; 3],
+    step_mm: f32,
+    row_mm: f32,
+    row_count: usize,
+    max_depth_mm: f32,
+}
+
+/// One vertex at every depth.
+struct Column {
+    positions: Vec<[u16; 3]>,
+    pieces: Vec<(u32, Piece)>,
+}
+
+impl Frame {
+    fn new(distance: &DistanceMap) -> Self {
+        let grid = distance.grid();
+        let longest = grid.size().into_iter().max().unwrap_or(1) as f32;
+        let steps_per_voxel = f32::from(u16::MAX) / longest;
+        let spacing_mm = grid.spacing_mm()[0] as f32;
+        let row_mm = ROW_VOXELS * spacing_mm;
+        let max_depth_mm = distance.max_depth_mm();
+        Self {
+            steps_per_voxel,
+            origin_in_patient: grid.patient_from_voxel().translation.as_vec3().to_array(),
+            step_mm: spacing_mm / steps_per_voxel,
+            row_mm,
+            row_count: (max_depth_mm / row_mm).ceil().max(1.0) as usize + 1,
+            max_depth_mm,
+        }
+    }
+
+    fn stored(&self, position: Vec3) -> [u16; 3] {
+        (position * self.steps_per_voxel + 0.5)
+            .to_array()
+            .map(|coordinate| coordinate as u16)
+    }
+
+    /// Walks one vertex's way and notes where it first reaches each row's depth.
+    fn tabulate(&self, walker: &Walker, vertex: u32, start: Vec3) -> Column {
+        let mut way = walker.way(start);
+        let first = way.next().unwrap_or(Corner {
+            position: start,
+            depth_mm: 0.0,
+        });
+        let mut column = Tabulation {
+            frame: self,
+            field: walker.field(),
+            vertex,
+            trail: vec![first],
+            column: Column {
+                positions: vec![self.stored(start)],
+                pieces: Vec::new(),
+            },
+        };
+        for corner in way {
+            if column.row() + 1 == self.row_count {
+                break;
+            }
+            column.walk_to(corner);
+        }
+        column.rest()
+    }
+}
+
+/// A vertex's column in the making.
+struct Tabulation<'a> {
+    frame: &'a Frame,
+    field: &'a DepthField,
+    vertex: u32,
+    /// What was walked since the last row was reached.
+    trail: Vec<Corner>,
+    column: Column,
+}
+
+impl Tabulation<'_> {
+    /// The last row reached.
+    fn row(&self) -> usize {
+        self.column.positions.len() - 1
+    }
+
+    fn depth_of_row(&self, row: usize) -> f32 {
+        row as f32 * self.frame.row_mm
+    }
+
+    fn walk_to(&mut self, corner: Corner) {
+        self.trail.push(corner);
+        while self.row() + 1 < self.frame.row_count {
+            let [near, far] = [self.row(), self.row() + 1].map(|row| self.depth_of_row(row));
+            if corner.depth_mm < far {
+                break;
+            }
+            let reached = self.first_reaching(far);
+            self.refine([near, far], [self.trail[0].position, reached], true);
+            self.column.positions.push(self.frame.stored(reached));
+            self.trail.clear();
+            self.trail.extend([
+                Corner {
+                    position: reached,
+                    depth_mm: far,
+                },
+                corner,
+            ]);
+        }
+    }
+
+    /// Lets the vertex rest at the end of the way, at every row that it did not reach.
+    fn rest(mut self) -> Column {
+        if self.row() + 1 < self.frame.row_count {
+            let [near, far] = [self.row(), self.row() + 1].map(|row| self.depth_of_row(row));
+            let end = self.trail[self.trail.len() - 1].position;
+            let deepest = self
+                .trail
+                .iter()
+                .map(|corner| corner.depth_mm)
+                .fold(near, f32::max);
+            if deepest - near > FINEST_STEP_MM {
+                let reached = self.first_reaching(deepest);
+                self.refine([near, deepest], [self.trail[0].position, reached], false);
+            }
+            self.keep([deepest, far], [end, end]);
+            self.column
+                .positions
+                .resize(self.frame.row_count, self.frame.stored(end));
+        }
+        self.column
+    }
+
+    /// The first point of the trail that is at least `depth_mm` deep.
+    fn first_reaching(&self, depth_mm: f32) -> Vec3 {
+        let later = &self.trail[1..];
+        let corner = later.iter().position(|corner| corner.depth_mm >= depth_mm);
+        let corner = corner.unwrap_or(later.len() - 1);
+        crossing(self.field, self.trail[corner], later[corner], depth_mm)
+    }
+
+    /// Splits the way between two depths until straight pieces keep to its depth; one piece for a whole row is none.
+    fn refine(&mut self, depths_mm: [f32; 2], ends: [Vec3; 2], is_whole_row: bool) {
+        let [near, far] = depths_mm;
+        if self.is_straight(depths_mm, ends) {
+            if !is_whole_row {
+                self.keep(depths_mm, ends);
+            }
+        } else if far - near <= FINEST_STEP_MM {
+            // The way jumps: it dips, and goes on where it comes back to this depth.
+            self.keep(depths_mm, [ends[1]; 2]);
+        } else {
+            let middle = (near + far) / 2.0;
+            let reached = self.first_reaching(middle);
+            self.refine([near, middle], [ends[0], reached], false);
+            self.refine([middle, far], [reached, ends[1]], false);
+        }
+    }
+
+    fn is_straight(&self, [near, far]: [f32; 2], [start, end]: [Vec3; 2]) -> bool {
+        [0.25, 0.5, 0.75].into_iter().all(|fraction| {
+            let depth = self.field.depth_mm(start.lerp(end, fraction));
+            (depth - near - (far - near) * fraction).abs() <= ROW_TOLERANCE_MM
+        })
+    }
+
+    fn keep(&mut self, depths_mm: [f32; 2], ends: [Vec3; 2]) {
+        let ends = ends.map(|end| self.frame.stored(end));
+        let piece = Piece {
+            vertex: self.vertex,
+            depths_mm,
+            ends,
+        };
+        self.column.pieces.push((self.row() as u32, piece));
+    }
 }

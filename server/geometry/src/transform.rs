@@ -96,7 +96,7 @@ fn least_of_column(column: &[Lanes], z: usize) -> Lanes {
     let reach = z.max(column.len() - 1 - z);
     for k in 1..=reach.min(usize::from(MAX_DISTANCE)) {
         let square = (k * k) as u16;
-        if square >= greatest(&least) {
+        if !any_above(&least, square) {
             break;
         }
         if k <= z {
@@ -124,7 +124,7 @@ fn minimise_along_x(rows: &[u16], plane: &mut [u16], size: [usize; 3]) {
             least[..width].copy_from_slice(&row[margin + first..margin + first + width]);
             for k in 1..=margin {
                 let square = (k * k) as u16;
-                if square >= greatest(&least) {
+                if !any_above(&least, square) {
                     break;
                 }
                 lower(&mut least, lanes(&row, margin + first - k), square);
@@ -143,9 +143,15 @@ fn lanes(row: &[u16], first: usize) -> &Lanes {
         .expect("a row has a margin on both sides")
 }
 
+/// Whether a neighbour whose distance has this square could still lower a lane.
+///
+/// As a disjunction of differences, because that is one instruction for each register and a test.
 #[inline(always)]
-fn greatest(lanes: &Lanes) -> u16 {
-    lanes.iter().fold(0, |greatest, &value| greatest.max(value))
+fn any_above(lanes: &Lanes, square: u16) -> bool {
+    lanes
+        .iter()
+        .fold(0, |any, &value| any | value.saturating_sub(square))
+        != 0
 }
 
 #[inline(always)]

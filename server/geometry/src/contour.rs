@@ -1,0 +1,274 @@
+//! The largest contour of a cross-section, traced with sub-voxel precision.
+
+use glam::Vec2;
+
+use crate::DepthField;
+
+/// A closed polygon in a sagittal plane, in voxel coordinates (y, z), counter-clockwise when y points right and z up.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Contour {
+    points: Vec<Vec2>,
+    /// Length along the polygon from its first point to each point, and at last back to the first.
+    lengths: Vec<f32>,
+}
+
+impl Contour {
+    fn new(points: Vec<Vec2>) -> Self {
+        let mut lengths = Vec::with_capacity(points.len() + 1);
+        let mut length = 0.0;
+        for (i, &point) in points.iter().enumerate() {
+            lengths.push(length);
+            length += point.distance(points[(i + 1) % points.len()]);
+        }
+        lengths.push(length);
+        Self { points, lengths }
+    }
+
+    /// The contour of depth 0 with the greatest area on the plane at `x` voxels; `None` where there is none with an area.
+    ///
+    /// The cross-section is the trilinear depth on that plane; the contour crosses its grid lines where the depth
+    /// is 0 (marching squares; Lorensen and Cline, 1987, in two dimensions). Where two corners that lie across
+    /// from each other are inside, the mean of the cell decides whether they are joined.
+    pub(crate) fn largest(field: &DepthField, x: f32) -> Option<Self> {
+        let section = Section::new(field, x);
+        let mut is_traced = vec![false; section.depths.len()];
+        let mut largest = (0.0, None);
+        for start in 0..section.depths.len() {
+            if section.is_lower_crossing(start) && !is_traced[start] {
+                let points = section.trace(start, &mut is_traced);
+                let area = signed_area(&points);
+                if area > largest.0 {
+                    largest = (area, Some(points));
+                }
+            }
+        }
+        largest.1.map(Self::new)
+    }
+
+    /// Its length, in voxels.
+    pub(crate) fn length(&self) -> f32 {
+        self.lengths[self.points.len()]
+    }
+
+    /// The centre of the area that it encloses.
+    pub(crate) fn centre(&self) -> Vec2 {
+        let mut moment = glam::DVec2::ZERO;
+        let mut twice_area = 0.0;
+        let origin = self.points[0].as_dvec2();
+        for edge in self.points.windows(2) {
+            let (a, b) = (edge[0].as_dvec2() - origin, edge[1].as_dvec2() - origin);
+            let cross = a.perp_dot(b);
+            moment += (a + b) * cross;
+            twice_area += cross;
+        }
+        (origin + moment / (3.0 * twice_area)).as_vec2()
+    }
+
+    /// `count` points equally spaced along it, the first at `start` of its length (any number of turns).
+    pub(crate) fn sample(&self, count: usize, start: f32) -> Vec<Vec2> {
+        let total = self.length();
+        let mut edge = 0;
+        let mut points = Vec::with_capacity(count);
+        let start = start.rem_euclid(1.0);
+        // Two turns at most: from the start to the end, and from there back to the start.
+        let mut turn = 0.0;
+        for i in 0..count {
+            let mut along = (start + i as f32 / count as f32) * total;
+            if along >= total {
+                along -= total;
+                if turn == 0.0 {
+                    (turn, edge) = (1.0, 0);
+                }
+            }
+            while edge + 1 < self.points.len() && self.lengths[edge + 1] <= along {
+                edge += 1;
+            }
+            let (from, to) = (
+                self.points[edge],
+                self.points[(edge + 1) % self.points.len()],
+            );
+            let span = self.lengths[edge + 1] - self.lengths[edge];
+            let fraction = if span > 0.0 {
+                (along - self.lengths[edge]) / span
+            } else {
+                0.0
+            };
+            points.push(from.lerp(to, fraction.clamp(0.0, 1.0)));
+        }
+        points
+    }
+}
+
+fn signed_area(points: &[Vec2]) -> f32 {
+    let origin = points[0];
+    let twice: f32 = points
+        .windows(2)
+        .map(|edge| (edge[0] - origin).perp_dot(edge[1] - origin))
+        .sum();
+    twice / 2.0
+}
+
+/// Depths on a sagittal plane, y-fastest. Its border is outside of the envelope.
+struct Section {
+    depths: Vec<f32>,
+    width: usize,
+}
+
+/// An edge of the grid between two neighbouring nodes, one inside and one outside, and where the contour goes on.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Crossing {
+    inside: usize,
+    outside: usize,
+}
+
+impl Section {
+    fn new(field: &DepthField, x: f32) -> Self {
+        let [nx, ny, _] = field.grid().size();
+        let low = (x as usize).min(nx - 2);
+        let fraction = x - low as f32;
+        let rows = field.values().chunks_exact(nx);
+        let depths = rows.map(|row| {
+            let (near, far) = (f32::from(row[low]), f32::from(row[low + 1]));
+            near + (far - near) * fraction
+        });
+        Self {
+            depths: depths.collect(),
+            width: ny,
+        }
+    }
+
+    fn is_inside(&self, node: usize) -> bool {
+        self.depths[node] >= 0.0
+    }
+
+    /// Whether the contour crosses the edge from an inside node down to the node below it (less z).
+    fn is_lower_crossing(&self, node: usize) -> bool {
+        node >= self.width && self.is_inside(node) && !self.is_inside(node - self.width)
+    }
+
+    fn point(&self, crossing: Crossing) -> Vec2 {
+        let (inside, outside) = (self.depths[crossing.inside], self.depths[crossing.outside]);
+        let node =
+            |index: usize| Vec2::new((index % self.width) as f32, (index / self.width) as f32);
+        node(crossing.inside).lerp(node(crossing.outside), inside / (inside - outside))
+    }
+
+    /// The contour through the lower crossing of `start`, with the inside on its left.
+    fn trace(&self, start: usize, is_traced: &mut [bool]) -> Vec<Vec2> {
+        let first = Crossing {
+            inside: start,
+            outside: start - self.width,
+        };
+        let mut crossing = first;
+        let mut points = Vec::new();
+        loop {
+            if crossing.inside == crossing.outside + self.width {
+                is_traced[crossing.inside] = true;
+            }
+            let point = self.point(crossing);
+            if points.last() != Some(&point) {
+                points.push(point);
+            }
+            crossing = self.next(crossing);
+            if crossing == first {
+                break;
+            }
+        }
+        if points.len() > 1 && points.first() == points.last() {
+            points.pop();
+        }
+        points
+    }
+
+    /// The next crossing with the inside on the left: through the cell ahead.
+    fn next(&self, Crossing { inside, outside }: Crossing) -> Crossing {
+        // Seen along the contour, `inside` is on the left and `outside` on the right; ahead of them lie two more nodes.
+        let across = outside as isize - inside as isize;
+        let ahead = self.turned_left(across);
+        let (left, right) = (
+            inside.wrapping_add_signed(ahead),
+            outside.wrapping_add_signed(ahead),
+        );
+        match (self.is_inside(left), self.is_inside(right)) {
+            (false, false) => Crossing {
+                inside,
+                outside: left,
+            },
+            (true, false) => Crossing {
+                inside: left,
+                outside: right,
+            },
+            (true, true) => Crossing {
+                inside: right,
+                outside,
+            },
+            (false, true) => {
+                let corners = [inside, outside, left, right].map(|node| self.depths[node]);
+                if corners.iter().sum::<f32>() >= 0.0 {
+                    Crossing {
+                        inside: right,
+                        outside,
+                    }
+                } else {
+                    Crossing {
+                        inside,
+                        outside: left,
+                    }
+                }
+            }
+        }
+    }
+
+    /// A step between neighbouring nodes, turned by a quarter to the left: from right-hand side to straight ahead.
+    fn turned_left(&self, step: isize) -> isize {
+        let width = self.width as isize;
+        match step {
+            1 => width,
+            -1 => -width,
+            step if step == width => -1,
+            _ => 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{distance_map, envelope, phantom};
+
+    fn ball_contour(radius: f64) -> (Contour, f32) {
+        let brain = phantom::ball(radius);
+        let field = DepthField::new(&distance_map(&envelope(&brain, 0.0).unwrap()));
+        let middle = (field.grid().size()[0] / 2) as f32;
+        (Contour::largest(&field, middle).unwrap(), middle)
+    }
+
+    #[test]
+    fn the_contour_of_a_ball_is_a_circle() {
+        let (contour, middle) = ball_contour(20.0);
+        for point in &contour.points {
+            let radius = point.distance(Vec2::splat(middle));
+            assert!((18.8..=20.3).contains(&radius), "{radius}");
+        }
+        assert!(contour.centre().distance(Vec2::splat(middle)) < 1e-3);
+    }
+
+    #[test]
+    fn samples_are_equally_spaced_from_any_start() {
+        let (contour, _) = ball_contour(20.0);
+        for start in [0.0, 0.3, 0.999, -0.25, 1.6] {
+            let points = contour.sample(200, start);
+            let spacing = contour.length() / 200.0;
+            for i in 0..200 {
+                let chord = points[i].distance(points[(i + 1) % 200]);
+                // A chord cuts the corners of the polygon, so that it can be shorter but not longer.
+                assert!(
+                    chord <= spacing * 1.001 && chord > spacing * 0.6,
+                    "{start} {i}: {chord}"
+                );
+            }
+        }
+        let shifted = contour.sample(200, 0.5);
+        assert!(shifted[0].distance(contour.sample(200, 0.0)[100]) < 1e-3);
+    }
+}

@@ -1,0 +1,176 @@
+//! The ways that vertices take inwards.
+
+use glam::Vec3;
+
+use crate::core_voxels::neighbour_offsets;
+use crate::deepest_first::DepthPyramid;
+use crate::{DepthField, DistanceMap, Forest};
+
+/// What a vertex follows as the mesh shrinks.
+#[derive(Debug, Clone, Copy)]
+pub enum Paths<'a> {
+    /// The optimal paths of the second transform, as in the paper.
+    Forest(&'a Forest),
+    /// Up the gradient of the distance map: the nearest way to a depth.
+    Flow,
+}
+
+/// Length of a step up the gradient, in voxels.
+const FLOW_STEP: f32 = 0.5;
+/// Least gain of depth in such a step that does not count as standing still, in voxels.
+const LEAST_GAIN: f32 = 0.05;
+
+/// How exactly a depth is met on a way, in mm.
+const CROSSING_TOLERANCE_MM: f32 = 0.004;
+
+/// Finds the ways of vertices through one case.
+pub(crate) struct Walker<'a> {
+    distance: &'a DistanceMap,
+    field: &'a DepthField,
+    paths: Paths<'a>,
+    pyramid: Option<DepthPyramid<'a>>,
+    offsets: [isize; 26],
+}
+
+impl<'a> Walker<'a> {
+    pub(crate) fn new(distance: &'a DistanceMap, field: &'a DepthField, paths: Paths<'a>) -> Self {
+        let pyramid = matches!(paths, Paths::Flow).then(|| DepthPyramid::new(distance));
+        Self {
+            distance,
+            field,
+            paths,
+            pyramid,
+            offsets: neighbour_offsets(distance.grid().size()),
+        }
+    }
+
+    pub(crate) fn field(&self) -> &DepthField {
+        self.field
+    }
+
+    /// The corners of a vertex's way, `start` first: its last is where the vertex rests.
+    pub(crate) fn way(&self, start: Vec3) -> Box<dyn Iterator<Item = Corner> + '_> {
+        let corner = |position| Corner {
+            position,
+            depth_mm: self.field.depth_mm(position),
+        };
+        let first = corner(start);
+        match self.paths {
+            Paths::Forest(forest) => {
+                let path = forest.path(self.nearest_inside(start));
+                Box::new(std::iter::once(first).chain(path.map(|index| self.centre_corner(index))))
+            }
+            Paths::Flow => Box::new(std::iter::successors(Some(first), move |&here| {
+                self.flow_on(here.position).map(corner)
+            })),
+        }
+    }
+
+    /// A voxel's centre, whose depth needs no interpolation.
+    fn centre_corner(&self, index: usize) -> Corner {
+        let millimetres = self.field.spacing_mm() / DepthField::STEPS_PER_VOXEL;
+        let depth_mm = f32::from(self.field.values()[index]) * millimetres;
+        Corner {
+            position: self.centre(index),
+            depth_mm,
+        }
+    }
+
+    /// The next point up the gradient: half a voxel along it, else the steepest neighbour, else the nearest deeper voxel.
+    fn flow_on(&self, here: Vec3) -> Option<Vec3> {
+        let depth = self.field.depth_mm(here);
+        let least = depth + LEAST_GAIN * self.field.spacing_mm();
+        let middle = here + self.direction(here) * (FLOW_STEP / 2.0);
+        let next = here + self.direction(middle) * FLOW_STEP;
+        if self.field.depth_mm(next) >= least {
+            return Some(next);
+        }
+        self.steepest_neighbour(here, least)
+            .or_else(|| self.pyramid.as_ref()?.nearest_deeper(here, least))
+    }
+
+    fn direction(&self, position: Vec3) -> Vec3 {
+        self.field.gradient(position).normalize_or_zero()
+    }
+
+    /// The centre, among those around a position, that gains most depth for its distance and is at least `least` deep.
+    fn steepest_neighbour(&self, here: Vec3, least: f32) -> Option<Vec3> {
+        let depth = self.field.depth_mm(here);
+        let nearest = self.nearest_inside(here);
+        let neighbours = self
+            .offsets
+            .iter()
+            .map(|&offset| nearest.wrapping_add_signed(offset));
+        let slopes = neighbours.chain([nearest]).filter_map(|neighbour| {
+            let gain = self
+                .distance
+                .depth_mm(neighbour)
+                .filter(|&there| there >= least)?
+                - depth;
+            let centre = self.centre(neighbour);
+            Some((gain / centre.distance(here), centre))
+        });
+        slopes
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, centre)| centre)
+    }
+
+    fn centre(&self, index: usize) -> Vec3 {
+        Vec3::from_array(self.distance.grid().voxel(index).map(|place| place as f32))
+    }
+
+    /// The voxel inside of the envelope nearest to a point of its surface or its inside.
+    fn nearest_inside(&self, position: Vec3) -> usize {
+        let grid = self.distance.grid();
+        let base = position.floor();
+        let corner = |i: u8| Vec3::new(f32::from(i & 1), f32::from(i >> 1 & 1), f32::from(i >> 2));
+        let corners = (0..8).map(|i| base + corner(i)).filter_map(|corner| {
+            let place = corner
+                .max(Vec3::ZERO)
+                .to_array()
+                .map(|place| place as usize);
+            let voxel = [0, 1, 2].map(|axis| place[axis].min(grid.size()[axis] - 1));
+            let index = grid.index(voxel);
+            self.distance.inside()[index].then(|| (corner.distance_squared(position), index))
+        });
+        let nearest = corners.min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.map_or(self.distance.deepest(), |(_, index)| index)
+    }
+}
+
+/// A point of a vertex's way, in voxel coordinates, and its depth in mm.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Corner {
+    pub(crate) position: Vec3,
+    pub(crate) depth_mm: f32,
+}
+
+/// Where on the segment between two corners, the first above and the second not above `depth_mm`, the trilinear depth is that.
+///
+/// Regula falsi in its Illinois form (Dowell and Jarratt, 1971).
+pub(crate) fn crossing(field: &DepthField, start: Corner, end: Corner, depth_mm: f32) -> Vec3 {
+    let at = |fraction: f32| start.position.lerp(end.position, fraction);
+    let (mut low, mut high) = (0.0, 1.0);
+    let (mut excess_low, mut excess_high) = (start.depth_mm - depth_mm, end.depth_mm - depth_mm);
+    if excess_high <= CROSSING_TOLERANCE_MM {
+        return end.position;
+    }
+    let mut was_low = None;
+    for _ in 0..24 {
+        let fraction = (low * excess_high - high * excess_low) / (excess_high - excess_low);
+        let excess = field.depth_mm(at(fraction)) - depth_mm;
+        if excess.abs() <= CROSSING_TOLERANCE_MM {
+            return at(fraction);
+        }
+        let is_low = excess < 0.0;
+        if is_low {
+            (low, excess_low) = (fraction, excess);
+            excess_high *= if was_low == Some(true) { 0.5 } else { 1.0 };
+        } else {
+            (high, excess_high) = (fraction, excess);
+            excess_low *= if was_low == Some(false) { 0.5 } else { 1.0 };
+        }
+        was_low = Some(is_low);
+    }
+    at(high)
+}
