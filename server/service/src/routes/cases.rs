@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::query::{ApiQuery, CasePath, Checked, NoQuery, check_count};
+use super::render::window_of;
 use crate::case::{Case, CaseFacts, CaseId, CaseState};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
@@ -102,13 +103,13 @@ pub struct IntensityView {
     window: WindowView,
 }
 
-/// A DICOM window.
+/// A DICOM window (PS3.3 C.11.2.1.2, LINEAR), as `window=c,w` takes it.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct WindowView {
     /// Its centre.
-    center: f32,
+    center: f64,
     /// Its width.
-    width: f32,
+    width: f64,
 }
 
 /// How long a step took.
@@ -188,6 +189,7 @@ impl From<Case> for CaseView {
 
 impl From<CaseFacts> for ReadyView {
     fn from(facts: CaseFacts) -> Self {
+        let window = window_of(&facts);
         Self {
             grid: GridView {
                 size: facts.grid_size,
@@ -204,8 +206,8 @@ impl From<CaseFacts> for ReadyView {
                 min: facts.intensity_min,
                 max: facts.intensity_max,
                 window: WindowView {
-                    center: facts.window.center,
-                    width: facts.window.width,
+                    center: window.centre(),
+                    width: window.width(),
                 },
             },
             timings: facts

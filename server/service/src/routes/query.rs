@@ -1,7 +1,5 @@
 //! Reading addresses: the case's id in the path, and the keys of the query, none of them unknown.
 
-use std::fmt;
-
 use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
 use serde::de::{DeserializeOwned, Error as _};
@@ -166,13 +164,27 @@ impl<const N: usize> Serialize for Numbers<N> {
 
 impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let NumberList(numbers) = NumberList::deserialize(deserializer)?;
-        let count = numbers.len();
-        let numbers = numbers.try_into().map_err(|_| {
-            D::Error::custom(format_args!("{N} numbers with commas are wanted, not {count}"))
-        })?;
-        Ok(Self(numbers))
+        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
+        text.parse().map_err(D::Error::custom)
     }
+}
+
+impl<const N: usize> std::str::FromStr for Numbers<N> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = numbers(text).ok_or("these are not finite numbers with commas")?;
+        let count = numbers.len();
+        let numbers = numbers.try_into();
+        numbers
+            .map(Self)
+            .map_err(|_| format!("{N} numbers with commas are wanted, not {count}"))
+    }
+}
+
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    let number = |part: &str| part.trim().parse().ok().filter(|x: &f64| x.is_finite());
+    text.split(',').map(number).collect()
 }
 
 /// Numbers with commas between them, any number of them, all finite.
@@ -182,23 +194,10 @@ pub struct NumberList(pub Vec<f64>);
 
 impl<'de> Deserialize<'de> for NumberList {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Visitor;
-        impl serde::de::Visitor<'_> for Visitor {
-            type Value = NumberList;
-
-            fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-                formatter.write_str("numbers with commas between them")
-            }
-
-            fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<NumberList, E> {
-                let number = |part: &str| part.trim().parse().ok().filter(|x: &f64| x.is_finite());
-                let numbers = text.split(',').map(number).collect::<Option<_>>();
-                numbers
-                    .map(NumberList)
-                    .ok_or_else(|| E::custom("a number with commas around it is not one"))
-            }
-        }
-        deserializer.deserialize_str(Visitor)
+        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
+        let numbers = numbers(&text);
+        let error = || D::Error::custom("these are not finite numbers with commas");
+        numbers.map(Self).ok_or_else(error)
     }
 }
 

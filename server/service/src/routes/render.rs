@@ -1,13 +1,12 @@
 //! Pictures of the isosurface.
 
 use std::borrow::Cow;
-use std::sync::Arc;
 
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::Response;
 use render::{
-    Camera, ColorMap, FrameSize, Light, NamedView, RenderError, RenderParameters, RenderRequest,
+    BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, RenderError, RenderParameters, RenderRequest,
     Scene, Window,
 };
 use serde::{Deserialize, Serialize};
@@ -244,7 +243,7 @@ impl RenderQuery {
     }
 
     /// Who draws this picture here.
-    fn renderer_here(&self) -> Result<&'static str, AppError> {
+    pub(crate) fn renderer_here(&self) -> Result<&'static str, AppError> {
         let what = match self.renderer {
             Renderer::Auto | Renderer::Splat => return Ok("splat"),
             Renderer::Mesh => "the renderer `mesh`",
@@ -300,11 +299,10 @@ pub(crate) fn window_or(asked: Option<Numbers<2>>, default: Window) -> Result<Wi
     }
 }
 
-/// The case's own window.
+/// The case's own window: its ramp runs over the interval that the facts hold.
 pub(crate) fn window_of(facts: &CaseFacts) -> Window {
-    let (centre, width) = (facts.window.center, facts.window.width);
-    Window::new(f64::from(centre), f64::from(width))
-        .unwrap_or_else(|_| Window::between(facts.intensity_min, facts.intensity_max))
+    let half = facts.window.width / 2.0;
+    Window::between(facts.window.center - half, facts.window.center + half)
 }
 
 /// What is drawn of a case.
@@ -314,7 +312,7 @@ pub(crate) fn scene(model: &Model) -> Scene<'_> {
         field: &model.field,
         normals: &model.normals,
         shell: &model.shell,
-        bounds: model.bounds,
+        bounds: BoundingSphere::of_envelope(&model.shell),
     }
 }
 
@@ -353,7 +351,7 @@ pub async fn get_render(
     let depth_mm = query.depth_mm.min(facts.max_depth_mm);
     let drawing = query.request(depth_mm, window_of(&facts))?;
     let model = state.model(&id).await?;
-    let picture = state.pool.run(move || draw(&model, &drawing)).await??;
+    let picture = state.pool.run(move || draw(&scene(&model), &drawing)).await??;
     let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
     headers.insert(
         HeaderName::from_static("x-isocortex-renderer"),
@@ -371,8 +369,8 @@ pub async fn get_render(
 ///
 /// # Errors
 /// When it cannot be encoded.
-pub(crate) fn draw(model: &Arc<Model>, request: &RenderRequest) -> Result<Vec<u8>, AppError> {
-    let frame = render::draw_splat(&scene(model), request);
+pub(crate) fn draw(scene: &Scene<'_>, request: &RenderRequest) -> Result<Vec<u8>, AppError> {
+    let frame = render::draw_splat(scene, request);
     let depth_mm = request.parameters().depth_mm.to_string();
     let texts = [("Software", SOFTWARE), ("Depth in mm", &depth_mm)];
     Ok(render::encode_png(&frame, &texts)?)
