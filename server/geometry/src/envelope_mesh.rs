@@ -11,6 +11,9 @@ const MATCHED_POINTS: usize = 64;
 /// Starts that are tried for each of these points.
 const STARTS_PER_POINT: usize = 4;
 
+/// How exactly the mesh lies on depth 0, in mm.
+const SETTLED_MM: f32 = 0.01;
+
 /// How fine a mesh is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct MeshSize {
@@ -130,11 +133,10 @@ pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh,
     let mut positions = Vec::with_capacity(size.vertex_count());
     for ((contour, &start), &x) in contours.iter().zip(&starts).zip(&planes) {
         let sampled = contour.sample(points, start);
-        positions.extend(
-            sampled
-                .into_iter()
-                .map(|point| Vec3::new(x, point.x, point.y)),
-        );
+        let on_plane = sampled
+            .into_iter()
+            .map(|point| Vec3::new(x, point.x, point.y));
+        positions.extend(on_plane.map(|point| settled(field, point)));
     }
     for (end, outward) in [(0, -1.0), (contours.len() - 1, 1.0)] {
         let centre = contours[end].centre();
@@ -150,12 +152,15 @@ pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh,
     })
 }
 
-/// The x of equally spaced sagittal planes, each with a contour, in voxels.
+/// The x of equally spaced sagittal planes, each with a contour, in voxels: the middles of `count` slabs of one thickness.
+///
+/// The outer ones lie half a voxel inside of the extent or, where a tip is too thin for a contour there, more.
 fn planes(field: &DepthField, count: usize) -> Result<Vec<f32>, GeometryError> {
-    let [first, last] = extent_along_x(field);
+    let [first, last] = extent_along_x(field).map(|x| x as f32);
+    let half_slab = (last - first) / (2 * count) as f32;
     for half_voxels in 1..=8 {
-        let inset = half_voxels as f32 / 2.0;
-        let (start, end) = (first as f32 + inset, last as f32 - inset);
+        let inset = half_slab.max(half_voxels as f32 / 2.0);
+        let (start, end) = (first + inset, last - inset);
         let has_contour = |x| Contour::largest(field, x).is_some();
         if end > start && has_contour(start) && has_contour(end) {
             let step = (end - start) / (count - 1) as f32;
@@ -225,6 +230,25 @@ fn matching_start(contour: &Contour, neighbour: &[Vec2]) -> f32 {
         .min_by(|&a, &b| mismatches[a].total_cmp(&mismatches[b]))
         .unwrap_or_default();
     best as f32 / tried as f32
+}
+
+/// A contour's point moved along the gradient to depth 0, from which the polygon's edges are a little off.
+fn settled(field: &DepthField, point: Vec3) -> Vec3 {
+    let mut here = point;
+    for _ in 0..4 {
+        let depth = field.depth_mm(here);
+        if depth.abs() <= SETTLED_MM {
+            return here;
+        }
+        let gradient = field.gradient(here);
+        let slope = gradient.length_squared().max(0.25) * field.spacing_mm();
+        let next = here - gradient * (depth / slope);
+        if field.depth_mm(next).abs() >= depth.abs() || next.distance(point) > 0.5 {
+            return here;
+        }
+        here = next;
+    }
+    here
 }
 
 /// The point of depth 0 beside a cap's centre: outwards along x, or the centre itself where it lies outside already.
