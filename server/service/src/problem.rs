@@ -155,6 +155,7 @@ impl From<StoreError> for AppError {
 impl From<PathsError> for AppError {
     fn from(error: PathsError) -> Self {
         match error {
+            PathsError::Deleted => Self::NoSuchCase,
             PathsError::Store(error) => error.into(),
             PathsError::Geometry(error) => error.into(),
         }

@@ -8,7 +8,7 @@ use clap::Args;
 use super::prepare::wait_until_ready;
 use super::read_input;
 use super::serve::{ServeArgs, Server};
-use super::status::CliError;
+use super::status::{CliError, ExitStatus};
 use crate::case::Parameters;
 use crate::logs;
 use crate::prepare::Source;
@@ -96,7 +96,7 @@ fn temporary_directory() -> Result<tempfile::TempDir, CliError> {
     let made = tempfile::Builder::new().prefix("isocortex-demo-").tempdir();
     made.map_err(|error| {
         let message = format!("no temporary directory can be made: {error}");
-        CliError::new(super::status::ExitStatus::CannotCreate, message)
+        CliError::new(ExitStatus::CannotCreate, message)
     })
 }
 
@@ -129,11 +129,12 @@ fn from_files(name: &str, volume: &Path, mask: Option<&Path>) -> Result<Sample, 
 
 fn phantom() -> Result<Sample, CliError> {
     let head = geometry::phantom::head(PHANTOM_SPACING_MM);
+    let unwritable = |error| CliError::new(ExitStatus::Internal, error);
     Ok(Sample {
         name: "Phantom (not a real head)".to_owned(),
         source: Source {
-            volume: imaging::nifti::write_volume(&head.volume).into(),
-            mask: Some(imaging::nifti::write_mask(&head.brain).into()),
+            volume: imaging::nifti::write_volume(&head.volume).map_err(unwritable)?.into(),
+            mask: Some(imaging::nifti::write_mask(&head.brain).map_err(unwritable)?.into()),
         },
     })
 }

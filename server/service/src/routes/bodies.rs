@@ -1,12 +1,13 @@
 //! Bodies that are made once, compressed once, and kept within a budget of bytes.
 
 use bytes::Bytes;
-use geometry::{MeshSize, PathKind};
+use geometry::MeshSize;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
 use crate::caching::compress;
 use crate::case::CaseId;
+use crate::models::PathKind;
 use crate::negotiate::Coding;
 use crate::problem::AppError;
 use crate::render_pool::RenderPool;

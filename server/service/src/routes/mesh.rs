@@ -6,7 +6,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{MeshSize, PathKind, PathTable};
+use geometry::{MeshSize, PathTable};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -16,6 +16,7 @@ use super::query::{
     ApiQuery, CasePath, Checked, MAX_CONTOURS, MAX_POINTS, check_count, check_depth,
 };
 use crate::caching::{EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
+use crate::models::PathKind;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;

@@ -160,7 +160,8 @@ impl Store {
         match rebuilt {
             Ok(derived) => {
                 let framed = frame_all(derived.objects).await?;
-                self.publish(Publisher::Rebuild(id), &framed, &derived.facts).await?;
+                self.publish(Publisher::Rebuild(id), &framed, &derived.facts)
+                    .await?;
                 self.signals().count(Count::Rebuild);
                 tracing::warn!(case = %id, "the derived objects of a case were made again from its source");
             }
@@ -196,7 +197,9 @@ impl Store {
     ) -> Result<Published, StoreError> {
         for _ in 0..PUBLISH_ATTEMPTS {
             let pinned = self.pin(derived.iter().map(|framed| framed.name)).await?;
-            let published = self.publish_pinned(publisher, derived, &pinned, facts).await;
+            let published = self
+                .publish_pinned(publisher, derived, &pinned, facts)
+                .await;
             if !matches!(published, Ok(Published::Done)) {
                 self.abandon(&pinned).await;
             }

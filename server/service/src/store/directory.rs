@@ -106,7 +106,9 @@ fn remove_if_older(path: &Path, age: Duration) -> io::Result<()> {
         Ok(written) => written,
         Err(error) => return gone_is_fine(error),
     };
-    let since = SystemTime::now().duration_since(written).unwrap_or_default();
+    let since = SystemTime::now()
+        .duration_since(written)
+        .unwrap_or_default();
     if since < age {
         return Ok(());
     }
@@ -130,7 +132,9 @@ mod tests {
         let staged = root.join("objects/volume/ab");
         std::fs::create_dir_all(&staged).unwrap();
         let files = [root.join("uploads/upload-x"), staged.join("abcd#1")];
-        files.each_ref().map(|file| std::fs::write(file, b"half").unwrap());
+        files
+            .each_ref()
+            .map(|file| std::fs::write(file, b"half").unwrap());
         files
     }
 
@@ -152,7 +156,12 @@ mod tests {
         let (_first, _) = open(root.path()).await;
         let [fresh, stale] = leftovers(root.path());
         let long_ago = SystemTime::now() - STALE_AFTER - Duration::from_secs(1);
-        File::options().write(true).open(&stale).unwrap().set_modified(long_ago).unwrap();
+        File::options()
+            .write(true)
+            .open(&stale)
+            .unwrap()
+            .set_modified(long_ago)
+            .unwrap();
         let (_second, alone) = open(root.path()).await;
         assert!(!alone && fresh.exists() && !stale.exists());
     }

@@ -60,14 +60,14 @@ enum Encoding {
 
 /// A payload ready to be stored: packed, named, and with its header.
 #[derive(Debug, Clone)]
-pub(super) struct Framed {
+pub(crate) struct Framed {
     pub(super) name: ObjectName,
     pub(super) header: [u8; HEADER_LENGTH],
     pub(super) payload: Bytes,
 }
 
 /// Packs a payload where that pays (it saves a sixteenth at least), and frames it.
-pub(super) fn frame(kind: ObjectKind, plain: Bytes) -> Framed {
+pub(crate) fn frame(kind: ObjectKind, plain: Bytes) -> Framed {
     let plain_length = plain.len() as u64;
     let packed = zstd::bulk::compress(&plain, ZSTD_LEVEL)
         .ok()
@@ -121,7 +121,9 @@ fn header(
 /// # Errors
 /// When any byte is not as it was written.
 pub(super) fn unframe(name: &ObjectName, framed: &Bytes) -> Result<Bytes, FrameError> {
-    let header = framed.get(..HEADER_LENGTH).ok_or(FrameError::HeaderTruncated)?;
+    let header = framed
+        .get(..HEADER_LENGTH)
+        .ok_or(FrameError::HeaderTruncated)?;
     if &header[..8] != MAGIC {
         return Err(FrameError::NoMagic);
     }
@@ -132,7 +134,9 @@ pub(super) fn unframe(name: &ObjectName, framed: &Bytes) -> Result<Bytes, FrameE
     if header[8..10] != VERSION.to_le_bytes() {
         return Err(FrameError::UnknownVersion);
     }
-    if header[10..12] != name.kind.code().to_le_bytes() || header[32..64] != name.digest.as_bytes()[..] {
+    if header[10..12] != name.kind.code().to_le_bytes()
+        || header[32..64] != name.digest.as_bytes()[..]
+    {
         return Err(FrameError::AnotherObject);
     }
     let payload = framed.slice(HEADER_LENGTH..);
@@ -189,7 +193,11 @@ mod tests {
 
     #[test]
     fn a_payload_comes_back_as_it_was_whether_packing_pays_or_not() {
-        for (plain, packed) in [(compressible(), true), (incompressible(), false), (Bytes::new(), false)] {
+        for (plain, packed) in [
+            (compressible(), true),
+            (incompressible(), false),
+            (Bytes::new(), false),
+        ] {
             let framed = frame(ObjectKind::Envelope, plain.clone());
             assert_eq!(framed.payload.len() < plain.len(), packed);
             assert_eq!(unframe(&framed.name, &whole(&framed).into()), Ok(plain));
@@ -217,21 +225,37 @@ mod tests {
             assert!(unframe(&framed.name, &good[..length].to_vec().into()).is_err());
         }
         let longer = [&good[..], b"x"].concat();
-        assert_eq!(unframe(&framed.name, &longer.into()), Err(FrameError::WrongLength));
+        assert_eq!(
+            unframe(&framed.name, &longer.into()),
+            Err(FrameError::WrongLength)
+        );
     }
 
     #[test]
     fn a_sound_object_at_another_ones_address_is_found() {
-        let [here, there] = [compressible(), incompressible()].map(|plain| frame(ObjectKind::Volume, plain));
-        assert_eq!(unframe(&here.name, &whole(&there).into()), Err(FrameError::AnotherObject));
-        let as_mask = ObjectName { kind: ObjectKind::SourceMask, ..there.name };
-        assert_eq!(unframe(&as_mask, &whole(&there).into()), Err(FrameError::AnotherObject));
+        let [here, there] =
+            [compressible(), incompressible()].map(|plain| frame(ObjectKind::Volume, plain));
+        assert_eq!(
+            unframe(&here.name, &whole(&there).into()),
+            Err(FrameError::AnotherObject)
+        );
+        let as_mask = ObjectName {
+            kind: ObjectKind::SourceMask,
+            ..there.name
+        };
+        assert_eq!(
+            unframe(&as_mask, &whole(&there).into()),
+            Err(FrameError::AnotherObject)
+        );
     }
 
     #[test]
     fn a_promise_of_gigabytes_is_not_believed() {
         let payload = Bytes::from_static(b"not zstd");
-        let name = ObjectName { kind: ObjectKind::Volume, digest: blake3::hash(&payload) };
+        let name = ObjectName {
+            kind: ObjectKind::Volume,
+            digest: blake3::hash(&payload),
+        };
         let header = header(&name, Encoding::Zstd, payload.len() as u64, u64::MAX);
         let bytes = [&header[..], &payload].concat();
         assert_eq!(unframe(&name, &bytes.into()), Err(FrameError::NotUnpacked));

@@ -50,12 +50,15 @@ use crate::case::{Case, CaseId};
 use crate::prepare::{Limits, Pipeline, Preparation};
 
 pub use self::clock::Clock;
+pub(crate) use self::derived::{Publisher, frame_all, source_damaged};
 pub use self::error::StoreError;
 pub use self::name::{ObjectKind, ObjectName};
 pub use self::objects::Objects;
 pub use self::page::{Cursor, Page};
-pub use self::rows::CaseRows;
-pub(crate) use self::rows::{Claim, LeaseTerms, Published, Release};
+pub use self::rows::{
+    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
+};
+pub(crate) use self::signals::Count;
 pub use self::signals::Counters;
 pub use self::spool::{Spool, Spooled, Upload};
 pub use self::sqlite::SqliteRows;

@@ -16,7 +16,7 @@ const PART_LENGTH: usize = 8 << 20;
 
 /// An object that cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum Unreadable {
+pub(super) enum Unreadable {
     /// It is not there.
     #[error("an object is missing")]
     Missing,

@@ -34,7 +34,12 @@ impl Cursor {
 
 impl fmt::Display for Cursor {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{}-{}", self.created_at.as_microsecond(), self.id)
+        write!(
+            formatter,
+            "{}-{}",
+            self.created_at.as_microsecond(),
+            self.id
+        )
     }
 }
 
@@ -55,9 +60,18 @@ mod tests {
     #[test]
     fn a_cursor_is_read_back_as_it_was_written() {
         let id = CaseId::of(&blake3::hash(b""), None, &Parameters::default());
-        let cursor = Cursor { created_at: Timestamp::from_microsecond(1_234_567).unwrap(), id };
+        let cursor = Cursor {
+            created_at: Timestamp::from_microsecond(1_234_567).unwrap(),
+            id,
+        };
         assert_eq!(Cursor::parse(&cursor.to_string()), Some(cursor));
-        for text in ["", "-", "1-2", "x-00000000000000000000000000000000", "99999999999999999999-0"] {
+        for text in [
+            "",
+            "-",
+            "1-2",
+            "x-00000000000000000000000000000000",
+            "99999999999999999999-0",
+        ] {
             assert_eq!(Cursor::parse(text), None, "{text}");
         }
     }

@@ -84,9 +84,8 @@ impl Signals {
 
     pub(super) fn watch(&self, id: &CaseId) -> watch::Receiver<Signal> {
         let mut watched = lock(&self.watched);
-        watched.retain(|_, sender| {
-            sender.receiver_count() > 0 || sender.borrow().progress.is_some()
-        });
+        watched
+            .retain(|_, sender| sender.receiver_count() > 0 || sender.borrow().progress.is_some());
         watched.entry(*id).or_default().subscribe()
     }
 
@@ -96,7 +95,9 @@ impl Signals {
             return;
         }
         let watched = lock(&self.watched);
-        let progress = watched.get(&case.id).and_then(|sender| sender.borrow().progress);
+        let progress = watched
+            .get(&case.id)
+            .and_then(|sender| sender.borrow().progress);
         case.progress = progress.or(case.progress);
     }
 
@@ -110,7 +111,10 @@ impl Signals {
     /// A preparation has ended.
     pub(crate) fn end(&self, id: &CaseId, cancelled: &Arc<AtomicBool>) {
         let mut running = lock(&self.running);
-        if running.get(id).is_some_and(|flag| Arc::ptr_eq(flag, cancelled)) {
+        if running
+            .get(id)
+            .is_some_and(|flag| Arc::ptr_eq(flag, cancelled))
+        {
             running.remove(id);
         }
         drop(running);

@@ -59,7 +59,8 @@ impl Store {
             }
             None => None,
         };
-        self.submit_upload(Upload { volume, mask }, parameters).await
+        self.submit_upload(Upload { volume, mask }, parameters)
+            .await
     }
 
     async fn submit_now(
@@ -124,7 +125,10 @@ impl Store {
         parameters: &Parameters,
     ) -> Result<Inserted, StoreError> {
         for (name, file) in files {
-            self.inner.objects.put_file(name, file.path(), file.len()).await?;
+            self.inner
+                .objects
+                .put_file(name, file.path(), file.len())
+                .await?;
         }
         let new = NewCase {
             id: *id,

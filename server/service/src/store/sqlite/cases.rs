@@ -104,10 +104,11 @@ pub(super) async fn is_ready(
     connection: &mut SqliteConnection,
     id: &CaseId,
 ) -> Result<bool, StoreError> {
-    let ready = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM cases WHERE id = ? AND state = 'ready')")
-        .bind(id.to_string())
-        .fetch_one(connection)
-        .await?;
+    let ready =
+        sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM cases WHERE id = ? AND state = 'ready')")
+            .bind(id.to_string())
+            .fetch_one(connection)
+            .await?;
     Ok(ready)
 }
 
@@ -197,7 +198,8 @@ pub(super) async fn page(
 }
 
 fn read(row: &SqliteRow) -> Result<Case, StoreError> {
-    let unreadable = |what: &str| StoreError::Rows(format!("a case's row has an unknown {what}").into());
+    let unreadable =
+        |what: &str| StoreError::Rows(format!("a case's row has an unknown {what}").into());
     let id: String = row.try_get("id")?;
     let state: String = row.try_get("state")?;
     let failure: Option<String> = row.try_get("failure")?;
@@ -211,8 +213,14 @@ fn read(row: &SqliteRow) -> Result<Case, StoreError> {
         },
         state: read_state(&state).ok_or_else(|| unreadable("state"))?,
         progress: read_progress(row)?,
-        failure: failure.as_deref().map(serde_json::from_str::<Failure>).transpose()?,
-        facts: facts.as_deref().map(serde_json::from_str::<CaseFacts>).transpose()?,
+        failure: failure
+            .as_deref()
+            .map(serde_json::from_str::<Failure>)
+            .transpose()?,
+        facts: facts
+            .as_deref()
+            .map(serde_json::from_str::<CaseFacts>)
+            .transpose()?,
         created_at: created_at.map_err(|_| unreadable("time"))?,
     })
 }
@@ -231,5 +239,7 @@ fn read_progress(row: &SqliteRow) -> Result<Option<Progress>, StoreError> {
     let stage: Option<String> = row.try_get("stage")?;
     let fraction: Option<f32> = row.try_get("fraction")?;
     let stage = stage.as_deref().and_then(Stage::from_name);
-    Ok(stage.zip(fraction).map(|(stage, fraction)| Progress { stage, fraction }))
+    Ok(stage
+        .zip(fraction)
+        .map(|(stage, fraction)| Progress { stage, fraction }))
 }

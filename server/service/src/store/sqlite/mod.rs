@@ -124,7 +124,10 @@ impl CaseRows for SqliteRows {
     async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
         // Most looks find nothing; they shall not wait for the writers.
         let mut reader = self.pool.acquire().await?;
-        if jobs::oldest_available(&mut reader, terms.now).await?.is_none() {
+        if jobs::oldest_available(&mut reader, terms.now)
+            .await?
+            .is_none()
+        {
             return Ok(None);
         }
         drop(reader);
