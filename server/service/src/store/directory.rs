@@ -26,6 +26,7 @@ impl Directory {
         root: &Path,
         when_alone: impl AsyncFnOnce(&Path) -> Result<(), E>,
     ) -> Result<Self, E> {
+        create_private(root)?;
         std::fs::create_dir_all(root.join("objects"))?;
         std::fs::create_dir_all(root.join("uploads"))?;
         let lock = OpenOptions::new()
@@ -50,6 +51,15 @@ impl Directory {
     pub(super) fn uploads(&self) -> PathBuf {
         self.root.join("uploads")
     }
+}
+
+/// Creates a directory that its owner alone may enter: it will hold images of patients.
+fn create_private(root: &Path) -> io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(root)
 }
 
 /// Waits for the lock: another process may be sweeping, which takes moments.
@@ -132,9 +142,9 @@ mod tests {
         let staged = root.join("objects/volume/ab");
         std::fs::create_dir_all(&staged).unwrap();
         let files = [root.join("uploads/upload-x"), staged.join("abcd#1")];
-        files
-            .each_ref()
-            .map(|file| std::fs::write(file, b"half").unwrap());
+        for file in &files {
+            std::fs::write(file, b"half").unwrap();
+        }
         files
     }
 

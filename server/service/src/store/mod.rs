@@ -35,6 +35,10 @@ mod signals;
 mod spool;
 mod sqlite;
 mod submit;
+#[cfg(test)]
+pub(crate) mod testing;
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::fmt;
