@@ -8,8 +8,14 @@ use crate::sampler::Sampler;
 /// How far a hit may be from the isosurface, in voxels of depth.
 const TOLERANCE: f32 = 0.04;
 
+/// How far from a guess a hit may be, in voxels.
+const MAX_CORRECTION: f32 = 3.0;
+
 /// The shortest step along a line of sight, in voxels.
 const SHORTEST_STEP: f32 = 0.25;
+
+/// How much further than the distance to the isosurface a step along a line of sight may be.
+const LONGEST_STRETCH: f32 = 2.0;
 
 /// How many steps a line of sight is followed: more than any takes through a grid of 512 voxels a side.
 const MAX_STEPS: usize = 4096;
@@ -35,7 +41,7 @@ impl<'a> Isosurface<'a> {
     }
 
     /// How far a position in voxel coordinates lies below the isosurface; negative above it.
-    #[inline]
+    #[inline(always)]
     fn below(&self, position: [f32; 3]) -> f32 {
         (self.field.at(position) - self.depth) * (1.0 / DepthField::STEPS_PER_VOXEL)
     }
@@ -62,8 +68,11 @@ impl<'a> Isosurface<'a> {
             outside += below.max(SHORTEST_STEP);
             below = self.below(ray.at(outside));
         }
+        // A slanted surface is approached in longer steps than a faced one.
+        let mut stretch = 1.0;
         for _ in 0..MAX_STEPS {
-            let height = outside - (0.9 * -below).max(SHORTEST_STEP);
+            let step = (stretch * -below).max(SHORTEST_STEP);
+            let height = outside - step;
             if height < end {
                 return None;
             }
@@ -71,6 +80,7 @@ impl<'a> Isosurface<'a> {
             if here >= 0.0 {
                 return Some(self.between(ray, (outside, below), (height, here)));
             }
+            stretch = (step / (here - below).abs().max(1e-6)).clamp(1.0, LONGEST_STRETCH);
             (outside, below) = (height, here);
         }
         None
@@ -116,6 +126,6 @@ impl<'a> Isosurface<'a> {
             slope = if secant > 0.1 { secant } else { slope };
             (height, below) = (next, there);
         }
-        (below.abs() <= TOLERANCE && (height - guess).abs() < 2.0).then_some(height)
+        (below.abs() <= TOLERANCE && (height - guess).abs() < MAX_CORRECTION).then_some(height)
     }
 }

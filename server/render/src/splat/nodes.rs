@@ -6,6 +6,9 @@ use super::seeds::{Lattice, Seeds};
 use crate::isosurface::Isosurface;
 use crate::rays::Rays;
 
+/// The cosine at which a surface is seen as long as nothing better is known.
+const USUAL_FACING: f32 = 0.75;
+
 /// What a node's line of sight meets.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Node {
@@ -36,9 +39,14 @@ pub(super) fn nodes(
         .map(|(index, &start)| {
             let [x, y] = [index % columns, index / columns].map(|node| seeds.lattice.pixel(node));
             let ray = rays.through(x, y);
-            let hit = (start > f32::NEG_INFINITY)
-                .then(|| isosurface.first_hit(&ray, start, lowest))
+            let seed = seeds.heights[index];
+            let near = (seed > f32::NEG_INFINITY)
+                .then(|| isosurface.hit_near(&ray, seed, USUAL_FACING))
                 .flatten();
+            let hit = match near {
+                None if start > f32::NEG_INFINITY => isosurface.first_hit(&ray, start, lowest),
+                near => near,
+            };
             let Some(height) = hit else {
                 return Node {
                     height: f32::NEG_INFINITY,

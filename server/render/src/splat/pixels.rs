@@ -6,7 +6,7 @@ use crate::isosurface::Isosurface;
 use crate::rays::{Ray, Rays};
 
 /// The greatest difference between the heights of four nodes between which the surface counts as one piece, in voxels.
-const SMOOTH: f32 = 3.0;
+const SMOOTH: f32 = 6.0;
 
 /// The isosurface as the picture's pixels see it.
 #[derive(Debug)]
