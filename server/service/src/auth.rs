@@ -182,10 +182,21 @@ mod tests {
                 .check_host(&Uri::from_static("/"), &with_header(header::HOST, host))
                 .is_ok()
         };
-        for host in ["localhost", "LOCALHOST:8640", "127.0.0.1:1", "[::1]:8640", "[::1]"] {
+        for host in [
+            "localhost",
+            "LOCALHOST:8640",
+            "127.0.0.1:1",
+            "[::1]:8640",
+            "[::1]",
+        ] {
             assert!(allowed(host), "{host}");
         }
-        for host in ["example.org", "localhost.example.org:80", "10.0.0.1", "127.0.0.1.nip.io"] {
+        for host in [
+            "example.org",
+            "localhost.example.org:80",
+            "10.0.0.1",
+            "127.0.0.1.nip.io",
+        ] {
             assert!(!allowed(host), "{host}");
         }
     }

@@ -15,8 +15,7 @@ use crate::problem::AppError;
 const FORMAT_VERSION: u8 = 1;
 
 /// How long answers stay fresh: a pure function of id and query never goes stale.
-pub const IMMUTABLE: HeaderValue =
-    HeaderValue::from_static("private, max-age=31536000, immutable");
+pub const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
 /// zstd's own default: within a few percent of the best here at a hundredth of its time.
 const ZSTD_LEVEL: i32 = 3;
@@ -163,22 +162,13 @@ impl Representation {
 }
 
 /// The answer to a client that has it already.
-pub fn not_modified(
-    tag: &EntityTag,
-    vary: &'static str,
-    cache_control: HeaderValue,
-) -> Response {
+pub fn not_modified(tag: &EntityTag, vary: &'static str, cache_control: HeaderValue) -> Response {
     let mut response = StatusCode::NOT_MODIFIED.into_response();
     about(response.headers_mut(), tag, vary, cache_control);
     response
 }
 
-fn about(
-    headers: &mut HeaderMap,
-    tag: &EntityTag,
-    vary: &'static str,
-    cache_control: HeaderValue,
-) {
+fn about(headers: &mut HeaderMap, tag: &EntityTag, vary: &'static str, cache_control: HeaderValue) {
     headers.insert(header::ETAG, tag.0.clone());
     headers.insert(header::CACHE_CONTROL, cache_control);
     headers.insert(header::VARY, HeaderValue::from_static(vary));

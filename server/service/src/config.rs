@@ -282,6 +282,12 @@ mod tests {
             render_threads: 0,
             ..Config::default()
         };
-        assert!(config.check().unwrap_err().to_string().contains("render_threads"));
+        assert!(
+            config
+                .check()
+                .unwrap_err()
+                .to_string()
+                .contains("render_threads")
+        );
     }
 }

@@ -18,4 +18,5 @@ pub mod render_pool;
 pub mod routes;
 pub mod state;
 pub mod store;
+pub mod turnstile;
 pub mod wire;

@@ -93,12 +93,15 @@ fn connection(
     stream: TcpStream,
     app: Router,
     header_timeout: Duration,
-) -> http1::Connection<TokioIo<TcpStream>, impl hyper::service::Service<
-    Request<hyper::body::Incoming>,
-    Response = axum::response::Response,
-    Error = Infallible,
-    Future: Send,
->> {
+) -> http1::Connection<
+    TokioIo<TcpStream>,
+    impl hyper::service::Service<
+        Request<hyper::body::Incoming>,
+        Response = axum::response::Response,
+        Error = Infallible,
+        Future: Send,
+    >,
+> {
     let service = hyper::service::service_fn(move |request: Request<hyper::body::Incoming>| {
         app.clone().oneshot(request.map(Body::new))
     });

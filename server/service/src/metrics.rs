@@ -151,6 +151,11 @@ mod tests {
         assert!(text.contains("isocortex_http_in_flight 1"));
         assert!(text.contains("isocortex_render_queue_waiting 3"));
         drop(guard);
-        assert!(metrics.text(0).unwrap().contains("isocortex_http_in_flight 0"));
+        assert!(
+            metrics
+                .text(0)
+                .unwrap()
+                .contains("isocortex_http_in_flight 0")
+        );
     }
 }

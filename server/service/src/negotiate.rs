@@ -128,10 +128,7 @@ mod tests {
 
     #[test]
     fn the_first_offer_is_the_default() {
-        assert_eq!(
-            media_type(&HeaderMap::new(), OFFERED).unwrap(),
-            OFFERED[0]
-        );
+        assert_eq!(media_type(&HeaderMap::new(), OFFERED).unwrap(), OFFERED[0]);
         assert_eq!(picked("*/*"), Some(OFFERED[0]));
     }
 

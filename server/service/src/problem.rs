@@ -227,10 +227,7 @@ impl AppError {
         let (status, kind) = self.status_and_kind();
         Problem {
             kind: format!("{TYPE_PREFIX}{kind}"),
-            title: status
-                .canonical_reason()
-                .unwrap_or("Error")
-                .to_owned(),
+            title: status.canonical_reason().unwrap_or("Error").to_owned(),
             status: status.as_u16(),
             detail: self.detail(),
             parameter: self.parameter(),
@@ -239,8 +236,7 @@ impl AppError {
 }
 
 fn failure_status_and_kind(failure: &Failure) -> (StatusCode, Cow<'static, str>) {
-    let status =
-        StatusCode::from_u16(failure.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    let status = StatusCode::from_u16(failure.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     (status, failure.kind.clone().into())
 }
 
@@ -248,8 +244,8 @@ impl IntoResponse for AppError {
     fn into_response(self) -> Response {
         log(&self);
         let problem = self.problem();
-        let status = StatusCode::from_u16(problem.status)
-            .unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let status =
+            StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let mut response = (status, Json(problem)).into_response();
         let headers = response.headers_mut();
         headers.insert(
@@ -265,10 +261,7 @@ impl IntoResponse for AppError {
 }
 
 /// The header that a status asks for.
-fn extra_header(
-    error: &AppError,
-    status: StatusCode,
-) -> Option<(header::HeaderName, HeaderValue)> {
+fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderName, HeaderValue)> {
     match error {
         AppError::Unauthorized => Some((
             header::WWW_AUTHENTICATE,

@@ -12,10 +12,12 @@ use crate::case::{CaseFacts, CaseId, CaseState};
 use crate::config::{Config, ConfigError};
 use crate::metrics::Metrics;
 use crate::models::{Model, Models};
+use crate::prepare::Limits;
 use crate::problem::AppError;
 use crate::render_pool::RenderPool;
 use crate::routes::bodies::Bodies;
 use crate::store::{Options, Store, StoreError};
+use crate::turnstile::Turnstile;
 
 /// How many cases are remembered to be ready.
 const REMEMBERED_CASES: usize = 4096;
@@ -44,6 +46,10 @@ pub struct Shared {
     pub metrics: Metrics,
     /// Who may ask.
     pub access: Access,
+    /// Work that the store does for a request.
+    pub turnstile: Turnstile,
+    /// What uploads may ask for.
+    pub upload_limits: Limits,
     /// The largest accepted upload, in bytes.
     pub max_upload_bytes: u64,
     /// Time for an answer.
@@ -88,7 +94,9 @@ impl AppState {
             queue_limit: config.max_queued_cases,
             ..Options::default()
         };
+        let upload_limits = options.limits;
         let store = Store::open_with(&config.data, options).await?;
+        let turnstile = Turnstile::new(config.render_threads, config.max_queued_renders);
         let pool = RenderPool::start(config.render_threads, config.max_queued_renders)
             .map_err(StartError::Threads)?;
         Ok(Self(Arc::new(Shared {
@@ -96,6 +104,8 @@ impl AppState {
             store,
             bodies: Bodies::new(pool.clone(), config.body_cache_bytes),
             pool,
+            turnstile,
+            upload_limits,
             metrics: Metrics::new(),
             access,
             max_upload_bytes: config.max_upload_bytes,
@@ -122,8 +132,7 @@ impl Shared {
         match (case.state, case.facts, case.failure) {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);
-                self.ready
-                    .insert(*id, (Instant::now(), Arc::clone(&facts)));
+                self.ready.insert(*id, (Instant::now(), Arc::clone(&facts)));
                 Ok(facts)
             }
             (CaseState::Failed, _, Some(failure)) => Err(failure.into()),

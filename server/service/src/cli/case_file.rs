@@ -74,10 +74,12 @@ pub(super) fn write(prepared: Prepared) -> Result<Vec<u8>, CliError> {
     file.extend_from_slice(&VERSION.to_le_bytes());
     let facts = serde_json::to_vec(&facts).map_err(|error| unwritable(&error))?;
     let object = |kind| objects.iter().find(|(other, _)| *other == kind);
-    let objects = KINDS.into_iter().filter_map(object).map(|(_, bytes)| &bytes[..]);
+    let objects = KINDS
+        .into_iter()
+        .filter_map(object)
+        .map(|(_, bytes)| &bytes[..]);
     for part in std::iter::once(&facts[..]).chain(objects) {
-        let packed =
-            zstd::bulk::compress(part, ZSTD_LEVEL).map_err(|error| unwritable(&error))?;
+        let packed = zstd::bulk::compress(part, ZSTD_LEVEL).map_err(|error| unwritable(&error))?;
         file.extend_from_slice(blake3::hash(part).as_bytes());
         file.extend_from_slice(&(packed.len() as u64).to_le_bytes());
         file.extend_from_slice(&(part.len() as u64).to_le_bytes());

@@ -60,7 +60,10 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         None => Some(temporary_directory()?),
     };
     let serve = ServeArgs {
-        data: args.data.clone().or_else(|| temporary.as_ref().map(|made| made.path().to_owned())),
+        data: args
+            .data
+            .clone()
+            .or_else(|| temporary.as_ref().map(|made| made.path().to_owned())),
         listen: args.listen,
         log: Some("warn".to_owned()),
         ..ServeArgs::default()
@@ -133,8 +136,14 @@ fn phantom() -> Result<Sample, CliError> {
     Ok(Sample {
         name: "Phantom (not a real head)".to_owned(),
         source: Source {
-            volume: imaging::nifti::write_volume(&head.volume).map_err(unwritable)?.into(),
-            mask: Some(imaging::nifti::write_mask(&head.brain).map_err(unwritable)?.into()),
+            volume: imaging::nifti::write_volume(&head.volume)
+                .map_err(unwritable)?
+                .into(),
+            mask: Some(
+                imaging::nifti::write_mask(&head.brain)
+                    .map_err(unwritable)?
+                    .into(),
+            ),
         },
     })
 }

@@ -70,10 +70,7 @@ pub(super) fn source(volume: &Path, mask: Option<&Path>) -> Result<Source, CliEr
 }
 
 /// Prepares an input in this process, showing the progress.
-pub(super) fn prepare_here(
-    source: &Source,
-    parameters: &Parameters,
-) -> Result<Prepared, CliError> {
+pub(super) fn prepare_here(source: &Source, parameters: &Parameters) -> Result<Prepared, CliError> {
     let display = ProgressDisplay::new();
     let observe = |progress| display.show(progress);
     let never = AtomicBool::new(false);

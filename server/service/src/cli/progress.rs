@@ -37,7 +37,10 @@ impl ProgressDisplay {
             bar.set_message(words);
             return;
         }
-        let mut last = self.last.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut last = self
+            .last
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner());
         if last.replace(progress.stage) != Some(progress.stage) {
             eprintln!("{words} …");
         }

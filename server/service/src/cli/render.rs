@@ -48,7 +48,12 @@ struct PictureArgs {
     #[arg(long, value_enum)]
     view: Option<View>,
     /// The quaternion x,y,z,w from patient to view space, instead of --view.
-    #[arg(long, value_name = "X,Y,Z,W", conflicts_with = "view", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "X,Y,Z,W",
+        conflicts_with = "view",
+        allow_hyphen_values = true
+    )]
     orientation: Option<Numbers<4>>,
     /// Who draws.
     #[arg(long, value_enum, default_value_t)]
@@ -129,21 +134,23 @@ fn case_id(input: &Path) -> Option<CaseId> {
     (!input.exists()).then_some(id)
 }
 
-async fn of_case(
-    args: &RenderArgs,
-    id: CaseId,
-    query: &RenderQuery,
-) -> Result<Vec<u8>, CliError> {
+async fn of_case(args: &RenderArgs, id: CaseId, query: &RenderQuery) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().data);
     if !data.is_dir() {
-        let message = format!("there is no store at {}; say where with --data", data.display());
+        let message = format!(
+            "there is no store at {}; say where with --data",
+            data.display()
+        );
         return Err(CliError::new(ExitStatus::NoInput, message));
     }
     let store = Store::open(&data).await?;
     let model = Models::new(store, u64::MAX).get(&id).await?;
     let model = model.ok_or_else(|| {
-        CliError::new(ExitStatus::NoInput, "the store has no such case that is ready")
+        CliError::new(
+            ExitStatus::NoInput,
+            "the store has no such case that is ready",
+        )
     })?;
     let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
     let request = query.request(depth_mm, window_of(&model.facts))?;

@@ -181,7 +181,9 @@ impl From<Case> for CaseView {
                 stage: progress.stage.name(),
                 fraction: progress.fraction,
             }),
-            error: case.failure.map(|failure| AppError::from(failure).problem()),
+            error: case
+                .failure
+                .map(|failure| AppError::from(failure).problem()),
             ready: case.facts.map(ReadyView::from),
         }
     }

@@ -86,11 +86,22 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
     let description = serde_json::to_value(openapi).unwrap_or_default();
     let manual = manual::html(&description);
     let mut documents = vec![
-        ("/openapi.json", "application/json", description.to_string().into()),
+        (
+            "/openapi.json",
+            "application/json",
+            description.to_string().into(),
+        ),
         ("/docs", HTML, Bytes::from(manual)),
-        ("/docs.css", CSS, Bytes::from_static(manual::STYLE.as_bytes())),
+        (
+            "/docs.css",
+            CSS,
+            Bytes::from_static(manual::STYLE.as_bytes()),
+        ),
     ];
-    documents.extend(PAGE.iter().map(|&(address, kind, bytes)| (address, kind, Bytes::from_static(bytes))));
+    documents.extend(
+        PAGE.iter()
+            .map(|&(address, kind, bytes)| (address, kind, Bytes::from_static(bytes))),
+    );
     documents
         .into_iter()
         .fold(Router::new(), |router, (address, kind, bytes)| {
@@ -111,7 +122,9 @@ mod tests {
     fn every_script_that_the_page_imports_is_served() {
         for (_, kind, bytes) in PAGE {
             let text = std::str::from_utf8(bytes).unwrap();
-            let imports = text.match_indices("from \"./").map(|(at, found)| &text[at + found.len()..]);
+            let imports = text
+                .match_indices("from \"./")
+                .map(|(at, found)| &text[at + found.len()..]);
             for import in imports {
                 let file = import.split('"').next().unwrap();
                 let served = PAGE.iter().any(|(address, ..)| address[1..] == *file);

@@ -1,12 +1,10 @@
 //! The mesh at a depth, its triangles, and all depths at once.
 
-use std::sync::Arc;
-
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{MeshSize, PathTable};
+use geometry::{MeshSize, ShrunkMesh};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -31,8 +29,8 @@ const PLY: &str = "application/ply";
 /// The media types of a mesh; the first is the default.
 const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY];
 
-/// Meshes of up to this many vertices are shrunk where the request is read: that takes microseconds, a queue more.
-const VERTICES_AT_ONCE: usize = 16_384;
+/// The most points of a mesh of which every depth is sent: their table has some 50 MB.
+const MAX_TABULATED_POINTS: usize = 1 << 16;
 
 /// What vertices follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
@@ -140,7 +138,12 @@ impl Checked for TrianglesQuery {
 
 impl Checked for PathsQuery {
     fn check(&self) -> Result<(), AppError> {
-        check_size(self.contours, self.points)
+        check_size(self.contours, self.points)?;
+        if self.contours * self.points > MAX_TABULATED_POINTS {
+            let detail = format!("times `points` must be at most {MAX_TABULATED_POINTS} here");
+            return Err(AppError::out_of_range("contours", detail));
+        }
+        Ok(())
     }
 }
 
@@ -182,12 +185,19 @@ pub async fn get_mesh(
     }
     let size = MeshSize::new(query.contours, query.points)?;
     let model = state.model(&id).await?;
-    let table = model.paths(size, query.paths.into()).await?;
     let depth_mm = query.depth_mm.min(facts.max_depth_mm);
-    let body = if format == POSITIONS && size.vertex_count() <= VERTICES_AT_ONCE {
-        wire::positions(&table.shrink(depth_mm))
+    let kind = PathKind::from(query.paths);
+    let at_hand = model.default_paths();
+    let shrunk = if at_hand.size == size && kind == PathKind::Forest {
+        at_hand.shrink(depth_mm)
     } else {
-        let encoded = state.pool.run(move || encode(&table, depth_mm, format));
+        let shrunk = model.shrink(size, kind, depth_mm);
+        state.turnstile.pass(shrunk).await??
+    };
+    let body = if format == POSITIONS {
+        wire::positions(&shrunk)
+    } else {
+        let encoded = state.pool.run(move || encode(&shrunk, size, format));
         encoded.await?
     };
     Representation {
@@ -198,14 +208,10 @@ pub async fn get_mesh(
     .respond(&request)
 }
 
-fn encode(table: &PathTable, depth_mm: f32, format: &str) -> Bytes {
-    let shrunk = table.shrink(depth_mm);
-    if format == POSITIONS {
-        return wire::positions(&shrunk);
-    }
-    let triangles = table.size.triangles();
+fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
+    let triangles = size.triangles();
     let mesh = wire::Mesh {
-        shrunk: &shrunk,
+        shrunk,
         triangles: &triangles,
     };
     let file = match format {
@@ -292,7 +298,7 @@ pub async fn get_paths(
     let size = MeshSize::new(query.contours, query.points)?;
     let kind = PathKind::from(query.paths);
     let model = state.model(&id).await?;
-    let table: Arc<PathTable> = model.paths(size, kind).await?;
+    let table = state.turnstile.pass(model.paths(size, kind)).await??;
     let key = BodyKey {
         id,
         kind: BodyKind::Paths(size, kind),

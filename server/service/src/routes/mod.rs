@@ -72,9 +72,12 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(upload::create_case))
         .layer(DefaultBodyLimit::max(upload_limit))
         .routes(routes!(events::get_events));
-    let guarded = answers.merge(streams).route_layer(
-        middleware::from_fn_with_state(state.access.clone(), auth::require_token),
-    );
+    let guarded = answers
+        .merge(streams)
+        .route_layer(middleware::from_fn_with_state(
+            state.access.clone(),
+            auth::require_token,
+        ));
     let open = OpenApiRouter::new()
         .routes(routes!(health::healthz))
         .routes(routes!(health::readyz))
@@ -95,7 +98,11 @@ pub(crate) fn depth_headers(asked_mm: f32, max_depth_mm: f32) -> HeaderMap {
         HeaderName::from_static("x-isocortex-depth-mm"),
         &depth_mm.to_string(),
     );
-    let clamped = if asked_mm > max_depth_mm { "true" } else { "false" };
+    let clamped = if asked_mm > max_depth_mm {
+        "true"
+    } else {
+        "false"
+    };
     caching::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-clamped"),

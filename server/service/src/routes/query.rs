@@ -121,7 +121,10 @@ pub fn check_depth(depth_mm: f32) -> Result<(), AppError> {
         detail: detail.to_owned(),
     };
     if !depth_mm.is_finite() {
-        return Err(refuse("depth-not-a-number", "must be a finite number of mm"));
+        return Err(refuse(
+            "depth-not-a-number",
+            "must be a finite number of mm",
+        ));
     }
     if depth_mm < 0.0 {
         return Err(refuse(
@@ -246,7 +249,11 @@ mod tests {
             ("window=1,nan", "query-value-unreadable", "window"),
         ];
         for (text, kind, parameter) in expected {
-            assert_eq!(refusal(text), (kind.to_owned(), parameter.to_owned()), "{text}");
+            assert_eq!(
+                refusal(text),
+                (kind.to_owned(), parameter.to_owned()),
+                "{text}"
+            );
         }
     }
 }

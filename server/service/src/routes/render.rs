@@ -6,8 +6,8 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::Response;
 use render::{
-    BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, RenderError, RenderParameters, RenderRequest,
-    Scene, Window,
+    BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, RenderError, RenderParameters,
+    RenderRequest, Scene, Window,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -351,7 +351,10 @@ pub async fn get_render(
     let depth_mm = query.depth_mm.min(facts.max_depth_mm);
     let drawing = query.request(depth_mm, window_of(&facts))?;
     let model = state.model(&id).await?;
-    let picture = state.pool.run(move || draw(&scene(&model), &drawing)).await??;
+    let picture = state
+        .pool
+        .run(move || draw(&scene(&model), &drawing))
+        .await??;
     let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
     headers.insert(
         HeaderName::from_static("x-isocortex-renderer"),
@@ -378,4 +381,3 @@ pub(crate) fn draw(scene: &Scene<'_>, request: &RenderRequest) -> Result<Vec<u8>
 
 /// What every picture names as its maker.
 pub(crate) const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
-

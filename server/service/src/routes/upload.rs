@@ -12,7 +12,8 @@ use utoipa::ToSchema;
 use super::cases::{CaseView, address_of, fresh_json};
 use super::query::{ApiQuery, NoQuery};
 use crate::caching;
-use crate::case::Parameters;
+use crate::case::{CaseId, CaseState, Parameters};
+use crate::prepare::{Source, check};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use crate::store::{Spooled, Upload};
@@ -69,6 +70,7 @@ pub async fn create_case(
         .map_err(|_| AppError::UnsupportedMediaType)?;
     let (upload, parameters) = read_form(&state, form).await?;
     parameters.check()?;
+    check_unless_known(&state, &upload, &parameters).await?;
     let submitted = state.store.submit_upload(upload, parameters).await?;
     let status = if submitted.created {
         StatusCode::ACCEPTED
@@ -85,9 +87,37 @@ pub async fn create_case(
     Ok(response)
 }
 
+/// Refuses at once what cannot be prepared, so that nothing of it gets into the store. What is in the store was checked before.
+async fn check_unless_known(
+    state: &AppState,
+    upload: &Upload,
+    parameters: &Parameters,
+) -> Result<(), AppError> {
+    let mask = upload.mask.as_ref().map(Spooled::digest);
+    let id = CaseId::of(upload.volume.digest(), mask, parameters);
+    let known = state.store.case(&id).await?;
+    if known.is_some_and(|case| case.state != CaseState::Failed) {
+        return Ok(());
+    }
+    let source = Source {
+        volume: upload.volume.read().await?,
+        mask: match &upload.mask {
+            Some(mask) => Some(mask.read().await?),
+            None => None,
+        },
+    };
+    let limits = state.upload_limits;
+    let checked = state.pool.run(move || check(&source, &limits)).await?;
+    Ok(checked?)
+}
+
 /// Refuses what can be refused before the body is read.
 fn refuse_early(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
-    let text = |name| headers.get(name).and_then(|value: &HeaderValue| value.to_str().ok());
+    let text = |name| {
+        headers
+            .get(name)
+            .and_then(|value: &HeaderValue| value.to_str().ok())
+    };
     let is_form = text(header::CONTENT_TYPE)
         .is_some_and(|kind| kind.to_ascii_lowercase().starts_with("multipart/form-data"));
     if !is_form {
@@ -117,9 +147,17 @@ async fn read_form(
             "volume" => set_once(&mut volume, &name, spool(state, limits, field).await?)?,
             "mask" => set_once(&mut mask, &name, spool(state, limits, field).await?)?,
             "parameters" => {
-                set_once(&mut parameters, &name, read_parameters(limits, field).await?)?;
+                set_once(
+                    &mut parameters,
+                    &name,
+                    read_parameters(limits, field).await?,
+                )?;
             }
-            "dicom" => return Err(AppError::NotImplemented { what: "reading DICOM" }),
+            "dicom" => {
+                return Err(AppError::NotImplemented {
+                    what: "reading DICOM",
+                });
+            }
             _ => return Err(unknown_part()),
         }
     }

@@ -120,7 +120,8 @@ mod tests {
         assert_eq!(&file[..4], MAGIC);
         assert_eq!(u32_at(&file, 8) as usize, file.len());
         let text_length = u32_at(&file, 12) as usize;
-        let document: serde_json::Value = serde_json::from_slice(&file[20..20 + text_length]).unwrap();
+        let document: serde_json::Value =
+            serde_json::from_slice(&file[20..20 + text_length]).unwrap();
         let binary = 20 + text_length;
         assert_eq!(binary % 4, 0);
         assert_eq!(u32_at(&file, binary) as usize, file.len() - binary - 8);
@@ -133,7 +134,9 @@ mod tests {
     fn the_head_is_up_and_the_face_forward() {
         let turned = |[x, y, z]: [f32; 3]| {
             [0, 1, 2].map(|row| {
-                GLTF_FROM_PATIENT[row] * x + GLTF_FROM_PATIENT[4 + row] * y + GLTF_FROM_PATIENT[8 + row] * z
+                GLTF_FROM_PATIENT[row] * x
+                    + GLTF_FROM_PATIENT[4 + row] * y
+                    + GLTF_FROM_PATIENT[8 + row] * z
             })
         };
         assert_eq!(turned([1.0, 0.0, 0.0]), [0.001, 0.0, 0.0]);

@@ -43,7 +43,11 @@ fn write_header(file: &mut Vec<u8>, table: &PathTable, kind: PathKind) {
     file.extend_from_slice(MAGIC);
     file.extend_from_slice(&VERSION.to_le_bytes());
     file.extend_from_slice(&kind.to_le_bytes());
-    file.extend(counts.iter().flat_map(|&count| (count as u32).to_le_bytes()));
+    file.extend(
+        counts
+            .iter()
+            .flat_map(|&count| (count as u32).to_le_bytes()),
+    );
     file.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     file.extend_from_slice(&[0; 4]);
 }
@@ -125,7 +129,10 @@ mod tests {
             [28, 32, 36].map(|offset| f32_at(&file, offset)),
             table.origin_in_patient
         );
-        assert_eq!([40, 44, 48].map(|offset| f32_at(&file, offset)), [0.01, 0.5, 1.75]);
+        assert_eq!(
+            [40, 44, 48].map(|offset| f32_at(&file, offset)),
+            [0.01, 0.5, 1.75]
+        );
         let pieces = HEADER_LENGTH + 4 * 6;
         assert_eq!(u32_at(&file, HEADER_LENGTH + 8), 1);
         assert_eq!(u32_at(&file, pieces), 6);

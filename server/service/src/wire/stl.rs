@@ -14,7 +14,12 @@ pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
         "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} research use only",
         mesh.shrunk.depth_mm
     );
-    file.extend(title.bytes().chain(std::iter::repeat(b' ')).take(HEADER_LENGTH));
+    file.extend(
+        title
+            .bytes()
+            .chain(std::iter::repeat(b' '))
+            .take(HEADER_LENGTH),
+    );
     file.extend_from_slice(&(mesh.triangles.len() as u32).to_le_bytes());
     for triangle in mesh.triangles {
         let corners = triangle.map(|vertex| mesh.shrunk.positions_in_patient[vertex as usize]);

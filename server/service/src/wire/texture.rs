@@ -73,7 +73,9 @@ fn rows_of_affine(grid: &Grid) -> [f64; 12] {
     let translation = affine.translation.to_array();
     std::array::from_fn(|position| {
         let (row, column) = (position / 4, position % 4);
-        columns.get(column).map_or(translation[row], |axis| axis[row])
+        columns
+            .get(column)
+            .map_or(translation[row], |axis| axis[row])
     })
 }
 

@@ -58,10 +58,20 @@ fn write_operation(
     operation: &Value,
 ) -> std::fmt::Result {
     let id = string(&operation["operationId"]);
-    writeln!(page, "<details id=\"{}\"><summary><b>{}</b> <code>{}</code> {}</summary>", escaped(id), method.to_uppercase(), escaped(path), text(&operation["summary"]))?;
+    writeln!(
+        page,
+        "<details id=\"{}\"><summary><b>{}</b> <code>{}</code> {}</summary>",
+        escaped(id),
+        method.to_uppercase(),
+        escaped(path),
+        text(&operation["summary"])
+    )?;
     writeln!(page, "<p>{}</p>", text(&operation["description"]))?;
     if items(&operation["parameters"]).next().is_some() {
-        writeln!(page, "<table><caption>Parameters</caption><tr><th>Name<th>In<th>Type<th>Meaning</tr>")?;
+        writeln!(
+            page,
+            "<table><caption>Parameters</caption><tr><th>Name<th>In<th>Type<th>Meaning</tr>"
+        )?;
         for parameter in items(&operation["parameters"]) {
             writeln!(
                 page,
@@ -75,26 +85,60 @@ fn write_operation(
         writeln!(page, "</table>")?;
     }
     for (media_type, content) in members(&operation["requestBody"]["content"]) {
-        writeln!(page, "<p>Body: <code>{}</code>, {}</p>", escaped(media_type), escaped(&type_of(&content["schema"])))?;
+        writeln!(
+            page,
+            "<p>Body: <code>{}</code>, {}</p>",
+            escaped(media_type),
+            escaped(&type_of(&content["schema"]))
+        )?;
     }
-    writeln!(page, "<table><caption>Answers</caption><tr><th>Status<th>Meaning<th>Body</tr>")?;
+    writeln!(
+        page,
+        "<table><caption>Answers</caption><tr><th>Status<th>Meaning<th>Body</tr>"
+    )?;
     for (status, answer) in members(&operation["responses"]) {
-        let bodies: Vec<_> = members(&answer["content"]).map(|(kind, _)| escaped(kind)).collect();
-        writeln!(page, "<tr><td>{}<td>{}<td>{}</tr>", escaped(status), text(&answer["description"]), bodies.join("<br>"))?;
+        let bodies: Vec<_> = members(&answer["content"])
+            .map(|(kind, _)| escaped(kind))
+            .collect();
+        writeln!(
+            page,
+            "<tr><td>{}<td>{}<td>{}</tr>",
+            escaped(status),
+            text(&answer["description"]),
+            bodies.join("<br>")
+        )?;
         for (name, header) in members(&answer["headers"]) {
-            writeln!(page, "<tr><td><td><code>{}</code>: {}<td></tr>", escaped(name), text(&header["description"]))?;
+            writeln!(
+                page,
+                "<tr><td><td><code>{}</code>: {}<td></tr>",
+                escaped(name),
+                text(&header["description"])
+            )?;
         }
     }
     writeln!(page, "</table></details>")
 }
 
 fn write_schema(page: &mut String, name: &str, schema: &Value) -> std::fmt::Result {
-    writeln!(page, "<details id=\"schema-{0}\"><summary><code>{0}</code> {1}</summary>", escaped(name), text(&schema["description"]))?;
+    writeln!(
+        page,
+        "<details id=\"schema-{0}\"><summary><code>{0}</code> {1}</summary>",
+        escaped(name),
+        text(&schema["description"])
+    )?;
     writeln!(page, "<table><tr><th>Member<th>Type<th>Meaning</tr>")?;
-    let parts = std::iter::once(schema).chain(items(&schema["allOf"])).chain(items(&schema["oneOf"]));
+    let parts = std::iter::once(schema)
+        .chain(items(&schema["allOf"]))
+        .chain(items(&schema["oneOf"]));
     for part in parts {
         for (member, schema) in members(&part["properties"]) {
-            writeln!(page, "<tr><td><code>{}</code><td>{}<td>{}</tr>", escaped(member), escaped(&type_of(schema)), text(&schema["description"]))?;
+            writeln!(
+                page,
+                "<tr><td><code>{}</code><td>{}<td>{}</tr>",
+                escaped(member),
+                escaped(&type_of(schema)),
+                text(&schema["description"])
+            )?;
         }
     }
     writeln!(page, "</table></details>")
@@ -106,7 +150,10 @@ fn type_of(schema: &Value) -> String {
         return reference.rsplit('/').next().unwrap_or_default().to_owned();
     }
     let values: Vec<_> = items(&schema["enum"]).filter_map(Value::as_str).collect();
-    let alternatives: Vec<_> = items(&schema["oneOf"]).map(type_of).filter(|name| name != "null").collect();
+    let alternatives: Vec<_> = items(&schema["oneOf"])
+        .map(type_of)
+        .filter(|name| name != "null")
+        .collect();
     let mut words = if !values.is_empty() {
         values.join(" | ")
     } else if !alternatives.is_empty() {
@@ -114,8 +161,12 @@ fn type_of(schema: &Value) -> String {
     } else if schema["items"].is_object() {
         format!("list of {}", type_of(&schema["items"]))
     } else {
-        let types = items(&schema["type"]).filter_map(Value::as_str).filter(|name| *name != "null");
-        schema["type"].as_str().map_or_else(|| types.collect::<Vec<_>>().join(" | "), str::to_owned)
+        let types = items(&schema["type"])
+            .filter_map(Value::as_str)
+            .filter(|name| *name != "null");
+        schema["type"]
+            .as_str()
+            .map_or_else(|| types.collect::<Vec<_>>().join(" | "), str::to_owned)
     };
     if let (Some(least), Some(most)) = (schema["minimum"].as_f64(), schema["maximum"].as_f64()) {
         words += &format!(", {least} to {most}");
@@ -147,7 +198,10 @@ fn text(value: &Value) -> String {
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 #[cfg(test)]
@@ -158,10 +212,22 @@ mod tests {
 
     #[test]
     fn types_are_said_in_words() {
-        assert_eq!(type_of(&json!({ "type": "integer", "minimum": 3, "maximum": 512, "default": 30 })), "integer, 3 to 512, default 30");
-        assert_eq!(type_of(&json!({ "$ref": "#/components/schemas/Problem" })), "Problem");
-        assert_eq!(type_of(&json!({ "type": ["string", "null"], "enum": ["left", "right"] })), "left | right");
-        assert_eq!(type_of(&json!({ "type": "array", "items": { "type": "number" } })), "list of number");
+        assert_eq!(
+            type_of(&json!({ "type": "integer", "minimum": 3, "maximum": 512, "default": 30 })),
+            "integer, 3 to 512, default 30"
+        );
+        assert_eq!(
+            type_of(&json!({ "$ref": "#/components/schemas/Problem" })),
+            "Problem"
+        );
+        assert_eq!(
+            type_of(&json!({ "type": ["string", "null"], "enum": ["left", "right"] })),
+            "left | right"
+        );
+        assert_eq!(
+            type_of(&json!({ "type": "array", "items": { "type": "number" } })),
+            "list of number"
+        );
     }
 
     #[test]
