@@ -1,1 +1,43 @@
-//! render
+//! A scene and a camera in, a picture out.
+//!
+//! `Scene + RenderRequest → Frame → PNG`
+//!
+//! Camera, window, colour map and light are shared by every renderer. [`draw_splat`] draws the
+//! isosurface {depth = D} in software by projecting the voxels of a thin shell (the paper's section 3.3)
+//! and correcting every pixel along its line of sight; [`draw_slice`] draws a slice with the contours
+//! of the isosurfaces. Both give the same bytes for the same request on every machine and for any
+//! number of threads: pixels are computed with additions, multiplications, divisions and square roots alone,
+//! which IEEE 754 rounds in one way, and no sum is split between threads.
+//!
+//! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
+//! camera looks: x to the right of the picture, y up, z towards the viewer.
+
+mod bounds;
+mod camera;
+mod colormap;
+mod error;
+mod frame;
+mod hits;
+mod isosurface;
+mod light;
+mod png;
+mod rays;
+mod sampler;
+mod scene;
+mod shade;
+mod slice;
+mod splat;
+mod window;
+
+pub use bounds::BoundingSphere;
+pub use camera::{Camera, NamedView, Projection};
+pub use colormap::ColorMap;
+pub use error::RenderError;
+pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
+pub use hits::Hits;
+pub use light::Light;
+pub use png::{RESEARCH_USE_NOTICE, encode_png};
+pub use scene::{Background, RenderParameters, RenderRequest, Scene};
+pub use slice::{MAX_CONTOURS, SliceParameters, SlicePlane, SliceRequest, draw_slice};
+pub use splat::{draw_splat, splat_hits};
+pub use window::Window;

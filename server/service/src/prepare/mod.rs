@@ -3,6 +3,7 @@
 //! There is no async in here: it runs on a worker's blocking thread, and directly under the command line. Nothing but the
 //! upload and the parameters has a say in the result, so that a case can be made again at any time.
 
+mod check;
 mod failure;
 mod own_mask;
 mod steps;
@@ -24,6 +25,7 @@ use crate::case::{CaseFacts, Failure, Parameters, Progress, Stage, WindowFacts};
 use crate::store::ObjectKind;
 use crate::store::codec::{encode_envelope, encode_forest, encode_paths, encode_volume};
 
+pub use self::check::check;
 pub use imaging::Limits;
 
 /// N_F and N_P of the mesh whose paths are stored.
@@ -151,14 +153,16 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
         })?;
     let [least, greatest] = volume.intensity_range();
     if least >= greatest {
-        return Err(Failure::unprocessable(
-            "volume-constant",
-            format!(
-                "every voxel around the brain has the intensity {least}; there is nothing to show"
-            ),
-        ));
+        return Err(constant(least));
     }
     Ok(volume)
+}
+
+fn constant(intensity: f32) -> Failure {
+    let detail = format!(
+        "every voxel around the brain has the intensity {intensity}; there is nothing to show"
+    );
+    Failure::unprocessable("volume-constant", detail)
 }
 
 fn default_paths(distance: &DistanceMap, forest: &Forest) -> Result<PathTable, Failure> {

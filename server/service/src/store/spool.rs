@@ -96,6 +96,14 @@ impl Spooled {
         self.length == 0
     }
 
+    /// All bytes.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub(crate) async fn read(&self) -> Result<Bytes, StoreError> {
+        Ok(tokio::fs::read(&self.path).await?.into())
+    }
+
     pub(super) fn path(&self) -> &Path {
         &self.path
     }

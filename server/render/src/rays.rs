@@ -1,0 +1,69 @@
+//! Lines of sight through a grid.
+
+use geometry::Grid;
+use glam::{DAffine3, DVec3};
+
+use crate::Projection;
+
+/// From places in the frame to voxel coordinates of a grid: for every pixel a line of sight.
+///
+/// *Heights* count towards the viewer from the plane through the target's centre, in units of `unit_mm`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rays {
+    corner: [f32; 3],
+    per_column: [f32; 3],
+    per_row: [f32; 3],
+    per_height: [f32; 3],
+}
+
+/// A line of sight, in voxel coordinates.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ray {
+    foot: [f32; 3],
+    per_height: [f32; 3],
+}
+
+impl Rays {
+    /// The lines of sight of a projection through `grid`.
+    pub(crate) fn new(projection: &Projection, grid: &Grid, unit_mm: f64) -> Self {
+        let voxel_from_frame = grid.voxel_from_patient()
+            * projection.patient_from_frame()
+            * DAffine3::from_scale(DVec3::new(1.0, 1.0, unit_mm));
+        let axes = voxel_from_frame.matrix3;
+        Self {
+            corner: single(voxel_from_frame.translation),
+            per_column: single(axes.x_axis),
+            per_row: single(axes.y_axis),
+            per_height: single(axes.z_axis),
+        }
+    }
+
+    /// The line of sight through a place of the picture, in pixels from its top left corner.
+    #[inline]
+    pub(crate) fn through(&self, x: f32, y: f32) -> Ray {
+        Ray {
+            foot: std::array::from_fn(|axis| {
+                self.corner[axis] + x * self.per_column[axis] + y * self.per_row[axis]
+            }),
+            per_height: self.per_height,
+        }
+    }
+
+    /// Voxel coordinates of a unit of height: the direction to the viewer.
+    pub(crate) fn towards_viewer(&self) -> [f32; 3] {
+        self.per_height
+    }
+}
+
+impl Ray {
+    /// Voxel coordinates at a height.
+    #[inline]
+    pub(crate) fn at(&self, height: f32) -> [f32; 3] {
+        std::array::from_fn(|axis| self.foot[axis] + height * self.per_height[axis])
+    }
+}
+
+/// A vector in the single precision of the pixels.
+pub(crate) fn single(vector: DVec3) -> [f32; 3] {
+    vector.to_array().map(|coordinate| coordinate as f32)
+}

@@ -1,0 +1,141 @@
+//! Values between voxel centres, as fast as the pixels need them.
+
+/// 1.5 · 2²³: a sum with it is rounded to a whole number, which then stands in its lowest bits.
+const ROUNDER: f32 = 12_582_912.0;
+
+/// How far from the last voxel centre a coordinate is kept, so that rounding never reaches past it.
+const EDGE: f32 = 1.0 / 1024.0;
+
+/// Trilinear interpolation of values on a grid, x-fastest; beyond the outermost voxel centres it is constant.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sampler<'a, T> {
+    values: &'a [T],
+    /// From a voxel to its next along x, y, z; 0 along an axis of one voxel.
+    strides: [usize; 3],
+    /// Coordinates of the last voxel centre.
+    last: [f32; 3],
+    /// The greatest coordinates that are interpolated.
+    limit: [f32; 3],
+}
+
+impl<'a, T: Copy + Into<f32>> Sampler<'a, T> {
+    /// Interpolates `values` on a grid of `size` voxels.
+    pub(crate) fn new(values: &'a [T], size: [usize; 3]) -> Self {
+        assert_eq!(values.len(), size.iter().product::<usize>());
+        let mut strides = [1, size[0], size[0] * size[1]];
+        for (stride, side) in strides.iter_mut().zip(size) {
+            if side == 1 {
+                *stride = 0;
+            }
+        }
+        let last = size.map(|side| (side - 1) as f32);
+        Self {
+            values,
+            strides,
+            last,
+            limit: last.map(|last| (last - EDGE).max(0.0)),
+        }
+    }
+
+    /// Whether a position in voxel coordinates lies in a voxel: within half a voxel of a centre.
+    #[inline(always)]
+    pub(crate) fn contains(&self, position: [f32; 3]) -> bool {
+        (0..3).all(|axis| position[axis] >= -0.5 && position[axis] <= self.last[axis] + 0.5)
+    }
+
+    /// The value at a position in voxel coordinates.
+    #[inline(always)]
+    pub(crate) fn at(&self, position: [f32; 3]) -> f32 {
+        let [(i, x), (j, y), (k, z)] = [
+            whole_and_fraction(position[0], self.limit[0]),
+            whole_and_fraction(position[1], self.limit[1]),
+            whole_and_fraction(position[2], self.limit[2]),
+        ];
+        let [dx, dy, dz] = self.strides;
+        let corner = i + j * dy + k * dz;
+        let row = |start: usize| {
+            let low: f32 = self.values[start].into();
+            let high: f32 = self.values[start + dx].into();
+            low + x * (high - low)
+        };
+        let near = between(row(corner), row(corner + dy), y);
+        let far = between(row(corner + dz), row(corner + dz + dy), y);
+        between(near, far, z)
+    }
+
+    /// The gradient at a position in voxel coordinates, per voxel: trilinear between central differences.
+    #[inline]
+    pub(crate) fn gradient(&self, position: [f32; 3]) -> [f32; 3] {
+        // Central differences a whole voxel apart see the same fractions of their cells.
+        std::array::from_fn(|axis| {
+            let mut ahead = position;
+            let mut behind = position;
+            ahead[axis] += 1.0;
+            behind[axis] -= 1.0;
+            0.5 * (self.at(ahead) - self.at(behind))
+        })
+    }
+}
+
+#[inline(always)]
+fn between(low: f32, high: f32, fraction: f32) -> f32 {
+    low + fraction * (high - low)
+}
+
+/// A coordinate brought to 0..=`limit`, as the voxel centre at or before it and the rest, 0 to 1.
+#[inline(always)]
+fn whole_and_fraction(coordinate: f32, limit: f32) -> (usize, f32) {
+    // Not `clamp`: what is not a number becomes 0.
+    let coordinate = coordinate.max(0.0).min(limit);
+    let rounded = (coordinate - 0.5) + ROUNDER;
+    let whole = rounded.to_bits() - ROUNDER.to_bits();
+    (whole as usize, coordinate - (rounded - ROUNDER))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(found: f32, expected: f32) -> bool {
+        (found - expected).abs() < 1e-4
+    }
+
+    #[test]
+    fn a_trilinear_function_is_met_exactly() {
+        let size = [5, 4, 3];
+        let function = |[x, y, z]: [f32; 3]| 3.0 + 7.0 * x - 2.0 * y + 5.0 * z + 4.0 * x * y * z;
+        let values: Vec<u16> = (0..60)
+            .map(|index| function([index % 5, index / 5 % 4, index / 20].map(|c| c as f32)) as u16)
+            .collect();
+        let sampler = Sampler::new(&values, size);
+        for position in [
+            [0.0, 0.0, 0.0],
+            [1.25, 0.5, 1.75],
+            [4.0, 3.0, 2.0],
+            [3.5, 0.1, 0.9],
+        ] {
+            assert!(
+                close(sampler.at(position), function(position)),
+                "{position:?}"
+            );
+        }
+        let [x, y, z] = [2.0, 1.5, 1.0];
+        let expected = [7.0 + 4.0 * y * z, -2.0 + 4.0 * x * z, 5.0 + 4.0 * x * y];
+        let found = sampler.gradient([x, y, z]);
+        assert!(
+            (0..3).all(|axis| close(found[axis], expected[axis])),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn beyond_the_grid_the_nearest_face_is_met() {
+        let sampler = Sampler::new(&[1_i16, 2, 3, 4], [2, 2, 1]);
+        assert_eq!(sampler.at([-9.0, 0.0, 0.0]), 1.0);
+        assert!((sampler.at([9.0, 9.0, 9.0]) - 4.0).abs() < 0.01);
+        assert_eq!(sampler.at([0.5, 0.5, -0.3]), 2.5);
+        assert!(sampler.contains([1.5, -0.5, 0.25]));
+        assert!(!sampler.contains([1.6, 0.0, 0.0]));
+        assert!(!sampler.contains([0.0, 0.0, f32::NAN]));
+    }
+}

@@ -1,0 +1,111 @@
+//! What is drawn, and how it is asked for.
+
+use geometry::{DepthField, ShellIndex, Volume};
+
+use crate::error::checked;
+use crate::{BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, RenderError, Window};
+
+/// All that a renderer needs of a case. Cheap to make: it borrows everything.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a> {
+    /// Intensities on their native grid; what surrounds the envelope may be cropped away.
+    pub volume: &'a Volume,
+    /// Depth below the envelope.
+    pub field: &'a DepthField,
+    /// The same, smoothed, for normals (a Gaussian of 1.5 voxels hides the voxel staircase).
+    pub normals: &'a DepthField,
+    /// The envelope's voxels by depth.
+    pub shell: &'a ShellIndex,
+    /// What the camera looks at: [`BoundingSphere::of_envelope`], kept with the case.
+    pub bounds: BoundingSphere,
+}
+
+/// What is behind the brain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Background {
+    /// Opaque black.
+    #[default]
+    Black,
+    /// Nothing: alpha 0.
+    Transparent,
+}
+
+/// How an isosurface is to be drawn, not yet checked: see [`RenderRequest::new`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RenderParameters {
+    /// Depth of the isosurface below the envelope, 0 to 1000 mm; beyond the deepest point there is nothing to see.
+    pub depth_mm: f64,
+    /// Where the viewer stands.
+    pub camera: Camera,
+    /// Size of the picture.
+    pub size: FrameSize,
+    /// Which intensities are black and white.
+    pub window: Window,
+    /// Colours for brightness.
+    pub colormap: ColorMap,
+    /// Intensities are averaged over this depth to either side of the isosurface, 0 to 20 mm, but never beyond the envelope.
+    pub slab_mm: f64,
+    /// Light and shade.
+    pub light: Light,
+    /// What is behind the brain.
+    pub background: Background,
+}
+
+impl RenderParameters {
+    /// The left side at depth 0, grey, lit, 512 × 512 pixels on black.
+    pub fn new(window: Window) -> Self {
+        Self {
+            depth_mm: 0.0,
+            camera: Camera::named(NamedView::Left),
+            size: FrameSize::default(),
+            window,
+            colormap: ColorMap::Grey,
+            slab_mm: 0.0,
+            light: Light::default(),
+            background: Background::Black,
+        }
+    }
+}
+
+/// How an isosurface is to be drawn, checked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RenderRequest(RenderParameters);
+
+impl RenderRequest {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// When `depth_mm` is not in 0..=1000 or `slab_mm` not in 0..=20.
+    pub fn new(parameters: RenderParameters) -> Result<Self, RenderError> {
+        checked(
+            "depth_mm",
+            parameters.depth_mm,
+            0.0..=1000.0,
+            "within 0 to 1000",
+        )?;
+        checked("slab_mm", parameters.slab_mm, 0.0..=20.0, "within 0 to 20")?;
+        Ok(Self(parameters))
+    }
+
+    /// The parameters, which are right.
+    pub fn parameters(&self) -> &RenderParameters {
+        &self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn impossible_depths_are_refused() {
+        let good = RenderParameters::new(Window::between(0.0, 100.0));
+        assert!(RenderRequest::new(good).is_ok());
+        for depth_mm in [-1.0, f64::NAN, f64::INFINITY] {
+            assert!(RenderRequest::new(RenderParameters { depth_mm, ..good }).is_err());
+        }
+        for slab_mm in [-0.5, 21.0, f64::NAN] {
+            assert!(RenderRequest::new(RenderParameters { slab_mm, ..good }).is_err());
+        }
+    }
+}

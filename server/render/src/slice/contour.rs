@@ -1,0 +1,84 @@
+//! Contours of the isosurfaces on a slice.
+
+use geometry::DepthField;
+use rayon::prelude::*;
+
+use crate::Projection;
+use crate::rays::Rays;
+use crate::sampler::Sampler;
+
+/// Colours of the contours, in turn: bright, apart from one another and from grey.
+const COLORS: [[u8; 3]; 8] = [
+    [255, 225, 60],
+    [80, 170, 255],
+    [255, 140, 40],
+    [90, 220, 110],
+    [200, 120, 255],
+    [60, 230, 230],
+    [255, 90, 90],
+    [255, 255, 255],
+];
+
+/// Half the width of a contour, in pixels; half a pixel more fades out.
+const HALF_WIDTH: f32 = 0.6;
+
+/// The least slope of the depth, in mm of depth per mm, that is told from a ridge, where a contour would become a blot.
+const LEAST_SLOPE: f32 = 0.2;
+
+/// The depth at every pixel of a slice and a pixel beyond each side.
+pub(super) struct Contours {
+    columns: usize,
+    depths_px: Vec<f32>,
+    levels_px: Vec<(f32, [u8; 3])>,
+}
+
+impl Contours {
+    /// Contours of the depths `depths_mm` for the pixels of `projection`.
+    pub(super) fn new(field: &DepthField, projection: &Projection, depths_mm: &[f64]) -> Self {
+        let size = projection.size();
+        let [columns, rows] = [size.width(), size.height()].map(|side| side as usize + 2);
+        let sampler = Sampler::new(field.values(), field.grid().size());
+        let rays = Rays::new(projection, field.grid(), 1.0);
+        let px_per_mm = 1.0 / projection.mm_per_pixel();
+        let voxel_px = field.grid().spacing_mm()[0] * px_per_mm;
+        let px_per_step = voxel_px as f32 / DepthField::STEPS_PER_VOXEL;
+        let mut depths_px = vec![0.0; columns * rows];
+        depths_px
+            .par_chunks_mut(columns)
+            .enumerate()
+            .for_each(|(row, depths)| {
+                for (column, depth) in depths.iter_mut().enumerate() {
+                    let ray = rays.through(column as f32 - 0.5, row as f32 - 0.5);
+                    *depth = sampler.at(ray.at(0.0)) * px_per_step;
+                }
+            });
+        let levels_px = depths_mm
+            .iter()
+            .zip(COLORS.into_iter().cycle())
+            .map(|(depth_mm, color)| ((depth_mm * px_per_mm) as f32, color))
+            .collect();
+        Self {
+            columns,
+            depths_px,
+            levels_px,
+        }
+    }
+
+    /// A pixel's colour with the contours drawn over it.
+    pub(super) fn over(&self, column: usize, row: usize, color: [u8; 3]) -> [u8; 3] {
+        let here = (row + 1) * self.columns + column + 1;
+        let depth = self.depths_px[here];
+        let across = 0.5 * (self.depths_px[here + 1] - self.depths_px[here - 1]);
+        let down =
+            0.5 * (self.depths_px[here + self.columns] - self.depths_px[here - self.columns]);
+        let slope = (across * across + down * down).sqrt().max(LEAST_SLOPE);
+        self.levels_px.iter().fold(color, |color, (level, line)| {
+            let distance = (depth - level).abs() / slope;
+            let cover = (HALF_WIDTH + 0.5 - distance).clamp(0.0, 1.0);
+            std::array::from_fn(|channel| {
+                let [under, over] = [color[channel], line[channel]].map(f32::from);
+                (under + cover * (over - under) + 0.5) as u8
+            })
+        })
+    }
+}

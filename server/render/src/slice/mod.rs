@@ -1,0 +1,237 @@
+//! Slices with the contours of the isosurfaces.
+
+mod contour;
+
+use std::str::FromStr;
+
+use rayon::prelude::*;
+
+use crate::error::checked;
+use crate::rays::Rays;
+use crate::sampler::Sampler;
+use crate::{
+    BoundingSphere, Camera, ColorMap, Frame, FrameSize, NamedView, PixelFormat, Projection,
+    RenderError, Scene, Window,
+};
+use contour::Contours;
+
+/// The largest number of contours in a picture.
+pub const MAX_CONTOURS: usize = 16;
+
+/// Across which patient axis a slice lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum SlicePlane {
+    /// Seen from below: anterior up, the patient's left at the right of the picture.
+    Axial,
+    /// Facing the patient: superior up, the patient's left at the right of the picture.
+    Coronal,
+    /// Seen from the left: superior up, anterior at the left of the picture.
+    Sagittal,
+}
+
+impl SlicePlane {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Axial, Self::Coronal, Self::Sagittal];
+
+    /// The name in the interfaces: `axial`, `coronal`, `sagittal`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Axial => "axial",
+            Self::Coronal => "coronal",
+            Self::Sagittal => "sagittal",
+        }
+    }
+
+    /// The slice's position when it goes through the middle of the envelope: an LPS coordinate in mm.
+    pub fn middle_mm(self, bounds: &BoundingSphere) -> f64 {
+        bounds.centre_in_patient[self.axis()]
+    }
+
+    /// The patient axis across the plane: 0 for L, 1 for P, 2 for S.
+    fn axis(self) -> usize {
+        match self {
+            Self::Sagittal => 0,
+            Self::Coronal => 1,
+            Self::Axial => 2,
+        }
+    }
+
+    /// The direction from which a slice is seen.
+    fn view(self) -> NamedView {
+        match self {
+            Self::Axial => NamedView::Inferior,
+            Self::Coronal => NamedView::Anterior,
+            Self::Sagittal => NamedView::Left,
+        }
+    }
+}
+
+impl FromStr for SlicePlane {
+    type Err = RenderError;
+
+    fn from_str(name: &str) -> Result<Self, RenderError> {
+        Self::ALL
+            .into_iter()
+            .find(|plane| plane.name() == name)
+            .ok_or(RenderError::UnknownName {
+                name: "plane",
+                known: "axial, coronal, sagittal",
+            })
+    }
+}
+
+/// How a slice is to be drawn, not yet checked: see [`SliceRequest::new`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SliceParameters {
+    /// Which way the slice lies.
+    pub plane: SlicePlane,
+    /// Where: its LPS coordinate in mm across the plane (S of an axial slice, P of a coronal, L of a sagittal one).
+    pub position_mm: f64,
+    /// Depths of the isosurfaces whose contours are drawn, each 0 to 1000 mm, at most [`MAX_CONTOURS`].
+    pub depths_mm: Vec<f64>,
+    /// 1 shows the slice at the scale at which a [`Camera`] of zoom 1 shows the head.
+    pub zoom: f64,
+    /// Moves the slice to the right of the picture and up, in mm.
+    pub pan_mm: [f64; 2],
+    /// Size of the picture.
+    pub size: FrameSize,
+    /// Which intensities are black and white.
+    pub window: Window,
+    /// Colours for brightness.
+    pub colormap: ColorMap,
+}
+
+impl SliceParameters {
+    /// The slice at `position_mm`, grey, without contours, 512 × 512 pixels.
+    pub fn new(plane: SlicePlane, position_mm: f64, window: Window) -> Self {
+        Self {
+            plane,
+            position_mm,
+            depths_mm: Vec::new(),
+            zoom: 1.0,
+            pan_mm: [0.0; 2],
+            size: FrameSize::default(),
+            window,
+            colormap: ColorMap::Grey,
+        }
+    }
+}
+
+/// How a slice is to be drawn, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SliceRequest {
+    parameters: SliceParameters,
+    camera: Camera,
+}
+
+impl SliceRequest {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// When there are too many depths, or a number is not finite or out of its range (`position_mm` within ±10,000, a
+    /// depth in 0..=1000, zoom and pan as of a [`Camera`]).
+    pub fn new(parameters: SliceParameters) -> Result<Self, RenderError> {
+        checked(
+            "position_mm",
+            parameters.position_mm,
+            -1e4..=1e4,
+            "within -10000 to 10000",
+        )?;
+        let count = parameters.depths_mm.len();
+        if count > MAX_CONTOURS {
+            return Err(RenderError::TooManyContours {
+                count,
+                limit: MAX_CONTOURS,
+            });
+        }
+        for &depth_mm in &parameters.depths_mm {
+            checked("depth_mm", depth_mm, 0.0..=1000.0, "within 0 to 1000")?;
+        }
+        let camera = Camera::named(parameters.plane.view())
+            .with_zoom(parameters.zoom)?
+            .with_pan_mm(parameters.pan_mm)?;
+        Ok(Self { parameters, camera })
+    }
+
+    /// The parameters, which are right.
+    pub fn parameters(&self) -> &SliceParameters {
+        &self.parameters
+    }
+
+    /// How the slice is projected: its pixels lie at frame-space z 0.
+    pub fn projection(&self, bounds: &BoundingSphere) -> Projection {
+        let mut centre_in_patient = bounds.centre_in_patient;
+        centre_in_patient[self.parameters.plane.axis()] = self.parameters.position_mm;
+        let target = BoundingSphere {
+            centre_in_patient,
+            ..*bounds
+        };
+        self.camera.projection(&target, self.parameters.size)
+    }
+}
+
+/// Draws a slice through the native volume with the contours of the isosurfaces.
+///
+/// Each pixel is sampled once, through the affine; outside of the volume it is black. The n-th depth's contour has the
+/// n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red, white), over and over. The picture is grey, a byte a
+/// pixel, where it has neither contours nor colours.
+pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
+    let parameters = request.parameters();
+    let projection = request.projection(&scene.bounds);
+    let slice = Slice {
+        volume: Sampler::new(scene.volume.voxels(), scene.volume.grid().size()),
+        rays: Rays::new(&projection, scene.volume.grid(), 1.0),
+        request,
+        rescale: scene.volume.rescale(),
+        colors: parameters.colormap.table(),
+    };
+    let size = parameters.size;
+    if parameters.depths_mm.is_empty() && parameters.colormap.is_grey() {
+        let bytes = slice.rows(|_, _, [grey, ..]| [grey]);
+        return Frame::new(size, PixelFormat::Grey8, bytes);
+    }
+    let contours = Contours::new(scene.field, &projection, &parameters.depths_mm);
+    let bytes = slice.rows(|column, row, color| contours.over(column, row, color));
+    Frame::new(size, PixelFormat::Rgb8, bytes)
+}
+
+/// What the pixels of a slice show.
+struct Slice<'a> {
+    volume: Sampler<'a, u16>,
+    rays: Rays,
+    request: &'a SliceRequest,
+    rescale: geometry::Rescale,
+    colors: [[u8; 3]; 256],
+}
+
+impl Slice<'_> {
+    /// The bytes of all pixels, which `encode` makes of column, row and colour.
+    fn rows<const BYTES: usize>(
+        &self,
+        encode: impl Fn(usize, usize, [u8; 3]) -> [u8; BYTES] + Sync,
+    ) -> Vec<u8> {
+        let size = self.request.parameters().size;
+        let window = self.request.parameters().window.line(self.rescale);
+        let mut bytes = vec![0; size.pixel_count() * BYTES];
+        bytes
+            .par_chunks_mut(size.width() as usize * BYTES)
+            .enumerate()
+            .for_each(|(row, pixels)| {
+                let (pixels, _) = pixels.as_chunks_mut::<BYTES>();
+                for (column, pixel) in pixels.iter_mut().enumerate() {
+                    let position = self
+                        .rays
+                        .through(column as f32 + 0.5, row as f32 + 0.5)
+                        .at(0.0);
+                    let color = if self.volume.contains(position) {
+                        let brightness = window.brightness(self.volume.at(position));
+                        self.colors[usize::from((brightness + 0.5) as u8)]
+                    } else {
+                        [0; 3]
+                    };
+                    *pixel = encode(column, row, color);
+                }
+            });
+        bytes
+    }
+}
