@@ -60,7 +60,7 @@ fn what_is_stored_is_read_back_as_it_was() {
         match kind {
             ObjectKind::Envelope => assert!(decode_envelope(&payload).as_ref() == Some(&envelope)),
             ObjectKind::Forest => {
-                assert!(decode_forest(&payload, &envelope).as_ref() == Some(&forest))
+                assert!(decode_forest(&payload, &envelope).as_ref() == Some(&forest));
             }
             ObjectKind::Paths => assert!(decode_paths(&payload).as_ref() == Some(&paths)),
             ObjectKind::Volume => assert!(decode_volume(&payload).as_ref() == Some(&volume)),
