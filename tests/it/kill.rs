@@ -155,7 +155,7 @@ async fn twenty_kills_at_random_moments_lose_nothing_and_leave_nothing_half_ther
     for kill in 1..=KILLS {
         let tenths = 100 + kill;
         let mut victim = start_victim(directory.path(), tenths);
-        let moment = undisturbed.mul_f64(1.1 * random());
+        let moment = undisturbed.mul_f64(random());
         tokio::time::sleep(moment).await;
         killed_at_work += u32::from(victim.try_wait().unwrap().is_none());
         victim.kill().unwrap();
@@ -172,7 +172,7 @@ async fn twenty_kills_at_random_moments_lose_nothing_and_leave_nothing_half_ther
         );
     }
     assert!(
-        killed_at_work >= KILLS / 2,
+        killed_at_work >= KILLS / 4,
         "only {killed_at_work} kills met a process at work"
     );
     assert_same_as_undisturbed(directory.path()).await;
