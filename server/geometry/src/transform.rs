@@ -27,24 +27,41 @@ pub(crate) const MAX_DISTANCE: u8 = 255;
 /// # Panics
 /// When the number of bounds is not that of the voxels.
 pub(crate) fn squared_distances(size: [usize; 3], bounds: &[u8]) -> Vec<u16> {
-    let [nx, ny, nz] = size;
-    assert_eq!(bounds.len(), nx * ny * nz, "one bound for each voxel");
-    let mut planes = vec![0u16; bounds.len()];
-    planes
-        .par_chunks_mut(nx * ny)
-        .zip(bounds.par_chunks(nx * ny))
-        .for_each(|(plane, bounds)| sweep_along_y(bounds, plane, nx));
-    // Slabs of one y, so that each is one piece of memory that a thread can own.
-    let mut slabs = vec![0u16; bounds.len()];
-    slabs
-        .par_chunks_mut(nx * nz)
-        .enumerate()
-        .for_each(|(y, slab)| minimise_along_z(&planes[y * nx..], slab, [nx, ny, nz]));
-    planes
-        .par_chunks_mut(nx * ny)
-        .enumerate()
-        .for_each(|(z, plane)| minimise_along_x(&slabs[z * nx..], plane, [nx, ny, nz]));
-    planes
+    let mut memory = Memory::default();
+    memory.squared_distances(size, bounds);
+    memory.planes
+}
+
+/// What a transform writes to, to be used again: fresh memory costs as much as a pass.
+#[derive(Default)]
+pub(crate) struct Memory {
+    planes: Vec<u16>,
+    slabs: Vec<u16>,
+}
+
+impl Memory {
+    /// As [`squared_distances`], in memory that may have been used before.
+    pub(crate) fn squared_distances(&mut self, size: [usize; 3], bounds: &[u8]) -> &[u16] {
+        let [nx, ny, nz] = size;
+        assert_eq!(bounds.len(), nx * ny * nz, "one bound for each voxel");
+        let Self { planes, slabs } = self;
+        planes.resize(bounds.len(), 0);
+        slabs.resize(bounds.len(), 0);
+        planes
+            .par_chunks_mut(nx * ny)
+            .zip(bounds.par_chunks(nx * ny))
+            .for_each(|(plane, bounds)| sweep_along_y(bounds, plane, nx));
+        // Slabs of one y, so that each is one piece of memory that a thread can own.
+        slabs
+            .par_chunks_mut(nx * nz)
+            .enumerate()
+            .for_each(|(y, slab)| minimise_along_z(&planes[y * nx..], slab, [nx, ny, nz]));
+        planes
+            .par_chunks_mut(nx * ny)
+            .enumerate()
+            .for_each(|(z, plane)| minimise_along_x(&slabs[z * nx..], plane, [nx, ny, nz]));
+        planes
+    }
 }
 
 /// Squares of the distances along y, in one plane of constant z.
