@@ -1,4 +1,5 @@
 //! The integration tests: one program, one module for each subject.
 
 mod hygiene;
+mod kill;
 mod layers;
