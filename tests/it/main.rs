@@ -1,4 +1,14 @@
-//! The integration tests: one program, one module for each subject.
+//! The integration tests: one program, one module for each subject. Everything is asked over HTTP.
 
-mod hygiene;
-mod layers;
+mod bad_input;
+mod head;
+mod immutable;
+mod interface;
+mod nifti;
+mod openapi;
+mod restart;
+mod security;
+mod server;
+mod sides;
+mod sockets;
+mod uploads;
