@@ -64,8 +64,8 @@ async fn an_oblique_acquisition_gives_the_same_surface_and_not_its_mirror_image(
         let expected = mesh(&cases[0].1, "contours=300&points=100").await;
         let mut oblique = mesh(&cases[3].1, "contours=30&points=30").await;
         // At the far left and right voxels make a flat face, over which triangles reach without a vertex.
-        oblique.retain(|position| position[0].abs() < 50.0);
-        assert!(oblique.len() > 600);
+        oblique.retain(|position| position[0].abs() < 40.0);
+        assert!(oblique.len() > 400);
         // Its voxels are others and its mask was resampled: each side may be off by a voxel's diagonal.
         let apart = farthest(&oblique, &expected);
         assert!(apart < 2.0 * SPACING_MM, "{depth} mm: {apart} mm apart");
