@@ -20,6 +20,8 @@ server=$(target_dir)/release/isocortex
 # Opens the page as soon as the server prints its address; the demo goes on whatever becomes of that.
 open_page() {
   local line address opened=
+  # An interrupt ends the server alone: what it says while it stops is still read here.
+  trap '' INT
   while IFS= read -r line; do
     printf '%s\n' "$line"
     address=$(grep -oE 'http://[^[:space:]]+' <<<"$line" | head -n 1) || continue

@@ -1,5 +1,7 @@
 // The server's interface. The token, if one is asked for, lives in this module's memory alone.
 
+import { sentence } from "./scene.js";
+
 let token = "";
 let askForToken = async () => "";
 
@@ -61,7 +63,7 @@ export function problemFrom(status, contentType, body, retryAfter) {
       // A body that is no JSON says nothing to the user; the status does.
     }
   }
-  return new Problem(status, message || `The server answered with status ${status}.`, Number(retryAfter) || 0);
+  return new Problem(status, sentence(message || `the server answered with status ${status}`), Number(retryAfter) || 0);
 }
 
 /** One page of cases, newest first: `{ cases, next }`, `next` being the cursor of the page after, if any. */

@@ -93,6 +93,12 @@ export function caseTitle(one) {
   return one.name || `Case ${one.id.slice(0, 8)}`;
 }
 
+/** The words with a capital letter and a full stop. */
+export function sentence(words) {
+  const first = words.slice(0, 1).toUpperCase() + words.slice(1);
+  return /[.!?…]$/.test(first) ? first : `${first}.`;
+}
+
 const STAGES = {
   reading: "reading the volume",
   mask: "reading the mask",
@@ -117,7 +123,7 @@ export function caseStatus(one) {
     case "ready":
       return `ready · ${one.max_depth_mm.toFixed(1)} mm deep`;
     case "failed":
-      return one.error?.detail ?? "could not be prepared";
+      return sentence(one.error?.detail ?? "could not be prepared");
     default:
       return one.state;
   }

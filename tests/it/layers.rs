@@ -7,7 +7,7 @@ use std::process::Command;
 fn needed_by(package: &str) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
-        .args(["tree", "--locked", "--offline", "--edges", "normal"])
+        .args(["tree", "--locked", "--edges", "normal"])
         .args(["--prefix", "none", "--format", "{p}", "--package", package])
         .output()
         .expect("cargo can be run");

@@ -65,5 +65,5 @@ test("pictures come in few sizes and never beyond 1024 pixels", () => {
 test("a case's state is said in words", () => {
   assert.equal(caseStatus({ state: "preparing", progress: { stage: "forest", fraction: 0.421 } }), "growing the forest · 42 %");
   assert.equal(caseStatus({ state: "ready", max_depth_mm: 41.27 }), "ready · 41.3 mm deep");
-  assert.equal(caseStatus({ state: "failed", error: { detail: "the mask is empty" } }), "the mask is empty");
+  assert.equal(caseStatus({ state: "failed", error: { detail: "the mask is empty" } }), "The mask is empty.");
 });

@@ -18,7 +18,7 @@ const LIKELY: f64 = 0.5;
 /// Reads a mask from a NIfTI file, plain or packed.
 ///
 /// A voxel belongs when its value, scaled as the header says, is above 0: so 0 and 1, 0 and 255, labels, and a
-/// skull-stripped head all work. A map of probabilities is told by values that are no whole numbers while none is
+/// skull-stripped head all work. A map of probabilities is told by values between 0 and 1 while none is
 /// above 1 (1.25, since interpolation overshoots): there a voxel belongs when its value is above ½.
 ///
 /// # Errors
@@ -46,7 +46,7 @@ mod fact {
     pub(super) const POSITIVE: u8 = 1;
     /// Above ½.
     pub(super) const LIKELY: u8 = 2;
-    /// Not a whole number.
+    /// Between 0 and 1.
     pub(super) const FRACTION: u8 = 4;
     /// Above any probability.
     pub(super) const LARGE: u8 = 8;
@@ -90,15 +90,8 @@ fn facts_of<T: Element>(value: T, scaling: Scaling) -> u8 {
     flag(intensity > 0.0, fact::POSITIVE)
         | flag(intensity > LIKELY, fact::LIKELY)
         | flag(intensity > MAX_PROBABILITY, fact::LARGE)
-        | flag(!is_nearly_whole(intensity), fact::FRACTION)
+        | flag(intensity > 0.0 && intensity < 1.0, fact::FRACTION)
         | flag(!intensity.is_finite(), fact::NON_FINITE)
-}
-
-/// Whether a value of the size of a probability is a whole number, but for the rounding of a slope such as 1/255.
-fn is_nearly_whole(intensity: f64) -> bool {
-    let size = intensity.abs();
-    let nearest = (size + 0.5) as i32;
-    (size - f64::from(nearest)).abs() < 1e-5
 }
 
 impl Classes {

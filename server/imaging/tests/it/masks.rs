@@ -54,7 +54,7 @@ fn probabilities_belong_above_one_half() {
 }
 
 #[test]
-fn a_slope_that_rounds_makes_no_probabilities() {
+fn a_slope_that_rounds_changes_no_mask() {
     let mut file = four_values(U8, [0.0, 255.0, 0.0, 255.0]);
     file.slope = 0.003_921_569;
     assert_eq!(read(&file).unwrap(), [false, true, false, true].repeat(6));

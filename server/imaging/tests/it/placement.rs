@@ -136,7 +136,8 @@ fn a_broken_qform_beside_a_sound_sform_is_ignored() {
 fn forms_that_put_left_on_opposite_sides_are_refused() {
     let mirrored = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
     let turned = DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0));
-    for axes in [mirrored, turned] {
+    let mirrored_front_to_back = DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0));
+    for axes in [mirrored, turned, mirrored_front_to_back] {
         let mut file = with_sform(1, axes, OFFSET);
         file.qform_code = 1;
         assert_eq!(file.read(), Err(ImagingError::NiftiLeftRight));

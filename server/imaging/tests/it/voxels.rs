@@ -70,13 +70,13 @@ fn wide_integers_far_from_zero_are_exact_while_their_range_fits() {
 
 #[test]
 fn sixty_four_bit_integers_that_no_double_tells_apart_are_told_apart() {
-    let values: Vec<i64> = (0..24).map(|i| i64::MAX - i).collect();
+    let values: Vec<i64> = (0..24).map(|i| i64::MAX - i * 2849).collect();
     let mut file = Nifti::of(I64, &[], 1, false);
     file.data = values
         .iter()
         .flat_map(|value| value.to_le_bytes())
         .collect();
-    let expected: Vec<u16> = (0..24).rev().collect();
+    let expected: Vec<u16> = (0..24).rev().map(|i| i * 2849).collect();
     assert_eq!(file.read().unwrap().voxels(), expected);
 
     let ends = [i64::MIN, i64::MAX].repeat(12);

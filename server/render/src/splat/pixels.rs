@@ -93,6 +93,12 @@ impl<'a> Surface<'a> {
                 });
             }
         }
+        // Above its nodes' hits by more than this, a pixel sees nothing that is a voxel wide.
+        let start = if highest > f32::NEG_INFINITY {
+            start.min(highest + 3.0)
+        } else {
+            start
+        };
         self.edge_point(ray, start)
     }
 

@@ -1,0 +1,413 @@
+//! The renderer on shapes whose pictures are known on paper.
+
+use geometry::{DepthField, DistanceMap, Envelope, Grid, Mask, Rescale, ShellIndex, Volume};
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::*;
+use crate::{Background, BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, Window};
+use crate::{PixelFormat, RenderParameters};
+
+/// A made-up case: an ellipsoid of half axes 30, 38 and 26 mm about (5, −7, 11), at 1.25 mm.
+struct Case {
+    volume: Volume,
+    distance: DistanceMap,
+    field: DepthField,
+    normals: DepthField,
+    shell: ShellIndex,
+}
+
+const CENTRE: DVec3 = DVec3::new(5.0, -7.0, 11.0);
+const HALF_AXES: DVec3 = DVec3::new(30.0, 38.0, 26.0);
+const VOXEL_MM: f64 = 1.25;
+
+impl Case {
+    /// The ellipsoid, and a volume on a grid of its own that is `intensity` of a position in LPS mm.
+    fn new(patient_from_voxel: DAffine3, intensity: impl Fn(DVec3) -> u16) -> Self {
+        let working = Grid::aligned(
+            [64, 72, 56],
+            [VOXEL_MM; 3],
+            CENTRE - DVec3::new(40.0, 45.0, 35.0),
+        )
+        .unwrap();
+        let inside = |index| {
+            let position = working
+                .patient_from_voxel()
+                .transform_point3(centre_of(&working, index));
+            ((position - CENTRE) / HALF_AXES).length() <= 1.0
+        };
+        let mask = (0..working.voxel_count()).map(inside).collect();
+        let envelope = Envelope::from_stored(Mask::new(working, mask).unwrap()).unwrap();
+        let native = Grid::new([80, 90, 70], patient_from_voxel).unwrap();
+        let voxels = (0..native.voxel_count())
+            .map(|index| patient_from_voxel.transform_point3(centre_of(&native, index)))
+            .map(intensity)
+            .collect();
+        let distance = geometry::distance_map(&envelope);
+        let field = DepthField::new(&distance);
+        Self {
+            volume: Volume::new(
+                native,
+                voxels,
+                Rescale {
+                    slope: 1.0,
+                    intercept: 0.0,
+                },
+            )
+            .unwrap(),
+            normals: field.smoothed(1.5),
+            shell: ShellIndex::new(&distance),
+            field,
+            distance,
+        }
+    }
+
+    fn scene(&self) -> Scene<'_> {
+        Scene {
+            volume: &self.volume,
+            field: &self.field,
+            normals: &self.normals,
+            shell: &self.shell,
+            bounds: BoundingSphere::of_envelope(&self.shell),
+        }
+    }
+}
+
+fn centre_of(grid: &Grid, index: usize) -> DVec3 {
+    DVec3::from(grid.voxel(index).map(|coordinate| coordinate as f64))
+}
+
+/// Voxels of 1.1 mm along L, P and S around the ellipsoid.
+fn aligned() -> DAffine3 {
+    DAffine3 {
+        matrix3: DMat3::from_diagonal(DVec3::splat(1.1)),
+        translation: CENTRE - DVec3::new(43.5, 49.0, 38.0),
+    }
+}
+
+fn bright() -> Case {
+    Case::new(aligned(), |_| 200)
+}
+
+fn parameters() -> RenderParameters {
+    RenderParameters {
+        size: FrameSize::new(96, 96).unwrap(),
+        light: Light::new(1.0).unwrap(),
+        ..RenderParameters::new(Window::between(0.0, 255.0))
+    }
+}
+
+fn request(parameters: RenderParameters) -> RenderRequest {
+    RenderRequest::new(parameters).unwrap()
+}
+
+/// Standard directions and odd ones.
+fn cameras() -> Vec<Camera> {
+    let odd = [
+        [0.3, -0.5, 0.1, 0.8],
+        [0.7, 0.2, -0.6, 0.3],
+        [0.1, 0.9, 0.4, -0.2],
+    ];
+    let odd = odd.map(|orientation| Camera::new(orientation, 1.0, [0.0; 2]).unwrap());
+    NamedView::ALL
+        .into_iter()
+        .map(Camera::named)
+        .chain(odd)
+        .collect()
+}
+
+#[test]
+fn there_are_no_holes_inside_the_silhouette() {
+    let case = bright();
+    for camera in cameras() {
+        for zoom in [0.3, 1.0, 2.0, 4.0] {
+            for depth_mm in [0.0, 3.3, 12.0] {
+                let camera = camera.with_zoom(zoom).unwrap();
+                let request = request(RenderParameters {
+                    depth_mm,
+                    camera,
+                    ..parameters()
+                });
+                let frame = draw_splat(&case.scene(), &request);
+                let width = frame.size().width() as usize;
+                let mut lit = 0;
+                // An ellipsoid's picture is convex: a row's lit pixels stand in one piece.
+                for row in frame.bytes().chunks_exact(width) {
+                    let first = row.iter().position(|&byte| byte > 0).unwrap_or(width);
+                    let last = row
+                        .iter()
+                        .rposition(|&byte| byte > 0)
+                        .map_or(first, |last| last + 1);
+                    assert!(
+                        row[first..last].iter().all(|&byte| byte == 200),
+                        "{camera:?} at {depth_mm} mm"
+                    );
+                    lit += last - first;
+                }
+                assert!(lit > 20, "{camera:?} at {depth_mm} mm shows {lit} pixels");
+            }
+        }
+    }
+}
+
+#[test]
+fn hits_lie_on_the_isosurface() {
+    let case = bright();
+    let scene = case.scene();
+    for camera in cameras() {
+        for (zoom, depth_mm) in [(1.0, 0.0), (1.0, 8.0), (3.0, 15.5), (0.4, 5.0)] {
+            let camera = camera.with_zoom(zoom).unwrap();
+            let request = request(RenderParameters {
+                depth_mm,
+                camera,
+                ..parameters()
+            });
+            let hits = splat_hits(&scene, &request);
+            let voxel_from_patient = case.field.grid().voxel_from_patient();
+            let mut count = 0;
+            for index in 0..96 * 96 {
+                if let Some(position) = hits.position_in_patient(index % 96, index / 96) {
+                    let position_in_voxel = voxel_from_patient.transform_point3(position);
+                    let found = case.field.depth_mm(position_in_voxel.as_vec3());
+                    let off = (f64::from(found) - depth_mm).abs() / VOXEL_MM;
+                    let allowed = if depth_mm < 4.0 * VOXEL_MM { 1.0 } else { 0.1 };
+                    assert!(off < allowed, "{off} voxel off at {depth_mm} mm");
+                    count += 1;
+                }
+            }
+            assert!(count > 100);
+        }
+    }
+}
+
+#[test]
+fn hits_are_those_of_the_ellipsoid_that_face_the_viewer() {
+    let case = bright();
+    let request = request(RenderParameters {
+        camera: Camera::named(NamedView::Left),
+        ..parameters()
+    });
+    let hits = splat_hits(&case.scene(), &request);
+    let centre = hits.position_in_patient(48, 48).unwrap();
+    let left_pole = CENTRE.x + HALF_AXES.x;
+    assert!((centre.x - left_pole).abs() < VOXEL_MM, "{centre}");
+    assert_eq!(hits.position_in_patient(0, 0), None);
+    assert_eq!(hits.position_in_patient(96, 0), None);
+}
+
+/// The mean of a picture's bytes.
+fn mean(bytes: &[u8]) -> f64 {
+    bytes.iter().map(|&byte| f64::from(byte)).sum::<f64>() / bytes.len() as f64
+}
+
+#[test]
+fn a_mark_on_the_right_shows_from_the_right_alone() {
+    let mark = CENTRE - DVec3::X * HALF_AXES.x;
+    let intensity = |position: DVec3| {
+        if (position - mark).length() < 8.0 {
+            1000
+        } else {
+            50
+        }
+    };
+    let mut ras = aligned();
+    ras.matrix3.x_axis = -ras.matrix3.x_axis;
+    ras.matrix3.y_axis = -ras.matrix3.y_axis;
+    ras.translation += DVec3::new(79.0 * 1.1, 89.0 * 1.1, 0.0);
+    let turn = DMat3::from_quat(glam::DQuat::from_xyzw(0.05, -0.08, 0.1, 0.98).normalize());
+    let oblique = DAffine3::from_translation(CENTRE)
+        * DAffine3::from_mat3(turn)
+        * DAffine3::from_translation(-CENTRE)
+        * aligned();
+    for patient_from_voxel in [aligned(), ras, oblique] {
+        let case = Case::new(patient_from_voxel, intensity);
+        for view in NamedView::ALL {
+            let camera = Camera::named(view).with_zoom(4.0).unwrap();
+            let window = Window::between(100.0, 900.0);
+            let request = request(RenderParameters {
+                camera,
+                window,
+                ..parameters()
+            });
+            let frame = draw_splat(&case.scene(), &request);
+            let shows_mark = mean(frame.bytes()) > 100.0;
+            assert_eq!(shows_mark, view == NamedView::Right, "{view:?}");
+        }
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bytes() {
+    let case = Case::new(aligned(), |position| (position.length() * 40.0) as u16);
+    let camera = cameras().pop().unwrap();
+    let request = request(RenderParameters {
+        depth_mm: 4.0,
+        camera,
+        window: Window::between(0.0, 2000.0),
+        light: Light::default(),
+        slab_mm: 1.5,
+        colormap: ColorMap::Viridis,
+        ..parameters()
+    });
+    let draw = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| draw_splat(&case.scene(), &request))
+    };
+    let one = draw(1);
+    assert!(mean(one.bytes()) > 10.0);
+    for threads in [2, 3, 7] {
+        assert!(draw(threads) == one, "{threads} threads");
+    }
+}
+
+#[test]
+fn a_pixel_shows_the_native_intensity_at_its_hit() {
+    let case = Case::new(aligned(), |position| {
+        (3.0 * position.x - 2.0 * position.y + position.z + 200.0) as u16
+    });
+    let window = Window::between(0.0, 510.0);
+    let request = request(RenderParameters {
+        depth_mm: 6.0,
+        window,
+        ..parameters()
+    });
+    let frame = draw_splat(&case.scene(), &request);
+    let hits = splat_hits(&case.scene(), &request);
+    for index in 0..96 * 96 {
+        let [x, y] = [index % 96, index / 96];
+        if let Some(at) = hits.position_in_patient(x, y) {
+            let expected = (3.0 * at.x - 2.0 * at.y + at.z + 199.5) / 2.0;
+            let found = f64::from(frame.pixel(x, y).unwrap()[0]);
+            assert!((found - expected).abs() < 1.6, "{found} for {expected}");
+        }
+    }
+}
+
+#[test]
+fn a_head_light_is_brightest_where_the_surface_faces_the_viewer() {
+    let case = bright();
+    let light = Light::new(0.2).unwrap();
+    let request = request(RenderParameters {
+        depth_mm: 5.0,
+        light,
+        ..parameters()
+    });
+    let frame = draw_splat(&case.scene(), &request);
+    assert!(frame.pixel(48, 48).unwrap()[0] >= 198);
+    let least = frame
+        .bytes()
+        .iter()
+        .filter(|&&byte| byte > 0)
+        .min()
+        .unwrap();
+    assert!((40..100).contains(least), "{least} at the edge");
+}
+
+#[test]
+fn outside_of_the_volume_nothing_is_shown() {
+    // The volume ends 10 mm to the right of the middle.
+    let case = Case::new(aligned(), |_| 200);
+    let half = case.volume.grid().block([0, 0, 0], [30, 90, 70]).unwrap();
+    let cut = Volume::new(
+        half.clone(),
+        vec![200; half.voxel_count()],
+        case.volume.rescale(),
+    )
+    .unwrap();
+    let scene = Scene {
+        volume: &cut,
+        ..case.scene()
+    };
+    let camera = Camera::named(NamedView::Posterior);
+    let request = request(RenderParameters {
+        camera,
+        background: Background::Transparent,
+        slab_mm: 2.0,
+        ..parameters()
+    });
+    let frame = draw_splat(&scene, &request);
+    assert_eq!(frame.format(), PixelFormat::GreyAlpha8);
+    assert_eq!(
+        frame.pixel(30, 48),
+        Some(&[0, 0][..]),
+        "the left, from behind"
+    );
+    assert_eq!(frame.pixel(70, 48), Some(&[200, 255][..]), "the right");
+}
+
+#[test]
+fn colours_are_those_of_the_map() {
+    let case = bright();
+    for (colormap, background, format) in [
+        (ColorMap::Inverted, Background::Black, PixelFormat::Grey8),
+        (ColorMap::Hot, Background::Black, PixelFormat::Rgb8),
+        (ColorMap::Bone, Background::Transparent, PixelFormat::Rgba8),
+    ] {
+        let request = request(RenderParameters {
+            colormap,
+            background,
+            ..parameters()
+        });
+        let frame = draw_splat(&case.scene(), &request);
+        let color = colormap.table()[200];
+        let bytes = format.bytes_per_pixel();
+        let expected = [color[0], color[1], color[2], 255];
+        assert_eq!(frame.format(), format);
+        assert_eq!(frame.pixel(48, 48).unwrap(), &expected[..bytes]);
+        assert!(frame.pixel(0, 0).unwrap().iter().all(|&byte| byte == 0));
+    }
+}
+
+#[test]
+fn deeper_than_the_deepest_there_is_nothing() {
+    let case = bright();
+    let depth_mm = f64::from(case.distance.max_depth_mm()) + 1.0;
+    let frame = draw_splat(
+        &case.scene(),
+        &request(RenderParameters {
+            depth_mm,
+            ..parameters()
+        }),
+    );
+    assert!(frame.bytes().iter().all(|&byte| byte == 0));
+}
+
+#[test]
+fn a_slab_averages_over_depth_but_not_beyond_the_envelope() {
+    // Bright outside of the ellipsoid: 0 inside.
+    let case = Case::new(aligned(), |position| {
+        if ((position - CENTRE) / (HALF_AXES + 3.0)).length() > 1.0 {
+            60_000
+        } else {
+            100
+        }
+    });
+    let request = request(RenderParameters {
+        slab_mm: 5.0,
+        ..parameters()
+    });
+    let frame = draw_splat(&case.scene(), &request);
+    assert_eq!(frame.pixel(48, 48), Some(&[100][..]));
+}
+
+#[test]
+fn one_pixel_and_extreme_zooms_are_drawn() {
+    let case = bright();
+    for (side, zoom) in [(1, 1.0), (1, 0.01), (2, 100.0), (96, 100.0), (96, 0.01)] {
+        let camera = Camera::named(NamedView::Left).with_zoom(zoom).unwrap();
+        let size = FrameSize::new(side, side).unwrap();
+        let request = request(RenderParameters {
+            camera,
+            size,
+            ..parameters()
+        });
+        let frame = draw_splat(&case.scene(), &request);
+        let [x, y] = [side / 2, side / 2];
+        assert!(
+            zoom < 1.0 || frame.pixel(x, y) == Some(&[200][..]),
+            "{side} {zoom}"
+        );
+    }
+}
