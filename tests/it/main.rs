@@ -1,5 +1,6 @@
 //! The integration tests: one program, one module for each subject. Everything is asked over HTTP.
 
+<<<<<<< HEAD
 mod bad_input;
 mod head;
 mod immutable;
@@ -12,3 +13,8 @@ mod server;
 mod sides;
 mod sockets;
 mod uploads;
+=======
+mod hygiene;
+mod kill;
+mod layers;
+>>>>>>> refs/heads/store

@@ -18,5 +18,7 @@ pub mod render_pool;
 pub mod routes;
 pub mod state;
 pub mod store;
+#[cfg(test)]
+mod testing;
 pub mod turnstile;
 pub mod wire;

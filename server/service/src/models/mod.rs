@@ -1,6 +1,8 @@
 //! Warm models: what rendering needs of a case, kept in memory within a budget of bytes.
 
 mod model;
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 use std::sync::Arc;

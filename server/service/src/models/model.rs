@@ -169,7 +169,7 @@ impl Model {
     }
 
     /// Whether the table of paths of a mesh is small enough to be kept.
-    fn keeps_table_of(&self, size: MeshSize) -> bool {
+    pub(super) fn keeps_table_of(&self, size: MeshSize) -> bool {
         let row_bytes = 6 * size.vertex_count() as u64;
         row_bytes * self.default_paths.row_count() as u64 <= TABLES_BYTES / 2
     }

@@ -7,6 +7,8 @@ mod check;
 mod failure;
 mod own_mask;
 mod steps;
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 use std::sync::atomic::AtomicBool;

@@ -432,6 +432,7 @@ async fn an_object_comes_back_and_goes(objects: &Objects) {
     ));
     objects.put(&framed).await.unwrap();
     assert_eq!(objects.get(&framed.name).await.unwrap(), vec![7; 5000]);
+    assert_eq!(objects.list().await.unwrap(), [framed.name]);
     objects.delete(&framed.name).await.unwrap();
     objects.delete(&framed.name).await.unwrap();
     assert!(matches!(

@@ -166,7 +166,9 @@ impl Store {
     /// When the directory or its database cannot be used.
     pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
         let now = options.clock.now();
+        let mut alone = false;
         let forget_dead_holders = async |root: &Path| {
+            alone = true;
             let rows = SqliteRows::open(&rows_file(root)).await?;
             rows.forget_holders(now).await
         };
@@ -175,6 +177,9 @@ impl Store {
         let objects = Objects::in_directory(&directory.join("objects"))?;
         let store = Self::new(Arc::new(rows), objects, Place::Directory(place), options);
         store.collect().await?;
+        if alone {
+            store.collect_unknown().await?;
+        }
         Ok(store)
     }
 
@@ -313,12 +318,31 @@ impl Store {
             if candidates.is_empty() {
                 return Ok(());
             }
-            let removal = self.rows().begin_removal(&candidates, now).await?;
-            for name in removal.names() {
-                self.inner.objects.delete(name).await?;
-            }
-            removal.finish().await?;
+            self.remove_unneeded(&candidates, now).await?;
         }
+    }
+
+    /// Removes the objects that the rows do not know at all.
+    ///
+    /// There are none unless a removal was undone by a loss of power: the disk may forget it though the rows remember.
+    async fn collect_unknown(&self) -> Result<(), StoreError> {
+        let names = self.inner.objects.list().await?;
+        for some in names.chunks(REMOVALS_AT_ONCE) {
+            self.remove_unneeded(some, self.now()).await?;
+        }
+        Ok(())
+    }
+
+    async fn remove_unneeded(
+        &self,
+        candidates: &[ObjectName],
+        now: jiff::Timestamp,
+    ) -> Result<(), StoreError> {
+        let removal = self.rows().begin_removal(candidates, now).await?;
+        for name in removal.names() {
+            self.inner.objects.delete(name).await?;
+        }
+        removal.finish().await
     }
 
     /// Calls `hook` after each deletion by this process.

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use bytes::Bytes;
+use futures_util::TryStreamExt as _;
 use object_store::local::LocalFileSystem;
 use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
 use tokio::io::AsyncReadExt;
@@ -99,6 +100,18 @@ impl Objects {
             .await
             .map_err(StoreError::from)?
             .map_err(|fault| Unreadable::Damaged(fault.to_string()))
+    }
+
+    /// The names of all objects. What is called otherwise is none of them, and is left out.
+    pub(super) async fn list(&self) -> Result<Vec<ObjectName>, StoreError> {
+        let found = self.files.list(None).map_ok(|file| {
+            let mut parts = file.location.parts();
+            let (kind, _prefix, digest) = (parts.next()?, parts.next()?, parts.next()?);
+            ObjectName::parse(kind.as_ref(), digest.as_ref())
+                .filter(|name| name.path() == file.location)
+        });
+        let names: Vec<_> = found.try_collect().await?;
+        Ok(names.into_iter().flatten().collect())
     }
 
     /// Removes an object; one that is not there is removed.

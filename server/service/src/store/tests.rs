@@ -427,6 +427,22 @@ async fn a_kill_at_any_step_leaves_nothing_half_there() {
     }
 }
 
+#[tokio::test]
+async fn an_object_that_no_row_knows_is_removed_at_the_next_start() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let (store, id) = ready(&directory, &fake).await;
+    let unknown = frame_all(fake_objects(b"a removal that the disk forgot"))
+        .await
+        .unwrap();
+    for framed in &unknown {
+        store.inner.objects.put(framed).await.unwrap();
+    }
+    drop(store);
+    let store = open(&directory, &fake).await;
+    assert_nothing_left_over(&store, directory.path()).await;
+    assert_eq!(load(&store, &id).await, Some(expected("volume")));
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());

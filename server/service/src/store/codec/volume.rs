@@ -64,7 +64,7 @@ mod tests {
     fn a_volume_comes_back_exactly() {
         let grid = Grid::aligned([7, 5, 3], [1.0, 2.0, 0.5], glam::DVec3::NEG_ONE).unwrap();
         let voxels = (0..105u32)
-            .map(|index| (index * 40_503 >> 3) as u16)
+            .map(|index| ((index * 40_503) >> 3) as u16)
             .collect();
         let rescale = Rescale {
             slope: 0.5,
