@@ -1,10 +1,12 @@
-//! The integration tests: one program, one module for each subject. Everything is asked over HTTP.
+//! The integration tests: one program, one module for each subject.
 
-<<<<<<< HEAD
 mod bad_input;
 mod head;
+mod hygiene;
 mod immutable;
 mod interface;
+mod kill;
+mod layers;
 mod nifti;
 mod openapi;
 mod restart;
@@ -13,8 +15,3 @@ mod server;
 mod sides;
 mod sockets;
 mod uploads;
-=======
-mod hygiene;
-mod kill;
-mod layers;
->>>>>>> refs/heads/store
