@@ -112,7 +112,7 @@ fn shrunk_by_client(file: &[u8], depth_mm: f32) -> Vec<[f32; 3]> {
         for piece in first_piece(row)..first_piece(row + 1) {
             let at = pieces_at + 24 * piece;
             let [start, end] = [4, 8].map(|offset| f32_at(file, at + offset));
-            if u32_at(file, at) as usize == vertex && (start..end).contains(&depth_mm) {
+            if u32_at(file, at) as usize == vertex && depth_mm > start && depth_mm <= end {
                 let share = (depth_mm - start) / (end - start);
                 position = [0, 1, 2].map(|axis| {
                     mix(
