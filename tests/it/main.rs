@@ -1,11 +1,8 @@
 //! The integration tests: one program, one module for each subject.
 
-<<<<<<< HEAD
 mod bad_input;
 mod head;
-=======
 mod heads;
->>>>>>> main
 mod hygiene;
 mod immutable;
 mod interface;
