@@ -68,7 +68,7 @@ impl EntityTag {
             .get_all(header::IF_NONE_MATCH)
             .into_iter()
             .flat_map(|value| value.as_bytes().split(|&byte| byte == b','))
-            .map(|tag| tag.trim_ascii())
+            .map(<[u8]>::trim_ascii)
             .any(|tag| tag == b"*" || tag.strip_prefix(b"W/").unwrap_or(tag) == own)
     }
 

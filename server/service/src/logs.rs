@@ -1,5 +1,6 @@
 //! Log lines: one for each request, with nothing of the patient in it.
 
+use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
 
 use axum::extract::{MatchedPath, Request, State};
@@ -33,6 +34,7 @@ pub fn start(format: LogFormat, filter: &str) {
     let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
     let lines = tracing_subscriber::fmt()
         .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr);
     // Fails only where a subscriber was set before, as in tests.
     let _ = match format {
@@ -97,7 +99,7 @@ pub async fn observe(State(metrics): State<Metrics>, request: Request, next: Nex
 
 fn write_line(method: &str, route: &str, status: u16, time: Duration) {
     let ms = time.as_secs_f64() * 1e3;
-    if status >= 500 {
+    if status == 500 {
         tracing::warn!(method, route, status, ms, "answered");
     } else {
         tracing::debug!(method, route, status, ms, "answered");

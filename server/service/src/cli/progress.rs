@@ -1,7 +1,7 @@
 //! A preparation's progress, for whoever started it: a bar on a terminal, lines elsewhere.
 
 use std::io::IsTerminal as _;
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -37,10 +37,7 @@ impl ProgressDisplay {
             bar.set_message(words);
             return;
         }
-        let mut last = self
-            .last
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if last.replace(progress.stage) != Some(progress.stage) {
             eprintln!("{words} …");
         }

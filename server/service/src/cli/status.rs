@@ -58,7 +58,11 @@ impl From<Failure> for CliError {
             500.. => ExitStatus::Internal,
             _ => ExitStatus::BadInput,
         };
-        Self::new(status, failure.detail)
+        let hint = match failure.kind.as_str() {
+            "mask-missing" => " (on the command line: --mask FILE)",
+            _ => "",
+        };
+        Self::new(status, format!("{}{hint}", failure.detail))
     }
 }
 

@@ -10,6 +10,7 @@ use geometry::{
 };
 use quick_cache::sync::{Cache, DefaultLifecycle};
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use render::BoundingSphere;
 
 use crate::case::{CaseFacts, CaseId};
 use crate::prepare::DEFAULT_MESH;
@@ -35,6 +36,8 @@ pub struct Model {
     pub normals: DepthField,
     /// The envelope's voxels by depth.
     pub shell: ShellIndex,
+    /// What a camera looks at.
+    pub bounds: BoundingSphere,
     /// What clients are told.
     pub facts: CaseFacts,
     default_paths: Arc<PathTable>,
@@ -87,6 +90,7 @@ impl Model {
             volume: parts.volume,
             field: Arc::new(parts.field),
             normals: parts.normals,
+            bounds: BoundingSphere::of_envelope(&parts.shell),
             shell: parts.shell,
             facts: parts.facts,
             default_paths: Arc::new(parts.default_paths),

@@ -6,8 +6,8 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::Response;
 use render::{
-    BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, RenderError, RenderParameters,
-    RenderRequest, Scene, Window,
+    Camera, ColorMap, FrameSize, Light, NamedView, RenderError, RenderParameters, RenderRequest,
+    Scene, Window,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -312,7 +312,7 @@ pub(crate) fn scene(model: &Model) -> Scene<'_> {
         field: &model.field,
         normals: &model.normals,
         shell: &model.shell,
-        bounds: BoundingSphere::of_envelope(&model.shell),
+        bounds: model.bounds,
     }
 }
 

@@ -78,7 +78,7 @@ mod tests {
         let size = MeshSize::new(3, 4).unwrap();
         let vertices = size.vertex_count() as u16;
         let position =
-            |row: u16, vertex: u16| [row * 7 + vertex, 60_000 - row * 9, vertex * 3 ^ row];
+            |row: u16, vertex: u16| [row * 7 + vertex, 60_000 - row * 9, (vertex * 3) ^ row];
         PathTable {
             size,
             origin_in_patient: [-1.0, 2.0, -3.0],
@@ -102,15 +102,14 @@ mod tests {
         let [vertices, rows, pieces] = [16, 20, 24].map(|offset| u32_at(file, offset) as usize);
         let start = HEADER_LENGTH + 4 * (rows + 1) + PIECE_LENGTH * pieces;
         assert_eq!(file.len(), start + 6 * rows * vertices);
-        let mut positions = vec![[0; 3]; rows * vertices];
-        for axis in 0..3 {
-            for index in 0..rows * vertices {
-                let offset = start + 2 * (axis * rows * vertices + index);
-                let stored = u16::from_le_bytes([file[offset], file[offset + 1]]);
-                let before = index.checked_sub(vertices);
-                let before = before.map_or(0, |before| positions[before][axis]);
-                positions[index][axis] = stored.wrapping_add(before);
-            }
+        let mut positions = vec![[0u16; 3]; rows * vertices];
+        let count = positions.len();
+        for (axis, index) in (0..3).flat_map(|axis| (0..count).map(move |index| (axis, index))) {
+            let offset = start + 2 * (axis * count + index);
+            let stored = u16::from_le_bytes([file[offset], file[offset + 1]]);
+            let before = index.checked_sub(vertices);
+            let before = before.map_or(0, |before| positions[before][axis]);
+            positions[index][axis] = stored.wrapping_add(before);
         }
         positions
     }
