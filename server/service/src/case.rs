@@ -19,7 +19,7 @@ pub struct CaseId([u8; 16]);
 impl CaseId {
     /// The name of the case with these inputs. The digests are BLAKE3 over the bytes as uploaded.
     ///
-    /// [`Parameters::name`] is a label and takes no part.
+    /// [`Parameters::name`] is a label and takes no part: the same upload under another name renames the case.
     pub fn of(volume: &blake3::Hash, mask: Option<&blake3::Hash>, parameters: &Parameters) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"isocortex case");

@@ -70,6 +70,7 @@ macro_rules! rows_suite {
         suite! {$(
             $implementation:
                 a_case_is_inserted_once,
+                a_case_is_renamed,
                 cases_are_listed_newest_first_in_pages,
                 no_more_jobs_wait_than_may,
                 a_failed_case_is_queued_again,
@@ -131,6 +132,18 @@ async fn a_case_is_inserted_once(rows: &Rows) {
     );
     assert_eq!(rows.objects(&new.id).await.unwrap(), new.sources.names);
     assert_eq!(rows.waiting().await.unwrap(), 1);
+}
+
+async fn a_case_is_renamed(rows: &Rows) {
+    let new = insert(rows, "one", 1).await;
+    rows.rename(&new.id, "another name").await.unwrap();
+    let case = rows.case(&new.id).await.unwrap().expect("the case");
+    assert_eq!(case.parameters.name.as_deref(), Some("another name"));
+    rows.rename(&insert(rows, "two", 2).await.id, "its own")
+        .await
+        .unwrap();
+    let case = rows.case(&new.id).await.unwrap().expect("the case");
+    assert_eq!(case.parameters.name.as_deref(), Some("another name"));
 }
 
 async fn cases_are_listed_newest_first_in_pages(rows: &Rows) {

@@ -83,7 +83,8 @@ pub struct Options {
     pub lease: Duration,
     /// How often a worker renews its lease and notes its progress; much less than `lease`.
     pub heartbeat: Duration,
-    /// How often a preparation is begun before the case fails.
+    /// How often a preparation is begun before the case fails: so often that a machine that is switched off again and
+    /// again loses nothing, and not for ever, because an input could be what ends the program.
     pub max_attempts: u32,
     /// How long to wait before the next attempt when the store, not the input, was at fault.
     pub retry_after: Duration,
@@ -102,7 +103,7 @@ impl Default for Options {
             limits: Limits::default(),
             lease: Duration::from_secs(30),
             heartbeat: Duration::from_secs(1),
-            max_attempts: 3,
+            max_attempts: 30,
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
             preparation: Arc::new(Pipeline),

@@ -114,6 +114,9 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// The objects that a case needs; none where there is no such case.
     async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError>;
 
+    /// Gives a case another label; nothing where there is no such case.
+    async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError>;
+
     /// Removes a case with its job; whether it was there. Its objects are left with expired pins.
     async fn delete(&self, id: &CaseId, now: Timestamp) -> Result<bool, StoreError>;
 

@@ -71,6 +71,9 @@ impl Store {
         let mask = upload.mask.as_ref().map(Spooled::digest);
         let id = CaseId::of(upload.volume.digest(), mask, &parameters);
         for _ in 0..PIN_ATTEMPTS {
+            if let Some(name) = &parameters.name {
+                self.rows().rename(&id, name).await?;
+            }
             if let Some(case) = self.case(&id).await?
                 && case.state != CaseState::Failed
             {

@@ -138,6 +138,19 @@ pub(super) async fn make_failed(
     Ok(())
 }
 
+pub(super) async fn rename(
+    connection: &mut SqliteConnection,
+    id: &CaseId,
+    name: &str,
+) -> Result<(), StoreError> {
+    sqlx::query("UPDATE cases SET name = ? WHERE id = ?")
+        .bind(name)
+        .bind(id.to_string())
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
 pub(super) async fn delete(
     connection: &mut SqliteConnection,
     id: &CaseId,

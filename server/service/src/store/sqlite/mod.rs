@@ -109,6 +109,12 @@ impl CaseRows for SqliteRows {
         cases::objects(&self.pool, id).await
     }
 
+    async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
+        let mut transaction = self.write().await?;
+        cases::rename(&mut transaction, id, name).await?;
+        Ok(transaction.commit().await?)
+    }
+
     async fn delete(&self, id: &CaseId, now: Timestamp) -> Result<bool, StoreError> {
         let mut transaction = self.write().await?;
         let deleted = cases::delete(&mut transaction, id, now).await?;
