@@ -1,0 +1,131 @@
+// The isosurface {depth = D} itself: each pixel follows its line of sight to it.
+
+// How far a hit may be from the isosurface, in voxels of depth.
+const TOLERANCE: f32 = 0.005;
+// The shortest step along a line of sight, in voxels.
+const SHORTEST_STEP: f32 = 0.25;
+// How much further than the distance to the isosurface a step may be.
+const LONGEST_STRETCH: f32 = 2.0;
+// More steps than any line of sight takes through a grid of 512 voxels a side.
+const MAX_STEPS: i32 = 4096;
+// Below every height: no hit.
+const MISS: f32 = -1e30;
+
+struct OnScreen {
+    @builtin(position) position: vec4<f32>,
+    @location(0) place_in_frame: vec2<f32>,
+}
+
+// A triangle over the whole picture.
+@vertex
+fn trace_vertex(@builtin(vertex_index) vertex: u32) -> OnScreen {
+    let corner = vec2<f32>(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0);
+    let place = vec2<f32>(0.5 + 0.5 * corner.x, 0.5 - 0.5 * corner.y) * picture.size;
+    return OnScreen(vec4<f32>(corner, 0.0, 1.0), place);
+}
+
+// A line of sight: the position at height 0, in voxel coordinates of the depth field. A unit of height is a unit of length.
+fn foot_of(place_in_frame: vec2<f32>) -> vec3<f32> {
+    return (picture.field_from_frame * vec4<f32>(place_in_frame, 0.0, 1.0)).xyz;
+}
+
+fn at_height(foot: vec3<f32>, height: f32) -> vec3<f32> {
+    return foot + height * picture.towards_viewer;
+}
+
+// The least and the greatest height at which the isosurface may be met: in the ball and the box around it.
+//
+// What lies at depth D of a ball or a box is in the ball or the box that is smaller by D.
+fn reach(foot: vec3<f32>) -> vec2<f32> {
+    let from_centre = foot - picture.sphere_centre;
+    let aside = from_centre - dot(from_centre, picture.towards_viewer) * picture.towards_viewer;
+    let half_squared = picture.sphere_radius * picture.sphere_radius - dot(aside, aside);
+    if half_squared < 0.0 || picture.sphere_radius < 0.0 {
+        return vec2<f32>(0.0, -1.0);
+    }
+    let half = sqrt(half_squared);
+    let middle = -dot(from_centre, picture.towards_viewer);
+    // Along a face of the box a line of sight is all inside of it or all outside.
+    let direction = select(picture.towards_viewer, vec3<f32>(1e-6), abs(picture.towards_viewer) < vec3<f32>(1e-6));
+    let low = (picture.box_low - foot) / direction;
+    let high = (picture.box_high - foot) / direction;
+    let near = min(low, high);
+    let far = max(low, high);
+    return vec2<f32>(
+        max(max(near.x, near.y), max(near.z, middle - half)),
+        min(min(far.x, far.y), min(far.z, middle + half)),
+    );
+}
+
+// The height of the isosurface between a place above it and one below it, by false position (the Illinois variant).
+//
+// Both are given as height and distance below the isosurface.
+fn between(foot: vec3<f32>, above: vec2<f32>, under: vec2<f32>) -> f32 {
+    var high = above;
+    var low = under;
+    var side = 0;
+    for (var round = 0; round < 16; round++) {
+        let height = high.x + (low.x - high.x) * (high.y / (high.y - low.y));
+        let here = below(at_height(foot, height));
+        if abs(here) <= TOLERANCE {
+            return height;
+        }
+        if here < 0.0 {
+            high = vec2<f32>(height, here);
+            low.y *= select(1.0, 0.5, side == -1);
+            side = -1;
+        } else {
+            low = vec2<f32>(height, here);
+            high.y *= select(1.0, 0.5, side == 1);
+            side = 1;
+        }
+    }
+    return 0.5 * (high.x + low.x);
+}
+
+// The greatest height at which a line of sight enters the isosurface, or MISS.
+//
+// It is followed in steps of its distance from the isosurface, which the distance map bounds; a slanted surface is
+// approached in longer ones. A step past the surface is noticed by its sign.
+fn first_hit(foot: vec3<f32>) -> f32 {
+    let ends = reach(foot);
+    if ends.x > ends.y {
+        return MISS;
+    }
+    var outside = vec2<f32>(ends.y, below(at_height(foot, ends.y)));
+    if outside.y >= 0.0 {
+        return outside.x;
+    }
+    var stretch = 1.0;
+    for (var steps = 0; steps < MAX_STEPS; steps++) {
+        let step = max(-stretch * outside.y, SHORTEST_STEP);
+        let height = outside.x - step;
+        if height < ends.x {
+            return MISS;
+        }
+        let here = below(at_height(foot, height));
+        if here >= 0.0 {
+            return between(foot, outside, vec2<f32>(height, here));
+        }
+        stretch = clamp(step / max(abs(here - outside.y), 1e-6), 1.0, LONGEST_STRETCH);
+        outside = vec2<f32>(height, here);
+    }
+    return MISS;
+}
+
+@fragment
+fn trace_shaded(pixel: OnScreen) -> @location(0) vec4<f32> {
+    let foot = foot_of(pixel.place_in_frame);
+    let height = first_hit(foot);
+    if height <= MISS {
+        return vec4<f32>(0.0);
+    }
+    return shaded(at_height(foot, height));
+}
+
+// The height of the isosurface above the plane through the target's centre, in mm; MISS where there is none.
+@fragment
+fn trace_height(pixel: OnScreen) -> @location(0) f32 {
+    let height = first_hit(foot_of(pixel.place_in_frame));
+    return select(height * picture.voxel_mm, MISS, height <= MISS);
+}
