@@ -223,8 +223,9 @@ mod tests {
     fn depth_falls_from_the_centre_of_a_ball_to_below_zero_outside() {
         let field = ball_field(20.0);
         let at = |radius: f32| field.depth_mm(centre(&field) + Vec3::X * radius);
-        assert!((at(0.0) - 20.0).abs() < 0.5);
-        assert!((at(10.5) - 9.5).abs() < 0.3);
+        // Depth counts from the border voxels' centres, which lie up to a voxel within the ball.
+        assert!((19.0..=20.0).contains(&at(0.0)), "{}", at(0.0));
+        assert!((8.5..=9.5).contains(&at(10.5)), "{}", at(10.5));
         assert!(at(22.0) < -1.5);
         assert_eq!(
             field.depth_mm(Vec3::splat(-1e9)),

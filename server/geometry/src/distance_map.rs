@@ -93,35 +93,169 @@ pub fn distance_map(envelope: &Envelope) -> DistanceMap {
 fn mark_border([nx, ny, _]: [usize; 3], inside: &[bool], bounds: &mut [u8]) {
     let plane = nx * ny;
     let interior = plane..inside.len() - plane;
-    bounds[interior.clone()]
+    bounds[interior]
         .par_chunks_mut(nx)
         .enumerate()
         .for_each(|(row, bounds)| {
             let start = plane + row * nx;
-            let neighbours = [start - nx, start + nx, start - plane, start + plane];
-            let [above, below, before, behind] = neighbours.map(|start| &inside[start..start + nx]);
-            let here = &inside[start - 1..start + nx + 1];
-            for x in 0..nx {
-                let surrounded =
-                    here[x] & here[x + 2] & above[x] & below[x] & before[x] & behind[x];
-                if here[x + 1] & !surrounded {
-                    bounds[x] = 0;
-                }
+            let shifted = |offset: isize| inside[start.wrapping_add_signed(offset)..].iter();
+            let (nx, plane) = (nx as isize, plane as isize);
+            let along_x = shifted(-1).zip(shifted(1)).map(|(a, b)| a & b);
+            let along_y = shifted(-nx).zip(shifted(nx)).map(|(a, b)| a & b);
+            let along_z = shifted(-plane).zip(shifted(plane)).map(|(a, b)| a & b);
+            let surrounded = along_x
+                .zip(along_y)
+                .zip(along_z)
+                .map(|((x, y), z)| x & y & z);
+            for ((bound, &here), surrounded) in bounds.iter_mut().zip(shifted(0)).zip(surrounded) {
+                *bound = if here & !surrounded { 0 } else { *bound };
             }
         });
 }
 
+/// The first of the deepest voxels; 0 where nothing is inside.
 fn deepest_inside(inside: &[bool], squared: &[u16]) -> u32 {
-    let depth = |index: usize| {
-        if inside[index] {
-            i32::from(squared[index])
-        } else {
-            -1
-        }
-    };
-    let deepest = (0..squared.len())
-        .into_par_iter()
-        .reduce_with(|a, b| if (depth(b), a) > (depth(a), b) { b } else { a })
+    let depth = |(&inside, &squared): (&bool, &u16)| if inside { squared } else { 0 };
+    let deepest = inside
+        .iter()
+        .zip(squared)
+        .map(depth)
+        .max()
         .unwrap_or_default();
-    deepest as u32
+    let mut voxels = inside.iter().zip(squared);
+    voxels
+        .position(|(&inside, &squared)| inside && squared == deepest)
+        .unwrap_or_default() as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{envelope, phantom};
+
+    /// The definition: border voxels by their six neighbours, and the least distance to one of them.
+    fn brute_force(envelope: &Envelope) -> Vec<Option<f64>> {
+        let grid = envelope.grid();
+        let inside = envelope.mask().voxels();
+        let neighbours = |[x, y, z]: [usize; 3]| {
+            [
+                [x - 1, y, z],
+                [x + 1, y, z],
+                [x, y - 1, z],
+                [x, y + 1, z],
+                [x, y, z - 1],
+                [x, y, z + 1],
+            ]
+        };
+        let all = || {
+            (0..inside.len())
+                .filter(|&index| inside[index])
+                .map(|index| grid.voxel(index))
+        };
+        let is_border = |voxel: &[usize; 3]| {
+            neighbours(*voxel)
+                .into_iter()
+                .any(|neighbour| !inside[grid.index(neighbour)])
+        };
+        let border: Vec<_> = all().filter(is_border).collect();
+        let distance = |index: usize| {
+            let voxel = grid.voxel(index);
+            let squared = |other: &[usize; 3]| -> usize {
+                (0..3)
+                    .map(|axis| voxel[axis].abs_diff(other[axis]).pow(2))
+                    .sum()
+            };
+            let nearest = border.iter().map(squared).min().unwrap_or_default();
+            inside[index].then(|| (nearest as f64).sqrt() * grid.spacing_mm()[0])
+        };
+        (0..inside.len()).map(distance).collect()
+    }
+
+    #[test]
+    fn depths_are_those_of_brute_force() {
+        for brain in [
+            phantom::ball(9.0),
+            phantom::ellipsoid([11.0, 7.0, 5.5], 0.7),
+            phantom::two_lobes([7.0, 5.0], 11.0, 2.0),
+        ] {
+            let envelope = envelope(&brain, 1.5).unwrap();
+            let distance = distance_map(&envelope);
+            for (index, expected) in brute_force(&envelope).into_iter().enumerate() {
+                match (distance.depth_mm(index), expected) {
+                    (Some(depth), Some(expected)) => {
+                        assert!((f64::from(depth) - expected).abs() < 1e-4);
+                    }
+                    (depth, expected) => assert!(depth.is_none() && expected.is_none()),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn in_a_large_box_depth_is_the_way_to_the_nearest_face() {
+        let size = [131, 97, 110];
+        let grid = Grid::aligned(size, [0.9; 3], glam::DVec3::ZERO).unwrap();
+        let mask = crate::Mask::new(grid.clone(), vec![true; grid.voxel_count()]).unwrap();
+        let brain = crate::BrainMask::from_mask(&mask, &grid).unwrap();
+        let distance = distance_map(&envelope(&brain, 0.0).unwrap());
+        let working = distance.grid();
+        let native_from_working = grid.voxel_from_patient() * working.patient_from_voxel();
+        for index in 0..distance.inside().len() {
+            let Some(depth) = distance.depth_mm(index) else {
+                continue;
+            };
+            let voxel = glam::DVec3::from_array(working.voxel(index).map(|place| place as f64));
+            let native = native_from_working.transform_point3(voxel);
+            let to_face = |axis: usize| native[axis].min((size[axis] - 1) as f64 - native[axis]);
+            let nearest = (0..3).map(to_face).fold(f64::INFINITY, f64::min) * 0.9;
+            assert!(
+                (f64::from(depth) - nearest).abs() < 0.009,
+                "{depth} {nearest}"
+            );
+        }
+    }
+
+    #[test]
+    fn in_a_large_ball_depth_is_the_distance_to_the_nearest_border_voxel() {
+        let radius = 60.0;
+        let distance = distance_map(&envelope(&phantom::ball(radius), 0.0).unwrap());
+        let grid = distance.grid();
+        let inside = (0..grid.voxel_count()).filter(|&index| distance.inside()[index]);
+        let border: Vec<_> = inside
+            .clone()
+            .filter(|&index| distance.squared()[index] == 0)
+            .map(|index| grid.voxel(index).map(|place| place as i32))
+            .collect();
+        let middle = grid.size().map(|side| (side - 1) as f64 / 2.0);
+        for index in inside.step_by(2003) {
+            let voxel = grid.voxel(index).map(|place| place as i32);
+            let squared =
+                |other: &[i32; 3]| (0..3).map(|i| (voxel[i] - other[i]).pow(2)).sum::<i32>();
+            let nearest = f64::from(border.iter().map(squared).min().unwrap()).sqrt();
+            let depth = f64::from(distance.depth_mm(index).unwrap());
+            assert!((depth - nearest).abs() < 0.01);
+            // The border voxels' centres lie on the sphere or up to a voxel within it, and not on every radius.
+            let from_centre = (0..3)
+                .map(|i| (f64::from(voxel[i]) - middle[i]).powi(2))
+                .sum::<f64>();
+            assert!((-0.9..=1.0).contains(&(radius - from_centre.sqrt() - depth)));
+        }
+        assert!((59.0..=60.0).contains(&distance.max_depth_mm()));
+    }
+
+    #[test]
+    fn distances_outside_are_followed_for_a_few_voxels() {
+        let distance = distance_map(&envelope(&phantom::ball(12.0), 0.0).unwrap());
+        let grid = distance.grid();
+        let [nx, ny, nz] = grid.size();
+        let at = |x: usize| distance.squared()[grid.index([x, ny / 2, nz / 2])];
+        let first = (0..nx)
+            .find(|&x| distance.inside()[grid.index([x, ny / 2, nz / 2])])
+            .unwrap();
+        assert_eq!([at(first), at(first - 1), at(first - 2)], [0, 1, 4]);
+        assert_eq!(
+            distance.depth_mm(grid.index([first - 1, ny / 2, nz / 2])),
+            None
+        );
+    }
 }

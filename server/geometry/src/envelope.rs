@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
-use crate::transform::squared_distances;
+use crate::transform::Memory;
 use crate::{BrainMask, GeometryError, Grid, Mask};
 
 /// The largest radius of the closing, in mm.
@@ -103,16 +103,17 @@ fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
         |is_set| if is_set { 0 } else { bound },
         bound,
     );
-    let distance = squared_distances(padded_size, &to_set);
+    let mut memory = Memory::default();
+    let distance = memory.squared_distances(padded_size, &to_set);
     let mut to_rest = to_set;
     to_rest
         .par_iter_mut()
-        .zip(&distance)
+        .zip(distance)
         .for_each(|(to_rest, &squared)| {
             *to_rest = if squared <= within { bound } else { 0 };
         });
-    let distance = squared_distances(padded_size, &to_rest);
-    unpadded(size, &distance, pad, |squared| squared > within)
+    let distance = memory.squared_distances(padded_size, &to_rest);
+    unpadded(size, distance, pad, |squared| squared > within)
 }
 
 /// Values made from those of a block, surrounded by `pad` voxels of `outside` on all sides.
@@ -142,8 +143,110 @@ fn unpadded<T: Copy, U>(
     convert: impl Fn(T) -> U,
 ) -> Vec<U> {
     let [px, py] = [nx, ny].map(|side| side + 2 * pad);
-    let rows = (0..ny * nz).map(|row| pad + px * (row % ny + pad + py * (row / ny + pad)));
-    rows.flat_map(|start| &block[start..start + nx])
-        .map(|&value| convert(value))
-        .collect()
+    let mut values = Vec::with_capacity(nx * ny * nz);
+    for row in 0..ny * nz {
+        let start = pad + px * (row % ny + pad + py * (row / ny + pad));
+        values.extend(block[start..start + nx].iter().map(|&value| convert(value)));
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phantom;
+
+    /// The closing by its definition: a voxel is in it when every ball that holds the voxel touches the set.
+    fn closed_by_definition(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
+        let reach = radius.floor() as isize;
+        let [nx, ny, nz] = size.map(|side| side as isize);
+        let offsets: Vec<[isize; 3]> = (-reach..=reach)
+            .flat_map(|x| {
+                (-reach..=reach).flat_map(move |y| (-reach..=reach).map(move |z| [x, y, z]))
+            })
+            .filter(|offset| {
+                offset.iter().map(|along| along * along).sum::<isize>() as f64 <= radius * radius
+            })
+            .collect();
+        let is_set = |[x, y, z]: [isize; 3]| {
+            (0..nx).contains(&x)
+                && (0..ny).contains(&y)
+                && (0..nz).contains(&z)
+                && voxels[(x + nx * (y + ny * z)) as usize]
+        };
+        let shifted = |voxel: [isize; 3], offset: &[isize; 3]| {
+            [0, 1, 2].map(|axis| voxel[axis] + offset[axis])
+        };
+        let is_near_set = |voxel| offsets.iter().any(|offset| is_set(shifted(voxel, offset)));
+        let voxel = |index: isize| [index % nx, index / nx % ny, index / (nx * ny)];
+        let is_closed = |index| {
+            offsets
+                .iter()
+                .all(|offset| is_near_set(shifted(voxel(index), offset)))
+        };
+        (0..nx * ny * nz).map(is_closed).collect()
+    }
+
+    #[test]
+    fn the_closing_is_that_of_its_definition() {
+        let size = [15, 13, 11];
+        let mut state = 1u32;
+        let voxels: Vec<bool> = (0..size.iter().product())
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                state >> 28 == 0
+            })
+            .collect();
+        for radius in [0.5, 1.0, 2.0, 2.5, 3.7] {
+            let expected = closed_by_definition(size, &voxels, radius);
+            assert_eq!(close(size, &voxels, radius), expected, "radius {radius}");
+        }
+    }
+
+    #[test]
+    fn closing_a_closed_set_changes_nothing() {
+        let first = envelope(&phantom::two_lobes([14.0, 11.0], 26.0, 4.0), 6.0).unwrap();
+        let again = close(first.grid().size(), first.mask().voxels(), 6.0);
+        assert_eq!(again, first.mask().voxels());
+    }
+
+    #[test]
+    fn the_closing_bridges_a_gap_and_keeps_a_ball() {
+        let ball = phantom::ball(15.0);
+        assert_eq!(envelope(&ball, 10.0).unwrap().mask(), ball.mask());
+        let lobes = phantom::two_lobes([12.0, 12.0], 20.0, 3.0);
+        let closed = envelope(&lobes, 8.0).unwrap();
+        let count = |mask: &Mask| mask.voxels().iter().filter(|&&voxel| voxel).count();
+        assert!(count(closed.mask()) > count(lobes.mask()));
+    }
+
+    #[test]
+    fn a_mask_that_fills_its_volume_is_not_cut() {
+        let grid = Grid::aligned([20, 18, 16], [1.0; 3], glam::DVec3::ZERO).unwrap();
+        let mask = Mask::new(grid.clone(), vec![true; grid.voxel_count()]).unwrap();
+        let brain = BrainMask::from_mask(&mask, &grid).unwrap();
+        let closed = envelope(&brain, 10.0).unwrap();
+        assert!((closed.volume_ml() - 20.0 * 18.0 * 16.0 / 1000.0).abs() < 1e-9);
+        assert!(Envelope::from_stored(closed.mask().clone()).is_ok());
+    }
+
+    #[test]
+    fn a_radius_out_of_range_is_refused() {
+        for radius in [-1.0, 51.0, f64::NAN, f64::INFINITY] {
+            let refused = envelope(&phantom::ball(5.0), radius);
+            assert!(
+                matches!(refused, Err(GeometryError::Parameter { .. })),
+                "{radius}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_no_envelope_is_not_taken_for_one() {
+        let grid = Grid::aligned([8; 3], [1.0; 3], glam::DVec3::ZERO).unwrap();
+        let full = Mask::new(grid.clone(), vec![true; 512]).unwrap();
+        assert_eq!(Envelope::from_stored(full), Err(GeometryError::CutEnvelope));
+        let empty = Mask::new(grid, vec![false; 512]).unwrap();
+        assert_eq!(Envelope::from_stored(empty), Err(GeometryError::EmptyMask));
+    }
 }

@@ -267,10 +267,140 @@ fn on_envelope(field: &DepthField, centre: Vec3, outward: f32) -> Vec3 {
     for _ in 0..20 {
         let middle = (inside + outside) / 2.0;
         if depth(middle) >= 0.0 {
-            inside = middle
+            inside = middle;
         } else {
-            outside = middle
+            outside = middle;
         }
     }
     centre + Vec3::X * (outward * inside)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use super::*;
+    use crate::{distance_map, envelope, phantom};
+
+    fn mesh_of(brain: &crate::BrainMask, size: MeshSize) -> (DepthField, EnvelopeMesh) {
+        let field = DepthField::new(&distance_map(&envelope(brain, 3.0).unwrap()));
+        let mesh = envelope_mesh(&field, size).unwrap();
+        (field, mesh)
+    }
+
+    #[test]
+    fn sizes_out_of_range_are_refused() {
+        for (contours, points) in [(2, 30), (513, 30), (30, 2), (30, 1025), (0, 0)] {
+            assert!(
+                MeshSize::new(contours, points).is_err(),
+                "{contours} {points}"
+            );
+        }
+        assert_eq!(MeshSize::new(30, 30), Ok(MeshSize::STANDARD));
+    }
+
+    #[test]
+    fn the_triangles_close_a_sphere() {
+        for (contours, points) in [(3, 3), (8, 30), (30, 30), (7, 64)] {
+            let size = MeshSize::new(contours, points).unwrap();
+            let triangles = size.triangles();
+            assert_eq!(triangles.len(), 2 * contours * points);
+            let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+            for triangle in &triangles {
+                for i in 0..3 {
+                    *edges
+                        .entry((triangle[i], triangle[(i + 1) % 3]))
+                        .or_default() += 1;
+                }
+            }
+            // Each edge is run through once in each direction: closed, of two sides, and of one orientation.
+            assert!(
+                edges
+                    .iter()
+                    .all(|(&(a, b), &count)| count == 1 && edges.contains_key(&(b, a)))
+            );
+            let euler =
+                size.vertex_count() as i64 - edges.len() as i64 / 2 + triangles.len() as i64;
+            assert_eq!(euler, 2);
+        }
+    }
+
+    #[test]
+    fn the_mesh_of_a_ball_lies_on_it_and_faces_outwards() {
+        let (field, mesh) = mesh_of(&phantom::ball(25.0), MeshSize::STANDARD);
+        let centre = Vec3::from_array(field.grid().size().map(|side| (side - 1) as f32 / 2.0));
+        for &position in &mesh.positions_in_voxel {
+            assert!(
+                (23.5..=25.6).contains(&position.distance(centre)),
+                "{position}"
+            );
+        }
+        let mut volume = 0.0;
+        for [a, b, c] in mesh.size.triangles() {
+            let corner = |vertex: u32| mesh.positions_in_voxel[vertex as usize] - centre;
+            let six_times = corner(a).dot(corner(b).cross(corner(c)));
+            assert!(six_times > 0.0, "a triangle faces inwards");
+            volume += six_times / 6.0;
+        }
+        let ball = 4.0 / 3.0 * std::f32::consts::PI * 24.5f32.powi(3);
+        assert!((volume / ball - 1.0).abs() < 0.06, "{volume} {ball}");
+    }
+
+    #[test]
+    fn every_vertex_is_at_depth_zero() {
+        for brain in [
+            phantom::ellipsoid([30.0, 22.0, 18.0], 0.8),
+            phantom::two_lobes([16.0, 13.0], 24.0, 8.0),
+        ] {
+            for size in [(3, 3), (12, 20), (80, 50)] {
+                let (field, mesh) = mesh_of(&brain, MeshSize::new(size.0, size.1).unwrap());
+                for &position in &mesh.positions_in_voxel {
+                    let depth = field.depth_mm(position);
+                    assert!(depth.abs() <= 0.05, "{depth} at {position}");
+                }
+            }
+        }
+    }
+
+    /// How far the points of neighbouring contours are apart when one is turned by a number of points.
+    fn mismatch(mesh: &EnvelopeMesh, contour: usize, turn: usize) -> f32 {
+        let points = mesh.size.points_per_contour();
+        let at = |contour: usize, point: usize| {
+            mesh.positions_in_voxel[contour * points + point % points]
+        };
+        (0..points)
+            .map(|point| at(contour, point).distance_squared(at(contour + 1, point + turn)))
+            .sum()
+    }
+
+    #[test]
+    fn strips_do_not_twist() {
+        for brain in [
+            phantom::ball(25.0),
+            phantom::ellipsoid([40.0, 30.0, 20.0], 1.0),
+        ] {
+            let (_, mesh) = mesh_of(&brain, MeshSize::STANDARD);
+            for contour in 0..29 {
+                let straight = mismatch(&mesh, contour, 0);
+                let turned = (1..30)
+                    .map(|turn| mismatch(&mesh, contour, turn))
+                    .fold(f32::INFINITY, f32::min);
+                assert!(
+                    straight <= turned,
+                    "between contours {contour} and the next"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_too_thin_to_be_cut_is_refused() {
+        for brain in [phantom::ball(0.4), phantom::ellipsoid([0.4, 6.0, 6.0], 1.0)] {
+            let field = DepthField::new(&distance_map(&envelope(&brain, 0.0).unwrap()));
+            assert!(matches!(
+                envelope_mesh(&field, MeshSize::STANDARD),
+                Err(GeometryError::TooSmall { .. })
+            ));
+        }
+    }
 }

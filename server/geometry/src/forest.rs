@@ -270,3 +270,162 @@ fn reach_stranded(forest: &mut Forest, nearest: &NearestCore, stranded: &[u32]) 
         "the envelope is one component"
     );
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{core, distance_map, envelope, phantom};
+
+    fn cases() -> Vec<(&'static str, DistanceMap, Core)> {
+        let banana = || {
+            // Three quarters of a ring: most voxels do not see their nearest core voxel.
+            let ring = phantom::ball(24.0);
+            let grid = ring.mask().grid().clone();
+            let middle = grid.size().map(|side| (side / 2) as f64);
+            let is_ring = |voxel: [usize; 3]| {
+                let [x, y, z] = [0, 1, 2].map(|axis| voxel[axis] as f64 - middle[axis]);
+                let is_open = x > 0.0 && y > 0.0;
+                ((x.hypot(y) - 16.0).hypot(z) < 6.0 + 0.1 * x) && !is_open
+            };
+            let voxels = (0..grid.voxel_count())
+                .map(|index| is_ring(grid.voxel(index)))
+                .collect();
+            crate::BrainMask::from_mask(&crate::Mask::new(grid.clone(), voxels).unwrap(), &grid)
+                .unwrap()
+        };
+        [
+            ("ball", phantom::ball(20.0)),
+            ("ellipsoid", phantom::ellipsoid([30.0, 14.0, 17.0], 1.0)),
+            ("two lobes", phantom::two_lobes([18.0, 14.0], 34.0, 6.0)),
+            ("ring", banana()),
+        ]
+        .into_iter()
+        .map(|(name, brain)| {
+            let distance = distance_map(&envelope(&brain, 0.0).unwrap());
+            let core = core(&distance);
+            (name, distance, core)
+        })
+        .collect()
+    }
+
+    fn length(grid: &Grid, a: usize, b: usize) -> f64 {
+        let (a, b) = (grid.voxel(a), grid.voxel(b));
+        (0..3)
+            .map(|axis| (a[axis] as f64 - b[axis] as f64).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    #[test]
+    fn every_path_leads_by_single_steps_through_the_envelope_to_a_root() {
+        for (name, distance, core) in cases() {
+            let forest = forest(&distance, &core);
+            for index in 0..distance.inside().len() {
+                if !distance.inside()[index] {
+                    assert_eq!(forest.predecessor()[index], Forest::OUTSIDE);
+                    continue;
+                }
+                let mut deepest = distance.depth_mm(index).unwrap();
+                let mut end = index;
+                for (here, next) in forest.path(index).zip(forest.path(index).skip(1)) {
+                    assert!(
+                        length(distance.grid(), here, next) < 1.8,
+                        "{name}: a step of a voxel"
+                    );
+                    // Depth changes by no more than the step, so that none is passed over.
+                    let change =
+                        distance.depth_mm(next).unwrap() - distance.depth_mm(here).unwrap();
+                    assert!(f64::from(change.abs()) <= length(distance.grid(), here, next) + 1e-4);
+                    deepest = deepest.max(distance.depth_mm(next).unwrap());
+                    end = next;
+                }
+                assert!(
+                    core.voxels().binary_search(&(end as u32)).is_ok(),
+                    "{name}: no root"
+                );
+                assert!(deepest >= distance.depth_mm(end).unwrap());
+            }
+            assert!(Forest::from_stored(distance.grid(), forest.predecessor().to_vec()).is_some());
+        }
+    }
+
+    /// The image foresting transform by its definition: an ordered queue over 26 neighbours.
+    fn reference_costs(distance: &DistanceMap, core: &Core) -> Vec<f64> {
+        let grid = distance.grid();
+        let mut costs = vec![f64::INFINITY; grid.voxel_count()];
+        let mut is_done = vec![false; costs.len()];
+        let mut queue: BinaryHeap<Reverse<(u64, usize, usize)>> = BinaryHeap::new();
+        let key = |cost: f64| (cost * 1e6) as u64;
+        for &root in core.voxels() {
+            costs[root as usize] = 0.0;
+            queue.push(Reverse((0, root as usize, root as usize)));
+        }
+        while let Some(Reverse((_, voxel, root))) = queue.pop() {
+            if std::mem::replace(&mut is_done[voxel], true) {
+                continue;
+            }
+            costs[voxel] = length(grid, voxel, root);
+            for offset in neighbour_offsets(grid.size()) {
+                let neighbour = voxel.wrapping_add_signed(offset);
+                let cost = length(grid, neighbour, root);
+                if distance.inside()[neighbour] && !is_done[neighbour] && cost < costs[neighbour] {
+                    costs[neighbour] = cost;
+                    queue.push(Reverse((key(cost), neighbour, root)));
+                }
+            }
+        }
+        costs
+    }
+
+    #[test]
+    fn costs_are_the_exact_distances_wherever_the_way_is_free() {
+        for (name, distance, core) in cases() {
+            let forest = forest(&distance, &core);
+            let reference = reference_costs(&distance, &core);
+            let mut free = 0;
+            for index in (0..distance.inside().len()).filter(|&index| distance.inside()[index]) {
+                let cost = length(distance.grid(), index, forest.root(index));
+                let nearest = core
+                    .voxels()
+                    .iter()
+                    .map(|&root| length(distance.grid(), index, root as usize));
+                let exact = nearest.fold(f64::INFINITY, f64::min);
+                assert!(cost >= exact - 1e-9, "{name}");
+                // The queue's own tolerance, a tenth of a voxel, is that of 26 neighbours (0.081 is known for distances).
+                if reference[index] <= exact + 0.1 {
+                    free += 1;
+                    assert!(cost <= exact + 0.1, "{name}: {cost} for {exact}");
+                } else {
+                    assert!(
+                        cost <= reference[index] + 2.0,
+                        "{name}: {cost} for {}",
+                        reference[index]
+                    );
+                }
+            }
+            assert!(free > 100, "{name}: {free} voxels see their root");
+        }
+    }
+
+    #[test]
+    fn a_stored_forest_that_leads_nowhere_is_refused() {
+        let (_, distance, core) = cases().swap_remove(0);
+        let grid = distance.grid();
+        let sound = forest(&distance, &core).predecessor().to_vec();
+        let inside = (0..sound.len())
+            .find(|&index| sound[index] < 27 && sound[index] != Forest::ROOT)
+            .unwrap();
+        for damage in [Forest::OUTSIDE - 1, 27, Forest::OUTSIDE] {
+            let mut codes = sound.clone();
+            // The voxel before: its follower then leads out of the envelope, or to a code that is none.
+            let next = inside.wrapping_add_signed(offset_of(codes[inside], grid.size()));
+            codes[next] = damage;
+            assert_eq!(Forest::from_stored(grid, codes), None, "{damage}");
+        }
+        let mut circle = sound.clone();
+        let next = inside.wrapping_add_signed(offset_of(circle[inside], grid.size()));
+        circle[next] = 26 - circle[inside];
+        assert_eq!(Forest::from_stored(grid, circle), None);
+        assert_eq!(Forest::from_stored(grid, sound[1..].to_vec()), None);
+    }
+}

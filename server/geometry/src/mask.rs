@@ -9,6 +9,9 @@ use crate::{GeometryError, Grid, MAX_WORKING_SIZE};
 /// Voxels between the brain and the faces of the working grid, so that depth can be sampled outside too.
 const MARGIN: i64 = 4;
 
+/// More than any voxel coordinate that occurs, and a power of two so that adding it to a whole number is exact.
+const FLOOR_SHIFT: f64 = (1u64 << 32) as f64;
+
 /// A set of voxels of a grid, as it was supplied: on any grid, in any orientation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mask {
@@ -44,6 +47,19 @@ impl Mask {
     /// How much of the set lies inside of another grid, 0 to 1; 1 for an empty set.
     pub fn fraction_inside(&self, grid: &Grid) -> f64 {
         let other_from_voxel = grid.voxel_from_patient() * self.grid.patient_from_voxel();
+        let last = self.grid.size().map(|side| side - 1);
+        let corner = |i: usize| {
+            [
+                last[0] * (i & 1),
+                last[1] * (i >> 1 & 1),
+                last[2] * (i >> 2),
+            ]
+        };
+        let is_within =
+            |i| grid.contains(other_from_voxel.transform_point3(as_position(corner(i))));
+        if (0..8).all(is_within) {
+            return 1.0;
+        }
         let marked = (0..self.voxels.len())
             .into_par_iter()
             .filter(|&index| self.voxels[index]);
@@ -85,43 +101,47 @@ impl Mask {
         Some([first, last])
     }
 
-    /// Share of the set at a position, trilinear between voxel centres; outside of the grid there is none of it.
-    fn share_at(&self, position_in_voxel: DVec3) -> f64 {
-        let base = position_in_voxel.floor();
+    /// Whether at least half of the set is at a position, trilinear between voxel centres; outside of the grid is none of it.
+    fn is_half_marked(&self, position_in_voxel: DVec3) -> bool {
+        // Truncation after a shift is a floor that needs no library call.
+        let base = position_in_voxel
+            .to_array()
+            .map(|along| (along + FLOOR_SHIFT) as i64 - FLOOR_SHIFT as i64);
         let corners = self.corners(base);
         if corners == [corners[0]; 8] {
-            return f64::from(u8::from(corners[0]));
+            return corners[0];
         }
-        let fraction = position_in_voxel - base;
+        let fraction = position_in_voxel - DVec3::from_array(base.map(|place| place as f64));
         let weight = |corner: usize| {
-            let offset = corner_offset(corner);
+            let offset = DVec3::from_array(corner_offset(corner).map(|place| place as f64));
             (offset * fraction + (1.0 - offset) * (1.0 - fraction)).element_product()
         };
-        (0..8).filter(|&corner| corners[corner]).map(weight).sum()
+        let share: f64 = (0..8).filter(|&corner| corners[corner]).map(weight).sum();
+        share >= 0.5
     }
 
     /// Whether each corner of the cell that begins at a voxel is marked.
-    fn corners(&self, base: DVec3) -> [bool; 8] {
+    fn corners(&self, base: [i64; 3]) -> [bool; 8] {
         let [nx, ny, nz] = self.grid.size();
-        let is_within = |place: f64, side: usize| place >= 0.0 && place < (side - 1) as f64;
-        if is_within(base.x, nx) && is_within(base.y, ny) && is_within(base.z, nz) {
-            let [x, y, z] = base.to_array().map(|place| place as usize);
+        let is_within = |axis: usize, side: usize| (0..side as i64 - 1).contains(&base[axis]);
+        if is_within(0, nx) && is_within(1, ny) && is_within(2, nz) {
+            let [x, y, z] = base.map(|place| place as usize);
             let start = x + nx * (y + ny * z);
             let pair = |start: usize| [self.voxels[start], self.voxels[start + 1]];
             let pairs = [0, nx, nx * ny, nx * ny + nx].map(|offset| pair(start + offset));
             std::array::from_fn(|corner| pairs[corner / 2][corner % 2])
         } else {
-            std::array::from_fn(|corner| self.is_marked(base + corner_offset(corner)))
+            std::array::from_fn(|corner| {
+                let offset = corner_offset(corner);
+                self.is_marked([0, 1, 2].map(|axis| base[axis] + offset[axis]))
+            })
         }
     }
 
-    fn is_marked(&self, voxel: DVec3) -> bool {
+    fn is_marked(&self, voxel: [i64; 3]) -> bool {
         let size = self.grid.size();
-        let is_inside = (0..3).all(|axis| voxel[axis] >= 0.0 && voxel[axis] < size[axis] as f64);
-        is_inside
-            && self.voxels[self
-                .grid
-                .index(voxel.to_array().map(|place| place as usize))]
+        let is_inside = (0..3).all(|axis| (0..size[axis] as i64).contains(&voxel[axis]));
+        is_inside && self.voxels[self.grid.index(voxel.map(|place| place as usize))]
     }
 
     /// This set on another grid: voxels of which at least half lies in it, trilinear between centres.
@@ -138,12 +158,7 @@ impl Mask {
                 let start = source_from_target.transform_point3(start);
                 let step = source_from_target.matrix3.x_axis;
                 for (x, voxel) in voxels.iter_mut().enumerate() {
-                    let position = start + step * x as f64;
-                    *voxel = if position == position.round() {
-                        self.is_marked(position)
-                    } else {
-                        self.share_at(position) >= 0.5
-                    };
+                    *voxel = self.is_half_marked(start + step * x as f64);
                 }
             });
         Self { grid, voxels }
@@ -166,8 +181,8 @@ fn snapped_to_integers(affine: DAffine3) -> DAffine3 {
 }
 
 /// The way from a cell's first voxel to its others.
-fn corner_offset(corner: usize) -> DVec3 {
-    as_position([corner & 1, corner >> 1 & 1, corner >> 2])
+fn corner_offset(corner: usize) -> [i64; 3] {
+    [corner & 1, corner >> 1 & 1, corner >> 2].map(|place| place as i64)
 }
 
 fn as_position(voxel: [usize; 3]) -> DVec3 {
@@ -260,4 +275,166 @@ fn patient_bounds(mask: &Mask) -> Result<[DVec3; 2], GeometryError> {
     });
     let outward = |[low, high]: [DVec3; 2], corner: DVec3| [low.min(corner), high.max(corner)];
     Ok(corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], outward))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DQuat};
+
+    use super::*;
+    use crate::{distance_map, envelope};
+
+    /// A ball of `radius_mm` around `centre` on any grid, by voxel centres.
+    fn ball_on(grid: &Grid, centre: DVec3, radius_mm: f64) -> Mask {
+        let is_inside = |index| {
+            let voxel = as_position(grid.voxel(index));
+            grid.patient_from_voxel()
+                .transform_point3(voxel)
+                .distance(centre)
+                <= radius_mm
+        };
+        let voxels = (0..grid.voxel_count()).map(is_inside).collect();
+        Mask::new(grid.clone(), voxels).unwrap()
+    }
+
+    fn grid(size: [usize; 3], axes: DMat3, spacing: [f64; 3]) -> Grid {
+        let matrix3 = axes * DMat3::from_diagonal(DVec3::from_array(spacing));
+        let middle = DVec3::from_array(size.map(|side| (side - 1) as f64 / 2.0));
+        Grid::new(
+            size,
+            DAffine3 {
+                matrix3,
+                translation: matrix3 * -middle,
+            },
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn every_order_of_axes_gives_the_same_mask() {
+        let reference = grid([30, 34, 38], DMat3::IDENTITY, [1.5; 3]);
+        let centre = DVec3::new(4.0, -3.0, 2.0);
+        let expected =
+            BrainMask::from_mask(&ball_on(&reference, centre, 14.0), &reference).unwrap();
+        for order in [
+            [0, 1, 2],
+            [0, 2, 1],
+            [1, 0, 2],
+            [1, 2, 0],
+            [2, 0, 1],
+            [2, 1, 0],
+        ] {
+            for signs in 0..8 {
+                let sign = |axis: usize| if signs >> axis & 1 == 0 { 1.0 } else { -1.0 };
+                let column = |axis: usize| DVec3::AXES[order[axis]] * sign(axis);
+                let axes = DMat3::from_cols(column(0), column(1), column(2));
+                let turned = grid(order.map(|axis| [30, 34, 38][axis]), axes, [1.5; 3]);
+                let mask = ball_on(&turned, centre, 14.0);
+                assert_eq!(BrainMask::from_mask(&mask, &turned).unwrap(), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn thick_and_oblique_slices_give_the_true_depth() {
+        let tilted = DMat3::from_quat(DQuat::from_axis_angle(
+            DVec3::new(1.0, 2.0, -0.5).normalize(),
+            0.3,
+        ));
+        for (axes, spacing) in [
+            (DMat3::IDENTITY, [0.5, 0.5, 1.2]),
+            (tilted, [1.0; 3]),
+            (tilted, [0.7, 0.7, 1.4]),
+        ] {
+            let native = grid([90, 90, 60], axes, spacing);
+            let (centre, radius) = (DVec3::new(1.0, -2.0, 0.5), 16.0);
+            let brain = BrainMask::from_mask(&ball_on(&native, centre, radius), &native).unwrap();
+            let distance = distance_map(&envelope(&brain, 2.0).unwrap());
+            let working = distance.grid();
+            assert!(working.is_isotropic() && working.reordered_to_patient_axes().is_some());
+            let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
+            assert!((working.spacing_mm()[0] - finest).abs() < 1e-9);
+            let coarsest = spacing.into_iter().fold(0.0, f64::max);
+            for index in (0..distance.inside().len()).step_by(97) {
+                let Some(depth) = distance.depth_mm(index) else {
+                    continue;
+                };
+                let voxel = as_position(working.voxel(index));
+                let position = working.patient_from_voxel().transform_point3(voxel);
+                let truth = radius - position.distance(centre);
+                // Half a native voxel for the mask's own staircase, and the border voxel's half.
+                let error = (f64::from(depth) - truth).abs();
+                assert!(error <= coarsest / 2.0 + finest, "{error} at depth {truth}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_mask_on_a_coarser_grid_lands_in_its_place() {
+        let fine = grid([64; 3], DMat3::IDENTITY, [1.0; 3]);
+        let coarse = grid(
+            [30, 30, 30],
+            DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0)),
+            [2.0; 3],
+        );
+        let centre = DVec3::new(6.0, -4.0, 3.0);
+        let exact = BrainMask::from_mask(&ball_on(&fine, centre, 15.0), &fine).unwrap();
+        let from_coarse = BrainMask::from_mask(&ball_on(&coarse, centre, 15.0), &fine).unwrap();
+        let centre_of = |brain: &BrainMask| {
+            let grid = brain.mask().grid();
+            let marked = (0..grid.voxel_count()).filter(|&index| brain.mask().voxels()[index]);
+            let (sum, count) = marked.fold((DVec3::ZERO, 0.0), |(sum, count), index| {
+                (sum + as_position(grid.voxel(index)), count + 1.0)
+            });
+            (
+                grid.patient_from_voxel().transform_point3(sum / count),
+                count,
+            )
+        };
+        let ((a, count_a), (b, count_b)) = (centre_of(&exact), centre_of(&from_coarse));
+        assert!(
+            a.distance(centre) < 0.1 && b.distance(centre) < 0.1,
+            "{a} {b}"
+        );
+        assert!(
+            (count_a / count_b - 1.0).abs() < 0.05,
+            "{count_a} {count_b}"
+        );
+    }
+
+    #[test]
+    fn an_empty_mask_and_one_of_another_head_are_refused() {
+        let here = grid([20; 3], DMat3::IDENTITY, [1.0; 3]);
+        let empty = Mask::new(here.clone(), vec![false; 8000]).unwrap();
+        assert_eq!(
+            BrainMask::from_mask(&empty, &here),
+            Err(GeometryError::EmptyMask)
+        );
+        let elsewhere = here.block([200, 0, 0], [20; 3]).unwrap();
+        let other = Mask::new(elsewhere, vec![true; 8000]).unwrap();
+        let refused = BrainMask::from_mask(&other, &here);
+        assert_eq!(
+            refused,
+            Err(GeometryError::MaskOutsideVolume { percent: 0.0 })
+        );
+        let half_way = here.block([12, 0, 0], [20; 3]).unwrap();
+        let partly = Mask::new(half_way, vec![true; 8000]).unwrap();
+        assert!((partly.fraction_inside(&here) - 0.4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_working_grid_stays_within_its_limit() {
+        let long = grid([900, 12, 12], DMat3::IDENTITY, [0.5; 3]);
+        let full = Mask::new(long.clone(), vec![true; long.voxel_count()]).unwrap();
+        let brain = BrainMask::from_mask(&full, &long).unwrap();
+        assert!(
+            brain
+                .mask()
+                .grid()
+                .size()
+                .iter()
+                .all(|&side| side <= MAX_WORKING_SIZE)
+        );
+        assert!(brain.mask().grid().spacing_mm()[0] > 0.5);
+    }
 }

@@ -45,7 +45,7 @@ pub struct PathTable {
 pub struct Piece {
     /// Whose way it is.
     pub vertex: u32,
-    /// Depths at its ends, in mm.
+    /// Depths at its ends, in mm; it holds for depths above the first, up to the second.
     pub depths_mm: [f32; 2],
     /// Stored positions of its ends.
     pub ends: [[u16; 3]; 2],
@@ -93,7 +93,7 @@ impl PathTable {
         let pieces = self.first_piece[row] as usize..self.first_piece[row + 1] as usize;
         for piece in &self.pieces[pieces] {
             let [start, end] = piece.depths_mm;
-            if (start..end).contains(&depth_mm) {
+            if depth_mm > start && depth_mm <= end {
                 let fraction = (depth_mm - start) / (end - start);
                 let scale = Scale { fraction, ..scale };
                 let position = &mut positions[piece.vertex as usize];
@@ -199,6 +199,9 @@ pub fn shrink_once(
 
 /// The first point of a vertex's way that is at least `depth_mm` deep, or the way's end.
 fn first_deep_enough(walker: &Walker, start: Vec3, depth_mm: f32) -> Vec3 {
+    if depth_mm == 0.0 {
+        return start;
+    }
     let mut previous = None;
     for corner in walker.way(start) {
         if corner.depth_mm >= depth_mm {
@@ -382,5 +385,201 @@ impl Tabulation<'_> {
             ends,
         };
         self.column.pieces.push((self.row() as u32, piece));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Core, Forest, core, distance_map, envelope, envelope_mesh, forest, phantom};
+
+    struct Case {
+        distance: DistanceMap,
+        field: DepthField,
+        core: Core,
+        forest: Forest,
+    }
+
+    fn case(brain: &crate::BrainMask) -> Case {
+        let distance = distance_map(&envelope(brain, 4.0).unwrap());
+        let field = DepthField::new(&distance);
+        let core = core(&distance);
+        let forest = forest(&distance, &core);
+        Case {
+            distance,
+            field,
+            core,
+            forest,
+        }
+    }
+
+    fn cases() -> [Case; 3] {
+        [
+            case(&phantom::ball(22.0)),
+            case(&phantom::ellipsoid([34.0, 22.0, 18.0], 0.8)),
+            case(&phantom::two_lobes([18.0, 15.0], 30.0, 8.0)),
+        ]
+    }
+
+    fn in_voxel(case: &Case, positions: &[[f32; 3]]) -> Vec<Vec3> {
+        let voxel_from_patient = case.distance.grid().voxel_from_patient();
+        let convert = |&position: &[f32; 3]| {
+            voxel_from_patient
+                .transform_point3(Vec3::from_array(position).as_dvec3())
+                .as_vec3()
+        };
+        positions.iter().map(convert).collect()
+    }
+
+    #[test]
+    fn a_vertex_is_at_the_depth_asked_for_wherever_its_path_reaches_it() {
+        for case in cases() {
+            let mesh = envelope_mesh(&case.field, MeshSize::new(20, 24).unwrap()).unwrap();
+            for paths in [Paths::Forest(&case.forest), Paths::Flow] {
+                let table = path_table(&mesh, &case.distance, &case.field, paths);
+                let walker = Walker::new(&case.distance, &case.field, paths);
+                let reaches = |start: &Vec3| {
+                    walker
+                        .way(*start)
+                        .map(|corner| corner.depth_mm)
+                        .fold(0.0, f32::max)
+                };
+                let reach: Vec<f32> = mesh.positions_in_voxel.iter().map(reaches).collect();
+                for step in 0..400 {
+                    let depth = step as f32 * 0.0517;
+                    let shrunk = table.shrink(depth);
+                    for (vertex, &position) in in_voxel(&case, &shrunk.positions_in_patient)
+                        .iter()
+                        .enumerate()
+                    {
+                        let there = case.field.depth_mm(position);
+                        if depth <= reach[vertex] {
+                            assert!((there - depth).abs() <= 0.05, "{there} for {depth}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_table_agrees_with_a_walk_for_one_depth() {
+        for case in cases() {
+            let mesh = envelope_mesh(&case.field, MeshSize::new(9, 12).unwrap()).unwrap();
+            for paths in [Paths::Forest(&case.forest), Paths::Flow] {
+                let table = path_table(&mesh, &case.distance, &case.field, paths);
+                for depth in [0.0, 2.7, 6.0, 9.9, 14.2, 400.0] {
+                    let (tabulated, walked) = (
+                        table.shrink(depth),
+                        shrink_once(&mesh, &case.distance, &case.field, paths, depth),
+                    );
+                    assert_eq!(tabulated.depth_mm, walked.depth_mm);
+                    let pairs = tabulated
+                        .positions_in_patient
+                        .iter()
+                        .zip(&walked.positions_in_patient);
+                    let apart: Vec<f32> = pairs
+                        .map(|(a, b)| Vec3::from_array(*a).distance(Vec3::from_array(*b)))
+                        .collect();
+                    // Where a way runs along a ridge or the surface, a hundredth of depth is a long way.
+                    let close = apart.iter().filter(|&&apart| apart < 0.1).count();
+                    assert!(close * 100 >= apart.len() * 95, "{depth}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn depth_zero_is_the_envelope_mesh() {
+        let case = &cases()[1];
+        let mesh = envelope_mesh(&case.field, MeshSize::STANDARD).unwrap();
+        let table = path_table(
+            &mesh,
+            &case.distance,
+            &case.field,
+            Paths::Forest(&case.forest),
+        );
+        for depth in [0.0, -3.0, f32::NAN] {
+            let shrunk = table.shrink(depth);
+            assert_eq!(shrunk.depth_mm, 0.0);
+            let positions = in_voxel(case, &shrunk.positions_in_patient);
+            for (position, expected) in positions.iter().zip(&mesh.positions_in_voxel) {
+                assert!(position.distance(*expected) < 0.01);
+            }
+        }
+    }
+
+    #[test]
+    fn beyond_its_roots_depth_a_vertex_rests_at_the_root() {
+        for case in cases() {
+            let mesh = envelope_mesh(&case.field, MeshSize::new(12, 16).unwrap()).unwrap();
+            let table = path_table(
+                &mesh,
+                &case.distance,
+                &case.field,
+                Paths::Forest(&case.forest),
+            );
+            let shrunk = table.shrink(f32::INFINITY);
+            assert_eq!(shrunk.depth_mm, case.distance.max_depth_mm());
+            for position in in_voxel(&case, &shrunk.positions_in_patient) {
+                let nearest = position.round().to_array().map(|place| place as usize);
+                let index = case.distance.grid().index(nearest) as u32;
+                assert!(case.core.voxels().contains(&index), "{position}");
+            }
+        }
+    }
+
+    #[test]
+    fn flow_keeps_nearer_to_the_envelope_than_the_forest() {
+        let case = &cases()[1];
+        let mesh = envelope_mesh(&case.field, MeshSize::STANDARD).unwrap();
+        let start = path_table(&mesh, &case.distance, &case.field, Paths::Flow).shrink(0.0);
+        let way_to = |paths, depth: f32| -> f32 {
+            let shrunk = path_table(&mesh, &case.distance, &case.field, paths).shrink(depth);
+            let ends = shrunk
+                .positions_in_patient
+                .iter()
+                .zip(&start.positions_in_patient);
+            let apart = ends.map(|(a, b)| Vec3::from_array(*a).distance(Vec3::from_array(*b)));
+            apart.sum::<f32>() / mesh.size.vertex_count() as f32
+        };
+        let (flow, forest) = (
+            way_to(Paths::Flow, 6.0),
+            way_to(Paths::Forest(&case.forest), 6.0),
+        );
+        // A vertex must go at least as far as it goes down.
+        assert!(
+            (5.99..6.8).contains(&flow) && flow < forest,
+            "{flow} {forest}"
+        );
+    }
+
+    #[test]
+    fn the_exact_search_finds_the_nearest_voxel_that_is_deep_enough() {
+        let case = &cases()[2];
+        let pyramid = crate::deepest_first::DepthPyramid::new(&case.distance);
+        let grid = case.distance.grid();
+        let centres = |least: f32| {
+            (0..grid.voxel_count())
+                .filter(move |&index| {
+                    case.distance
+                        .depth_mm(index)
+                        .is_some_and(|depth| depth >= least)
+                })
+                .map(|index| Vec3::from_array(grid.voxel(index).map(|place| place as f32)))
+        };
+        for (start, least) in [
+            ([10.2, 14.0, 9.7], 6.0),
+            ([40.0, 11.3, 20.1], 12.0),
+            ([5.0, 5.0, 5.0], 1.0),
+        ] {
+            let start = Vec3::from_array(start);
+            let found = pyramid.nearest_deeper(start, least).unwrap();
+            let nearest = centres(least)
+                .map(|centre| centre.distance(start))
+                .fold(f32::INFINITY, f32::min);
+            assert!((found.distance(start) - nearest).abs() < 0.01);
+        }
+        assert_eq!(pyramid.nearest_deeper(Vec3::ZERO, 1000.0), None);
     }
 }

@@ -83,11 +83,53 @@ impl ShellIndex {
 
     /// Number of voxels whose depth is less than `depth_mm`.
     fn shallower_than(&self, depth_mm: f32) -> usize {
-        let depth = f64::from(depth_mm) / self.grid.spacing_mm()[0];
-        let is_shallower = |&(squared, _): &(u16, u32)| f64::from(squared).sqrt() < depth;
+        // In the same arithmetic as the distance map's, so that both agree on every voxel.
+        let spacing_mm = self.grid.spacing_mm()[0] as f32;
+        let is_shallower =
+            |&(squared, _): &(u16, u32)| f32::from(squared).sqrt() * spacing_mm < depth_mm;
         let position = self.depths.partition_point(is_shallower);
         self.depths
             .get(position)
             .map_or(self.voxels.len(), |&(_, shallower)| shallower as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{distance_map, envelope, phantom};
+
+    #[test]
+    fn a_shell_holds_the_voxels_of_its_depths_and_no_others() {
+        let distance =
+            distance_map(&envelope(&phantom::ellipsoid([15.0, 12.0, 9.0], 0.8), 0.0).unwrap());
+        let shells = ShellIndex::new(&distance);
+        let index = |voxel: &ShellVoxel| {
+            distance
+                .grid()
+                .index(voxel.position().map(|place| place as usize))
+        };
+        for (depth, thickness) in [
+            (0.0, 1.6),
+            (0.8, 0.8),
+            (3.3, 1.6),
+            (5.0, 100.0),
+            (50.0, 1.0),
+        ] {
+            let mut found: Vec<usize> = shells.shell(depth, thickness).iter().map(index).collect();
+            found.sort_unstable();
+            let is_in_shell = |&index: &usize| {
+                distance
+                    .depth_mm(index)
+                    .is_some_and(|there| there >= depth && there < depth + thickness)
+            };
+            let expected: Vec<usize> = (0..distance.inside().len()).filter(is_in_shell).collect();
+            assert!(found == expected, "{depth} {thickness}");
+        }
+        let depths = shells
+            .voxels()
+            .iter()
+            .map(|voxel| distance.squared()[index(voxel)]);
+        assert!(depths.is_sorted());
     }
 }

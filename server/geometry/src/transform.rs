@@ -27,24 +27,41 @@ pub(crate) const MAX_DISTANCE: u8 = 255;
 /// # Panics
 /// When the number of bounds is not that of the voxels.
 pub(crate) fn squared_distances(size: [usize; 3], bounds: &[u8]) -> Vec<u16> {
-    let [nx, ny, nz] = size;
-    assert_eq!(bounds.len(), nx * ny * nz, "one bound for each voxel");
-    let mut planes = vec![0u16; bounds.len()];
-    planes
-        .par_chunks_mut(nx * ny)
-        .zip(bounds.par_chunks(nx * ny))
-        .for_each(|(plane, bounds)| sweep_along_y(bounds, plane, nx));
-    // Slabs of one y, so that each is one piece of memory that a thread can own.
-    let mut slabs = vec![0u16; bounds.len()];
-    slabs
-        .par_chunks_mut(nx * nz)
-        .enumerate()
-        .for_each(|(y, slab)| minimise_along_z(&planes[y * nx..], slab, [nx, ny, nz]));
-    planes
-        .par_chunks_mut(nx * ny)
-        .enumerate()
-        .for_each(|(z, plane)| minimise_along_x(&slabs[z * nx..], plane, [nx, ny, nz]));
-    planes
+    let mut memory = Memory::default();
+    memory.squared_distances(size, bounds);
+    memory.planes
+}
+
+/// What a transform writes to, to be used again: fresh memory costs as much as a pass.
+#[derive(Default)]
+pub(crate) struct Memory {
+    planes: Vec<u16>,
+    slabs: Vec<u16>,
+}
+
+impl Memory {
+    /// As [`squared_distances`], in memory that may have been used before.
+    pub(crate) fn squared_distances(&mut self, size: [usize; 3], bounds: &[u8]) -> &[u16] {
+        let [nx, ny, nz] = size;
+        assert_eq!(bounds.len(), nx * ny * nz, "one bound for each voxel");
+        let Self { planes, slabs } = self;
+        planes.resize(bounds.len(), 0);
+        slabs.resize(bounds.len(), 0);
+        planes
+            .par_chunks_mut(nx * ny)
+            .zip(bounds.par_chunks(nx * ny))
+            .for_each(|(plane, bounds)| sweep_along_y(bounds, plane, nx));
+        // Slabs of one y, so that each is one piece of memory that a thread can own.
+        slabs
+            .par_chunks_mut(nx * nz)
+            .enumerate()
+            .for_each(|(y, slab)| minimise_along_z(&planes[y * nx..], slab, [nx, ny, nz]));
+        planes
+            .par_chunks_mut(nx * ny)
+            .enumerate()
+            .for_each(|(z, plane)| minimise_along_x(&slabs[z * nx..], plane, [nx, ny, nz]));
+        planes
+    }
 }
 
 /// Squares of the distances along y, in one plane of constant z.
@@ -75,18 +92,53 @@ fn sweep_along_y(bounds: &[u8], plane: &mut [u16], nx: usize) {
 fn minimise_along_z(rows: &[u16], slab: &mut [u16], size: [usize; 3]) {
     let [nx, ny, nz] = size;
     let mut column = vec![[0u16; LANES]; nz];
+    let mut to_varied = vec![0u32; nz];
     for first in (0..nx).step_by(LANES) {
         let width = LANES.min(nx - first);
         for (z, lanes) in column.iter_mut().enumerate() {
             let start = z * nx * ny + first;
             lanes[..width].copy_from_slice(&rows[start..start + width]);
         }
-        for z in 0..nz {
-            let least = least_of_column(&column, z);
+        let ceiling = column
+            .iter()
+            .flatten()
+            .fold(0, |greatest, &value| greatest.max(value));
+        mark_varied(&column, ceiling, &mut to_varied);
+        for (z, &to_varied) in to_varied.iter().enumerate() {
+            let is_out_of_reach = to_varied * to_varied >= u32::from(ceiling);
+            let least = if is_out_of_reach {
+                column[z]
+            } else {
+                least_of_column(&column, z)
+            };
             let start = z * nx + first;
             slab[start..start + width].copy_from_slice(&least[..width]);
         }
     }
+}
+
+/// Distance from each place of a column to the nearest with a lane below `ceiling`, the column's greatest value.
+///
+/// Where that is far, the value stays the ceiling: so are most places when distances are followed only so far.
+#[inline(always)]
+fn mark_varied(column: &[Lanes], ceiling: u16, to_varied: &mut [u32]) {
+    let mut distance = u32::from(u8::MAX) + 1;
+    for (to_varied, lanes) in to_varied.iter_mut().zip(column) {
+        distance = if is_all(lanes, ceiling) {
+            distance.saturating_add(1).min(1 << 15)
+        } else {
+            0
+        };
+        *to_varied = distance;
+    }
+    for z in (1..to_varied.len()).rev() {
+        to_varied[z - 1] = to_varied[z - 1].min(to_varied[z] + 1);
+    }
+}
+
+#[inline(always)]
+fn is_all(lanes: &[u16], value: u16) -> bool {
+    lanes.iter().fold(0, |any, &lane| any | (lane ^ value)) == 0
 }
 
 /// The least of a column's values, each raised by the square of its distance from `z`.
@@ -115,24 +167,45 @@ fn minimise_along_x(rows: &[u16], plane: &mut [u16], size: [usize; 3]) {
     let [nx, _, nz] = size;
     let margin = usize::from(MAX_DISTANCE);
     // Beyond the ends of a row there is no seed, however far one looks.
-    let mut row = vec![u16::MAX; margin + nx + LANES + margin];
+    let mut row = vec![u16::MAX; margin + nx.max(LANES) + margin];
     for (y, out) in plane.chunks_exact_mut(nx).enumerate() {
         row[margin..margin + nx].copy_from_slice(&rows[y * nx * nz..y * nx * nz + nx]);
+        let ceiling = row[margin..margin + nx]
+            .iter()
+            .fold(0, |greatest, &value| greatest.max(value));
         for first in (0..nx).step_by(LANES) {
-            let width = LANES.min(nx - first);
-            let mut least = [0u16; LANES];
-            least[..width].copy_from_slice(&row[margin + first..margin + first + width]);
-            for k in 1..=margin {
-                let square = (k * k) as u16;
-                if !any_above(&least, square) {
-                    break;
-                }
-                lower(&mut least, lanes(&row, margin + first - k), square);
-                lower(&mut least, lanes(&row, margin + first + k), square);
-            }
+            // The last lanes may be done twice, rather than lanes beyond the row.
+            let first = first.min(nx.saturating_sub(LANES));
+            let width = LANES.min(nx);
+            let place = margin + first;
+            let is_out_of_reach = u32::from(ceiling) <= (LANES * LANES) as u32
+                && is_all(
+                    &row[place.max(margin + LANES) - LANES..(place + 2 * LANES).min(margin + nx)],
+                    ceiling,
+                );
+            let least = if is_out_of_reach {
+                *lanes(&row, place)
+            } else {
+                least_of_row(&row, place, margin.min(nx - 1))
+            };
             out[first..first + width].copy_from_slice(&least[..width]);
         }
     }
+}
+
+/// The least of a row's values at a place and up to `reach` voxels away, each raised by the square of its distance.
+#[inline(always)]
+fn least_of_row(row: &[u16], place: usize, reach: usize) -> Lanes {
+    let mut least = *lanes(row, place);
+    for k in 1..=reach {
+        let square = (k * k) as u16;
+        if !any_above(&least, square) {
+            break;
+        }
+        lower(&mut least, lanes(row, place - k), square);
+        lower(&mut least, lanes(row, place + k), square);
+    }
+    least
 }
 
 /// The lanes of a row that start at `first`.

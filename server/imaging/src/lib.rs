@@ -1,1 +1,17 @@
-//! imaging
+//! NIfTI bytes to a [`Volume`](geometry::Volume) or a [`Mask`](geometry::Mask), and back.
+//!
+//! The one crate that knows file formats, and the one that knows that NIfTI's space is RAS: what leaves it is in
+//! DICOM's patient space, LPS, in millimetres. Bytes come in and values go out; files are opened elsewhere.
+//!
+//! Every input is taken for hostile. A length that a file states is compared with the bytes at hand and with the
+//! [`Limits`] before memory is asked for; nothing here panics on any bytes; and no message holds what a header says of
+//! the patient (its description and file names are never read).
+
+mod error;
+mod limits;
+pub mod nifti;
+mod sniff;
+
+pub use error::ImagingError;
+pub use limits::Limits;
+pub use sniff::{Format, sniff};

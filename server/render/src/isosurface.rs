@@ -5,6 +5,11 @@ use geometry::DepthField;
 use crate::rays::Ray;
 use crate::sampler::Sampler;
 
+/// Depths, in voxels, above which the terraces of the envelope's voxels would show in the picture.
+///
+/// There the smoothed field, which has none, stands for the field: they are less than a voxel apart.
+const SHALLOW: f32 = 4.0;
+
 /// How far a hit may be from the isosurface, in voxels of depth.
 const TOLERANCE: f32 = 0.04;
 
@@ -30,13 +35,19 @@ pub(crate) struct Isosurface<'a> {
 }
 
 impl<'a> Isosurface<'a> {
-    /// The isosurface `depth_mm` below the envelope.
+    /// The isosurface `depth_mm` below the envelope, to 0.1 voxel; above [`SHALLOW`] that of the smoothed field.
     pub(crate) fn new(field: &'a DepthField, normals: &'a DepthField, depth_mm: f64) -> Self {
         let voxel_mm = field.grid().spacing_mm()[0];
+        let depth_in_voxels = (depth_mm / voxel_mm) as f32;
+        let field = if depth_in_voxels < SHALLOW {
+            normals
+        } else {
+            field
+        };
         Self {
             field: Sampler::new(field.values(), field.grid().size()),
             normals: Sampler::new(normals.values(), normals.grid().size()),
-            depth: (depth_mm / voxel_mm) as f32 * DepthField::STEPS_PER_VOXEL,
+            depth: depth_in_voxels * DepthField::STEPS_PER_VOXEL,
         }
     }
 

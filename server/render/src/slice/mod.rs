@@ -1,6 +1,8 @@
 //! Slices with the contours of the isosurfaces.
 
 mod contour;
+#[cfg(test)]
+mod tests;
 
 use std::str::FromStr;
 

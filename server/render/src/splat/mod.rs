@@ -50,7 +50,8 @@ pub fn draw_splat(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
     Frame::new(size, shade.format(), bytes)
 }
 
-/// Finds what each pixel of [`draw_splat`] shows, without drawing it: points at most 0.1 voxel off the isosurface.
+/// Finds what each pixel of [`draw_splat`] shows, without drawing it: points at most 0.1 voxel off the
+/// isosurface, and at most 1 voxel within 4 voxels of the envelope, whose terraces are smoothed away.
 pub fn splat_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
     let surface = surface(scene, request);
     let projection = request

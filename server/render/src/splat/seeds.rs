@@ -42,6 +42,9 @@ impl Lattice {
     }
 }
 
+/// How far above the voxels around it a point of the isosurface may be: √3 voxels, and one for a smoothed surface.
+const MARGIN: f32 = 2.75;
+
 /// A z-buffer of the shell: at each node the greatest height of a voxel around it, in voxels; −∞ where there is none.
 #[derive(Debug, Clone)]
 pub(super) struct Seeds {
@@ -134,7 +137,7 @@ impl Seeds {
                 let highest = widened[above * columns + column]
                     .max(widened[row * columns + column])
                     .max(widened[below * columns + column]);
-                starts.push(highest + 1.75);
+                starts.push(highest + MARGIN);
             }
         }
         starts

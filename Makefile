@@ -1,0 +1,25 @@
+# Every command a person or the continuous integration needs; `make help` lists them.
+# The work is done by the small scripts in scripts/, so that each can also be run alone.
+
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench
+
+help: ## list these commands
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z]+:.*## / { printf "  make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: ## build, prepare a real head and serve the page at a printed address
+	@scripts/demo.sh
+
+test: ## set up what is missing, then format, lints and every test, the browser's included
+	@scripts/setup.sh test
+	@scripts/test.sh all
+
+check: ## format, lints and the fast tests, with nothing installed
+	@scripts/test.sh fast
+
+bench: ## the benchmarks
+	@scripts/bench.sh
+
+setup: ## install what demo and test want from Debian, where that is allowed
+	@scripts/setup.sh all

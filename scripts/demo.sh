@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# Builds the server and serves a prepared head. Takes the arguments of `isocortex demo`.
+set -euo pipefail
+# shellcheck source=scripts/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+scripts/setup.sh build
+if [ -z "${ISOCORTEX_DEMO_VOLUME:-}" ]; then
+  if head=$(scripts/head.sh); then
+    export ISOCORTEX_DEMO_VOLUME=$head/ch2.nii.gz ISOCORTEX_DEMO_MASK=$head/ch2bet.nii.gz
+  else
+    say "no real head is to be had here; the demo takes a phantom head instead."
+  fi
+fi
+
+say "building the server (the first time takes some minutes)"
+cargo build --release --locked --package isocortex-service --bin isocortex
+server=$(target_dir)/release/isocortex
+
+# Opens the page as soon as the server prints its address; the demo goes on whatever becomes of that.
+open_page() {
+  local line address opened=
+  # An interrupt ends the server alone: what it says while it stops is still read here.
+  trap '' INT
+  while IFS= read -r line; do
+    printf '%s\n' "$line"
+    address=$(grep -oE 'http://[^[:space:]]+' <<<"$line" | head -n 1) || continue
+    [ -z "$opened" ] || continue
+    opened=yes
+    xdg-open "$address" >/dev/null 2>&1 &
+  done
+}
+
+if [ -n "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ] && have xdg-open; then
+  "$server" demo "$@" | open_page
+else
+  exec "$server" demo "$@"
+fi

@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# Installs what is wanted beyond a Rust toolchain, Node and make: to build (argument: build), to test as well (test),
+# or for that and the demo's head (all). What cannot be installed is named; only what nothing works without is an error.
+set -euo pipefail
+# shellcheck source=scripts/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+need_rust
+
+# The bundled SQLite is C, and rustc links with cc.
+compiler() {
+  have cc || install_packages gcc libc6-dev || die "a C compiler (cc) is missing; install gcc."
+}
+
+browser() {
+  scripts/chromium.sh >/dev/null && return 0
+  install_packages chromium ||
+    say "the browser test needs the Debian package chromium; without it that test is skipped (on CI it fails)."
+}
+
+head_of_demo() {
+  [ -n "${ISOCORTEX_DEMO_VOLUME:-}" ] || scripts/head.sh >/dev/null ||
+    say "no real head is to be had here; the demo will take a phantom head instead."
+}
+
+case "${1:-all}" in
+  build) compiler ;;
+  test) compiler; browser ;;
+  all) compiler; browser; head_of_demo ;;
+  *) die "usage: scripts/setup.sh [build|test|all]" ;;
+esac

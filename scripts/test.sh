@@ -1,0 +1,88 @@
+#!/usr/bin/env bash
+# Runs the checks: `fast` (format, lints, unit tests) or `all` (also the integration, documentation and browser
+# tests). Every step runs even if an earlier one failed; the last line says what passed. One profile and one set
+# of features throughout, so that nothing is compiled twice.
+set -euo pipefail
+# shellcheck source=scripts/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+need_rust
+readonly mode=${1:-all}
+passed=() failed=() skipped=() counted=0
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+
+# step NAME COMMAND...: runs it, shows it and remembers how it went.
+step() {
+  local name=$1 started=$SECONDS
+  shift
+  say "== $name"
+  if "$@" 2>&1 | tee "$log"; then
+    passed+=("$name")
+  else
+    failed+=("$name")
+  fi
+  say "== $name: $((SECONDS - started)) s"
+  count_tests
+}
+
+skip() {
+  say "== $1: SKIPPED, $2"
+  skipped+=("$1")
+}
+
+# Adds the tests that the last step's runner says it passed (cargo test, nextest and node print it differently).
+count_tests() {
+  local number
+  while read -r number; do
+    counted=$((counted + number))
+  done < <(sed 's/\x1b\[[0-9;]*m//g' "$log" | sed -nE \
+    -e 's/^test result: .* ([0-9]+) passed;.*/\1/p' \
+    -e 's/^ *Summary .* ([0-9]+) passed.*/\1/p' \
+    -e 's/^[#ℹ] pass ([0-9]+)$/\1/p')
+}
+
+# rust_tests TARGETS...: with nextest where it is installed.
+rust_tests() {
+  if have cargo-nextest; then
+    cargo nextest run --locked --workspace --no-fail-fast --no-tests=pass "$@"
+  else
+    cargo test --locked --workspace --no-fail-fast "$@"
+  fi
+}
+
+shell_scripts() { git ls-files -z 'scripts/*.sh' .ci/run | xargs -0 shellcheck -x; }
+
+browser_tests() {
+  ISOCORTEX_BINARY=$(target_dir)/debug/isocortex node --test tests/browser/
+}
+
+step format cargo fmt --all --check
+step lints cargo clippy --locked --workspace --all-targets -- -D warnings
+if have shellcheck; then step shellcheck shell_scripts; else skip shellcheck "shellcheck is not installed"; fi
+if have cargo-deny; then
+  step licences cargo deny --offline check bans licenses sources
+else
+  skip licences "cargo-deny is not installed"
+fi
+if have node; then step "page's unit tests" node --test web/test/; else skip "page's unit tests" "Node is not installed"; fi
+
+if [ "$mode" = fast ]; then
+  step "unit tests" rust_tests --lib --bins
+else
+  # Building the tests and the program in one go gives both the same features.
+  step build cargo build --locked --workspace --bins --tests
+  step tests rust_tests --lib --bins --tests
+  step "documentation tests" cargo test --locked --workspace --doc
+  if [ "${CI:-}" = true ] || { have node && scripts/chromium.sh >/dev/null; }; then
+    step "browser test" browser_tests
+  else
+    skip "browser test" "it needs Node and chromium"
+  fi
+fi
+
+say ""
+for name in "${skipped[@]}"; do say "skipped: $name"; done
+for name in "${failed[@]}"; do say "FAILED: $name"; done
+say "summary: ${#passed[@]} steps passed, ${#failed[@]} failed, ${#skipped[@]} skipped; $counted tests passed; $SECONDS s"
+[ "${#failed[@]}" = 0 ]

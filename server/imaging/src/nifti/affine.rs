@@ -1,0 +1,177 @@
+//! Where the voxels are: sform, qform and units of a header, to patient space and back.
+//!
+//! NIfTI's space is RAS (x grows to the patient's right, y to the front). It ends here: what leaves is LPS.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use crate::ImagingError;
+
+/// How much longer than 1 the vector part of a quaternion may be for rounding.
+const QUATERNION_TOLERANCE: f64 = 1e-3;
+
+/// How far from orthonormal the axes of a grid may be for a qform to be written.
+const ORTHOGONAL_TOLERANCE: f64 = 1e-6;
+
+/// The entries of a header that place the voxels.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Placement {
+    /// `xyzt_units`; the lowest three bits are the unit of length.
+    pub(crate) units: u8,
+    /// Edge lengths in `[1..=3]`; the sign of `[0]` is the qform's handedness, `qfac`.
+    pub(crate) pixdim: [f64; 8],
+    pub(crate) qform_code: i32,
+    pub(crate) sform_code: i32,
+    /// `quatern_b`, `quatern_c` and `quatern_d`.
+    pub(crate) quaternion: [f64; 3],
+    pub(crate) qoffset: [f64; 3],
+    /// `srow_x`, `srow_y` and `srow_z`.
+    pub(crate) srow: [[f64; 4]; 3],
+}
+
+impl Placement {
+    /// The affine from voxel indices to LPS millimetres: the sform, or without one the qform.
+    ///
+    /// # Errors
+    /// When there is neither; when the two put left on opposite sides; when the one that counts is unusable.
+    pub(crate) fn patient_from_voxel(&self) -> Result<DAffine3, ImagingError> {
+        let scale = self.millimetres_per_unit()?;
+        if self.pixdim[1..4].iter().any(|edge| !edge.is_finite()) {
+            return Err(unusable("pixdim", "an edge of a voxel is not finite"));
+        }
+        let ras_from_voxel = match (self.sform_code > 0, self.qform_code > 0) {
+            (true, true) => {
+                let sform = self.sform()?;
+                self.qform().map_or(Ok(sform), |qform| {
+                    check_that_left_is_left(sform, qform).map(|()| sform)
+                })
+            }
+            (true, false) => self.sform(),
+            (false, true) => self.qform(),
+            (false, false) => Err(ImagingError::NiftiOrientationUnknown),
+        }?;
+        Ok(DAffine3::from_scale(DVec3::splat(scale)) * lps_from_ras() * ras_from_voxel)
+    }
+
+    fn millimetres_per_unit(&self) -> Result<f64, ImagingError> {
+        match self.units & 7 {
+            0 | 2 => Ok(1.0),
+            1 => Ok(1000.0),
+            3 => Ok(0.001),
+            code => Err(ImagingError::NiftiUnits { code }),
+        }
+    }
+
+    fn sform(&self) -> Result<DAffine3, ImagingError> {
+        let rows = self.srow.map(|[x, y, z, _]| DVec3::new(x, y, z));
+        let affine = DAffine3 {
+            matrix3: DMat3::from_cols_array_2d(&rows.map(|row| row.to_array())).transpose(),
+            translation: DVec3::from_array(self.srow.map(|row| row[3])),
+        };
+        check_affine("sform", affine)
+    }
+
+    /// The rotation of a unit quaternion, of which three parts are stored, times the edges (`nifti1.h`, "method 2").
+    fn qform(&self) -> Result<DAffine3, ImagingError> {
+        let [x, y, z] = [1, 2, 3].map(|axis| self.pixdim[axis]);
+        if [x, y, z].iter().any(|&edge| edge <= 0.0) {
+            return Err(unusable("qform", "an edge of a voxel is not positive"));
+        }
+        if self.pixdim[0].is_nan() {
+            return Err(unusable("qform", "its handedness is not a number"));
+        }
+        let handedness = if self.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+        let edges = DMat3::from_diagonal(DVec3::new(x, y, handedness * z));
+        let affine = DAffine3 {
+            matrix3: DMat3::from_quat(unit_quaternion(self.quaternion)?) * edges,
+            translation: DVec3::from_array(self.qoffset),
+        };
+        check_affine("qform", affine)
+    }
+
+    /// What places voxels at `patient_from_voxel` (LPS mm) when it is written to a header.
+    ///
+    /// The sform always says it. Where the axes are orthogonal the qform does too; else its code is 0.
+    pub(crate) fn from_patient(patient_from_voxel: DAffine3) -> Self {
+        let ras_from_voxel = lps_from_ras() * patient_from_voxel;
+        let axes = ras_from_voxel.matrix3;
+        let edges = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length);
+        let qfac = axes.determinant().signum();
+        let upright = DMat3::from_cols(
+            axes.x_axis / edges[0],
+            axes.y_axis / edges[1],
+            axes.z_axis / edges[2] * qfac,
+        );
+        let excess = upright.transpose() * upright - DMat3::IDENTITY;
+        let orthogonal = excess.abs_diff_eq(DMat3::ZERO, ORTHOGONAL_TOLERANCE);
+        let quaternion = DQuat::from_mat3(&upright).normalize();
+        let quaternion = if quaternion.w < 0.0 {
+            -quaternion
+        } else {
+            quaternion
+        };
+        let offset = ras_from_voxel.translation;
+        Self {
+            units: 2,
+            pixdim: [qfac, edges[0], edges[1], edges[2], 0.0, 0.0, 0.0, 0.0],
+            qform_code: i32::from(orthogonal),
+            sform_code: 1,
+            quaternion: if orthogonal {
+                quaternion.xyz().to_array()
+            } else {
+                [0.0; 3]
+            },
+            qoffset: if orthogonal {
+                offset.to_array()
+            } else {
+                [0.0; 3]
+            },
+            srow: std::array::from_fn(|row| {
+                let [x, y, z] = axes.row(row).to_array();
+                [x, y, z, offset[row]]
+            }),
+        }
+    }
+}
+
+/// Right to left and front to back; its own inverse.
+fn lps_from_ras() -> DAffine3 {
+    DAffine3::from_scale(DVec3::new(-1.0, -1.0, 1.0))
+}
+
+/// The quaternion of which the vector part is given and the real part is not negative.
+fn unit_quaternion(vector_part: [f64; 3]) -> Result<DQuat, ImagingError> {
+    let [b, c, d] = vector_part;
+    let squared = b * b + c * c + d * d;
+    let too_long = squared > 1.0 + QUATERNION_TOLERANCE;
+    if too_long || !squared.is_finite() {
+        return Err(unusable("qform", "its quaternion is not of unit length"));
+    }
+    let a = f64::max(1.0 - squared, 0.0).sqrt();
+    Ok(DQuat::from_xyzw(b, c, d, a).normalize())
+}
+
+/// An affine that maps voxels to a solid piece of space.
+fn check_affine(form: &'static str, affine: DAffine3) -> Result<DAffine3, ImagingError> {
+    if !affine.is_finite() {
+        return Err(unusable(form, "it is not finite"));
+    }
+    let axes = affine.matrix3;
+    if axes.determinant() == 0.0 {
+        return Err(unusable(form, "it maps all voxels to one plane"));
+    }
+    Ok(affine)
+}
+
+/// Sform and qform may differ by a movement of the head, but what is left in one must not be right in the other.
+fn check_that_left_is_left(sform: DAffine3, qform: DAffine3) -> Result<(), ImagingError> {
+    let sform_from_qform = sform.matrix3 * qform.matrix3.inverse();
+    if sform_from_qform.determinant() > 0.0 && sform_from_qform.x_axis.x > 0.0 {
+        Ok(())
+    } else {
+        Err(ImagingError::NiftiLeftRight)
+    }
+}
+
+fn unusable(form: &'static str, what: &'static str) -> ImagingError {
+    ImagingError::NiftiAffine { form, what }
+}

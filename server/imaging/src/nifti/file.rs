@@ -1,0 +1,148 @@
+//! A file whose header is sound, and its voxels' bytes in chunks.
+
+use geometry::Grid;
+
+use crate::{ImagingError, Limits};
+
+use super::header::{Header, LONGEST_HEADER, header_length};
+use super::source::{Source, check_promise};
+
+/// Bytes of a chunk: a whole number of voxels of any type, small enough for the cache.
+const CHUNK_BYTES: usize = 256 << 10;
+
+/// An opened file: its header, which keeps the limits and promises nothing impossible, and where its voxels are.
+pub(crate) struct NiftiFile<'a> {
+    pub(crate) header: Header,
+    pub(crate) grid: Grid,
+    source: Source<'a>,
+    /// Bytes taken from the source.
+    taken: u64,
+}
+
+impl<'a> NiftiFile<'a> {
+    /// Reads and checks the header. Nothing is allocated that depends on it.
+    pub(crate) fn open(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImagingError> {
+        let mut source = Source::new(bytes);
+        let mut buffer = [0; LONGEST_HEADER];
+        let (start, rest) = buffer.split_at_mut(4);
+        let started = source.fill(start)?;
+        let length = header_length(&start[..started])?;
+        let followed = source.fill(&mut rest[..length - 4])?;
+        if followed < length - 4 {
+            return Err(ImagingError::NiftiTruncated {
+                expected: length as u64,
+                found: (4 + followed) as u64,
+            });
+        }
+        let header = Header::parse(&buffer[..length])?;
+        check_limits(&header, limits)?;
+        let grid = Grid::new(header.size, header.placement.patient_from_voxel()?)?;
+        check_promise(bytes, header.file_bytes())?;
+        Ok(Self {
+            header,
+            grid,
+            source,
+            taken: length as u64,
+        })
+    }
+
+    /// Hands all voxels' bytes to `take`, a whole number of voxels at a time, and makes sure that the file ends there.
+    ///
+    /// # Errors
+    /// When the file is too short or too long, or its checksum is wrong; and what `take` answers.
+    pub(crate) fn for_each_chunk(
+        &mut self,
+        mut take: impl FnMut(&[u8]) -> Result<(), ImagingError>,
+    ) -> Result<(), ImagingError> {
+        let mut buffer = vec![0; CHUNK_BYTES];
+        while self.taken < self.header.vox_offset {
+            let gap = self.header.vox_offset - self.taken;
+            self.fill(&mut buffer, gap)?;
+        }
+        let end = self.header.file_bytes();
+        while self.taken < end {
+            let chunk = self.fill(&mut buffer, end - self.taken)?;
+            take(chunk)?;
+        }
+        self.expect_end()
+    }
+
+    /// The next `wanted` bytes, or as many of them as the buffer holds.
+    fn fill<'b>(&mut self, buffer: &'b mut [u8], wanted: u64) -> Result<&'b [u8], ImagingError> {
+        let length = usize::try_from(wanted)
+            .unwrap_or(usize::MAX)
+            .min(buffer.len());
+        let chunk = &mut buffer[..length];
+        let filled = self.source.fill(chunk)?;
+        self.taken += filled as u64;
+        if filled < length {
+            return Err(ImagingError::NiftiTruncated {
+                expected: self.header.file_bytes(),
+                found: self.taken,
+            });
+        }
+        Ok(chunk)
+    }
+
+    /// Reading past the end is what makes the decoder verify the last checksum.
+    fn expect_end(&mut self) -> Result<(), ImagingError> {
+        match self.source.fill(&mut [0])? {
+            0 => Ok(()),
+            _ => Err(ImagingError::NiftiTrailingData {
+                expected: self.header.file_bytes(),
+            }),
+        }
+    }
+
+    /// Room for as many values as there are voxels.
+    pub(crate) fn room(&self) -> Room {
+        Room {
+            voxels: self.grid.voxel_count(),
+        }
+    }
+}
+
+/// How a list of one value for each voxel grows: as the values really arrive, and never beyond the last voxel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Room {
+    voxels: usize,
+}
+
+impl Room {
+    /// Makes room for `incoming` more values, doubling where there is none.
+    pub(crate) fn reserve<T>(
+        self,
+        values: &mut Vec<T>,
+        incoming: usize,
+    ) -> Result<(), ImagingError> {
+        if values.capacity() - values.len() >= incoming {
+            return Ok(());
+        }
+        let missing = self.voxels - values.len();
+        reserve_exact(values, missing.min(incoming.max(values.len())))
+    }
+}
+
+/// Room for `additional` values, or an error where there is no memory.
+pub(crate) fn reserve_exact<T>(values: &mut Vec<T>, additional: usize) -> Result<(), ImagingError> {
+    let bytes = (additional as u64).saturating_mul(size_of::<T>() as u64);
+    values
+        .try_reserve_exact(additional)
+        .map_err(|_| ImagingError::OutOfMemory { bytes })
+}
+
+fn check_limits(header: &Header, limits: &Limits) -> Result<(), ImagingError> {
+    let voxels = header.voxel_count();
+    let limit = limits.max_voxels.min(geometry::MAX_VOXELS) as u64;
+    if voxels > limit {
+        return Err(ImagingError::TooManyVoxels { voxels, limit });
+    }
+    let bytes = header.voxel_bytes();
+    if bytes > limits.max_bytes {
+        return Err(ImagingError::TooManyBytes {
+            bytes,
+            limit: limits.max_bytes,
+        });
+    }
+    Ok(())
+}

@@ -1,0 +1,269 @@
+//! The fixed-size header at the start of a file, of either version and byte order.
+
+use crate::ImagingError;
+
+use super::affine::Placement;
+use super::datatype::DataType;
+
+/// Bytes of a NIfTI-2 header, the longer of the two.
+pub(crate) const LONGEST_HEADER: usize = 540;
+
+/// Bytes of a NIfTI-1 header; Analyze's has as many.
+const NIFTI_1_HEADER: usize = 348;
+
+/// How far behind the start the voxels may lie: room for large extensions, none for a sham.
+const MAX_VOX_OFFSET: u64 = 64 << 20;
+
+const NIFTI_2_MAGIC: &[u8] = b"n+2\0\r\n\x1a\n";
+const NIFTI_2_PAIR_MAGIC: &[u8] = b"ni2\0\r\n\x1a\n";
+
+/// Which byte of a number comes first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ByteOrder {
+    Little,
+    Big,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Version {
+    One,
+    Two,
+}
+
+/// What is needed of a header, checked as far as the header alone allows.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Header {
+    pub(crate) order: ByteOrder,
+    /// Voxels along x, y and z, each at least 2.
+    pub(crate) size: [usize; 3],
+    pub(crate) data_type: DataType,
+    /// Where the voxels start, in bytes from the start of the file.
+    pub(crate) vox_offset: u64,
+    pub(crate) scaling: Scaling,
+    pub(crate) placement: Placement,
+}
+
+/// Intensity = slope · value + intercept; the slope is not zero, and both are finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Scaling {
+    pub(crate) slope: f64,
+    pub(crate) intercept: f64,
+}
+
+/// How many bytes the header that starts with `bytes` has; four bytes are enough to tell.
+pub(crate) fn header_length(bytes: &[u8]) -> Result<usize, ImagingError> {
+    match kind(bytes) {
+        Some((Version::One, _)) => Ok(NIFTI_1_HEADER),
+        Some((Version::Two, _)) => Ok(LONGEST_HEADER),
+        None => Err(ImagingError::NotNifti),
+    }
+}
+
+/// Whether bytes start as the header of NIfTI or Analyze does, be it damaged.
+pub(crate) fn looks_like_header(bytes: &[u8]) -> bool {
+    kind(bytes).is_some()
+}
+
+/// Version and byte order, told by `sizeof_hdr`.
+fn kind(bytes: &[u8]) -> Option<(Version, ByteOrder)> {
+    let size: [u8; 4] = bytes.get(..4)?.try_into().ok()?;
+    match (u32::from_le_bytes(size), u32::from_be_bytes(size)) {
+        (348, _) => Some((Version::One, ByteOrder::Little)),
+        (540, _) => Some((Version::Two, ByteOrder::Little)),
+        (_, 348) => Some((Version::One, ByteOrder::Big)),
+        (_, 540) => Some((Version::Two, ByteOrder::Big)),
+        _ => None,
+    }
+}
+
+impl Header {
+    /// Reads a header from its bytes, as many as [`header_length`] says.
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self, ImagingError> {
+        let (version, order) = kind(bytes).ok_or(ImagingError::NotNifti)?;
+        check_magic(version, bytes)?;
+        let fields = Fields { bytes, order };
+        match version {
+            Version::One => Self::parse_nifti_1(&fields),
+            Version::Two => Self::parse_nifti_2(&fields),
+        }
+    }
+
+    fn parse_nifti_1(fields: &Fields) -> Result<Self, ImagingError> {
+        let single = |at| f64::from(fields.f32(at));
+        Ok(Self {
+            order: fields.order,
+            size: volume_size(std::array::from_fn(|i| fields.i16(40 + 2 * i).into()))?,
+            data_type: DataType::from_header(fields.i16(70), fields.i16(72))?,
+            vox_offset: vox_offset(single(108), 352)?,
+            scaling: Scaling::from_header(single(112), single(116))?,
+            placement: Placement {
+                units: fields.bytes[123],
+                pixdim: std::array::from_fn(|i| single(76 + 4 * i)),
+                qform_code: fields.i16(252).into(),
+                sform_code: fields.i16(254).into(),
+                quaternion: std::array::from_fn(|i| single(256 + 4 * i)),
+                qoffset: std::array::from_fn(|i| single(268 + 4 * i)),
+                srow: std::array::from_fn(|row| {
+                    std::array::from_fn(|column| single(280 + 16 * row + 4 * column))
+                }),
+            },
+        })
+    }
+
+    fn parse_nifti_2(fields: &Fields) -> Result<Self, ImagingError> {
+        let double = |at| fields.f64(at);
+        Ok(Self {
+            order: fields.order,
+            size: volume_size(std::array::from_fn(|i| fields.i64(16 + 8 * i)))?,
+            data_type: DataType::from_header(fields.i16(12), fields.i16(14))?,
+            vox_offset: vox_offset(fields.i64(168) as f64, 544)?,
+            scaling: Scaling::from_header(double(176), double(184))?,
+            placement: Placement {
+                units: fields.i32(500) as u8,
+                pixdim: std::array::from_fn(|i| double(104 + 8 * i)),
+                qform_code: fields.i32(344),
+                sform_code: fields.i32(348),
+                quaternion: std::array::from_fn(|i| double(352 + 8 * i)),
+                qoffset: std::array::from_fn(|i| double(376 + 8 * i)),
+                srow: std::array::from_fn(|row| {
+                    std::array::from_fn(|column| double(400 + 32 * row + 8 * column))
+                }),
+            },
+        })
+    }
+
+    /// Number of voxels, or the largest number there is where it is beyond that.
+    pub(crate) fn voxel_count(&self) -> u64 {
+        let side = |side: &usize| *side as u64;
+        self.size.iter().map(side).fold(1, u64::saturating_mul)
+    }
+
+    /// Bytes of all voxels, saturating likewise.
+    pub(crate) fn voxel_bytes(&self) -> u64 {
+        self.voxel_count()
+            .saturating_mul(self.data_type.bytes() as u64)
+    }
+
+    /// Bytes of the whole file, unpacked, saturating likewise.
+    pub(crate) fn file_bytes(&self) -> u64 {
+        self.vox_offset.saturating_add(self.voxel_bytes())
+    }
+}
+
+/// The magic word tells a single file from a pair, and NIfTI-1 from Analyze.
+fn check_magic(version: Version, bytes: &[u8]) -> Result<(), ImagingError> {
+    match version {
+        Version::One => match &bytes[344..348] {
+            b"n+1\0" => Ok(()),
+            b"ni1\0" => Err(ImagingError::NiftiHeaderOnly),
+            magic if magic[0] == b'n' => Err(BAD_MAGIC),
+            _ => Err(ImagingError::Analyze),
+        },
+        Version::Two => match &bytes[4..12] {
+            NIFTI_2_MAGIC => Ok(()),
+            NIFTI_2_PAIR_MAGIC => Err(ImagingError::NiftiHeaderOnly),
+            _ => Err(BAD_MAGIC),
+        },
+    }
+}
+
+const BAD_MAGIC: ImagingError = ImagingError::NiftiHeader {
+    what: "its magic word is wrong",
+};
+
+/// Voxels along x, y and z, from `dim`: its length, then the sides; those beyond z must be 1.
+fn volume_size(dim: [i64; 8]) -> Result<[usize; 3], ImagingError> {
+    let dimensions = usize::try_from(dim[0])
+        .ok()
+        .filter(|count| (1..=7).contains(count))
+        .ok_or(ImagingError::NiftiDimension {
+            axis: 0,
+            value: dim[0],
+            range: "from 1 to 7",
+        })?;
+    let mut sides = [1u64; 7];
+    for (axis, side) in sides.iter_mut().enumerate().take(dimensions) {
+        let value = dim[axis + 1];
+        *side = u64::try_from(value).ok().filter(|&side| side > 0).ok_or(
+            ImagingError::NiftiDimension {
+                axis: axis + 1,
+                value,
+                range: "at least 1",
+            },
+        )?;
+    }
+    let volumes = sides[3..].iter().copied().fold(1, u64::saturating_mul);
+    if volumes > 1 {
+        return Err(ImagingError::NiftiSeveralVolumes { count: volumes });
+    }
+    let size =
+        [sides[0], sides[1], sides[2]].map(|side| usize::try_from(side).unwrap_or(usize::MAX));
+    if size.contains(&1) {
+        return Err(ImagingError::NiftiNotAVolume { size });
+    }
+    Ok(size)
+}
+
+/// Where the voxels start: behind the header and the four bytes that announce extensions.
+fn vox_offset(value: f64, least: u64) -> Result<u64, ImagingError> {
+    let whole = value == value.trunc();
+    if whole && (least as f64..=MAX_VOX_OFFSET as f64).contains(&value) {
+        Ok(value as u64)
+    } else {
+        Err(ImagingError::NiftiVoxOffset {
+            value,
+            least,
+            most: MAX_VOX_OFFSET,
+        })
+    }
+}
+
+impl Scaling {
+    /// A slope of zero means that intensities are not scaled; so is one that is not a number understood.
+    fn from_header(slope: f64, intercept: f64) -> Result<Self, ImagingError> {
+        if slope == 0.0 || slope.is_nan() {
+            return Ok(Self {
+                slope: 1.0,
+                intercept: 0.0,
+            });
+        }
+        if !slope.is_finite() || !intercept.is_finite() {
+            return Err(ImagingError::NiftiScaling { slope, intercept });
+        }
+        Ok(Self { slope, intercept })
+    }
+
+    /// Whether intensities are the values themselves.
+    pub(crate) fn is_identity(self) -> bool {
+        self.slope == 1.0 && self.intercept == 0.0
+    }
+
+    /// The intensity of a value.
+    pub(crate) fn intensity(self, value: f64) -> f64 {
+        self.slope * value + self.intercept
+    }
+}
+
+/// Numbers at fixed places of a header that is long enough for all of them.
+struct Fields<'a> {
+    bytes: &'a [u8],
+    order: ByteOrder,
+}
+
+/// Reads a number at a byte offset.
+macro_rules! field {
+    ($($number:ident)*) => {$(
+        fn $number(&self, at: usize) -> $number {
+            let bytes = self.bytes[at..at + size_of::<$number>()].try_into();
+            let bytes = bytes.expect("as many bytes as the number has");
+            match self.order {
+                ByteOrder::Little => $number::from_le_bytes(bytes),
+                ByteOrder::Big => $number::from_be_bytes(bytes),
+            }
+        }
+    )*};
+}
+
+impl Fields<'_> {
+    field!(i16 i32 i64 f32 f64);
+}

@@ -1,0 +1,118 @@
+//! Masks: which voxels belong.
+
+use geometry::Mask;
+
+use crate::{ImagingError, Limits};
+
+use super::datatype::DataType;
+use super::element::{Element, extend_with};
+use super::file::NiftiFile;
+use super::header::Scaling;
+
+/// The greatest value of a probability map; interpolation overshoots a step from 0 to 1 by less than that.
+const MAX_PROBABILITY: f64 = 1.25;
+
+/// A value in a map of probabilities belongs when it is above this.
+const LIKELY: f64 = 0.5;
+
+/// Reads a mask from a NIfTI file, plain or packed.
+///
+/// A voxel belongs when its value, scaled as the header says, is above 0: so 0 and 1, 0 and 255, labels, and a
+/// skull-stripped head all work. A map of probabilities is told by values between 0 and 1 while none is
+/// above 1 (1.25, since interpolation overshoots): there a voxel belongs when its value is above ½.
+///
+/// # Errors
+/// When the file is not one volume, is damaged, or exceeds a limit.
+pub fn read_mask(bytes: &[u8], limits: &Limits) -> Result<Mask, ImagingError> {
+    let mut file = NiftiFile::open(bytes, limits)?;
+    let classes = match file.header.data_type {
+        DataType::U8 => read_classes::<u8>(&mut file),
+        DataType::I8 => read_classes::<i8>(&mut file),
+        DataType::U16 => read_classes::<u16>(&mut file),
+        DataType::I16 => read_classes::<i16>(&mut file),
+        DataType::U32 => read_classes::<u32>(&mut file),
+        DataType::I32 => read_classes::<i32>(&mut file),
+        DataType::U64 => read_classes::<u64>(&mut file),
+        DataType::I64 => read_classes::<i64>(&mut file),
+        DataType::F32 => read_classes::<f32>(&mut file),
+        DataType::F64 => read_classes::<f64>(&mut file),
+    }?;
+    Ok(Mask::new(file.grid, classes.belonging()?)?)
+}
+
+/// Facts about a value, as bits.
+mod fact {
+    /// Above 0; alone, all that need be known of an unscaled integer.
+    pub(super) const POSITIVE: u8 = 1;
+    /// Above ½.
+    pub(super) const LIKELY: u8 = 2;
+    /// Between 0 and 1.
+    pub(super) const FRACTION: u8 = 4;
+    /// Above any probability.
+    pub(super) const LARGE: u8 = 8;
+    /// Not a number, or infinite.
+    pub(super) const NON_FINITE: u8 = 16;
+}
+
+/// What is known of each voxel's value, until all are known.
+struct Classes {
+    /// Facts about each voxel.
+    facts: Vec<u8>,
+    /// Facts that hold for any voxel.
+    any: u8,
+}
+
+fn read_classes<T: Element>(file: &mut NiftiFile) -> Result<Classes, ImagingError> {
+    let order = file.header.order;
+    let scaling = file.header.scaling;
+    let room = file.room();
+    let mut facts = Vec::new();
+    file.for_each_chunk(|chunk| {
+        room.reserve(&mut facts, chunk.len() / T::BYTES)?;
+        if T::WHOLE && scaling.is_identity() {
+            extend_with(&mut facts, chunk, order, |value: T| {
+                u8::from(value > T::ZERO)
+            });
+        } else {
+            extend_with(&mut facts, chunk, order, |value: T| {
+                facts_of(value, scaling)
+            });
+        }
+        Ok(())
+    })?;
+    let any = facts.iter().fold(0, |any, facts| any | facts);
+    Ok(Classes { facts, any })
+}
+
+fn facts_of<T: Element>(value: T, scaling: Scaling) -> u8 {
+    let intensity = scaling.intensity(value.to_f64());
+    let flag = |holds: bool, fact: u8| if holds { fact } else { 0 };
+    flag(intensity > 0.0, fact::POSITIVE)
+        | flag(intensity > LIKELY, fact::LIKELY)
+        | flag(intensity > MAX_PROBABILITY, fact::LARGE)
+        | flag(intensity > 0.0 && intensity < 1.0, fact::FRACTION)
+        | flag(!intensity.is_finite(), fact::NON_FINITE)
+}
+
+impl Classes {
+    fn belonging(self) -> Result<Vec<bool>, ImagingError> {
+        let Self { facts, any } = self;
+        if any & fact::NON_FINITE != 0 {
+            let bad = facts.iter().filter(|&&facts| facts & fact::NON_FINITE != 0);
+            return Err(ImagingError::NiftiNonFinite {
+                count: bad.count() as u64,
+                voxels: facts.len() as u64,
+            });
+        }
+        let probabilities = any & fact::FRACTION != 0 && any & fact::LARGE == 0;
+        let belongs = if probabilities {
+            fact::LIKELY
+        } else {
+            fact::POSITIVE
+        };
+        Ok(facts
+            .into_iter()
+            .map(|facts| facts & belongs != 0)
+            .collect())
+    }
+}

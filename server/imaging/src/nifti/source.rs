@@ -1,0 +1,74 @@
+//! The bytes of a file, unpacked as they are asked for.
+
+use std::io::{self, Read};
+
+use flate2::bufread::MultiGzDecoder;
+
+use crate::ImagingError;
+
+/// How a gzip member starts (RFC 1952 §2.3.1).
+pub(crate) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+
+/// What one byte of deflate can become at most: a match of 258 bytes takes two bits (RFC 1951 §3.2.5).
+const MAX_EXPANSION: u64 = 1032;
+
+/// The bytes of a file, plain or packed in any number of gzip members.
+pub(crate) enum Source<'a> {
+    Plain(&'a [u8]),
+    Gzip(Box<MultiGzDecoder<&'a [u8]>>),
+}
+
+impl<'a> Source<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        if bytes.starts_with(&GZIP_MAGIC) {
+            Self::Gzip(Box::new(MultiGzDecoder::new(bytes)))
+        } else {
+            Self::Plain(bytes)
+        }
+    }
+
+    /// Fills as much of the buffer as there are bytes left, and says how much that was.
+    pub(crate) fn fill(&mut self, buffer: &mut [u8]) -> Result<usize, ImagingError> {
+        let mut filled = 0;
+        while filled < buffer.len() {
+            match self.read(&mut buffer[filled..])? {
+                0 => break,
+                read => filled += read,
+            }
+        }
+        Ok(filled)
+    }
+
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ImagingError> {
+        let read = match self {
+            Self::Plain(bytes) => bytes.read(buffer),
+            Self::Gzip(stream) => stream.read(buffer),
+        };
+        read.map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => ImagingError::GzipTruncated,
+            _ => ImagingError::GzipCorrupt,
+        })
+    }
+}
+
+/// Refuses a promise that the file at hand cannot keep, whatever it holds.
+pub(crate) fn check_promise(file: &[u8], promised: u64) -> Result<(), ImagingError> {
+    let at_hand = file.len() as u64;
+    if !file.starts_with(&GZIP_MAGIC) {
+        return match promised.cmp(&at_hand) {
+            std::cmp::Ordering::Equal => Ok(()),
+            std::cmp::Ordering::Less => Err(ImagingError::NiftiTrailingData { expected: promised }),
+            std::cmp::Ordering::Greater => Err(ImagingError::NiftiTruncated {
+                expected: promised,
+                found: at_hand,
+            }),
+        };
+    }
+    if promised > at_hand.saturating_mul(MAX_EXPANSION) {
+        return Err(ImagingError::NiftiPromise {
+            promised,
+            packed: at_hand,
+        });
+    }
+    Ok(())
+}

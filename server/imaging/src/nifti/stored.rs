@@ -1,0 +1,222 @@
+//! Voxels of any type in 16 bits.
+
+use geometry::{Rescale, Volume};
+
+use crate::{ImagingError, Limits};
+
+use super::datatype::DataType;
+use super::element::{Element, extend_with};
+use super::file::{NiftiFile, reserve_exact};
+use super::header::{ByteOrder, Scaling};
+use super::range::Range;
+
+/// The greatest stored value.
+const STORED_MAX: f64 = u16::MAX as f64;
+
+/// Reads one volume of a NIfTI file, plain or packed.
+///
+/// Voxels are kept in 16 bits, with a positive slope. Integers of 8 and 16 bits are kept as they are; so are wider
+/// integers and whole real numbers whose range fits in 16 bits. Any other range from `min` to `max` is divided into
+/// 65,534 equal steps, which errs by at most half a step, (max − min)/131,068, and keeps zero exactly zero
+/// (the background of a skull-stripped head stays what it is). Intensities are in single precision, with its rounding
+/// of 6·10⁻⁸ of the largest among them.
+///
+/// # Errors
+/// When the file is not such a volume, is damaged, or exceeds a limit.
+pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError> {
+    let mut file = NiftiFile::open(bytes, limits)?;
+    let stored = match file.header.data_type {
+        DataType::U8 => read_narrow(&mut file, 0.0, |value: u8| value.into()),
+        DataType::I8 => read_narrow(&mut file, -128.0, |value: i8| {
+            (i16::from(value) + 128) as u16
+        }),
+        DataType::U16 => read_narrow(&mut file, 0.0, |value: u16| value),
+        DataType::I16 => read_narrow(&mut file, -32768.0, |value: i16| value as u16 ^ 0x8000),
+        DataType::U32 => read_wide::<u32>(&mut file),
+        DataType::I32 => read_wide::<i32>(&mut file),
+        DataType::U64 => read_wide::<u64>(&mut file),
+        DataType::I64 => read_wide::<i64>(&mut file),
+        DataType::F32 => read_wide::<f32>(&mut file),
+        DataType::F64 => read_wide::<f64>(&mut file),
+    }?;
+    let Stored { mut voxels, steps } = stored;
+    let intensities = steps.scaled(file.header.scaling);
+    if intensities.slope < 0.0 {
+        voxels.iter_mut().for_each(|stored| *stored = !*stored);
+    }
+    Ok(Volume::new(
+        file.grid,
+        voxels,
+        intensities.rising().rescale()?,
+    )?)
+}
+
+/// Values in 16 bits, and what the file's numbers are by them.
+struct Stored {
+    voxels: Vec<u16>,
+    steps: Steps,
+}
+
+/// Number = slope · stored + intercept, in double precision.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Steps {
+    slope: f64,
+    intercept: f64,
+}
+
+impl Steps {
+    fn unit_from(intercept: f64) -> Self {
+        Self {
+            slope: 1.0,
+            intercept,
+        }
+    }
+
+    /// Intensities instead of the file's numbers.
+    fn scaled(self, scaling: Scaling) -> Self {
+        Self {
+            slope: scaling.slope * self.slope,
+            intercept: scaling.intensity(self.intercept),
+        }
+    }
+
+    /// The same for stored values that count from the other end, if that makes the slope positive.
+    fn rising(self) -> Self {
+        if self.slope > 0.0 {
+            return self;
+        }
+        Self {
+            slope: -self.slope,
+            intercept: self.intercept + self.slope * STORED_MAX,
+        }
+    }
+
+    /// In the single precision of a volume, if that holds it; what is zero stays zero.
+    fn rescale(self) -> Result<Rescale, ImagingError> {
+        let max = self.slope * STORED_MAX + self.intercept;
+        let slope = self.slope as f32;
+        let intercept = match self.stored_zero() {
+            Some(zero) => -(slope * f32::from(zero)),
+            None => self.intercept as f32,
+        };
+        let fits = slope.is_normal() && intercept.is_finite();
+        if fits && (max as f32).is_finite() {
+            Ok(Rescale { slope, intercept })
+        } else {
+            Err(ImagingError::NiftiIntensityRange {
+                min: self.intercept,
+                max,
+            })
+        }
+    }
+
+    /// The stored value that stands for zero, if one does.
+    fn stored_zero(self) -> Option<u16> {
+        let position = -self.intercept / self.slope;
+        let nearest = position.round();
+        let is_zero = (position - nearest).abs() < 1e-6 && (0.0..=STORED_MAX).contains(&nearest);
+        is_zero.then_some(nearest as u16)
+    }
+}
+
+/// Integers of at most 16 bits, converted as they arrive; the stored value 0 stands for `least`.
+fn read_narrow<T: Element>(
+    file: &mut NiftiFile,
+    least: f64,
+    convert: impl Fn(T) -> u16 + Copy,
+) -> Result<Stored, ImagingError> {
+    let order = file.header.order;
+    let room = file.room();
+    let mut voxels = Vec::new();
+    file.for_each_chunk(|chunk| {
+        room.reserve(&mut voxels, chunk.len() / T::BYTES)?;
+        extend_with(&mut voxels, chunk, order, convert);
+        Ok(())
+    })?;
+    let steps = Steps::unit_from(least);
+    Ok(Stored { voxels, steps })
+}
+
+/// Wider numbers, kept as they are until their range is known.
+fn read_wide<T: Element>(file: &mut NiftiFile) -> Result<Stored, ImagingError> {
+    let order = file.header.order;
+    let mut range = Range::<T>::new();
+    let mut chunks = Vec::new();
+    file.for_each_chunk(|chunk| {
+        range.extend(chunk, order);
+        chunks.push(copy(chunk)?);
+        Ok(())
+    })?;
+    let ends = range.ends(file.header.voxel_count())?;
+    if range.whole && ends[1].is_within_16_bits_of(ends[0]) {
+        keep_whole(chunks, order, ends)
+    } else {
+        quantise(chunks, order, ends)
+    }
+}
+
+fn copy(chunk: &[u8]) -> Result<Vec<u8>, ImagingError> {
+    let mut bytes = Vec::new();
+    reserve_exact(&mut bytes, chunk.len())?;
+    bytes.extend_from_slice(chunk);
+    Ok(bytes)
+}
+
+/// Whole numbers that span at most 16 bits: as they are, or counted from the least.
+fn keep_whole<T: Element>(
+    chunks: Vec<Vec<u8>>,
+    order: ByteOrder,
+    [least, greatest]: [T; 2],
+) -> Result<Stored, ImagingError> {
+    let fit_as_they_are = least.to_f64() >= 0.0 && greatest.to_f64() <= STORED_MAX;
+    let first = if fit_as_they_are { T::ZERO } else { least };
+    let voxels = convert_chunks(chunks, order, |value: T| value.steps_above(first))?;
+    let steps = Steps::unit_from(first.to_f64());
+    Ok(Stored { voxels, steps })
+}
+
+/// Numbers rounded to the nearest of 65,536 equidistant ones, of which zero is one where they surround it.
+fn quantise<T: Element>(
+    chunks: Vec<Vec<u8>>,
+    order: ByteOrder,
+    ends: [T; 2],
+) -> Result<Stored, ImagingError> {
+    let steps = Steps::across(ends.map(T::to_f64));
+    let per_step = 1.0 / steps.slope;
+    let voxels = convert_chunks(chunks, order, |value: T| {
+        ((value.to_f64() - steps.intercept) * per_step + 0.5) as u16
+    })?;
+    Ok(Stored { voxels, steps })
+}
+
+impl Steps {
+    /// 65,534 steps that cover a range, and one to spare so that zero can be one of their ends.
+    fn across([min, max]: [f64; 2]) -> Self {
+        let slope = (max - min) / (STORED_MAX - 1.0);
+        if slope == 0.0 {
+            return Self::unit_from(min);
+        }
+        let surrounds_zero = min < 0.0 && max >= 0.0;
+        let intercept = if surrounds_zero {
+            (min / slope).floor() * slope
+        } else {
+            min
+        };
+        Self { slope, intercept }
+    }
+}
+
+/// Converts chunk by chunk, giving the memory of each back.
+fn convert_chunks<T: Element>(
+    chunks: Vec<Vec<u8>>,
+    order: ByteOrder,
+    convert: impl Fn(T) -> u16 + Copy,
+) -> Result<Vec<u16>, ImagingError> {
+    let values = chunks.iter().map(|chunk| chunk.len() / T::BYTES).sum();
+    let mut voxels = Vec::new();
+    reserve_exact(&mut voxels, values)?;
+    for chunk in chunks {
+        extend_with(&mut voxels, &chunk, order, convert);
+    }
+    Ok(voxels)
+}

@@ -1,0 +1,150 @@
+//! Writing: what the pipeline makes, as packed NIfTI-1 files for other programs.
+//!
+//! Every file is little-endian, in millimetres, placed by the sform (code 1) and, where the axes are orthogonal, by the
+//! qform too. Lengths of the affine are rounded to single precision. The same values give the same bytes.
+
+use std::io::Write;
+
+use flate2::{Compression, GzBuilder, write::GzEncoder};
+use geometry::{Grid, Mask, Rescale, Volume};
+
+use crate::ImagingError;
+
+use super::affine::Placement;
+
+/// Where the voxels start: behind the header and four bytes that announce no extension.
+const VOX_OFFSET: usize = 352;
+
+/// Voxels converted at a time.
+const CHUNK_VOXELS: usize = 32 << 10;
+
+/// The depth written outside of the envelope.
+const OUTSIDE_MM: f32 = -1.0;
+
+/// Codes of the data types written, and their bytes.
+const UINT8: (i16, i16) = (2, 1);
+const FLOAT32: (i16, i16) = (16, 4);
+const UINT16: (i16, i16) = (512, 2);
+
+const UNSCALED: Rescale = Rescale {
+    slope: 1.0,
+    intercept: 0.0,
+};
+
+/// A mask as `.nii.gz`: 1 where a voxel belongs, else 0, in 8 bits.
+///
+/// # Errors
+/// When a side has more than 32,767 voxels, which NIfTI-1 cannot say.
+pub fn write_mask(mask: &Mask) -> Result<Vec<u8>, ImagingError> {
+    let header = header(mask.grid(), UINT8, UNSCALED)?;
+    pack(&header, mask.voxels(), |belongs, bytes| {
+        bytes.push(u8::from(belongs));
+    })
+}
+
+/// A volume as `.nii.gz`: its stored 16-bit values, with slope and intercept.
+///
+/// # Errors
+/// When a side has more than 32,767 voxels, or when the slope is zero or a number of the rescaling is not finite.
+pub fn write_volume(volume: &Volume) -> Result<Vec<u8>, ImagingError> {
+    let rescale = volume.rescale();
+    let Rescale { slope, intercept } = rescale;
+    if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {
+        return Err(ImagingError::Unwritable { slope, intercept });
+    }
+    let header = header(volume.grid(), UINT16, rescale)?;
+    pack(&header, volume.voxels(), |stored, bytes| {
+        bytes.extend_from_slice(&stored.to_le_bytes());
+    })
+}
+
+/// A map of depths as `.nii.gz`: millimetres in single precision, −1 where `depths_mm` is `None` (outside).
+///
+/// # Errors
+/// When a side has more than 32,767 voxels.
+///
+/// # Panics
+/// When there is not one depth for each voxel of the grid.
+pub fn write_depth_map(grid: &Grid, depths_mm: &[Option<f32>]) -> Result<Vec<u8>, ImagingError> {
+    assert_eq!(
+        depths_mm.len(),
+        grid.voxel_count(),
+        "one depth for each voxel"
+    );
+    let header = header(grid, FLOAT32, UNSCALED)?;
+    pack(&header, depths_mm, |depth, bytes| {
+        bytes.extend_from_slice(&depth.unwrap_or(OUTSIDE_MM).to_le_bytes());
+    })
+}
+
+/// Header and encoded values in one gzip member without name and time.
+fn pack<T: Copy>(
+    header: &[u8; VOX_OFFSET],
+    values: &[T],
+    encode: impl Fn(T, &mut Vec<u8>),
+) -> Result<Vec<u8>, ImagingError> {
+    let mut encoder = GzBuilder::new().write(Vec::new(), Compression::fast());
+    let mut bytes = Vec::new();
+    write_all(&mut encoder, header);
+    for chunk in values.chunks(CHUNK_VOXELS) {
+        bytes.clear();
+        chunk.iter().for_each(|&value| encode(value, &mut bytes));
+        write_all(&mut encoder, &bytes);
+    }
+    Ok(encoder.finish().expect("a vector takes all bytes"))
+}
+
+fn write_all(encoder: &mut GzEncoder<Vec<u8>>, bytes: &[u8]) {
+    encoder.write_all(bytes).expect("a vector takes all bytes");
+}
+
+/// A NIfTI-1 header and the four bytes behind it.
+fn header(
+    grid: &Grid,
+    (code, bytes): (i16, i16),
+    rescale: Rescale,
+) -> Result<[u8; VOX_OFFSET], ImagingError> {
+    let placement = Placement::from_patient(grid.patient_from_voxel());
+    let mut header = HeaderBytes([0; VOX_OFFSET]);
+    header.put(0, 348i32.to_le_bytes());
+    header.put(40, 3i16.to_le_bytes());
+    for (axis, &side) in grid.size().iter().enumerate() {
+        let side = i16::try_from(side).map_err(|_| ImagingError::SideTooLong { side })?;
+        header.put(42 + 2 * axis, side.to_le_bytes());
+    }
+    for unused in 3..7 {
+        header.put(42 + 2 * unused, 1i16.to_le_bytes());
+    }
+    header.put(70, code.to_le_bytes());
+    header.put(72, (8 * bytes).to_le_bytes());
+    header.put(108, (VOX_OFFSET as f32).to_le_bytes());
+    header.put(112, rescale.slope.to_le_bytes());
+    header.put(116, rescale.intercept.to_le_bytes());
+    header.put_placement(&placement);
+    header.put(344, *b"n+1\0");
+    Ok(header.0)
+}
+
+struct HeaderBytes([u8; VOX_OFFSET]);
+
+impl HeaderBytes {
+    fn put<const N: usize>(&mut self, at: usize, bytes: [u8; N]) {
+        self.0[at..at + N].copy_from_slice(&bytes);
+    }
+
+    fn put_singles(&mut self, at: usize, numbers: &[f64]) {
+        for (i, &number) in numbers.iter().enumerate() {
+            self.put(at + 4 * i, (number as f32).to_le_bytes());
+        }
+    }
+
+    fn put_placement(&mut self, placement: &Placement) {
+        self.put_singles(76, &placement.pixdim);
+        self.put(123, [placement.units]);
+        self.put(252, (placement.qform_code as i16).to_le_bytes());
+        self.put(254, (placement.sform_code as i16).to_le_bytes());
+        self.put_singles(256, &placement.quaternion);
+        self.put_singles(268, &placement.qoffset);
+        self.put_singles(280, placement.srow.as_flattened());
+    }
+}

@@ -1,0 +1,22 @@
+//! PNG of a grey frame of 512 × 512 pixels.
+
+mod common;
+
+use common::Case;
+use criterion::{Criterion, criterion_group, criterion_main};
+use render::{RenderParameters, RenderRequest, Window, draw_splat, encode_png};
+
+fn png(criterion: &mut Criterion) {
+    let case = Case::head_sized();
+    let parameters = RenderParameters::new(Window::between(40.0, 160.0));
+    let frame = draw_splat(
+        &case.scene(),
+        &RenderRequest::new(parameters).expect("a request"),
+    );
+    criterion.bench_function("png of a grey frame 512x512", |bencher| {
+        bencher.iter(|| encode_png(&frame, &[("renderer", "splat")]));
+    });
+}
+
+criterion_group!(benches, png);
+criterion_main!(benches);

@@ -1,0 +1,115 @@
+//! Slices through a ball whose contours are circles.
+
+use geometry::{DepthField, Envelope, Grid, Mask, Rescale, ShellIndex, Volume};
+use glam::DVec3;
+
+use super::*;
+
+/// A ball of radius 25 mm about the origin, at 1 mm; a volume around it, bright where the patient's left is.
+fn draw(plane: SlicePlane, depths_mm: Vec<f64>) -> Frame {
+    let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
+    let position = |index| grid.voxel(index).map(|coordinate| coordinate as f64 - 30.0);
+    let indices = 0..grid.voxel_count();
+    let mask = indices
+        .clone()
+        .map(|index| DVec3::from(position(index)).length() <= 25.0);
+    let mask = Mask::new(grid.clone(), mask.collect()).unwrap();
+    let envelope = Envelope::from_stored(mask).unwrap();
+    // Brighter to the left (+100), to posterior (+40) and to superior (+20).
+    let voxels = indices.map(|index| {
+        let [left, posterior, superior] =
+            position(index).map(|coordinate| f64::from(coordinate > 0.0));
+        (10.0 + 100.0 * left + 40.0 * posterior + 20.0 * superior) as u16
+    });
+    let rescale = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+    let volume = Volume::new(grid.clone(), voxels.collect(), rescale).unwrap();
+    let distance = geometry::distance_map(&envelope);
+    let field = DepthField::new(&distance);
+    let shell = ShellIndex::new(&distance);
+    let scene = Scene {
+        volume: &volume,
+        field: &field,
+        normals: &field,
+        shell: &shell,
+        bounds: BoundingSphere {
+            centre_in_patient: DVec3::ZERO,
+            radius_mm: 40.0,
+        },
+    };
+    let parameters = SliceParameters {
+        depths_mm,
+        size: FrameSize::new(160, 160).unwrap(),
+        ..SliceParameters::new(plane, 0.0, Window::between(0.0, 255.0))
+    };
+    draw_slice(&scene, &SliceRequest::new(parameters).unwrap())
+}
+
+#[test]
+fn slices_lie_as_radiologists_want_them() {
+    let corners = |plane| {
+        let frame = draw(plane, Vec::new());
+        assert_eq!(frame.format(), PixelFormat::Grey8);
+        [(60, 60), (100, 60), (60, 100), (100, 100)].map(|(x, y)| frame.pixel(x, y).unwrap()[0])
+    };
+    // Anterior up, the patient's left at the right.
+    assert_eq!(corners(SlicePlane::Axial), [10, 110, 50, 150]);
+    assert_eq!(corners(SlicePlane::Coronal), [30, 130, 10, 110]);
+    // Anterior at the left.
+    assert_eq!(corners(SlicePlane::Sagittal), [30, 70, 10, 50]);
+}
+
+#[test]
+fn outside_of_the_volume_a_slice_is_black() {
+    let frame = draw(SlicePlane::Axial, Vec::new());
+    assert_eq!(frame.pixel(2, 80), Some(&[0][..]));
+    assert_eq!(frame.pixel(157, 157), Some(&[0][..]));
+}
+
+#[test]
+fn contours_are_where_the_depth_is() {
+    // Half a millimetre a pixel: the circles of 5 and 15 mm depth have radii of about 39.5 and 19.5 pixels.
+    let frame = draw(SlicePlane::Axial, vec![5.0, 15.0]);
+    assert_eq!(frame.format(), PixelFormat::Rgb8);
+    let is_colored = |x: u32, y: u32| {
+        let pixel = frame.pixel(x, y).unwrap();
+        pixel.iter().max().unwrap() - pixel.iter().min().unwrap() > 60
+    };
+    for y in 0..160 {
+        for x in 0..160 {
+            let radius_px = (f64::from(x) - 79.5).hypot(f64::from(y) - 79.5);
+            let nearest_px = (radius_px - 39.5).abs().min((radius_px - 19.5).abs());
+            assert!(!is_colored(x, y) || nearest_px < 3.0, "{x} {y}");
+        }
+    }
+    let lit = (0..160).filter(|&x| is_colored(x, 80)).count();
+    assert!((4..=12).contains(&lit), "{lit} pixels of four crossings");
+}
+
+#[test]
+fn impossible_slices_are_refused() {
+    let good = SliceParameters::new(SlicePlane::Axial, 0.0, Window::between(0.0, 1.0));
+    assert!(SliceRequest::new(good.clone()).is_ok());
+    for bad in [
+        SliceParameters {
+            position_mm: f64::NAN,
+            ..good.clone()
+        },
+        SliceParameters {
+            depths_mm: vec![-1.0],
+            ..good.clone()
+        },
+        SliceParameters {
+            depths_mm: vec![1.0; MAX_CONTOURS + 1],
+            ..good.clone()
+        },
+        SliceParameters {
+            zoom: 0.0,
+            ..good.clone()
+        },
+    ] {
+        assert!(SliceRequest::new(bad).is_err());
+    }
+}

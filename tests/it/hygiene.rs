@@ -1,0 +1,100 @@
+//! What the papers of the project promise is there.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+fn read(path: impl AsRef<Path>) -> String {
+    let path = root().join(path);
+    std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// The text files below `folder` that end in one of `endings`.
+fn texts_below(folder: &Path, endings: &[&str], texts: &mut String) {
+    for entry in std::fs::read_dir(folder).expect("the folder can be listed") {
+        let path = entry.expect("the entry can be read").path();
+        let ending = path
+            .extension()
+            .and_then(|ending| ending.to_str())
+            .unwrap_or_default();
+        if path.is_dir() {
+            texts_below(&path, endings, texts);
+        } else if endings.contains(&ending) {
+            texts.push_str(&std::fs::read_to_string(&path).expect("the file is UTF-8"));
+        }
+    }
+}
+
+/// The words of `text` that begin with `prefix`, taken as long as `belongs`.
+fn words_after(text: &str, prefix: &str, belongs: fn(char) -> bool) -> BTreeSet<String> {
+    text.match_indices(prefix)
+        .map(|(at, _)| {
+            let rest = &text[at + prefix.len()..];
+            rest.chars().take_while(|&letter| belongs(letter)).collect()
+        })
+        .filter(|word: &String| !word.is_empty())
+        .collect()
+}
+
+const PAPERS: [&str; 4] = [
+    "README.md",
+    "ARCHITECTURE.md",
+    "CONTRIBUTING.md",
+    "docker/README.md",
+];
+
+#[test]
+fn every_make_command_of_the_papers_is_in_the_makefile() {
+    let makefile = read("Makefile");
+    let mut named = BTreeSet::new();
+    for paper in PAPERS {
+        named.extend(words_after(&read(paper), "`make ", |letter| {
+            letter.is_ascii_lowercase()
+        }));
+        named.extend(words_after(&read(paper), "\nmake ", |letter| {
+            letter.is_ascii_lowercase()
+        }));
+    }
+    assert!(
+        named.contains("demo") && named.contains("test"),
+        "the papers name {named:?}"
+    );
+    for target in named {
+        assert!(makefile.contains(&format!("\n{target}: ")), "make {target}");
+    }
+}
+
+#[test]
+fn every_path_that_a_paper_links_to_exists() {
+    for paper in PAPERS {
+        let folder = root()
+            .join(paper)
+            .parent()
+            .expect("a paper lies in a folder")
+            .to_owned();
+        let links = words_after(&read(paper), "](", |letter| !matches!(letter, ')' | '#'));
+        for link in links.iter().filter(|link| !link.contains("://")) {
+            assert!(folder.join(link).exists(), "{paper} links to {link}");
+        }
+    }
+}
+
+#[test]
+fn every_variable_of_the_papers_is_read_somewhere() {
+    let mut code = String::new();
+    for folder in ["server", "tests", "scripts"] {
+        texts_below(&root().join(folder), &["rs", "sh", "mjs"], &mut code);
+    }
+    for paper in PAPERS {
+        let belongs = |letter: char| letter.is_ascii_uppercase() || letter == '_';
+        for name in words_after(&read(paper), "ISOCORTEX_", belongs) {
+            assert!(
+                code.contains(&format!("ISOCORTEX_{name}")),
+                "{paper} names ISOCORTEX_{name}"
+            );
+        }
+    }
+}
