@@ -8,6 +8,9 @@ const SHORTEST_STEP: f32 = 0.25;
 const LONGEST_STRETCH: f32 = 2.0;
 // More steps than any line of sight takes through a grid of 512 voxels a side.
 const MAX_STEPS: i32 = 4096;
+// How often the isosurface is looked for by false position, and in all, between two steps.
+const FALSE_POSITIONS: i32 = 6;
+const MAX_ROUNDS: i32 = 18;
 // Below every height: no hit.
 const MISS: f32 = -1e30;
 
@@ -57,15 +60,15 @@ fn reach(foot: vec3<f32>) -> vec2<f32> {
     );
 }
 
-// The height of the isosurface between a place above it and one below it, by false position (the Illinois variant).
-//
-// Both are given as height and distance below the isosurface.
+// The height of the isosurface between a place above it and one below it, both given as height and distance below the
+// isosurface: by false position (the Illinois variant), and where a bend of the field defies that, by halving.
 fn between(foot: vec3<f32>, above: vec2<f32>, under: vec2<f32>) -> f32 {
     var high = above;
     var low = under;
     var side = 0;
-    for (var round = 0; round < 16; round++) {
-        let height = high.x + (low.x - high.x) * (high.y / (high.y - low.y));
+    for (var round = 0; round < MAX_ROUNDS; round++) {
+        let share = select(0.5, high.y / (high.y - low.y), round < FALSE_POSITIONS);
+        let height = high.x + (low.x - high.x) * share;
         let here = below(at_height(foot, height));
         if abs(here) <= TOLERANCE {
             return height;

@@ -38,6 +38,8 @@ const float TOLERANCE = 0.005;
 const float SHORTEST_STEP = 0.25;
 const float LONGEST_STRETCH = 2.0;
 const int MAX_STEPS = 4096;
+const int FALSE_POSITIONS = 6;
+const int MAX_ROUNDS = 18;
 const float MISS = -1e30;
 
 layout(std140) uniform Picture_block_0Fragment { Picture _group_0_binding_0_fs; };
@@ -254,46 +256,48 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
     bool loop_init_1 = true;
     while(true) {
         if (!loop_init_1) {
-            int _e59 = round_;
-            round_ = (_e59 + 1);
+            int _e64 = round_;
+            round_ = (_e64 + 1);
         }
         loop_init_1 = false;
         int _e9 = round_;
-        if ((_e9 < 16)) {
+        if ((_e9 < MAX_ROUNDS)) {
         } else {
             break;
         }
         {
-            float _e13 = high.x;
-            float _e15 = low.x;
-            float _e17 = high.x;
-            float _e20 = high.y;
-            float _e22 = high.y;
-            float _e24 = low.y;
-            float height_1 = (_e13 + ((_e15 - _e17) * (_e20 / (_e22 - _e24))));
-            vec3 _e29 = at_height(foot_2, height_1);
-            float _e30 = below(_e29);
-            if ((abs(_e30) <= TOLERANCE)) {
+            float _e13 = high.y;
+            float _e15 = high.y;
+            float _e17 = low.y;
+            int _e20 = round_;
+            float share = ((_e20 < FALSE_POSITIONS) ? (_e13 / (_e15 - _e17)) : 0.5);
+            float _e26 = high.x;
+            float _e28 = low.x;
+            float _e30 = high.x;
+            float height_1 = (_e26 + ((_e28 - _e30) * share));
+            vec3 _e34 = at_height(foot_2, height_1);
+            float _e35 = below(_e34);
+            if ((abs(_e35) <= TOLERANCE)) {
                 return height_1;
             }
-            if ((_e30 < 0.0)) {
-                high = vec2(height_1, _e30);
-                float _e38 = low.y;
-                int _e39 = side;
-                low.y = (_e38 * ((_e39 == -1) ? 0.5 : 1.0));
+            if ((_e35 < 0.0)) {
+                high = vec2(height_1, _e35);
+                float _e43 = low.y;
+                int _e44 = side;
+                low.y = (_e43 * ((_e44 == -1) ? 0.5 : 1.0));
                 side = -1;
             } else {
-                low = vec2(height_1, _e30);
-                float _e49 = high.y;
-                int _e50 = side;
-                high.y = (_e49 * ((_e50 == 1) ? 0.5 : 1.0));
+                low = vec2(height_1, _e35);
+                float _e54 = high.y;
+                int _e55 = side;
+                high.y = (_e54 * ((_e55 == 1) ? 0.5 : 1.0));
                 side = 1;
             }
         }
     }
-    float _e62 = high.x;
-    float _e64 = low.x;
-    return (0.5 * (_e62 + _e64));
+    float _e67 = high.x;
+    float _e69 = low.x;
+    return (0.5 * (_e67 + _e69));
 }
 
 float first_hit(vec3 foot_3) {

@@ -38,6 +38,8 @@ const float TOLERANCE = 0.005;
 const float SHORTEST_STEP = 0.25;
 const float LONGEST_STRETCH = 2.0;
 const int MAX_STEPS = 4096;
+const int FALSE_POSITIONS = 6;
+const int MAX_ROUNDS = 18;
 const float MISS = -1e30;
 
 layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };

@@ -1,8 +1,8 @@
 //! A device that is opened anew when it is lost.
 
+use super::GpuError;
 use super::host::Host;
 use super::studio::{Studio, StudioLimits};
-use super::{AdapterSummary, GpuError};
 
 /// How often a picture is tried: once more on a new device, or with its memory freed.
 const ATTEMPTS: usize = 2;
@@ -26,11 +26,6 @@ impl Painter {
             studio: Some(studio),
             reopened: 0,
         })
-    }
-
-    /// What draws.
-    pub(super) fn summary(&self) -> AdapterSummary {
-        self.host.summary()
     }
 
     /// How often the device was opened anew.

@@ -90,7 +90,8 @@ fn a_ball_is_seen_from_six_sides() {
                 );
                 // The picture's side is the diameter of the bounding sphere, 61 mm.
                 let lit = picture.bytes().iter().filter(|byte| **byte > 0).count() as f64;
-                let radius_px = radius_mm * 128.0 / 61.0;
+                // Depth 0 goes through the border voxels' centres, up to a voxel inside of the ball.
+                let radius_px = (radius_mm - 0.5) * 128.0 / 61.0;
                 let disc = std::f64::consts::PI * radius_px * radius_px;
                 assert!(
                     (lit / disc - 1.0).abs() < 0.06,
@@ -173,6 +174,63 @@ fn the_traced_isosurface_is_at_its_depth() {
     assert!(covered > 40_000, "{covered} pixels");
 }
 
+/// The picture of the isosurface by small steps and plain formulas: slow, and the judge of the traced one.
+fn by_small_steps(case: &Case, parameters: &RenderParameters) -> Frame {
+    let scene = case.scene();
+    let projection = parameters.camera.projection(&scene.bounds, parameters.size);
+    let patient_from_frame = projection.patient_from_frame();
+    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let towards_viewer = projection.towards_viewer_in_patient();
+    let colors = parameters.colormap.table();
+    let mut bytes = Vec::new();
+    for (x, y) in (0..128).flat_map(|y| (0..128).map(move |x| (x, y))) {
+        let at = |height: f64| {
+            let frame = DVec3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, height);
+            voxel_from_patient.transform_point3(patient_from_frame.transform_point3(frame))
+        };
+        let is_below =
+            |height| f64::from(scene.field.depth_mm(at(height).as_vec3())) >= parameters.depth_mm;
+        let mut heights = (-1200..1200).rev().map(|step| f64::from(step) * 0.05);
+        let Some(mut low) = heights.find(|&height| is_below(height)) else {
+            bytes.push(0);
+            continue;
+        };
+        let mut high = low + 0.05;
+        for _ in 0..20 {
+            let middle = 0.5 * (low + high);
+            *(if is_below(middle) {
+                &mut low
+            } else {
+                &mut high
+            }) = middle;
+        }
+        let position = at(low).as_vec3();
+        let inward = scene.normals.gradient(position).normalize_or_zero();
+        let facing = -inward.as_dvec3().dot(towards_viewer);
+        let stored = scene.volume.sample(position).unwrap();
+        let brightness = 255.0 * parameters.window.apply(f64::from(stored));
+        let [color, ..] = colors[(brightness + 0.5) as usize];
+        bytes.push((f32::from(color) * parameters.light.on(facing as f32) + 0.5) as u8);
+    }
+    Frame::new(parameters.size, PixelFormat::Grey8, bytes)
+}
+
+#[test]
+fn the_traced_picture_is_that_of_small_steps() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = lumpy(15);
+    for view in NamedView::ALL {
+        for depth_mm in [0.0, 5.0, 11.0] {
+            let parameters = parameters(view, depth_mm);
+            let traced = frame(&mut painter, &trace(&case, parameters));
+            let apart = share_apart(&traced, &by_small_steps(&case, &parameters));
+            assert!(apart <= 0.005, "{view:?} {depth_mm}: {apart}");
+        }
+    }
+}
+
 #[test]
 fn mesh_trace_and_splat_agree() {
     let Some(mut painter) = painter(LIMITS) else {
@@ -186,7 +244,7 @@ fn mesh_trace_and_splat_agree() {
             let (splat, traced) = (splat(&job), frame(&mut painter, &job));
             let what = format!("{view:?} {depth_mm}");
             let apart = share_apart(&splat, &traced);
-            assert!(apart < 0.01, "{what}: {apart} of trace and splat apart");
+            assert!(apart < 0.03, "{what}: {apart} of trace and splat apart");
             let facets = frame(&mut painter, &mesh(&job, &table));
             let difference = mean_difference(&facets, &traced);
             assert!(
@@ -222,8 +280,8 @@ fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
             ..plain
         },
         RenderParameters {
-            slab_mm: 3.0,
-            depth_mm: 1.0,
+            slab_mm: 5.0,
+            depth_mm: 4.2,
             ..plain
         },
     ];
@@ -239,13 +297,7 @@ fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
     for parameters in variants {
         let job = trace(&case, parameters);
         let apart = share_apart(&splat(&job), &frame(&mut painter, &job));
-        // The splat takes the smoothed surface's place at 1 mm.
-        let allowed = if parameters.depth_mm < 4.0 {
-            0.1
-        } else {
-            0.015
-        };
-        assert!(apart < allowed, "{parameters:?}: {apart}");
+        assert!(apart < 0.03, "{parameters:?}: {apart}");
     }
 }
 
@@ -292,16 +344,17 @@ fn the_mesh_tells_where_its_facets_are() {
     let (_, table) = table(&case, 80, 80);
     let job = mesh(&trace(&case, parameters(NamedView::Superior, 4.0)), &table);
     let hits = painter.attempt(|studio| studio.hits(&job)).unwrap();
-    let radii =
-        (0..128 * 128).filter_map(|index| hits.position_in_patient(index % 128, index / 128));
-    let radii: Vec<f64> = radii.map(|position| position.length()).collect();
-    assert!(radii.len() > 8_000, "{}", radii.len());
-    let off = radii
-        .iter()
-        .map(|radius| (radius - 26.0).abs())
-        .sum::<f64>()
-        / radii.len() as f64;
-    assert!(off < 0.4, "{off} mm off on average");
+    let pixels = (0..128).flat_map(|y| (0..128).map(move |x| (x, y)));
+    let positions = pixels.filter_map(|(x, y)| hits.position_in_patient(x, y));
+    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let depths = positions.map(|position| {
+        let position = voxel_from_patient.transform_point3(position);
+        f64::from(case.field.depth_mm(position.as_vec3()))
+    });
+    let off: Vec<f64> = depths.map(|depth_mm| (depth_mm - 4.0).abs()).collect();
+    assert!(off.len() > 8_000, "{}", off.len());
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(mean < 0.3, "{mean} mm off on average");
     assert_eq!(hits.position_in_patient(0, 0), None);
 }
 
@@ -334,7 +387,7 @@ fn a_volume_that_is_too_large_is_drawn_from_fewer_voxels_and_the_answer_says_so(
     };
     let mut small = painter(some).unwrap();
     let reduced = small.attempt(|studio| studio.draw(&job)).unwrap();
-    assert_eq!(reduced.reduction, Some([2, 2, 2]));
+    assert_eq!(reduced.reduction, Some([1, 2, 2]));
     // Brightness rises evenly, so that means tell the same.
     let apart = share_apart(&drawn.frame, &reduced.frame);
     assert!(apart < 0.01, "{apart}");

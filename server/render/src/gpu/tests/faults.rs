@@ -108,9 +108,12 @@ fn sixty_four_pictures_at_once_on_two_threads_are_those_of_one() {
         .iter()
         .map(|job| pool.begin_draw(job.clone()).unwrap())
         .collect();
-    for (job, ticket) in jobs.iter().zip(tickets) {
-        let expected = pool.draw(job.clone()).unwrap();
-        assert_eq!(ticket.wait().unwrap(), expected);
+    let drawn: Vec<_> = tickets
+        .into_iter()
+        .map(|ticket| ticket.wait().unwrap())
+        .collect();
+    for (job, drawn) in jobs.into_iter().zip(drawn) {
+        assert_eq!(pool.draw(job).unwrap(), drawn);
     }
 }
 
