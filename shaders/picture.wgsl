@@ -39,11 +39,15 @@ struct Picture {
     slab_count: u32,
     slab_first: f32,
     slab_step: f32,
+    // Height, in voxels, of what is nearest in clip space, and how far apart there samples of one piece of the surface are.
+    clip_reach: f32,
+    clip_piece: f32,
 }
 
 @group(0) @binding(0) var<uniform> picture: Picture;
 @group(0) @binding(1) var volume: texture_3d<f32>;
 @group(0) @binding(2) var field: texture_3d<f32>;
+// The gradient of the smoothed depth at voxel centres, without unit.
 @group(0) @binding(3) var normals: texture_3d<f32>;
 @group(0) @binding(4) var colors: texture_2d<f32>;
 @group(0) @binding(5) var linear: sampler;

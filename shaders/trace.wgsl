@@ -14,28 +14,6 @@ const MAX_ROUNDS: i32 = 18;
 // Below every height: no hit.
 const MISS: f32 = -1e30;
 
-struct OnScreen {
-    @builtin(position) position: vec4<f32>,
-    @location(0) place_in_frame: vec2<f32>,
-}
-
-// A triangle over the whole picture.
-@vertex
-fn trace_vertex(@builtin(vertex_index) vertex: u32) -> OnScreen {
-    let corner = vec2<f32>(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0);
-    let place = vec2<f32>(0.5 + 0.5 * corner.x, 0.5 - 0.5 * corner.y) * picture.size;
-    return OnScreen(vec4<f32>(corner, 0.0, 1.0), place);
-}
-
-// A line of sight: the position at height 0, in voxel coordinates of the depth field. A unit of height is a unit of length.
-fn foot_of(place_in_frame: vec2<f32>) -> vec3<f32> {
-    return (picture.field_from_frame * vec4<f32>(place_in_frame, 0.0, 1.0)).xyz;
-}
-
-fn at_height(foot: vec3<f32>, height: f32) -> vec3<f32> {
-    return foot + height * picture.towards_viewer;
-}
-
 // The least and the greatest height at which the isosurface may be met: in the ball and the box around it.
 //
 // What lies at depth D of a ball or a box is in the ball or the box that is smaller by D.

@@ -29,6 +29,8 @@ struct Picture {
     uint slab_count;
     float slab_first;
     float slab_step;
+    float clip_reach;
+    float clip_piece;
 };
 struct OnFacet {
     vec4 position;

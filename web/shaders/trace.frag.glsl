@@ -29,6 +29,8 @@ struct Picture {
     uint slab_count;
     float slab_first;
     float slab_step;
+    float clip_reach;
+    float clip_piece;
 };
 struct OnScreen {
     vec4 position;
@@ -57,8 +59,8 @@ layout(location = 0) out vec4 _fs2p_location0;
 
 float stored_at(vec3 position) {
     vec3 _e6 = _group_0_binding_0_fs.volume_size;
-    vec3 place_1 = ((position + vec3(0.5)) / _e6);
-    vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place_1), 0.0);
+    vec3 place = ((position + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place), 0.0);
     float _e15 = _group_0_binding_0_fs.stored_scale;
     float _e19 = _group_0_binding_0_fs.stored_offset;
     return ((_e11.x * _e15) + _e19);
@@ -78,33 +80,19 @@ bool is_in_volume(vec3 position_1) {
 
 float below(vec3 position_2) {
     vec3 _e6 = _group_0_binding_0_fs.field_size;
-    vec3 place_2 = ((position_2 + vec3(0.5)) / _e6);
-    vec4 _e11 = textureLod(_group_0_binding_2_fs, vec3(place_2), 0.0);
+    vec3 place_1 = ((position_2 + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_2_fs, vec3(place_1), 0.0);
     float _e15 = _group_0_binding_0_fs.depth_scale;
     float _e19 = _group_0_binding_0_fs.depth;
     return ((_e11.x * _e15) - _e19);
 }
 
-float smoothed(vec3 place) {
-    vec4 _e4 = textureLod(_group_0_binding_3_fs, vec3(place), 0.0);
-    return _e4.x;
-}
-
 vec3 inward_at(vec3 position_3) {
-    vec3 _e5 = _group_0_binding_0_fs.field_size;
-    vec3 voxel = (vec3(1.0) / _e5);
-    vec3 place_3 = ((position_3 + vec3(0.5)) * voxel);
-    vec3 x = vec3(voxel.x, 0.0, 0.0);
-    vec3 y = vec3(0.0, voxel.y, 0.0);
-    vec3 z = vec3(0.0, 0.0, voxel.z);
-    float _e24 = smoothed((place_3 + x));
-    float _e26 = smoothed((place_3 - x));
-    float _e29 = smoothed((place_3 + y));
-    float _e31 = smoothed((place_3 - y));
-    float _e34 = smoothed((place_3 + z));
-    float _e36 = smoothed((place_3 - z));
-    vec3 gradient = vec3((_e24 - _e26), (_e29 - _e31), (_e34 - _e36));
-    return (gradient / vec3(max(length(gradient), 1e-9)));
+    vec3 _e6 = _group_0_binding_0_fs.field_size;
+    vec3 place_2 = ((position_3 + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_3_fs, vec3(place_2), 0.0);
+    vec3 gradient = _e11.xyz;
+    return (gradient / vec3(max(length(gradient), 1e-6)));
 }
 
 float brightness(float stored) {

@@ -29,6 +29,8 @@ struct Picture {
     uint slab_count;
     float slab_first;
     float slab_step;
+    float clip_reach;
+    float clip_piece;
 };
 struct OnScreen {
     vec4 position;
@@ -121,8 +123,8 @@ void main() {
     uint vertex = uint(gl_VertexID);
     vec2 corner = vec2(((float((vertex & 1u)) * 4.0) - 1.0), ((float((vertex >> 1u)) * 4.0) - 1.0));
     vec2 _e29 = _group_0_binding_0_vs.size;
-    vec2 place_1 = (vec2((0.5 + (0.5 * corner.x)), (0.5 - (0.5 * corner.y))) * _e29);
-    OnScreen _tmp_return = OnScreen(vec4(corner, 0.0, 1.0), place_1);
+    vec2 place = (vec2((0.5 + (0.5 * corner.x)), (0.5 - (0.5 * corner.y))) * _e29);
+    OnScreen _tmp_return = OnScreen(vec4(corner, 0.0, 1.0), place);
     gl_Position = _tmp_return.position;
     _vs2fs_location0 = _tmp_return.place_in_frame;
     return;

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use geometry::{DepthField, ShellIndex};
+use geometry::ShellIndex;
 use glam::DVec3;
 use wgpu::{
     BindGroup, Extent3d, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
@@ -11,12 +11,16 @@ use wgpu::{
 
 use super::GpuError;
 use super::device::OpenDevice;
+use super::gradients::gradients;
 use super::reduce::{reduced, reduced_size, reduction};
 use super::texels::Texels;
 use crate::Scene;
 
 /// Bytes that are handed to the driver at once: it keeps a copy of them until they are on the device.
 const UPLOAD_BYTES: usize = 32 << 20;
+
+/// Bytes that a voxel of the working grid takes on the device: its depth and its gradient.
+pub(super) const FIELD_BYTES: u64 = 2 + 4;
 
 /// What the shaders must know of a case's textures.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,7 +52,7 @@ pub(super) struct CasePlan {
 impl CasePlan {
     /// The depth fields as they are, and of the volume as much as fits `limit` bytes beside them.
     pub(super) fn new(scene: &Scene<'_>, max_side: u32, limit: u64) -> Result<Self, GpuError> {
-        let fields = 2 * 2 * scene.field.grid().voxel_count() as u64;
+        let fields = FIELD_BYTES * scene.field.grid().voxel_count() as u64;
         let longest = scene.field.grid().size().into_iter().max().unwrap_or(0);
         let too_large = |needed| GpuError::CaseTooLarge { needed, limit };
         if longest > max_side as usize {
@@ -91,7 +95,16 @@ impl CaseTextures {
         fill(open, &volume, volume_size, &stored, |values| {
             texels.intensities(values)
         });
-        let [field, normals] = [scene.field, scene.normals].map(|field| depths(open, field));
+        let field_size = scene.field.grid().size();
+        let field = texture(open, texels.depth_format(), field_size);
+        fill(open, &field, field_size, scene.field.values(), |steps| {
+            texels.depths(steps)
+        });
+        let normals = texture(open, TextureFormat::Rgba8Snorm, field_size);
+        let gradients = gradients(scene.normals);
+        fill(open, &normals, field_size, &gradients, |gradients| {
+            Cow::Borrowed(bytemuck::cast_slice(gradients))
+        });
         let views =
             [&volume, &field, &normals].map(|texture| texture.create_view(&Default::default()));
         Self {
@@ -104,15 +117,6 @@ impl CaseTextures {
             bindings: bind([&views[0], &views[1], &views[2]]),
         }
     }
-}
-
-fn depths(open: &OpenDevice, field: &DepthField) -> wgpu::Texture {
-    let size = field.grid().size();
-    let texture = texture(open, open.texels.depth_format(), size);
-    fill(open, &texture, size, field.values(), |values| {
-        open.texels.depths(values)
-    });
-    texture
 }
 
 fn texture(open: &OpenDevice, format: TextureFormat, size: [usize; 3]) -> wgpu::Texture {
@@ -128,7 +132,7 @@ fn texture(open: &OpenDevice, format: TextureFormat, size: [usize; 3]) -> wgpu::
     })
 }
 
-/// Fills a texture, some slices at a time.
+/// Fills a texture, some slices at a time; `encode` keeps the size of the values.
 fn fill<T>(
     open: &OpenDevice,
     texture: &wgpu::Texture,
@@ -137,7 +141,8 @@ fn fill<T>(
     encode: impl Fn(&[T]) -> Cow<'_, [u8]>,
 ) {
     let plane = size[0] * size[1];
-    let slices = (UPLOAD_BYTES / (2 * plane)).max(1);
+    let row_bytes = size_of::<T>() * size[0];
+    let slices = (UPLOAD_BYTES / (row_bytes * size[1])).max(1);
     for (index, values) in values.chunks(slices * plane).enumerate() {
         let destination = wgpu::TexelCopyTextureInfo {
             texture,
@@ -151,7 +156,7 @@ fn fill<T>(
         };
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,
-            bytes_per_row: Some(2 * size[0] as u32),
+            bytes_per_row: Some(row_bytes as u32),
             rows_per_image: Some(size[1] as u32),
         };
         let block = extent([size[0], size[1], values.len() / plane]);

@@ -8,9 +8,6 @@ use super::GpuError;
 use super::host::Host;
 use super::texels::Texels;
 
-/// Samples of a pixel of the mesh's picture, where they are offered.
-const SAMPLES: u32 = 4;
-
 /// A device, its queue and what it offers.
 #[derive(Debug, Clone)]
 pub(super) struct OpenDevice {
@@ -18,8 +15,8 @@ pub(super) struct OpenDevice {
     pub(super) queue: Queue,
     /// How values are kept in 3-D textures.
     pub(super) texels: Texels,
-    /// Samples of a pixel of the mesh's picture: 4 or 1.
-    pub(super) samples: u32,
+    /// Whether the mesh's depth buffer has several samples a pixel.
+    pub(super) is_multisampled: bool,
     /// The longest side of a 3-D texture: the adapter's own limit.
     pub(super) max_side_3d: u32,
     faults: Faults,
@@ -55,7 +52,6 @@ impl OpenDevice {
         let filters = |format| offers(format, TextureFormatFeatureFlags::FILTERABLE);
         let multisamples = |format| offers(format, TextureFormatFeatureFlags::MULTISAMPLE_X4);
         let is_whole = filters(TextureFormat::R16Unorm) && filters(TextureFormat::R16Snorm);
-        let is_smooth = multisamples(super::target::COLOR) && multisamples(super::target::DEPTH);
         Ok(Self {
             faults: Faults::watch(&device),
             texels: if is_whole {
@@ -63,7 +59,7 @@ impl OpenDevice {
             } else {
                 Texels::Half
             },
-            samples: if is_smooth { SAMPLES } else { 1 },
+            is_multisampled: multisamples(super::target::DEPTH),
             max_side_3d: limits.max_texture_dimension_3d,
             device,
             queue,

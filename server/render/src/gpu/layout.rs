@@ -31,7 +31,8 @@ pub(super) struct Picture {
     pub(super) slab_count: u32,
     pub(super) slab_first: f32,
     pub(super) slab_step: f32,
-    pub(super) _padding: [f32; 2],
+    pub(super) clip_reach: f32,
+    pub(super) clip_piece: f32,
 }
 
 /// Twin of `Paths` in `shrink.wgsl`.

@@ -12,6 +12,7 @@ mod cache;
 mod case;
 mod device;
 mod error;
+mod gradients;
 mod host;
 mod job;
 mod layout;

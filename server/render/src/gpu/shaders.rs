@@ -32,7 +32,7 @@ pub(super) const SHRUNK_MESH: &str = wgsl!(
     "shrink"
 );
 
-/// The isosurface itself: `trace_vertex`, `trace_shaded`, `trace_height`.
+/// The isosurface itself: `screen_vertex`, `trace_shaded`, `trace_height`.
 pub(super) const TRACE: &str = wgsl!(
     "picture",
     "trilinear",
@@ -41,5 +41,19 @@ pub(super) const TRACE: &str = wgsl!(
     "colormap",
     "light",
     "shade",
+    "sight",
     "trace"
+);
+
+/// The mesh from its depth buffer: `screen_vertex`, `mesh_resolved`.
+pub(super) const RESOLVE: &str = wgsl!(
+    "picture",
+    "trilinear",
+    "gradient",
+    "window",
+    "colormap",
+    "light",
+    "shade",
+    "sight",
+    "resolve"
 );

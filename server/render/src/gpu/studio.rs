@@ -12,8 +12,8 @@ use super::case::{CasePlan, CaseTextures};
 use super::device::OpenDevice;
 use super::host::Host;
 use super::layout::Picture;
-use super::pipelines::{Kind, Output, Pipelines};
-use super::target::Target;
+use super::pipelines::{Pass, Pipelines};
+use super::target::{Output, Plan, Surface, Target};
 use super::{CaseKey, GpuError, GpuFrame, GpuJob, GpuSurface, pixels, uniforms};
 use crate::shade::pixel_format;
 use crate::{ColorMap, Hits};
@@ -121,33 +121,40 @@ impl Studio {
         read: impl FnOnce(&Target, &OpenDevice) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         self.prepare(job)?;
+        let (surface, triangles) = match &job.surface {
+            GpuSurface::Mesh { size, mesh } => (Surface::Mesh, Some(self.mesh(*size, mesh)?)),
+            GpuSurface::Trace => (Surface::Trace, None),
+        };
         let size = job.request.parameters().size;
-        let kind = match job.surface {
-            GpuSurface::Mesh { .. } => Kind::Mesh,
-            GpuSurface::Trace => Kind::Trace,
-        };
-        let triangles = match &job.surface {
-            GpuSurface::Mesh { size, mesh } => Some(self.mesh(*size, mesh)?),
-            GpuSurface::Trace => None,
-        };
-        let target = self.target(size, kind, output);
+        let target = self.target(Plan {
+            size,
+            surface,
+            output,
+        });
         let case = self
             .cases
             .get(job.case.key())
             .ok_or(GpuError::OutOfMemory)?;
         let picture = uniforms::picture(&job.case.scene(), &job.request, &case.maps);
+        let bindings = case.bindings.clone();
         let queue = &self.open.queue;
         queue.write_buffer(&self.picture, 0, bytemuck::bytes_of(&picture));
         let mut encoder = self
             .open
             .device
             .create_command_encoder(&CommandEncoderDescriptor::default());
-        let mut pass = target.begin(&mut encoder);
-        pass.set_pipeline(self.pipelines.get(kind, output));
-        pass.set_bind_group(0, &case.bindings, &[]);
-        match (&triangles, &self.vertices) {
-            (Some(triangles), Some(vertices)) => draw_mesh(&mut pass, vertices, triangles),
-            _ => pass.draw(0..3, 0..1),
+        if target.multisampled_depth().is_some() {
+            let mut pass = target.begin_depth(&mut encoder);
+            pass.set_bind_group(0, &bindings, &[]);
+            self.fill(&mut pass, Pass::MeshDepth, triangles.as_ref());
+        }
+        let mut pass = target.begin_picture(&mut encoder);
+        pass.set_bind_group(0, &bindings, &[]);
+        if let Some(depth) = target.multisampled_depth() {
+            pass.set_bind_group(1, depth, &[]);
+            self.fill(&mut pass, Pass::MeshResolved, None);
+        } else {
+            self.fill(&mut pass, one_pass(surface, output), triangles.as_ref());
         }
         drop(pass);
         target.copy_out(&mut encoder);
@@ -158,6 +165,19 @@ impl Studio {
             self.targets.truncate(KEPT_TARGETS);
         }
         result
+    }
+
+    /// Draws the triangles of a mesh, or one over the whole picture.
+    fn fill(&self, render: &mut RenderPass<'_>, pass: Pass, triangles: Option<&Buffer>) {
+        render.set_pipeline(self.pipelines.get(pass));
+        match (triangles, &self.vertices) {
+            (Some(triangles), Some(vertices)) => {
+                render.set_vertex_buffer(0, vertices.slice(..));
+                render.set_index_buffer(triangles.slice(..), wgpu::IndexFormat::Uint32);
+                render.draw_indexed(0..(triangles.size() / 4) as u32, 0, 0..1);
+            }
+            _ => render.draw(0..3, 0..1),
+        }
     }
 
     /// Makes sure that the textures of the case are on the device.
@@ -173,7 +193,7 @@ impl Studio {
         self.cases.make_room(plan.bytes);
         let (open, pipelines) = (&self.open, &self.pipelines);
         let textures = CaseTextures::upload(open, &scene, &plan, |voxels| {
-            pipelines.bind(&open.device, &self.picture, voxels, &self.colors)
+            pipelines.bind_case(&open.device, &self.picture, voxels, &self.colors)
         });
         if let Some(fault) = self.open.fault() {
             return Err(fault);
@@ -229,21 +249,22 @@ impl Studio {
     }
 
     /// Where a picture is drawn: what was kept of an earlier one, if it suits.
-    fn target(&mut self, size: crate::FrameSize, kind: Kind, output: Output) -> Target {
-        let known = self
-            .targets
-            .iter()
-            .position(|kept| kept.suits(size, kind, output));
+    fn target(&mut self, plan: Plan) -> Target {
+        let known = self.targets.iter().position(|kept| kept.plan == plan);
         known
             .and_then(|place| self.targets.remove(place))
-            .unwrap_or_else(|| Target::new(&self.open, size, kind, output))
+            .unwrap_or_else(|| Target::new(&self.open, &self.pipelines, plan))
     }
 }
 
-fn draw_mesh(pass: &mut RenderPass<'_>, vertices: &Buffer, triangles: &Buffer) {
-    pass.set_vertex_buffer(0, vertices.slice(..));
-    pass.set_index_buffer(triangles.slice(..), wgpu::IndexFormat::Uint32);
-    pass.draw_indexed(0..(triangles.size() / 4) as u32, 0, 0..1);
+/// The pass that draws without a depth buffer of several samples a pixel.
+fn one_pass(surface: Surface, output: Output) -> Pass {
+    match (surface, output) {
+        (Surface::Mesh, Output::Color) => Pass::MeshShaded,
+        (Surface::Mesh, Output::Height) => Pass::MeshHeight,
+        (Surface::Trace, Output::Color) => Pass::TraceShaded,
+        (Surface::Trace, Output::Height) => Pass::TraceHeight,
+    }
 }
 
 /// The colour maps, one a row.

@@ -4,14 +4,14 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use wgpu::{
-    Buffer, BufferDescriptor, BufferUsages, Color, CommandEncoder, LoadOp, Operations, RenderPass,
-    RenderPassColorAttachment, RenderPassDepthStencilAttachment, StoreOp, Texture,
+    BindGroup, Buffer, BufferDescriptor, BufferUsages, Color, CommandEncoder, LoadOp, Operations,
+    RenderPass, RenderPassColorAttachment, RenderPassDepthStencilAttachment, StoreOp, Texture,
     TextureDescriptor, TextureFormat, TextureUsages, TextureView,
 };
 
 use super::GpuError;
 use super::device::OpenDevice;
-use super::pipelines::{Kind, Output, samples};
+use super::pipelines::Pipelines;
 use crate::FrameSize;
 
 /// Colours, times how much of the pixel is covered: alpha.
@@ -19,6 +19,9 @@ pub(super) const COLOR: TextureFormat = TextureFormat::Rgba8Unorm;
 
 /// Heights in mm; far below every height where nothing is.
 pub(super) const HEIGHT: TextureFormat = TextureFormat::R32Float;
+
+/// Samples of a pixel of the mesh's depth buffer, where they are offered: `SAMPLES` in `resolve.wgsl`.
+pub(super) const SAMPLES: u32 = 4;
 
 /// What is nearer to the viewer.
 pub(super) const DEPTH: TextureFormat = TextureFormat::Depth32Float;
@@ -32,29 +35,56 @@ const PIXEL_BYTES: u32 = 4;
 /// How long a picture may take. A driver that takes longer hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// What is drawn, into what.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Plan {
+    pub(super) size: FrameSize,
+    pub(super) surface: Surface,
+    pub(super) output: Output,
+}
+
+/// What is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Surface {
+    Mesh,
+    Trace,
+}
+
+/// What is written for each pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Output {
+    /// Its colour.
+    Color,
+    /// The height of the surface, in mm.
+    Height,
+}
+
 /// Where pictures of one size and kind are drawn.
 #[derive(Debug)]
 pub(super) struct Target {
-    size: FrameSize,
-    kind: Kind,
-    output: Output,
+    pub(super) plan: Plan,
     texture: Texture,
     view: TextureView,
-    /// Several samples a pixel, that are brought together in `view`.
-    multisampled: Option<TextureView>,
-    depth: Option<TextureView>,
+    depth: Depth,
     readback: Buffer,
     row_bytes: u32,
 }
 
+/// The depth buffer of a picture.
+#[derive(Debug)]
+enum Depth {
+    /// None is needed.
+    None,
+    /// One sample a pixel, beside the picture.
+    Plain(TextureView),
+    /// Several, filled before the picture is.
+    Multisampled { view: TextureView, bound: BindGroup },
+}
+
 impl Target {
-    /// Textures and a buffer for pictures of `size`.
-    pub(super) fn new(open: &OpenDevice, size: FrameSize, kind: Kind, output: Output) -> Self {
-        let format = match output {
-            Output::Color => COLOR,
-            Output::Height => HEIGHT,
-        };
-        let samples = samples(open, kind, output);
+    /// Textures and a buffer for the pictures of a plan.
+    pub(super) fn new(open: &OpenDevice, pipelines: &Pipelines, plan: Plan) -> Self {
+        let Plan { size, .. } = plan;
         let texture = |format, sample_count, usage| {
             open.device.create_texture(&TextureDescriptor {
                 label: Some("picture"),
@@ -71,20 +101,28 @@ impl Target {
                 view_formats: &[],
             })
         };
-        let view = |texture: Texture| texture.create_view(&Default::default());
+        let view = |texture: &Texture| texture.create_view(&Default::default());
+        let depth = match (plan.surface, plan.output) {
+            (Surface::Trace, _) => Depth::None,
+            (Surface::Mesh, Output::Color) if open.is_multisampled => {
+                let view = view(&texture(DEPTH, SAMPLES, TextureUsages::TEXTURE_BINDING));
+                let bound = pipelines.bind_depth(&open.device, &view);
+                Depth::Multisampled { view, bound }
+            }
+            (Surface::Mesh, _) => Depth::Plain(view(&texture(DEPTH, 1, TextureUsages::empty()))),
+        };
+        let format = match plan.output {
+            Output::Color => COLOR,
+            Output::Height => HEIGHT,
+        };
         let picture = texture(format, 1, TextureUsages::COPY_SRC);
         let row_bytes =
             (PIXEL_BYTES * size.width()).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         Self {
-            size,
-            kind,
-            output,
-            view: picture.create_view(&Default::default()),
+            plan,
+            view: view(&picture),
             texture: picture,
-            multisampled: (samples > 1)
-                .then(|| view(texture(format, samples, TextureUsages::empty()))),
-            depth: (kind == Kind::Mesh)
-                .then(|| view(texture(DEPTH, samples, TextureUsages::empty()))),
+            depth,
             readback: open.device.create_buffer(&BufferDescriptor {
                 label: Some("readback"),
                 size: u64::from(row_bytes) * u64::from(size.height()),
@@ -95,52 +133,46 @@ impl Target {
         }
     }
 
-    /// Whether this is what a picture needs.
-    pub(super) fn suits(&self, size: FrameSize, kind: Kind, output: Output) -> bool {
-        (self.size, self.kind, self.output) == (size, kind, output)
+    /// The depth buffer of several samples a pixel, to be read; `None` where the picture needs none.
+    pub(super) fn multisampled_depth(&self) -> Option<&BindGroup> {
+        match &self.depth {
+            Depth::Multisampled { bound, .. } => Some(bound),
+            _ => None,
+        }
+    }
+
+    /// Begins the depth buffer of several samples a pixel: nothing is near.
+    pub(super) fn begin_depth<'a>(&self, encoder: &'a mut CommandEncoder) -> RenderPass<'a> {
+        let depth = match &self.depth {
+            Depth::Multisampled { view, .. } => Some(cleared_depth(view, StoreOp::Store)),
+            _ => None,
+        };
+        begin(encoder, &[], depth)
     }
 
     /// Begins a picture of nothing but background.
-    pub(super) fn begin<'a>(&self, encoder: &'a mut CommandEncoder) -> RenderPass<'a> {
-        let background = match self.output {
+    pub(super) fn begin_picture<'a>(&self, encoder: &'a mut CommandEncoder) -> RenderPass<'a> {
+        let background = match self.plan.output {
             Output::Color => Color::TRANSPARENT,
             Output::Height => Color {
                 r: f64::from(MISS),
                 ..Color::TRANSPARENT
             },
         };
-        let store = |is_kept| {
-            if is_kept {
-                StoreOp::Store
-            } else {
-                StoreOp::Discard
-            }
+        let picture = RenderPassColorAttachment {
+            view: &self.view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: Operations {
+                load: LoadOp::Clear(background),
+                store: StoreOp::Store,
+            },
         };
-        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("picture"),
-            color_attachments: &[Some(RenderPassColorAttachment {
-                view: self.multisampled.as_ref().unwrap_or(&self.view),
-                depth_slice: None,
-                resolve_target: self.multisampled.as_ref().map(|_| &self.view),
-                ops: Operations {
-                    load: LoadOp::Clear(background),
-                    store: store(self.multisampled.is_none()),
-                },
-            })],
-            depth_stencil_attachment: self.depth.as_ref().map(|view| {
-                RenderPassDepthStencilAttachment {
-                    view,
-                    depth_ops: Some(Operations {
-                        load: LoadOp::Clear(1.0),
-                        store: StoreOp::Discard,
-                    }),
-                    stencil_ops: None,
-                }
-            }),
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
-        })
+        let depth = match &self.depth {
+            Depth::Plain(view) => Some(cleared_depth(view, StoreOp::Discard)),
+            _ => None,
+        };
+        begin(encoder, &[Some(picture)], depth)
     }
 
     /// Copies the finished picture to where it can be read.
@@ -198,4 +230,30 @@ impl Target {
             None => Ok(result),
         }
     }
+}
+
+fn cleared_depth(view: &TextureView, store: StoreOp) -> RenderPassDepthStencilAttachment<'_> {
+    RenderPassDepthStencilAttachment {
+        view,
+        depth_ops: Some(Operations {
+            load: LoadOp::Clear(1.0),
+            store,
+        }),
+        stencil_ops: None,
+    }
+}
+
+fn begin<'a>(
+    encoder: &'a mut CommandEncoder,
+    color_attachments: &[Option<RenderPassColorAttachment<'_>>],
+    depth_stencil_attachment: Option<RenderPassDepthStencilAttachment<'_>>,
+) -> RenderPass<'a> {
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: None,
+        color_attachments,
+        depth_stencil_attachment,
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    })
 }

@@ -1,13 +1,12 @@
 //! From a scene and a request to what the shaders are given.
 
-use geometry::Grid;
 use glam::{DAffine3, DMat4, DVec3};
 
 use super::case::CaseMaps;
 use super::layout::Picture;
 use crate::rays::single;
 use crate::shade::slab_offsets;
-use crate::{BoundingSphere, ColorMap, RenderRequest, Scene};
+use crate::{ColorMap, RenderRequest, Scene};
 
 /// How far the isosurface may be outside of the ball and the box that are smaller by its depth, in voxels.
 ///
@@ -15,6 +14,12 @@ use crate::{BoundingSphere, ColorMap, RenderRequest, Scene};
 /// box's face is left; the ball's, within a voxel more, for the border voxel beside a line from the centre.
 const BOX_MARGIN: f64 = 1.01;
 const BALL_MARGIN: f64 = 3.0;
+
+/// How far the mesh may be outside of the ball around the envelope, in voxels.
+const CLIP_MARGIN: f64 = 4.0;
+
+/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
+const PIECE_PIXELS: f64 = 8.0;
 
 /// What the shaders are given for a picture.
 pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMaps) -> Picture {
@@ -25,6 +30,7 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
     let field_from_patient = field_grid.voxel_from_patient();
     let heights_in_voxels = DAffine3::from_scale(DVec3::new(1.0, 1.0, voxel_mm));
     let depth = parameters.depth_mm / voxel_mm;
+    let reach_mm = scene.bounds.radius_mm + CLIP_MARGIN * voxel_mm;
     let window = parameters.window.line(scene.volume.rescale());
     let slab = slab_offsets(parameters.slab_mm, parameters.depth_mm, scene.volume);
     let size = [parameters.size.width(), parameters.size.height()].map(f64::from);
@@ -35,7 +41,7 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
         volume_from_field: columns(volume_from_field(scene, maps)),
         field_from_patient: columns(field_from_patient),
         clip_from_patient: columns(
-            clip_from_frame(size, &scene.bounds, field_grid) * projection.frame_from_patient(),
+            clip_from_frame(size, reach_mm) * projection.frame_from_patient(),
         ),
         volume_size: maps.volume_size.map(|side| side as f32),
         stored_scale: maps.texels.stored_scale(),
@@ -58,7 +64,8 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
         slab_count: slab.len() as u32,
         slab_first: slab.first().copied().unwrap_or_default(),
         slab_step: slab.get(1).map_or(0.0, |second| second - slab[0]),
-        _padding: [0.0; 2],
+        clip_reach: (reach_mm / voxel_mm) as f32,
+        clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
     }
 }
 
@@ -73,9 +80,8 @@ fn volume_from_field(scene: &Scene<'_>, maps: &CaseMaps) -> DAffine3 {
     texel_from_native * native_from_field
 }
 
-/// From the frame to the clip space of WebGPU: x and y within ±1, y up, z from 0 at the viewer to 1.
-fn clip_from_frame([width, height]: [f64; 2], bounds: &BoundingSphere, grid: &Grid) -> DAffine3 {
-    let reach_mm = bounds.radius_mm + 4.0 * grid.spacing_mm()[0];
+/// From the frame to the clip space of WebGPU: x and y within ±1, y up, z 0 at the height `reach_mm` and 1 at minus that.
+fn clip_from_frame([width, height]: [f64; 2], reach_mm: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::new(-1.0, 1.0, 0.5))
         * DAffine3::from_scale(DVec3::new(2.0 / width, -2.0 / height, -0.5 / reach_mm))
 }

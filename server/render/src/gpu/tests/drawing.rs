@@ -380,7 +380,7 @@ fn a_volume_that_is_too_large_is_drawn_from_fewer_voxels_and_the_answer_says_so(
     let job = trace(&case, parameters(NamedView::Left, 6.0));
     let drawn = whole.attempt(|studio| studio.draw(&job)).unwrap();
     assert_eq!(drawn.reduction, None);
-    let fields = 4 * 71_u64.pow(3);
+    let fields = 6 * 71_u64.pow(3);
     let some = StudioLimits {
         case_bytes: fields + 200_000,
         ..LIMITS
@@ -418,7 +418,7 @@ fn a_volume_that_is_too_large_is_drawn_from_fewer_voxels_and_the_answer_says_so(
 
 #[test]
 fn cases_come_and_go_within_their_bytes() {
-    let bytes = 6 * 71_u64.pow(3);
+    let bytes = 8 * 71_u64.pow(3);
     let two_cases = StudioLimits {
         case_bytes: 2 * bytes,
         ..LIMITS

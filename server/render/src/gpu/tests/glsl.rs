@@ -37,7 +37,7 @@ const FILES: [(&str, &str, ShaderStage, &str); 5] = [
         "trace.vert.glsl",
         shaders::TRACE,
         ShaderStage::Vertex,
-        "trace_vertex",
+        "screen_vertex",
     ),
     (
         "trace.frag.glsl",
