@@ -42,6 +42,8 @@ struct Picture {
     // Height, in voxels, of what is nearest in clip space, and how far apart there samples of one piece of the surface are.
     clip_reach: f32,
     clip_piece: f32,
+    // How much of the smoothed depth there is in the isosurface's: near the envelope, whose voxels would show.
+    smooth_share: f32,
 }
 
 @group(0) @binding(0) var<uniform> picture: Picture;
@@ -49,5 +51,6 @@ struct Picture {
 @group(0) @binding(2) var field: texture_3d<f32>;
 // The gradient of the smoothed depth at voxel centres, without unit.
 @group(0) @binding(3) var normals: texture_3d<f32>;
+@group(0) @binding(6) var smoothed: texture_3d<f32>;
 @group(0) @binding(4) var colors: texture_2d<f32>;
 @group(0) @binding(5) var linear: sampler;

@@ -1,13 +1,18 @@
 // The isosurface {depth = D} itself: each pixel follows its line of sight to it.
 
+// Sphere tracing (J. C. Hart, The Visual Computer 12, 1996) with over-relaxation (B. Keinert et al., STAG 2014).
+
 // How far a hit may be from the isosurface, in voxels of depth.
 const TOLERANCE: f32 = 0.005;
-// The shortest step along a line of sight, in voxels.
-const SHORTEST_STEP: f32 = 0.25;
-// How much further than the distance to the isosurface a step may be.
-const LONGEST_STRETCH: f32 = 2.0;
+// The most that the trilinear depth changes in a voxel's length: each component of its gradient is a mean of differences
+// between neighbours, of at most 1 voxel, and values are rounded.
+const STEEPEST: f32 = 1.75;
+// Where the isosurface is thought to be at most this far ahead, a step tries to pass it, in voxels.
+const NEAR: f32 = 1.0;
+// Share of the longest step that would still be safe if the depth went on as before.
+const RELAXATION: f32 = 0.95;
 // More steps than any line of sight takes through a grid of 512 voxels a side.
-const MAX_STEPS: i32 = 4096;
+const MAX_STEPS: i32 = 8192;
 // How often the isosurface is looked for by false position, and in all, between two steps.
 const FALSE_POSITIONS: i32 = 6;
 const MAX_ROUNDS: i32 = 18;
@@ -66,30 +71,41 @@ fn between(foot: vec3<f32>, above: vec2<f32>, under: vec2<f32>) -> f32 {
 
 // The greatest height at which a line of sight enters the isosurface, or MISS.
 //
-// It is followed in steps of its distance from the isosurface, which the distance map bounds; a slanted surface is
-// approached in longer ones. A step past the surface is noticed by its sign.
+// A step is at most as long as it is known to be safe, from its beginning and from its end: nothing is passed over but
+// what is less than NEAR voxels thick along the line of sight.
 fn first_hit(foot: vec3<f32>) -> f32 {
     let ends = reach(foot);
     if ends.x > ends.y {
         return MISS;
     }
-    var outside = vec2<f32>(ends.y, below(at_height(foot, ends.y)));
-    if outside.y >= 0.0 {
-        return outside.x;
-    }
-    var stretch = 1.0;
+    var height = ends.y;
+    var distance = -below(at_height(foot, height));
+    // How much nearer the isosurface comes in a voxel's length.
+    var slope = 1.0;
     for (var steps = 0; steps < MAX_STEPS; steps++) {
-        let step = max(-stretch * outside.y, SHORTEST_STEP);
-        let height = outside.x - step;
+        if distance <= TOLERANCE {
+            return height;
+        }
         if height < ends.x {
             return MISS;
         }
-        let here = below(at_height(foot, height));
-        if here >= 0.0 {
-            return between(foot, outside, vec2<f32>(height, here));
+        let safe = distance / STEEPEST;
+        let passing = 1.125 * distance;
+        var step = max(2.0 * RELAXATION * distance / (STEEPEST + max(slope, 0.0)), safe);
+        if passing < NEAR * slope {
+            step = passing / slope;
         }
-        stretch = clamp(step / max(abs(here - outside.y), 1e-6), 1.0, LONGEST_STRETCH);
-        outside = vec2<f32>(height, here);
+        var ahead = -below(at_height(foot, height - step));
+        if ahead <= 0.0 {
+            return between(foot, vec2<f32>(height, -distance), vec2<f32>(height - step, -ahead));
+        }
+        if safe + ahead / STEEPEST < step {
+            step = safe;
+            ahead = -below(at_height(foot, height - step));
+        }
+        slope = (distance - ahead) / step;
+        height -= step;
+        distance = ahead;
     }
     return MISS;
 }

@@ -14,5 +14,12 @@ fn is_in_volume(position: vec3<f32>) -> bool {
 // How far a position lies below the isosurface, in voxels; negative above it.
 fn below(position: vec3<f32>) -> f32 {
     let place = (position + 0.5) / picture.field_size;
-    return textureSampleLevel(field, linear, place, 0.0).r * picture.depth_scale - picture.depth;
+    var texel = 0.0;
+    if picture.smooth_share < 1.0 {
+        texel = textureSampleLevel(field, linear, place, 0.0).r;
+    }
+    if picture.smooth_share > 0.0 {
+        texel = mix(texel, textureSampleLevel(smoothed, linear, place, 0.0).r, picture.smooth_share);
+    }
+    return texel * picture.depth_scale - picture.depth;
 }

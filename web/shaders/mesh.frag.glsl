@@ -31,6 +31,7 @@ struct Picture {
     float slab_step;
     float clip_reach;
     float clip_piece;
+    float smooth_share;
 };
 struct OnFacet {
     vec4 position;
@@ -86,8 +87,8 @@ float brightness(float stored) {
 
 vec3 color_of(float level) {
     uint _e6 = _group_0_binding_0_fs.color_row;
-    ivec2 texel = ivec2(int((level + 0.5)), int(_e6));
-    vec4 _e11 = texelFetch(_group_0_binding_4_fs, texel, 0);
+    ivec2 texel_1 = ivec2(int((level + 0.5)), int(_e6));
+    vec4 _e11 = texelFetch(_group_0_binding_4_fs, texel_1, 0);
     return (_e11.xyz * 255.0);
 }
 

@@ -31,6 +31,7 @@ struct Picture {
     float slab_step;
     float clip_reach;
     float clip_piece;
+    float smooth_share;
 };
 struct OnFacet {
     vec4 position;

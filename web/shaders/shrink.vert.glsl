@@ -31,6 +31,7 @@ struct Picture {
     float slab_step;
     float clip_reach;
     float clip_piece;
+    float smooth_share;
 };
 struct OnFacet {
     vec4 position;
@@ -93,15 +94,15 @@ OnFacet on_facet(vec3 position_in_patient_1) {
 
 vec3 stored_position(uint index_1) {
     uint width = uvec2(textureSize(_group_1_binding_1_vs, 0).xy).x;
-    ivec2 texel = ivec2(int((index_1 % width)), int((index_1 / width)));
-    uvec4 _e11 = texelFetch(_group_1_binding_1_vs, texel, 0);
+    ivec2 texel_1 = ivec2(int((index_1 % width)), int((index_1 / width)));
+    uvec4 _e11 = texelFetch(_group_1_binding_1_vs, texel_1, 0);
     return vec3(_e11.xyz);
 }
 
 uint piece_word(uint index_2) {
     uint width_1 = uvec2(textureSize(_group_1_binding_2_vs, 0).xy).x;
-    ivec2 texel_1 = ivec2(int((index_2 % width_1)), int((index_2 / width_1)));
-    uvec4 _e11 = texelFetch(_group_1_binding_2_vs, texel_1, 0);
+    ivec2 texel_2 = ivec2(int((index_2 % width_1)), int((index_2 / width_1)));
+    uvec4 _e11 = texelFetch(_group_1_binding_2_vs, texel_2, 0);
     return _e11.x;
 }
 

@@ -31,15 +31,17 @@ struct Picture {
     float slab_step;
     float clip_reach;
     float clip_piece;
+    float smooth_share;
 };
 struct OnScreen {
     vec4 position;
     vec2 place_in_frame;
 };
 const float TOLERANCE = 0.005;
-const float SHORTEST_STEP = 0.25;
-const float LONGEST_STRETCH = 2.0;
-const int MAX_STEPS = 4096;
+const float STEEPEST = 1.75;
+const float NEAR = 1.0;
+const float RELAXATION = 0.95;
+const int MAX_STEPS = 8192;
 const int FALSE_POSITIONS = 6;
 const int MAX_ROUNDS = 18;
 const float MISS = -1e30;
@@ -51,6 +53,8 @@ uniform highp sampler3D _group_0_binding_1_fs;
 uniform highp sampler3D _group_0_binding_2_fs;
 
 uniform highp sampler3D _group_0_binding_3_fs;
+
+uniform highp sampler3D _group_0_binding_6_fs;
 
 uniform highp sampler2D _group_0_binding_4_fs;
 
@@ -79,12 +83,25 @@ bool is_in_volume(vec3 position_1) {
 }
 
 float below(vec3 position_2) {
+    float texel = 0.0;
     vec3 _e6 = _group_0_binding_0_fs.field_size;
     vec3 place_1 = ((position_2 + vec3(0.5)) / _e6);
-    vec4 _e11 = textureLod(_group_0_binding_2_fs, vec3(place_1), 0.0);
-    float _e15 = _group_0_binding_0_fs.depth_scale;
-    float _e19 = _group_0_binding_0_fs.depth;
-    return ((_e11.x * _e15) - _e19);
+    float _e12 = _group_0_binding_0_fs.smooth_share;
+    if ((_e12 < 1.0)) {
+        vec4 _e18 = textureLod(_group_0_binding_2_fs, vec3(place_1), 0.0);
+        texel = _e18.x;
+    }
+    float _e22 = _group_0_binding_0_fs.smooth_share;
+    if ((_e22 > 0.0)) {
+        float _e25 = texel;
+        vec4 _e29 = textureLod(_group_0_binding_6_fs, vec3(place_1), 0.0);
+        float _e33 = _group_0_binding_0_fs.smooth_share;
+        texel = mix(_e25, _e29.x, _e33);
+    }
+    float _e35 = texel;
+    float _e38 = _group_0_binding_0_fs.depth_scale;
+    float _e42 = _group_0_binding_0_fs.depth;
+    return ((_e35 * _e38) - _e42);
 }
 
 vec3 inward_at(vec3 position_3) {
@@ -105,8 +122,8 @@ float brightness(float stored) {
 
 vec3 color_of(float level) {
     uint _e6 = _group_0_binding_0_fs.color_row;
-    ivec2 texel = ivec2(int((level + 0.5)), int(_e6));
-    vec4 _e11 = texelFetch(_group_0_binding_4_fs, texel, 0);
+    ivec2 texel_1 = ivec2(int((level + 0.5)), int(_e6));
+    vec4 _e11 = texelFetch(_group_0_binding_4_fs, texel_1, 0);
     return (_e11.xyz * 255.0);
 }
 
@@ -262,20 +279,20 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
             float _e26 = high.x;
             float _e28 = low.x;
             float _e30 = high.x;
-            float height_1 = (_e26 + ((_e28 - _e30) * share));
-            vec3 _e34 = at_height(foot_2, height_1);
+            float height_2 = (_e26 + ((_e28 - _e30) * share));
+            vec3 _e34 = at_height(foot_2, height_2);
             float _e35 = below(_e34);
             if ((abs(_e35) <= TOLERANCE)) {
-                return height_1;
+                return height_2;
             }
             if ((_e35 < 0.0)) {
-                high = vec2(height_1, _e35);
+                high = vec2(height_2, _e35);
                 float _e43 = low.y;
                 int _e44 = side;
                 low.y = (_e43 * ((_e44 == -1) ? 0.5 : 1.0));
                 side = -1;
             } else {
-                low = vec2(height_1, _e35);
+                low = vec2(height_2, _e35);
                 float _e54 = high.y;
                 int _e55 = side;
                 high.y = (_e54 * ((_e55 == 1) ? 0.5 : 1.0));
@@ -289,52 +306,89 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
 }
 
 float first_hit(vec3 foot_3) {
-    vec2 outside = vec2(0.0);
-    float stretch = 1.0;
+    float height_1 = 0.0;
+    float distance_ = 0.0;
+    float slope = 1.0;
     int steps = 0;
+    float step_ = 0.0;
+    float ahead = 0.0;
     vec2 _e1 = reach(foot_3);
     if ((_e1.x > _e1.y)) {
         return MISS;
     }
-    vec3 _e8 = at_height(foot_3, _e1.y);
-    float _e9 = below(_e8);
-    outside = vec2(_e1.y, _e9);
-    float _e13 = outside.y;
-    if ((_e13 >= 0.0)) {
-        float _e17 = outside.x;
-        return _e17;
-    }
+    height_1 = _e1.y;
+    float _e8 = height_1;
+    vec3 _e9 = at_height(foot_3, _e8);
+    float _e10 = below(_e9);
+    distance_ = -(_e10);
     bool loop_init_2 = true;
     while(true) {
         if (!loop_init_2) {
-            int _e57 = steps;
-            steps = (_e57 + 1);
+            int _e94 = steps;
+            steps = (_e94 + 1);
         }
         loop_init_2 = false;
-        int _e22 = steps;
-        if ((_e22 < MAX_STEPS)) {
+        int _e17 = steps;
+        if ((_e17 < MAX_STEPS)) {
         } else {
             break;
         }
         {
-            float _e25 = stretch;
-            float _e28 = outside.y;
-            float step_ = max((-(_e25) * _e28), SHORTEST_STEP);
-            float _e33 = outside.x;
-            float height_2 = (_e33 - step_);
-            if ((height_2 < _e1.x)) {
+            float _e20 = distance_;
+            if ((_e20 <= TOLERANCE)) {
+                float _e23 = height_1;
+                return _e23;
+            }
+            float _e24 = height_1;
+            if ((_e24 < _e1.x)) {
                 return MISS;
             }
-            vec3 _e38 = at_height(foot_3, height_2);
-            float _e39 = below(_e38);
-            if ((_e39 >= 0.0)) {
-                vec2 _e42 = outside;
-                float _e44 = between(foot_3, _e42, vec2(height_2, _e39));
-                return _e44;
+            float _e28 = distance_;
+            float safe = (_e28 / STEEPEST);
+            float _e31 = distance_;
+            float passing = (1.125 * _e31);
+            float _e35 = distance_;
+            float _e38 = slope;
+            step_ = max(((1.9 * _e35) / (STEEPEST + max(_e38, 0.0))), safe);
+            float _e46 = slope;
+            if ((passing < (NEAR * _e46))) {
+                float _e49 = slope;
+                step_ = (passing / _e49);
             }
-            float _e46 = outside.y;
-            stretch = clamp((step_ / max(abs((_e39 - _e46)), 1e-6)), 1.0, LONGEST_STRETCH);
-            outside = vec2(height_2, _e39);
+            float _e51 = height_1;
+            float _e52 = step_;
+            vec3 _e54 = at_height(foot_3, (_e51 - _e52));
+            float _e55 = below(_e54);
+            ahead = -(_e55);
+            float _e58 = ahead;
+            if ((_e58 <= 0.0)) {
+                float _e61 = height_1;
+                float _e62 = distance_;
+                float _e65 = height_1;
+                float _e66 = step_;
+                float _e68 = ahead;
+                float _e71 = between(foot_3, vec2(_e61, -(_e62)), vec2((_e65 - _e66), -(_e68)));
+                return _e71;
+            }
+            float _e72 = ahead;
+            float _e76 = step_;
+            if (((safe + (_e72 / STEEPEST)) < _e76)) {
+                step_ = safe;
+                float _e78 = height_1;
+                float _e79 = step_;
+                vec3 _e81 = at_height(foot_3, (_e78 - _e79));
+                float _e82 = below(_e81);
+                ahead = -(_e82);
+            }
+            float _e84 = distance_;
+            float _e85 = ahead;
+            float _e87 = step_;
+            slope = ((_e84 - _e85) / _e87);
+            float _e89 = height_1;
+            float _e90 = step_;
+            height_1 = (_e89 - _e90);
+            float _e92 = ahead;
+            distance_ = _e92;
         }
     }
     return MISS;

@@ -31,15 +31,17 @@ struct Picture {
     float slab_step;
     float clip_reach;
     float clip_piece;
+    float smooth_share;
 };
 struct OnScreen {
     vec4 position;
     vec2 place_in_frame;
 };
 const float TOLERANCE = 0.005;
-const float SHORTEST_STEP = 0.25;
-const float LONGEST_STRETCH = 2.0;
-const int MAX_STEPS = 4096;
+const float STEEPEST = 1.75;
+const float NEAR = 1.0;
+const float RELAXATION = 0.95;
+const int MAX_STEPS = 8192;
 const int FALSE_POSITIONS = 6;
 const int MAX_ROUNDS = 18;
 const float MISS = -1e30;

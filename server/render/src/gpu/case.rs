@@ -19,8 +19,8 @@ use crate::Scene;
 /// Bytes that are handed to the driver at once: it keeps a copy of them until they are on the device.
 const UPLOAD_BYTES: usize = 32 << 20;
 
-/// Bytes that a voxel of the working grid takes on the device: its depth and its gradient.
-pub(super) const FIELD_BYTES: u64 = 2 + 4;
+/// Bytes that a voxel of the working grid takes on the device: its depth, gradient and smoothed depth.
+pub(super) const FIELD_BYTES: u64 = 2 + 4 + 2;
 
 /// What the shaders must know of a case's textures.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,12 +76,12 @@ impl CasePlan {
 }
 
 impl CaseTextures {
-    /// Brings a case to the device; `bind` joins its volume, field and normals to what else the shaders need.
+    /// Brings a case to the device; `bind` joins its volume, field, gradients and smoothed field to what else the shaders need.
     pub(super) fn upload(
         open: &OpenDevice,
         scene: &Scene<'_>,
         plan: &CasePlan,
-        bind: impl FnOnce([&TextureView; 3]) -> BindGroup,
+        bind: impl FnOnce(&[TextureView; 4]) -> BindGroup,
     ) -> Self {
         let native = scene.volume.grid().size();
         let stored = if plan.is_reduced() {
@@ -96,17 +96,20 @@ impl CaseTextures {
             texels.intensities(values)
         });
         let field_size = scene.field.grid().size();
-        let field = texture(open, texels.depth_format(), field_size);
-        fill(open, &field, field_size, scene.field.values(), |steps| {
-            texels.depths(steps)
+        let [field, smoothed] = [scene.field, scene.normals].map(|field| {
+            let texture = texture(open, texels.depth_format(), field_size);
+            fill(open, &texture, field_size, field.values(), |steps| {
+                texels.depths(steps)
+            });
+            texture
         });
         let normals = texture(open, TextureFormat::Rgba8Snorm, field_size);
         let gradients = gradients(scene.normals);
         fill(open, &normals, field_size, &gradients, |gradients| {
             Cow::Borrowed(bytemuck::cast_slice(gradients))
         });
-        let views =
-            [&volume, &field, &normals].map(|texture| texture.create_view(&Default::default()));
+        let views = [&volume, &field, &normals, &smoothed]
+            .map(|texture| texture.create_view(&Default::default()));
         Self {
             maps: CaseMaps {
                 texels,
@@ -114,7 +117,7 @@ impl CaseTextures {
                 volume_size,
                 envelope_in_field: box_around(scene.shell),
             },
-            bindings: bind([&views[0], &views[1], &views[2]]),
+            bindings: bind(&views),
         }
     }
 }

@@ -33,6 +33,8 @@ pub(super) struct Picture {
     pub(super) slab_step: f32,
     pub(super) clip_reach: f32,
     pub(super) clip_piece: f32,
+    pub(super) smooth_share: f32,
+    pub(super) _padding: [f32; 3],
 }
 
 /// Twin of `Paths` in `shrink.wgsl`.

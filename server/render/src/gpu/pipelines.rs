@@ -103,12 +103,12 @@ impl Pipelines {
         &self.pipelines[pass as usize]
     }
 
-    /// Binds what every pass is given: volume, field and normals among it.
+    /// Binds what every pass is given: volume, field, gradients and smoothed field among it.
     pub(super) fn bind_case(
         &self,
         device: &Device,
         picture: &Buffer,
-        [volume, field, normals]: [&TextureView; 3],
+        [volume, field, normals, smoothed]: &[TextureView; 4],
         colors: &TextureView,
     ) -> BindGroup {
         let linear = device.create_sampler(&wgpu::SamplerDescriptor {
@@ -128,6 +128,7 @@ impl Pipelines {
                 entry(3, BindingResource::TextureView(normals)),
                 entry(4, BindingResource::TextureView(colors)),
                 entry(5, BindingResource::Sampler(&linear)),
+                entry(6, BindingResource::TextureView(smoothed)),
             ],
         })
     }
@@ -179,6 +180,7 @@ fn case_layout(device: &Device) -> BindGroupLayout {
             entry(3, texture(filtered, TextureViewDimension::D3)),
             entry(4, texture(plain, TextureViewDimension::D2)),
             entry(5, BindingType::Sampler(SamplerBindingType::Filtering)),
+            entry(6, texture(filtered, TextureViewDimension::D3)),
         ],
     })
 }

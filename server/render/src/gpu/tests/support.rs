@@ -19,7 +19,7 @@ pub(super) struct Case {
     pub(super) volume: Volume,
     pub(super) distance: DistanceMap,
     pub(super) field: DepthField,
-    normals: DepthField,
+    pub(super) normals: DepthField,
     shell: ShellIndex,
 }
 
