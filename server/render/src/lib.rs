@@ -17,6 +17,7 @@ mod camera;
 mod colormap;
 mod error;
 mod frame;
+pub mod gpu;
 mod hits;
 mod isosurface;
 mod light;
