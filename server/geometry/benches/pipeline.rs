@@ -16,27 +16,41 @@ use glam::DVec3;
 const SPACING_MM: f64 = 0.896;
 
 fn head() -> (Mask, Grid) {
-    let folder = std::env::var_os("ISOCORTEX_TEST_DATA").unwrap_or_else(|| "../../../shared/data".into());
+    let folder =
+        std::env::var_os("ISOCORTEX_TEST_DATA").unwrap_or_else(|| "../../../shared/data".into());
     let path = std::path::Path::new(&folder).join("colin27/ch2bet.nii.gz");
     let Ok(bytes) = std::fs::read(path) else {
         eprintln!("no Colin27 under ISOCORTEX_TEST_DATA: an ellipsoid takes its place");
         let brain = phantom::ellipsoid([75.0, 95.0, 80.0], SPACING_MM);
         return (brain.mask().clone(), brain.mask().grid().clone());
     };
-    let mask = imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a sound file");
-    let native = mask.grid().reordered_to_patient_axes().expect("axes along the patient's");
-    let size = native.size().map(|side| (side as f64 / SPACING_MM) as usize);
+    let mask =
+        imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a sound file");
+    let native = mask
+        .grid()
+        .reordered_to_patient_axes()
+        .expect("axes along the patient's");
+    let size = native
+        .size()
+        .map(|side| (side as f64 / SPACING_MM) as usize);
     let origin = native.patient_from_voxel().transform_point3(DVec3::ZERO);
-    (mask, Grid::aligned(size, [SPACING_MM; 3], origin).expect("a small grid"))
+    (
+        mask,
+        Grid::aligned(size, [SPACING_MM; 3], origin).expect("a small grid"),
+    )
 }
 
 fn pipeline(criterion: &mut Criterion) {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .use_current_thread();
     pool.build_global().expect("the first pool of this program");
     let (mask, volume_grid) = head();
     let mut group = criterion.benchmark_group("pipeline");
     group.sample_size(10);
-    group.bench_function("mask", |b| b.iter(|| BrainMask::from_mask(&mask, &volume_grid)));
+    group.bench_function("mask", |b| {
+        b.iter(|| BrainMask::from_mask(&mask, &volume_grid))
+    });
     let brain = BrainMask::from_mask(&mask, &volume_grid).expect("a brain");
     group.bench_function("closing by 10 mm", |b| b.iter(|| envelope(&brain, 10.0)));
     let envelope = envelope(&brain, 10.0).expect("an envelope");
@@ -53,7 +67,9 @@ fn pipeline(criterion: &mut Criterion) {
     for (contours, points) in [(30, 30), (80, 50)] {
         let size = MeshSize::new(contours, points).expect("a size within range");
         let name = |step: &str| format!("{step}, {} vertices", size.vertex_count());
-        group.bench_function(name("envelope mesh"), |b| b.iter(|| envelope_mesh(&field, size)));
+        group.bench_function(name("envelope mesh"), |b| {
+            b.iter(|| envelope_mesh(&field, size))
+        });
         let mesh = envelope_mesh(&field, size).expect("a mesh");
         for (kind, paths) in [("forest", Paths::Forest(&forest)), ("flow", Paths::Flow)] {
             group.bench_function(name(&format!("table of paths, {kind}")), |b| {
