@@ -10,6 +10,7 @@ mod kill;
 mod layers;
 mod nifti;
 mod openapi;
+mod renderers;
 mod restart;
 mod security;
 mod server;
