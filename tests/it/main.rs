@@ -11,6 +11,7 @@ mod layers;
 mod nifti;
 mod openapi;
 mod renderers;
+mod renders;
 mod restart;
 mod security;
 mod server;

@@ -45,7 +45,7 @@ impl Story {
     }
 
     /// The texts of a picture, once it is known who drew it.
-    fn texts<'a>(&'a self, drawer: &'a Drawer, device: &'a str) -> Vec<(&'a str, &'a str)> {
+    pub fn texts<'a>(&'a self, drawer: &'a Drawer, device: &'a str) -> Vec<(&'a str, &'a str)> {
         let told = self.texts.iter().map(|(name, text)| (*name, text.as_str()));
         told.chain([("Renderer", drawer.name()), ("Device", device)])
             .collect()

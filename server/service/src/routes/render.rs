@@ -149,7 +149,7 @@ impl From<Background> for render::Background {
 }
 
 /// A picture of the isosurface.
-#[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
+#[derive(Debug, Clone, Serialize, Deserialize, IntoParams, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct RenderQuery {
@@ -161,6 +161,7 @@ pub struct RenderQuery {
     #[param(inline)]
     pub(crate) view: Option<View>,
     /// The quaternion x,y,z,w from patient to view space (x right, y up, z to the viewer), instead of `view`.
+    #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "0,0,0,1")]
     pub(crate) orientation: Option<Numbers<4>>,
     /// Who draws; `auto` takes what this server has, and the answer's header says which that was.
@@ -180,9 +181,11 @@ pub struct RenderQuery {
     #[param(minimum = 0.01, maximum = 100, default = 1)]
     pub(crate) zoom: f64,
     /// Millimetres by which the head is moved to the right and up: `x,y`.
+    #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "0,0")]
     pub(crate) pan: Option<Numbers<2>>,
     /// Window centre and width, in intensities: `c,w`; by default that of the case.
+    #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "80,120")]
     pub(crate) window: Option<Numbers<2>>,
     /// Colours for brightness.
@@ -257,6 +260,16 @@ impl RenderQuery {
             background: self.background.into(),
         };
         Ok(RenderRequest::new(parameters)?)
+    }
+
+    /// From where the head is seen: the name of the view, or the orientation.
+    pub(crate) fn direction(&self) -> String {
+        match (self.orientation, self.view) {
+            (Some(Numbers([x, y, z, w])), _) => format!("{x:.2},{y:.2},{z:.2},{w:.2}"),
+            (None, view) => NamedView::from(view.unwrap_or(View::Left))
+                .name()
+                .to_owned(),
+        }
     }
 
     /// The mesh of the query.
