@@ -416,7 +416,7 @@ impl Sweep {
 
 /// Pictures on their way into one file.
 enum Collector {
-    Zip(zip::ZipWriter<Cursor<Vec<u8>>>),
+    Zip(Box<zip::ZipWriter<Cursor<Vec<u8>>>>),
     Sheet {
         plan: Option<SheetPlan>,
         sheet: Option<Box<Sheet>>,
@@ -433,7 +433,7 @@ enum Collector {
 impl Collector {
     fn new(form: Form, count: usize) -> Self {
         match form {
-            Form::Zip => Self::Zip(zip::ZipWriter::new(Cursor::default())),
+            Form::Zip => Self::Zip(Box::new(zip::ZipWriter::new(Cursor::default()))),
             Form::Sheet { plan, cells } => Self::Sheet {
                 plan: Some(plan),
                 sheet: None,
