@@ -388,11 +388,7 @@ impl Tabulation<'_> {
     /// The longer the line is than it is deep, the more closely it is looked at.
     fn is_straight(&self, [near, far]: [f32; 2], [start, end]: [Vec3; 2]) -> bool {
         let detour = start.distance(end) * self.field.spacing_mm() / (far - near);
-        let samples = match detour {
-            ..1.1 => 1,
-            ..4.0 => 3,
-            _ => 15,
-        };
+        let samples = if detour < 4.0 { 3 } else { 15 };
         (1..=samples).all(|sample| {
             let fraction = sample as f32 / (samples + 1) as f32;
             let depth = self.field.depth_mm(start.lerp(end, fraction));
