@@ -92,6 +92,10 @@ impl AppState {
         let access = config.access()?;
         let options = Options {
             queue_limit: config.max_queued_cases,
+            limits: Limits {
+                max_voxels: config.max_voxels,
+                ..Limits::default()
+            },
             ..Options::default()
         };
         let upload_limits = options.limits;
