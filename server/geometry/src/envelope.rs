@@ -3,11 +3,14 @@
 use rayon::prelude::*;
 
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
-use crate::transform::Memory;
+use crate::transform::{MAX_DISTANCE, Memory};
 use crate::{BrainMask, GeometryError, Grid, Mask};
 
 /// The largest radius of the closing, in mm.
 const MAX_CLOSING_RADIUS_MM: f64 = 50.0;
+
+/// How many voxels the mask with room for the ball around it may have: each takes five bytes.
+const MAX_PADDED_VOXELS: f64 = 3e8;
 
 /// The Euclidean closing of a brain mask: its surface bridges the sulci and follows the dura.
 ///
@@ -65,7 +68,7 @@ impl Envelope {
 /// computed with room for the whole ball around the brain, so that no face of a volume cuts it.
 ///
 /// # Errors
-/// When the radius is not within 0 to 50 mm.
+/// When the radius is not within 0 to 50 mm, or too large for voxels so fine.
 pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, GeometryError> {
     if !(0.0..=MAX_CLOSING_RADIUS_MM).contains(&closing_radius_mm) {
         return Err(GeometryError::Parameter {
@@ -77,6 +80,15 @@ pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, G
     let mask = brain.mask();
     let grid = mask.grid();
     let radius = closing_radius_mm / grid.spacing_mm()[0];
+    let padded_sides = grid.size().map(|side| side as f64 + 2.0 * (radius + 1.0));
+    if radius >= f64::from(MAX_DISTANCE) || padded_sides.iter().product::<f64>() > MAX_PADDED_VOXELS
+    {
+        return Err(GeometryError::Parameter {
+            name: "closing_radius_mm",
+            value: closing_radius_mm,
+            range: "smaller for voxels as fine as these",
+        });
+    }
     let size = grid.size();
     let mut closed = close(size, mask.voxels(), radius);
     keep_largest_component(size, &mut closed, Connectivity::Corners);
@@ -92,8 +104,8 @@ fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
         return voxels.to_vec();
     }
     // Distances matter up to the radius alone; the bound is past it.
-    let bound = (radius.floor() as u64 + 1).min(255) as u8;
-    let within = (radius * radius).floor().min(f64::from(u16::MAX)) as u16;
+    let bound = radius.floor() as u8 + 1;
+    let within = (radius * radius).floor() as u16;
     let pad = usize::from(bound);
     let padded_size = size.map(|side| side + 2 * pad);
     let to_set = padded(
@@ -239,6 +251,11 @@ mod tests {
                 "{radius}"
             );
         }
+        let tiny = phantom::ellipsoid([5.0; 3], 0.1);
+        assert!(matches!(
+            envelope(&tiny, 30.0),
+            Err(GeometryError::Parameter { .. })
+        ));
     }
 
     #[test]
