@@ -63,6 +63,8 @@ pub(crate) struct Seeds {
     pub(crate) lattice: Lattice,
     /// The greatest height of a voxel centre in each cell, in voxels; −∞ where there is none. As many as nodes.
     cells: Vec<f32>,
+    /// The least height of a voxel centre in each cell, negated; −∞ where there is none.
+    depths: Vec<f32>,
 }
 
 impl Seeds {
@@ -78,15 +80,21 @@ impl Seeds {
         let cells_from_voxel = CellsFromVoxel::new(&lattice, projection, grid);
         let chunk = shell.len().div_ceil(rayon::current_num_threads()).max(1);
         // The greatest height is the same in whatever order the voxels come.
-        let cells = shell
+        let [cells, depths] = shell
             .par_chunks(chunk)
             .map(|voxels| z_buffer(voxels, &cells_from_voxel))
-            .reduce_with(|mut cells, others| {
-                raise(&mut cells, &others);
-                cells
+            .reduce_with(|mut extremes, others| {
+                for (extreme, others) in extremes.iter_mut().zip(&others) {
+                    raise(extreme, others);
+                }
+                extremes
             })
-            .unwrap_or_else(|| cells_from_voxel.empty());
-        Self { lattice, cells }
+            .unwrap_or_else(|| [cells_from_voxel.empty(), cells_from_voxel.empty()]);
+        Self {
+            lattice,
+            cells,
+            depths,
+        }
     }
 
     /// At each node the greatest height in the four cells around it.
@@ -113,6 +121,15 @@ impl Seeds {
             *start += MARGIN;
         }
         starts
+    }
+
+    /// In each cell a height under which no line of sight within it enters the isosurface; +∞ where none does.
+    pub(crate) fn ends_in_cells(&self) -> Vec<f32> {
+        let mut ends = greatest_around(&self.depths, self.lattice.columns, 2, 2);
+        for end in &mut ends {
+            *end = -*end - MARGIN;
+        }
+        ends
     }
 }
 
@@ -167,11 +184,12 @@ impl CellsFromVoxel {
     }
 }
 
-/// The greatest height of the voxels in each cell.
+/// The greatest heights of the voxels in each cell, and the greatest of their heights negated.
 #[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
-fn z_buffer(voxels: &[ShellVoxel], cells_from_voxel: &CellsFromVoxel) -> Vec<f32> {
+fn z_buffer(voxels: &[ShellVoxel], cells_from_voxel: &CellsFromVoxel) -> [Vec<f32>; 2] {
     let mut cells = cells_from_voxel.empty();
     cells.push(f32::NEG_INFINITY);
+    let mut depths = cells.clone();
     let (blocks, rest) = voxels.as_chunks::<LANES>();
     let mut places = [0; LANES];
     let mut heights = [0.0; LANES];
@@ -181,14 +199,17 @@ fn z_buffer(voxels: &[ShellVoxel], cells_from_voxel: &CellsFromVoxel) -> Vec<f32
         }
         for (&place, &height) in places.iter().zip(&heights) {
             raise_one(&mut cells, place, height);
+            raise_one(&mut depths, place, -height);
         }
     }
     for &voxel in rest {
         let (place, height) = cells_from_voxel.of(voxel);
         raise_one(&mut cells, place, height);
+        raise_one(&mut depths, place, -height);
     }
     cells.pop();
-    cells
+    depths.pop();
+    [cells, depths]
 }
 
 #[inline(always)]

@@ -24,4 +24,5 @@ pub mod store;
 #[cfg(test)]
 mod testing;
 pub mod turnstile;
+mod unstalled;
 pub mod wire;

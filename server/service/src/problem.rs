@@ -139,6 +139,9 @@ pub enum AppError {
     /// A step of the geometry refuses the parameters.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
+    /// The store has no room left.
+    #[error("the store has no room left: cases must be deleted, or its disk enlarged")]
+    StorageFull,
     /// The store failed.
     #[error(transparent)]
     Store(StoreError),
@@ -160,6 +163,7 @@ impl From<StoreError> for AppError {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::QueueFull => Self::Busy,
+            full if full.is_full() => Self::StorageFull,
             other => Self::Store(other),
         }
     }
@@ -215,6 +219,7 @@ impl AppError {
             Self::NoRenderer { .. } => (StatusCode::NOT_IMPLEMENTED, "no-renderer"),
             Self::GraphicsFailed => (StatusCode::SERVICE_UNAVAILABLE, "graphics-failed"),
             Self::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
+            Self::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
             Self::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),
             Self::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal"),
         };

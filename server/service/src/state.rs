@@ -95,6 +95,10 @@ impl AppState {
         let access = config.access()?;
         let options = Options {
             queue_limit: config.max_queued_cases,
+            limits: Limits {
+                max_voxels: config.max_voxels,
+                ..Limits::default()
+            },
             ..Options::default()
         };
         let upload_limits = options.limits;
@@ -149,8 +153,13 @@ impl Shared {
     /// # Errors
     /// As [`Shared::ready`].
     pub async fn model(&self, id: &CaseId) -> Result<Arc<Model>, AppError> {
-        let model = self.models.get(id).await?;
-        model.ok_or(AppError::NoSuchCase)
+        if let Some(model) = self.models.get(id).await? {
+            return Ok(model);
+        }
+        // It was ready a moment ago, but is deleted or, with its source lost, failed by now.
+        self.forget(id);
+        self.ready(id).await?;
+        Err(AppError::Unavailable)
     }
 
     /// Forgets what is remembered of a case.

@@ -44,7 +44,7 @@ fn pixels<'a>(scene: &Scene<'a>, request: &RenderRequest, projection: &Projectio
     let isosurface = Isosurface::new(scene.field, scene.normals, depth_mm);
     let rays = working_rays(scene, projection);
     let seeds = Seeds::new(scene, request, projection);
-    let nodes = Nodes::new(&isosurface, &rays, &seeds, bottom(scene));
+    let nodes = Nodes::new(&isosurface, &rays, &seeds);
     let width = projection.size().width() as usize;
     Pixels::new(isosurface, rays, nodes, width, bottom(scene))
 }

@@ -36,19 +36,14 @@ const MISSED: Point = Point {
 
 impl Nodes {
     /// Follows each node's line of sight to the isosurface.
-    pub(super) fn new(
-        isosurface: &Isosurface<'_>,
-        rays: &Rays,
-        seeds: &Seeds,
-        bottom: f32,
-    ) -> Self {
+    pub(super) fn new(isosurface: &Isosurface<'_>, rays: &Rays, seeds: &Seeds) -> Self {
         let Lattice { columns, rows, .. } = seeds.lattice;
         let mut nodes = Self {
             lattice: seeds.lattice,
             points: vec![MISSED; columns * rows],
             starts: seeds.starts(),
         };
-        let heights = seeds.heights();
+        let (heights, floors) = (seeds.heights(), seeds.ends_in_cells());
         let starts = &nodes.starts;
         nodes
             .points
@@ -61,13 +56,12 @@ impl Nodes {
                     rays,
                     lattice: seeds.lattice,
                     row,
-                    bottom,
                 };
                 let mut left = MISSED;
                 for (column, point) in points.iter_mut().enumerate() {
                     let node = begin + column;
                     if starts[node] > f32::NEG_INFINITY {
-                        left = finder.find(column, left, heights[node], starts[node]);
+                        left = finder.find(column, left, heights[node], starts[node], floors[node]);
                         *point = left;
                     } else {
                         left = MISSED;
@@ -84,12 +78,11 @@ struct RowFinder<'a> {
     rays: &'a Rays,
     lattice: Lattice,
     row: usize,
-    bottom: f32,
 }
 
 impl RowFinder<'_> {
     /// What the line of sight of a node meets, whose left neighbour meets `left` and whose highest voxel is at `seed`.
-    fn find(&self, column: usize, left: Point, seed: f32, start: f32) -> Point {
+    fn find(&self, column: usize, left: Point, seed: f32, start: f32, floor: f32) -> Point {
         let [x, y] = [column, self.row].map(|node| self.lattice.pixel(node));
         let ray = self.rays.through(x, y);
         let near = (seed > f32::NEG_INFINITY)
@@ -103,7 +96,7 @@ impl RowFinder<'_> {
                 hit_near(self.isosurface, &ray, guess, facing)
             })
             .flatten();
-        near.or_else(|| first_hit(self.isosurface, &ray, start, self.bottom))
+        near.or_else(|| first_hit(self.isosurface, &ray, start, floor))
             .map_or(MISSED, |height| self.isosurface.point(&ray, height))
     }
 

@@ -11,7 +11,7 @@ use crate::rays::Ray;
 /// at most √3; stored values are rounded to 1/128 voxel.
 const STEEPEST: f32 = 1.75;
 
-/// How near the isosurface a hit is, in voxels of depth: a tenth of a hundredth of a millimetre at 1 mm would not be seen.
+/// How near the isosurface a hit is, in voxels of depth: 0.005 mm where voxels are 1 mm wide.
 const TOLERANCE: f32 = 0.005;
 
 /// Where the isosurface is thought to be at most this far ahead, a step tries to pass it, in voxels.

@@ -8,7 +8,7 @@ mod march;
 use crate::isosurface::Isosurface;
 use crate::rays::Rays;
 use crate::seeds::{Lattice, Seeds};
-use crate::surface::{self, PointRow, Surface, bottom, working_rays};
+use crate::surface::{self, PointRow, Surface, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 use march::first_hit;
 
@@ -43,7 +43,8 @@ struct Traced<'a> {
     lattice: Lattice,
     /// For each cell of the lattice where its lines of sight begin; −∞ where they meet nothing.
     starts: Vec<f32>,
-    bottom: f32,
+    /// And where they have passed everything.
+    ends: Vec<f32>,
 }
 
 impl<'a> Traced<'a> {
@@ -54,7 +55,7 @@ impl<'a> Traced<'a> {
             rays: working_rays(scene, projection),
             lattice: seeds.lattice,
             starts: seeds.starts_in_cells(),
-            bottom: bottom(scene),
+            ends: seeds.ends_in_cells(),
         }
     }
 }
@@ -63,11 +64,13 @@ impl Surface for Traced<'_> {
     fn find_row(&self, row: usize, points: &mut PointRow) {
         let (top, _) = self.lattice.place(row);
         let starts = &self.starts[top * self.lattice.columns..][..self.lattice.columns];
+        let ends = &self.ends[top * self.lattice.columns..][..self.lattice.columns];
         for column in 0..points.heights.len() {
-            let start = starts[self.lattice.place(column).0];
+            let (cell, _) = self.lattice.place(column);
+            let start = starts[cell];
             if start > f32::NEG_INFINITY {
                 let ray = self.rays.through(column as f32 + 0.5, row as f32 + 0.5);
-                if let Some(height) = first_hit(&self.isosurface, &ray, start, self.bottom) {
+                if let Some(height) = first_hit(&self.isosurface, &ray, start, ends[cell]) {
                     points.set(column, self.isosurface.point(&ray, height));
                 }
             }

@@ -68,8 +68,9 @@ impl ServeArgs {
         if let Ok(token) = std::env::var(TOKEN_VARIABLE)
             && !token.is_empty()
         {
+            // Together with a token file that was named as well, this is refused: neither is meant more than the other.
             config.token = Some(Secret(token));
-            config.token_file = None;
+            config.token_file = self.token_file.clone();
         } else if let Some(path) = &self.token_file {
             config.token = None;
             config.token_file = Some(path.clone());
