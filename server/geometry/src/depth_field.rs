@@ -6,6 +6,9 @@ use rayon::prelude::*;
 
 use crate::{DistanceMap, Grid};
 
+/// How far before the last voxel's centre the last sampled position lies, so that a voxel follows it.
+const LAST_CELL: f32 = 1e-3;
+
 /// Signed depth on the working grid, to be sampled between voxel centres: positive inside, negative outside.
 ///
 /// Stored in 1/128 of a voxel, so that a case takes two bytes a voxel; rounding is at most 1/256 voxel.
@@ -14,6 +17,11 @@ use crate::{DistanceMap, Grid};
 pub struct DepthField {
     grid: Grid,
     spacing_mm: f32,
+    mm_per_step: f32,
+    /// Distance in `values` from a voxel to the next along y and z.
+    strides: [usize; 2],
+    /// The last position that is sampled, a hair before the last voxel's centre.
+    last: Vec3,
     values: Vec<i16>,
 }
 
@@ -40,10 +48,14 @@ impl DepthField {
     }
 
     fn on(grid: Grid, values: Vec<i16>) -> Self {
+        let [nx, ny, _] = grid.size();
         let spacing_mm = grid.spacing_mm()[0] as f32;
         Self {
-            grid,
             spacing_mm,
+            mm_per_step: spacing_mm / Self::STEPS_PER_VOXEL,
+            strides: [nx, nx * ny],
+            last: Vec3::from_array(grid.size().map(|side| (side - 1) as f32 - LAST_CELL)),
+            grid,
             values,
         }
     }
@@ -81,60 +93,80 @@ impl DepthField {
     /// Signed depth in mm at a position in voxel coordinates, trilinear; beyond the grid, that of its nearest face.
     #[inline]
     pub fn depth_mm(&self, position_in_voxel: Vec3) -> f32 {
-        let [nx, ny, _] = self.grid.size();
-        let (base, fraction) = self.cell(position_in_voxel, 0);
-        let start = base[0] + nx * (base[1] + ny * base[2]);
+        let [y_stride, z_stride] = self.strides;
+        let (x, y, z) = self.cell(position_in_voxel, 0.0);
+        let start = x.first + y_stride * y.first + z_stride * z.first;
         let row = |start: usize| {
             let pair = &self.values[start..start + 2];
-            between(f32::from(pair[0]), f32::from(pair[1]), fraction.x)
+            x.between(f32::from(pair[0]), f32::from(pair[1]))
         };
-        let slice = |start: usize| between(row(start), row(start + nx), fraction.y);
-        let steps = between(slice(start), slice(start + nx * ny), fraction.z);
-        steps * (self.spacing_mm / Self::STEPS_PER_VOXEL)
+        let slice = |start: usize| y.between(row(start), row(start + y_stride));
+        z.between(slice(start), slice(start + z_stride)) * self.mm_per_step
     }
 
     /// Gradient of the depth at a position in voxel coordinates: trilinear between central differences at voxel centres.
     ///
     /// Without unit (mm per mm), along L, P and S, pointing inwards; its length is near 1 but on ridges.
     pub fn gradient(&self, position_in_voxel: Vec3) -> Vec3 {
-        let (base, fraction) = self.cell(position_in_voxel, 1);
-        let [nx, ny, _] = self.grid.size();
-        let [x_stride, y_stride, z_stride] = [1, nx, nx * ny];
-        let start = base[0] + nx * (base[1] + ny * base[2]);
+        let [y_stride, z_stride] = self.strides;
+        let (x, y, z) = self.cell(position_in_voxel, 1.0);
+        let start = x.first + y_stride * y.first + z_stride * z.first;
         let value = |index: usize| f32::from(self.values[index]);
         let difference = |index: usize| {
             Vec3::new(
-                value(index + x_stride) - value(index - x_stride),
+                value(index + 1) - value(index - 1),
                 value(index + y_stride) - value(index - y_stride),
                 value(index + z_stride) - value(index - z_stride),
             )
         };
-        let row = |start: usize| difference(start).lerp(difference(start + x_stride), fraction.x);
-        let slice = |start: usize| row(start).lerp(row(start + y_stride), fraction.y);
-        slice(start).lerp(slice(start + z_stride), fraction.z) / (2.0 * Self::STEPS_PER_VOXEL)
+        let row = |start: usize| difference(start).lerp(difference(start + 1), x.fraction);
+        let slice = |start: usize| row(start).lerp(row(start + y_stride), y.fraction);
+        slice(start).lerp(slice(start + z_stride), z.fraction) / (2.0 * Self::STEPS_PER_VOXEL)
     }
 
-    /// The first voxel of the cell that holds a position, at least `margin` from the faces, and the place in that cell.
+    /// Where a position lies along each axis, moved to at least `margin` voxels from the faces.
     #[inline]
-    fn cell(&self, position_in_voxel: Vec3, margin: usize) -> ([usize; 3], Vec3) {
-        let size = self.grid.size();
-        let mut base = [0; 3];
-        let mut fraction = Vec3::ZERO;
-        for axis in 0..3 {
-            let low = margin as f32;
-            let high = (size[axis] - 1 - margin) as f32;
-            // Not `clamp`: a position that is not a number goes to the first cell.
-            let position = position_in_voxel[axis].max(low).min(high);
-            base[axis] = (position as usize).min(size[axis] - 2 - margin);
-            fraction[axis] = position - base[axis] as f32;
-        }
-        (base, fraction)
+    fn cell(&self, position_in_voxel: Vec3, margin: f32) -> (Place, Place, Place) {
+        // A position that is not a number goes to the first cell.
+        let position = position_in_voxel
+            .max(Vec3::splat(margin))
+            .min(self.last - margin);
+        (
+            Place::of(position.x),
+            Place::of(position.y),
+            Place::of(position.z),
+        )
     }
 }
 
-#[inline]
-fn between(low: f32, high: f32, fraction: f32) -> f32 {
-    low + (high - low) * fraction
+/// The voxel before a coordinate, and how far past it that lies: a fraction of 0 to 1.
+#[derive(Clone, Copy)]
+struct Place {
+    first: usize,
+    fraction: f32,
+}
+
+impl Place {
+    /// Finds them for a coordinate of 0 to 2²¹.
+    ///
+    /// Added to a number of this size, a coordinate less a half is rounded to a whole number, which then stands in the
+    /// lowest bits: three instructions, where a conversion that saturates takes many. A whole coordinate may
+    /// be taken for the end of the cell before it, which makes no difference.
+    #[inline]
+    fn of(coordinate: f32) -> Self {
+        const ROUNDING: f32 = (3u32 << 22) as f32;
+        let rounded = (coordinate - 0.5) + ROUNDING;
+        let first = (rounded.to_bits() - ROUNDING.to_bits()) as usize;
+        Self {
+            first,
+            fraction: coordinate - (rounded - ROUNDING),
+        }
+    }
+
+    #[inline]
+    fn between(self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.fraction
+    }
 }
 
 /// The 2n + 1 binomial coefficients of order 2n; their sum is 4ⁿ, their variance n/2.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
-use crate::transform::Memory;
+use crate::transform::{MAX_DISTANCE, Memory};
 use crate::{BrainMask, GeometryError, Grid, Mask};
 
 /// The largest radius of the closing, in mm.
@@ -65,7 +65,7 @@ impl Envelope {
 /// computed with room for the whole ball around the brain, so that no face of a volume cuts it.
 ///
 /// # Errors
-/// When the radius is not within 0 to 50 mm.
+/// When the radius is not within 0 to 50 mm and below 255 voxels.
 pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, GeometryError> {
     if !(0.0..=MAX_CLOSING_RADIUS_MM).contains(&closing_radius_mm) {
         return Err(GeometryError::Parameter {
@@ -77,6 +77,13 @@ pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, G
     let mask = brain.mask();
     let grid = mask.grid();
     let radius = closing_radius_mm / grid.spacing_mm()[0];
+    if radius >= f64::from(MAX_DISTANCE) {
+        return Err(GeometryError::Parameter {
+            name: "closing_radius_mm",
+            value: closing_radius_mm,
+            range: "less than 255 voxels",
+        });
+    }
     let size = grid.size();
     let mut closed = close(size, mask.voxels(), radius);
     keep_largest_component(size, &mut closed, Connectivity::Corners);
@@ -92,8 +99,8 @@ fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
         return voxels.to_vec();
     }
     // Distances matter up to the radius alone; the bound is past it.
-    let bound = (radius.floor() as u64 + 1).min(255) as u8;
-    let within = (radius * radius).floor().min(f64::from(u16::MAX)) as u16;
+    let bound = radius.floor() as u8 + 1;
+    let within = (radius * radius).floor() as u16;
     let pad = usize::from(bound);
     let padded_size = size.map(|side| side + 2 * pad);
     let to_set = padded(
@@ -239,6 +246,11 @@ mod tests {
                 "{radius}"
             );
         }
+        let tiny = phantom::ellipsoid([5.0; 3], 0.1);
+        assert!(matches!(
+            envelope(&tiny, 30.0),
+            Err(GeometryError::Parameter { .. })
+        ));
     }
 
     #[test]

@@ -251,28 +251,27 @@ fn settled(field: &DepthField, point: Vec3) -> Vec3 {
     here
 }
 
-/// The point of depth 0 beside a cap's centre: outwards along x, or the centre itself where it lies outside already.
+/// The point of depth 0 beside a cap's centre: outwards along x, or inwards where a hollow contour leaves its centre outside.
 fn on_envelope(field: &DepthField, centre: Vec3, outward: f32) -> Vec3 {
-    let depth = |along: f32| field.depth_mm(centre + Vec3::X * (outward * along));
-    if depth(0.0) <= 0.0 {
-        return centre;
-    }
-    let Some(beyond) = (1..64)
-        .map(|quarter| quarter as f32 / 4.0)
-        .find(|&along| depth(along) < 0.0)
+    let is_inside = |along: f32| field.depth_mm(centre + Vec3::X * along) >= 0.0;
+    let towards = if is_inside(0.0) { outward } else { -outward };
+    let steps = (1..64).map(|quarter| towards * quarter as f32 / 4.0);
+    let Some(beyond) = steps
+        .into_iter()
+        .find(|&along| is_inside(along) != is_inside(0.0))
     else {
         return centre;
     };
-    let (mut inside, mut outside) = (beyond - 0.25, beyond);
+    let (mut here, mut there) = (beyond - towards / 4.0, beyond);
     for _ in 0..20 {
-        let middle = (inside + outside) / 2.0;
-        if depth(middle) >= 0.0 {
-            inside = middle;
+        let middle = (here + there) / 2.0;
+        if is_inside(middle) == is_inside(here) {
+            here = middle;
         } else {
-            outside = middle;
+            there = middle;
         }
     }
-    centre + Vec3::X * (outward * inside)
+    centre + Vec3::X * if is_inside(here) { here } else { there }
 }
 
 #[cfg(test)]

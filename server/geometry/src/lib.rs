@@ -24,6 +24,7 @@ mod nearest_core;
 mod paths;
 pub mod phantom;
 mod runs;
+mod segment;
 mod shell;
 mod transform;
 mod volume;

@@ -55,7 +55,9 @@ impl Memory {
         slabs
             .par_chunks_mut(nx * nz)
             .enumerate()
-            .for_each(|(y, slab)| minimise_along_z(&planes[y * nx..], slab, [nx, ny, nz]));
+            .for_each_init(Vec::new, |block, (y, slab)| {
+                minimise_along_z(&planes[y * nx..], block, slab, size);
+            });
         planes
             .par_chunks_mut(nx * ny)
             .enumerate()
@@ -89,76 +91,107 @@ fn sweep_along_y(bounds: &[u8], plane: &mut [u16], nx: usize) {
 
 /// The minimum over z, for one y: from rows `size[0] * size[1]` apart to rows that follow each other.
 #[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
-fn minimise_along_z(rows: &[u16], slab: &mut [u16], size: [usize; 3]) {
+fn minimise_along_z(rows: &[u16], block: &mut Vec<u16>, slab: &mut [u16], size: [usize; 3]) {
     let [nx, ny, nz] = size;
-    let mut column = vec![[0u16; LANES]; nz];
+    // Whole rows at a time into memory that stays in the cache, rather than columns from memory that does not.
+    let width = nx.max(LANES);
+    block.resize(width * nz, 0);
+    for (z, row) in block.chunks_exact_mut(width).enumerate() {
+        row[..nx].copy_from_slice(&rows[z * nx * ny..z * nx * ny + nx]);
+    }
     let mut to_varied = vec![0u32; nz];
     for first in (0..nx).step_by(LANES) {
-        let width = LANES.min(nx - first);
-        for (z, lanes) in column.iter_mut().enumerate() {
-            let start = z * nx * ny + first;
-            lanes[..width].copy_from_slice(&rows[start..start + width]);
-        }
-        let ceiling = column
-            .iter()
-            .flatten()
-            .fold(0, |greatest, &value| greatest.max(value));
-        mark_varied(&column, ceiling, &mut to_varied);
+        // The last lanes may be done twice, rather than lanes beyond the row.
+        let first = first.min(nx.saturating_sub(LANES));
+        let column = Column {
+            block,
+            width,
+            first,
+            height: nz,
+        };
+        let ceiling = column.greatest();
+        column.measure_varied(ceiling, &mut to_varied);
         for (z, &to_varied) in to_varied.iter().enumerate() {
             let is_out_of_reach = to_varied * to_varied >= u32::from(ceiling);
             let least = if is_out_of_reach {
-                column[z]
+                *column.at(z)
             } else {
-                least_of_column(&column, z)
+                column.least(z)
             };
-            let start = z * nx + first;
-            slab[start..start + width].copy_from_slice(&least[..width]);
+            let lanes = LANES.min(nx);
+            slab[z * nx + first..z * nx + first + lanes].copy_from_slice(&least[..lanes]);
         }
     }
 }
 
-/// Distance from each place of a column to the nearest with a lane below `ceiling`, the column's greatest value.
-///
-/// Where that is far, the value stays the ceiling: so are most places when distances are followed only so far.
-#[inline(always)]
-fn mark_varied(column: &[Lanes], ceiling: u16, to_varied: &mut [u32]) {
-    let mut distance = u32::from(u8::MAX) + 1;
-    for (to_varied, lanes) in to_varied.iter_mut().zip(column) {
-        distance = if is_all(lanes, ceiling) {
-            distance.saturating_add(1).min(1 << 15)
-        } else {
-            0
-        };
-        *to_varied = distance;
+/// Lanes that stand above each other in rows of `width`.
+struct Column<'a> {
+    block: &'a [u16],
+    width: usize,
+    first: usize,
+    height: usize,
+}
+
+impl Column<'_> {
+    #[inline(always)]
+    fn at(&self, z: usize) -> &Lanes {
+        lanes(self.block, z * self.width + self.first)
     }
-    for z in (1..to_varied.len()).rev() {
-        to_varied[z - 1] = to_varied[z - 1].min(to_varied[z] + 1);
+
+    #[inline(always)]
+    fn greatest(&self) -> u16 {
+        let mut greatest = [0; LANES];
+        for z in 0..self.height {
+            for (greatest, &value) in greatest.iter_mut().zip(self.at(z)) {
+                *greatest = value.max(*greatest);
+            }
+        }
+        greatest.into_iter().fold(0, u16::max)
+    }
+
+    /// Distance from each place to the nearest with a lane below `ceiling`, the column's greatest value.
+    ///
+    /// Where that is far, the value stays the ceiling: so are most places when distances are followed only so far.
+    #[inline(always)]
+    fn measure_varied(&self, ceiling: u16, to_varied: &mut [u32]) {
+        let mut distance = 1 << 9;
+        for (z, to_varied) in to_varied.iter_mut().enumerate() {
+            distance = if is_all(self.at(z), ceiling) {
+                distance + 1
+            } else {
+                0
+            };
+            *to_varied = distance;
+        }
+        for z in (1..to_varied.len()).rev() {
+            to_varied[z - 1] = to_varied[z - 1].min(to_varied[z] + 1);
+        }
+    }
+
+    /// The least of the column's values, each raised by the square of its distance from `z`.
+    #[inline(always)]
+    fn least(&self, z: usize) -> Lanes {
+        let mut least = *self.at(z);
+        let reach = z.max(self.height - 1 - z);
+        for k in 1..=reach.min(usize::from(MAX_DISTANCE)) {
+            let square = (k * k) as u16;
+            if !any_above(&least, square) {
+                break;
+            }
+            if k <= z {
+                lower(&mut least, self.at(z - k), square);
+            }
+            if z + k < self.height {
+                lower(&mut least, self.at(z + k), square);
+            }
+        }
+        least
     }
 }
 
 #[inline(always)]
 fn is_all(lanes: &[u16], value: u16) -> bool {
     lanes.iter().fold(0, |any, &lane| any | (lane ^ value)) == 0
-}
-
-/// The least of a column's values, each raised by the square of its distance from `z`.
-#[inline(always)]
-fn least_of_column(column: &[Lanes], z: usize) -> Lanes {
-    let mut least = column[z];
-    let reach = z.max(column.len() - 1 - z);
-    for k in 1..=reach.min(usize::from(MAX_DISTANCE)) {
-        let square = (k * k) as u16;
-        if !any_above(&least, square) {
-            break;
-        }
-        if k <= z {
-            lower(&mut least, &column[z - k], square);
-        }
-        if z + k < column.len() {
-            lower(&mut least, &column[z + k], square);
-        }
-    }
-    least
 }
 
 /// The minimum over x, for one z: from rows `size[0] * size[2]` apart to rows that follow each other.

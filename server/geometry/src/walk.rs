@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use crate::core_voxels::neighbour_offsets;
 use crate::deepest_first::DepthPyramid;
+use crate::segment::Corner;
 use crate::{DepthField, DistanceMap, Forest};
 
 /// What a vertex follows as the mesh shrinks.
@@ -19,9 +20,6 @@ pub enum Paths<'a> {
 const FLOW_STEP: f32 = 0.5;
 /// Least gain of depth in such a step that does not count as standing still, in voxels.
 const LEAST_GAIN: f32 = 0.05;
-
-/// How exactly a depth is met on a way, in mm.
-const CROSSING_TOLERANCE_MM: f32 = 0.004;
 
 /// Finds the ways of vertices through one case.
 pub(crate) struct Walker<'a> {
@@ -136,41 +134,4 @@ impl<'a> Walker<'a> {
         let nearest = corners.min_by(|a, b| a.0.total_cmp(&b.0));
         nearest.map_or(self.distance.deepest(), |(_, index)| index)
     }
-}
-
-/// A point of a vertex's way, in voxel coordinates, and its depth in mm.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Corner {
-    pub(crate) position: Vec3,
-    pub(crate) depth_mm: f32,
-}
-
-/// Where on the segment between two corners, the first above and the second not above `depth_mm`, the trilinear depth is that.
-///
-/// Regula falsi in its Illinois form (Dowell and Jarratt, 1971).
-pub(crate) fn crossing(field: &DepthField, start: Corner, end: Corner, depth_mm: f32) -> Vec3 {
-    let at = |fraction: f32| start.position.lerp(end.position, fraction);
-    let (mut low, mut high) = (0.0, 1.0);
-    let (mut excess_low, mut excess_high) = (start.depth_mm - depth_mm, end.depth_mm - depth_mm);
-    if excess_high <= CROSSING_TOLERANCE_MM {
-        return end.position;
-    }
-    let mut was_low = None;
-    for _ in 0..24 {
-        let fraction = (low * excess_high - high * excess_low) / (excess_high - excess_low);
-        let excess = field.depth_mm(at(fraction)) - depth_mm;
-        if excess.abs() <= CROSSING_TOLERANCE_MM {
-            return at(fraction);
-        }
-        let is_low = excess < 0.0;
-        if is_low {
-            (low, excess_low) = (fraction, excess);
-            excess_high *= if was_low == Some(true) { 0.5 } else { 1.0 };
-        } else {
-            (high, excess_high) = (fraction, excess);
-            excess_low *= if was_low == Some(false) { 0.5 } else { 1.0 };
-        }
-        was_low = Some(is_low);
-    }
-    at(high)
 }

@@ -1,1 +1,24 @@
-//! service
+//! The service: cases in a store, prepared by workers, shown over HTTP.
+
+pub mod app;
+pub mod auth;
+pub mod caching;
+pub mod case;
+pub mod cli;
+pub mod config;
+pub mod jobs;
+pub mod listen;
+pub mod logs;
+pub mod metrics;
+pub mod models;
+pub mod negotiate;
+pub mod prepare;
+pub mod problem;
+pub mod render_pool;
+pub mod routes;
+pub mod state;
+pub mod store;
+#[cfg(test)]
+mod testing;
+pub mod turnstile;
+pub mod wire;

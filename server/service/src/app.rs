@@ -1,0 +1,90 @@
+//! The whole service as one router.
+
+use std::any::Any;
+
+use axum::Router;
+use axum::extract::{Request, State};
+use axum::http::{HeaderName, HeaderValue, Response, header};
+use axum::middleware::{self, Next};
+use axum::response::IntoResponse;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
+
+use crate::auth;
+use crate::logs::{self, MakeId, REQUEST_ID};
+use crate::problem::AppError;
+use crate::routes;
+use crate::state::AppState;
+
+/// Headers of every answer. Nothing comes from another host, nothing is shown in another's frame, and no type is guessed.
+const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (
+        header::CONTENT_SECURITY_POLICY,
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
+         connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
+    (
+        HeaderName::from_static("cross-origin-resource-policy"),
+        "same-origin",
+    ),
+    (
+        HeaderName::from_static("cross-origin-opener-policy"),
+        "same-origin",
+    ),
+    (
+        HeaderName::from_static("permissions-policy"),
+        "camera=(), geolocation=(), microphone=()",
+    ),
+];
+
+/// Builds the whole service. It can be served, or asked with `oneshot` and no socket.
+pub fn app(state: AppState) -> Router {
+    let (routes, openapi) = routes::all(&state);
+    routes
+        .merge(routes::documents::routes(&openapi))
+        .fallback(|| async { AppError::NoSuchRoute })
+        .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
+        .layer(middleware::from_fn_with_state(
+            state.access.clone(),
+            auth::guard_origin,
+        ))
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(middleware::map_response(add_security_headers))
+        .layer(middleware::from_fn_with_state(
+            state.metrics.clone(),
+            logs::observe,
+        ))
+        .layer(PropagateRequestIdLayer::new(REQUEST_ID))
+        .layer(SetRequestIdLayer::new(REQUEST_ID, MakeId))
+        .layer(middleware::from_fn(logs::drop_bad_request_id))
+        .with_state(state)
+}
+
+/// Gives an answer up that takes too long. Its work is cancelled where it still waits.
+pub(crate) async fn answer_in_time(
+    State(state): State<AppState>,
+    request: Request,
+    next: Next,
+) -> Result<axum::response::Response, AppError> {
+    tokio::time::timeout(state.answer_timeout, next.run(request))
+        .await
+        .map_err(|_elapsed| AppError::TimedOut)
+}
+
+async fn add_security_headers<B>(mut response: Response<B>) -> Response<B> {
+    for (name, value) in SECURITY_HEADERS {
+        let headers = response.headers_mut();
+        headers
+            .entry(name)
+            .or_insert(HeaderValue::from_static(value));
+    }
+    response
+}
+
+/// The panic's own text goes to standard error by the panic hook, never to the client.
+fn panicked(_panic: Box<dyn Any + Send + 'static>) -> axum::response::Response {
+    tracing::error!("a handler panicked");
+    AppError::Internal.into_response()
+}

@@ -1,0 +1,398 @@
+//! A case: one head, from the upload to the facts that a client needs to show it.
+
+use std::fmt;
+use std::str::FromStr;
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+/// Part of every [`CaseId`]: a change of what is computed from the same input makes other cases of it.
+const ID_FORMAT: u8 = 1;
+
+/// The digest that names a case: 32 lower-case hexadecimal digits.
+///
+/// It is the first half of a BLAKE3 digest over the volume, the mask and the parameters that change the result. The same
+/// input is the same case, wherever and whenever it is uploaded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CaseId([u8; 16]);
+
+impl CaseId {
+    /// The name of the case with these inputs. The digests are BLAKE3 over the bytes as uploaded.
+    ///
+    /// [`Parameters::name`] is a label and takes no part: the same upload under another name renames the case.
+    pub fn of(volume: &blake3::Hash, mask: Option<&blake3::Hash>, parameters: &Parameters) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(b"isocortex case");
+        hasher.update(&[ID_FORMAT]);
+        hasher.update(volume.as_bytes());
+        hasher.update(&[u8::from(mask.is_some())]);
+        if let Some(mask) = mask {
+            hasher.update(mask.as_bytes());
+        }
+        // Adding 0 makes the one zero of the two.
+        hasher.update(&(parameters.closing_radius_mm + 0.0).to_le_bytes());
+        let mut id = [0; 16];
+        id.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
+        Self(id)
+    }
+
+    /// Reads 32 lower-case hexadecimal digits; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        let digit = |byte: u8| match byte {
+            b'0'..=b'9' => Some(byte - b'0'),
+            b'a'..=b'f' => Some(byte - b'a' + 10),
+            _ => None,
+        };
+        let digits: &[u8; 32] = text.as_bytes().try_into().ok()?;
+        let mut id = [0; 16];
+        for (byte, pair) in id.iter_mut().zip(digits.chunks_exact(2)) {
+            *byte = digit(pair[0])? << 4 | digit(pair[1])?;
+        }
+        Some(Self(id))
+    }
+}
+
+impl fmt::Display for CaseId {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0
+            .iter()
+            .try_for_each(|byte| write!(formatter, "{byte:02x}"))
+    }
+}
+
+/// The text is not a [`CaseId`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a case is named by 32 lower-case hexadecimal digits")]
+pub struct NotACaseId;
+
+impl FromStr for CaseId {
+    type Err = NotACaseId;
+
+    fn from_str(text: &str) -> Result<Self, NotACaseId> {
+        Self::parse(text).ok_or(NotACaseId)
+    }
+}
+
+impl Serialize for CaseId {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for CaseId {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
+        text.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+/// What a client may choose when it uploads a volume.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Radius of the ball that closes the brain mask to the envelope, in mm: 0 to 50.
+    pub closing_radius_mm: f64,
+    /// A label to show in lists; at most [`Parameters::MAX_NAME_LENGTH`] characters, none of them a control character.
+    ///
+    /// It is no part of the [`CaseId`]: the label of the first upload stays.
+    pub name: Option<String>,
+}
+
+impl Parameters {
+    /// The longest accepted [`name`](Self::name), in characters.
+    pub const MAX_NAME_LENGTH: usize = 200;
+
+    /// Whether the parameters may be used.
+    ///
+    /// # Errors
+    /// A [`Failure`] with status 422 when the radius is not within 0 to 50 mm, or the name is too long or holds control characters.
+    pub fn check(&self) -> Result<(), Failure> {
+        if !(0.0..=50.0).contains(&self.closing_radius_mm) {
+            return Err(Failure::unprocessable(
+                "closing-radius-out-of-range",
+                format!(
+                    "closing_radius_mm is {}; it must be 0 to 50",
+                    self.closing_radius_mm
+                ),
+            ));
+        }
+        let name = self.name.as_deref().unwrap_or_default();
+        if name.chars().count() > Self::MAX_NAME_LENGTH {
+            return Err(Failure::unprocessable(
+                "name-too-long",
+                format!(
+                    "the name is longer than {} characters",
+                    Self::MAX_NAME_LENGTH
+                ),
+            ));
+        }
+        if name.chars().any(char::is_control) {
+            return Err(Failure::unprocessable(
+                "name-not-text",
+                "the name holds a control character".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            closing_radius_mm: 10.0,
+            name: None,
+        }
+    }
+}
+
+/// How far a case has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CaseState {
+    /// Waits for a worker.
+    Queued,
+    /// A worker prepares it.
+    Preparing,
+    /// Everything can be asked of it.
+    Ready,
+    /// It could not be prepared; the [`Failure`] says why. The same upload again tries again.
+    Failed,
+}
+
+impl CaseState {
+    /// Whether the state stays as it is until somebody uploads or deletes.
+    pub fn is_final(self) -> bool {
+        matches!(self, Self::Ready | Self::Failed)
+    }
+}
+
+/// The steps of a preparation, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// The uploaded bytes are read.
+    Reading,
+    /// The brain mask comes to the working grid.
+    Mask,
+    /// The mask is closed to the envelope.
+    Closing,
+    /// The exact distance map.
+    Distance,
+    /// The seeds of the forest.
+    Core,
+    /// The optimal-path forest.
+    Forest,
+    /// The default mesh and the table of its paths.
+    Mesh,
+    /// The results are written to the store.
+    Storing,
+}
+
+impl Stage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 8] = [
+        Self::Reading,
+        Self::Mask,
+        Self::Closing,
+        Self::Distance,
+        Self::Core,
+        Self::Forest,
+        Self::Mesh,
+        Self::Storing,
+    ];
+
+    /// The stage of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|stage| stage.name() == name)
+    }
+
+    /// The name used in JSON and in rows.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Reading => "reading",
+            Self::Mask => "mask",
+            Self::Closing => "closing",
+            Self::Distance => "distance",
+            Self::Core => "core",
+            Self::Forest => "forest",
+            Self::Mesh => "mesh",
+            Self::Storing => "storing",
+        }
+    }
+}
+
+/// How far a preparation has come.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// The step at work.
+    pub stage: Stage,
+    /// How much of the whole preparation is done, 0 to 1.
+    pub fraction: f32,
+}
+
+/// Why an input cannot be prepared, in words that a client may read: no paths, nothing of the patient.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[error("{detail}")]
+pub struct Failure {
+    /// A stable name in kebab case, such as `mask-missing`.
+    pub kind: String,
+    /// One plain sentence.
+    pub detail: String,
+    /// The HTTP status that fits: 413, 415, 422, 500 …
+    pub status: u16,
+}
+
+impl Failure {
+    /// A failure with status 422: the input is understood and cannot be used.
+    pub fn unprocessable(kind: &str, detail: String) -> Self {
+        Self {
+            kind: kind.to_owned(),
+            detail,
+            status: 422,
+        }
+    }
+}
+
+/// A DICOM window: the intensities from `center - width / 2` to `center + width / 2` span the grey levels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WindowFacts {
+    /// Window centre, in intensities.
+    pub center: f32,
+    /// Window width, in intensities; above 0.
+    pub width: f32,
+}
+
+/// What is known of a case once it is ready.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CaseFacts {
+    /// Voxels of the working grid along L, P and S.
+    pub grid_size: [usize; 3],
+    /// Edge of a voxel of the working grid, in mm.
+    pub spacing_mm: f64,
+    /// Rows of the affine from voxels of the working grid to LPS mm.
+    pub patient_from_voxel: [[f64; 4]; 4],
+    /// Voxels of the volume as it was acquired.
+    pub native_size: [usize; 3],
+    /// Edges of a voxel of the volume as it was acquired, in mm.
+    pub native_spacing_mm: [f64; 3],
+    /// Depth of the deepest voxel, in mm.
+    pub max_depth_mm: f32,
+    /// Volume enclosed by the envelope, in ml.
+    pub envelope_ml: f64,
+    /// Least intensity of the stored volume.
+    pub intensity_min: f32,
+    /// Greatest intensity of the stored volume.
+    pub intensity_max: f32,
+    /// The default window: 2nd to 98th percentile inside the envelope.
+    pub window: WindowFacts,
+    /// Wall time of each step of the preparation, in ms.
+    pub timings: Vec<(Stage, f64)>,
+}
+
+/// A case as its row tells it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Case {
+    /// Its name.
+    pub id: CaseId,
+    /// What was chosen at the upload, with the label.
+    pub parameters: Parameters,
+    /// How far it has come.
+    pub state: CaseState,
+    /// While it is prepared.
+    pub progress: Option<Progress>,
+    /// Once it has failed.
+    pub failure: Option<Failure>,
+    /// Once it is ready.
+    pub facts: Option<CaseFacts>,
+    /// When it was first uploaded.
+    pub created_at: Timestamp,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_id_is_read_back_as_it_was_written() {
+        let id = CaseId::of(&blake3::hash(b"volume"), None, &Parameters::default());
+        assert_eq!(CaseId::parse(&id.to_string()), Some(id));
+        assert_eq!(
+            serde_json::from_str::<CaseId>(&serde_json::to_string(&id).unwrap()).unwrap(),
+            id
+        );
+    }
+
+    #[test]
+    fn anything_but_32_lower_case_digits_is_no_id() {
+        for text in [
+            "",
+            "00",
+            &"g".repeat(32),
+            &"A".repeat(32),
+            &"0".repeat(33),
+            "../../../../../../../../etc/pass",
+        ] {
+            assert_eq!(CaseId::parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn each_input_but_the_name_changes_the_id() {
+        let [a, b] = [blake3::hash(b"a"), blake3::hash(b"b")];
+        let parameters = Parameters::default();
+        let id = CaseId::of(&a, None, &parameters);
+        assert_ne!(id, CaseId::of(&b, None, &parameters));
+        assert_ne!(id, CaseId::of(&a, Some(&b), &parameters));
+        assert_ne!(
+            CaseId::of(&a, Some(&b), &parameters),
+            CaseId::of(&b, Some(&a), &parameters)
+        );
+        assert_ne!(
+            id,
+            CaseId::of(
+                &a,
+                None,
+                &Parameters {
+                    closing_radius_mm: 9.0,
+                    name: None
+                }
+            )
+        );
+        assert_eq!(
+            id,
+            CaseId::of(
+                &a,
+                None,
+                &Parameters {
+                    name: Some("x".to_owned()),
+                    ..parameters
+                }
+            )
+        );
+    }
+
+    #[test]
+    fn stages_have_one_name_in_json_and_in_rows() {
+        for stage in Stage::ALL {
+            assert_eq!(serde_json::to_value(stage).unwrap(), stage.name());
+        }
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let radius = Parameters {
+            closing_radius_mm: f64::NAN,
+            name: None,
+        }
+        .check()
+        .unwrap_err();
+        assert_eq!(radius.kind, "closing-radius-out-of-range");
+        let name = Parameters {
+            name: Some("a\u{7}".to_owned()),
+            ..Parameters::default()
+        }
+        .check()
+        .unwrap_err();
+        assert_eq!((name.kind.as_str(), name.status), ("name-not-text", 422));
+    }
+}

@@ -1,0 +1,127 @@
+//! The command line.
+
+mod case_file;
+mod demo;
+mod prepare;
+mod progress;
+mod render;
+mod serve;
+mod status;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+
+use self::status::{CliError, ExitStatus};
+
+/// What `--help` says at its end.
+const EXAMPLES: &str = "\
+Examples:
+  isocortex demo                                    serve a sample head and print the address to open
+  isocortex serve --data /srv/isocortex             serve the cases of a directory on 127.0.0.1:8640
+  isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
+  isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
+
+Exit status:
+   0  done
+   2  the command line is not right
+  65  the input cannot be used (not NIfTI, damaged, a mask is missing …)
+  66  the input is not there or cannot be read
+  69  the server's address is taken, or its store is busy
+  70  a fault of the program
+  73  the output cannot be written
+  74  the store or its disk failed
+  78  the configuration is not right
+
+For research use only, not for diagnosis.";
+
+/// The cortex of the brain as curved cuts at any depth below the dura.
+///
+/// Isocortex prepares an MR volume once and then shows the cut at any depth in milliseconds: in the browser, over HTTP, or as PNG files.
+#[derive(Debug, Parser)]
+#[command(name = "isocortex", version, after_help = EXAMPLES, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the cases of a directory over HTTP.
+    Serve(serve::ServeArgs),
+    /// Serve a sample head, prepared, and print the address to open.
+    Demo(demo::DemoArgs),
+    /// Prepare a volume: into the store, or into one file.
+    Prepare(prepare::PrepareArgs),
+    /// Draw the cut of a case, a volume or a prepared file as PNG.
+    Render(render::RenderArgs),
+}
+
+/// An input: a volume and what is needed to prepare it.
+#[derive(Debug, Clone, Args)]
+struct VolumeOptions {
+    /// The brain mask, NIfTI, on any grid. Not needed where the volume holds nothing but the brain.
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+    /// Radius of the ball that closes the brain mask to the envelope, 0 to 50 mm.
+    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    closing_radius_mm: f64,
+}
+
+/// Runs the command of this process and says how it ended.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("isocortex: {}", error.message);
+            error.status.into()
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), CliError> {
+    match command {
+        Command::Serve(args) => serve::run(&args),
+        Command::Demo(args) => demo::run(&args),
+        Command::Prepare(args) => prepare::run(&args),
+        Command::Render(args) => render::run(&args),
+    }
+}
+
+/// Starts the runtime and waits for `work`.
+fn block_on<T>(work: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| CliError::new(ExitStatus::Internal, error))?;
+    runtime.block_on(work)
+}
+
+fn read_input(path: &Path) -> Result<bytes::Bytes, CliError> {
+    let read = std::fs::read(path).map(bytes::Bytes::from);
+    read.map_err(|error| {
+        let message = format!("{} cannot be read: {error}", path.display());
+        CliError::new(ExitStatus::NoInput, message)
+    })
+}
+
+fn write_output(path: &Path, contents: &[u8]) -> Result<(), CliError> {
+    std::fs::write(path, contents).map_err(|error| {
+        let message = format!("{} cannot be written: {error}", path.display());
+        CliError::new(ExitStatus::CannotCreate, message)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,175 @@
+//! `isocortex render`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::case_file::{self, Picturable};
+use super::prepare::prepare_here;
+use super::status::{CliError, ExitStatus};
+use super::{VolumeOptions, read_input, write_output};
+use crate::case::{CaseId, Parameters};
+use crate::models::Models;
+use crate::prepare::Source;
+use crate::problem::AppError;
+use crate::routes::query::{Checked as _, Numbers};
+use crate::routes::render::{
+    Background, Colors, RenderQuery, Renderer, View, draw, scene, window_of,
+};
+use crate::store::Store;
+
+/// Draw the cut of a case, a volume or a prepared file as PNG
+///
+/// A depth beyond the deepest point is drawn at the deepest point.
+#[derive(Debug, Args)]
+pub(super) struct RenderArgs {
+    /// A case of the store by its id, a NIfTI volume, or a file of `isocortex prepare --output`.
+    #[arg(value_name = "CASE|VOLUME")]
+    input: PathBuf,
+    #[command(flatten)]
+    options: VolumeOptions,
+    /// The directory of the store, for a case. [default: isocortex-data]
+    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
+    data: Option<PathBuf>,
+    /// The PNG file to write.
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    #[command(flatten)]
+    picture: PictureArgs,
+}
+
+/// The picture, in the words of the HTTP interface.
+#[derive(Debug, Args)]
+struct PictureArgs {
+    /// Depth below the envelope, in mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    depth: f32,
+    /// From where. [default: left]
+    #[arg(long, value_enum)]
+    view: Option<View>,
+    /// The quaternion x,y,z,w from patient to view space, instead of --view.
+    #[arg(
+        long,
+        value_name = "X,Y,Z,W",
+        conflicts_with = "view",
+        allow_hyphen_values = true
+    )]
+    orientation: Option<Numbers<4>>,
+    /// Who draws.
+    #[arg(long, value_enum, default_value_t)]
+    renderer: Renderer,
+    /// Pixels in a row.
+    #[arg(long, default_value_t = 512)]
+    width: u32,
+    /// Rows of pixels.
+    #[arg(long, default_value_t = 512)]
+    height: u32,
+    /// 1 fits the head into the picture.
+    #[arg(long, default_value_t = 1.0)]
+    zoom: f64,
+    /// Moves the head to the right and up, in mm.
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pan: Option<Numbers<2>>,
+    /// Window centre and width, in intensities. [default: that of the case]
+    #[arg(long, value_name = "C,W", allow_hyphen_values = true)]
+    window: Option<Numbers<2>>,
+    /// Colours for brightness.
+    #[arg(long, value_enum, default_value_t)]
+    colormap: Colors,
+    /// Averages over this depth to either side, in mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    slab: f64,
+    /// The share of light that reaches every face, 0 to 1; 1 turns the shading off.
+    #[arg(long, default_value_t = 0.3)]
+    ambient: f64,
+    /// What is behind the brain.
+    #[arg(long, value_enum, default_value_t)]
+    background: Background,
+    /// Contours of the mesh, for the renderer mesh.
+    #[arg(long, default_value_t = 30)]
+    contours: usize,
+    /// Points on each contour of the mesh, for the renderer mesh.
+    #[arg(long, default_value_t = 30)]
+    points: usize,
+}
+
+impl PictureArgs {
+    fn query(&self) -> Result<RenderQuery, AppError> {
+        let query = RenderQuery {
+            depth_mm: self.depth,
+            view: self.view,
+            orientation: self.orientation,
+            renderer: self.renderer,
+            width: self.width,
+            height: self.height,
+            zoom: self.zoom,
+            pan: self.pan,
+            window: self.window,
+            colormap: self.colormap,
+            slab_mm: self.slab,
+            ambient: self.ambient,
+            background: self.background,
+            contours: self.contours,
+            points: self.points,
+        };
+        query.check()?;
+        query.renderer_here()?;
+        Ok(query)
+    }
+}
+
+/// Draws one picture.
+pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
+    let query = args.picture.query()?;
+    let picture = match case_id(&args.input) {
+        Some(id) => super::block_on(of_case(args, id, &query))?,
+        None => of_file(args, &query)?,
+    };
+    write_output(&args.output, &picture)
+}
+
+/// An id, unless there is a file of that name.
+fn case_id(input: &Path) -> Option<CaseId> {
+    let id = CaseId::parse(input.to_str()?)?;
+    (!input.exists()).then_some(id)
+}
+
+async fn of_case(args: &RenderArgs, id: CaseId, query: &RenderQuery) -> Result<Vec<u8>, CliError> {
+    let data = args.data.clone();
+    let data = data.unwrap_or_else(|| crate::config::Config::default().data);
+    if !data.is_dir() {
+        let message = format!(
+            "there is no store at {}; say where with --data",
+            data.display()
+        );
+        return Err(CliError::new(ExitStatus::NoInput, message));
+    }
+    let store = Store::open(&data).await?;
+    let model = Models::new(store, u64::MAX).get(&id).await?;
+    let model = model.ok_or_else(|| {
+        CliError::new(
+            ExitStatus::NoInput,
+            "the store has no such case that is ready",
+        )
+    })?;
+    let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
+    let request = query.request(depth_mm, window_of(&model.facts))?;
+    Ok(draw(&scene(&model), &request)?)
+}
+
+fn of_file(args: &RenderArgs, query: &RenderQuery) -> Result<Vec<u8>, CliError> {
+    let volume = read_input(&args.input)?;
+    let case = if volume.starts_with(case_file::MAGIC) {
+        case_file::read(&volume)?
+    } else {
+        let mask = args.options.mask.as_deref().map(read_input).transpose()?;
+        let parameters = Parameters {
+            closing_radius_mm: args.options.closing_radius_mm,
+            name: None,
+        };
+        Picturable::of(prepare_here(&Source { volume, mask }, &parameters)?)
+    };
+    let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
+    let request = query.request(depth_mm, window_of(&case.facts))?;
+    Ok(draw(&case.scene(), &request)?)
+}

@@ -1,0 +1,140 @@
+//! Log lines: one for each request, with nothing of the patient in it.
+
+use std::io::IsTerminal as _;
+use std::time::{Duration, Instant};
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderName, Method};
+use axum::middleware::Next;
+use axum::response::Response;
+use tower_http::request_id::{MakeRequestId, RequestId};
+use tracing::Instrument as _;
+use tracing_subscriber::EnvFilter;
+
+use crate::metrics::Metrics;
+
+/// The header of the request id, in both directions.
+pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// Writes log lines to standard error from now on. `filter` is in the syntax of `RUST_LOG`, such as `info`.
+///
+/// A second call changes nothing.
+pub fn start(format: LogFormat, filter: &str) {
+    let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
+    let lines = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr);
+    // Fails only where a subscriber was set before, as in tests.
+    let _ = match format {
+        LogFormat::Text => lines.try_init(),
+        LogFormat::Json => lines.json().flatten_event(true).try_init(),
+    };
+}
+
+/// Gives each request without an id one of its own.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct MakeId;
+
+impl MakeRequestId for MakeId {
+    fn make_request_id<B>(&mut self, _request: &axum::http::Request<B>) -> Option<RequestId> {
+        use std::hash::{BuildHasher as _, RandomState};
+        use std::sync::LazyLock;
+        use std::sync::atomic::{AtomicU64, Ordering};
+        static PROCESS: LazyLock<u32> = LazyLock::new(|| RandomState::new().hash_one(0) as u32);
+        static NUMBER: AtomicU64 = AtomicU64::new(1);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let text = format!("{:08x}-{number:x}", *PROCESS);
+        text.parse().ok().map(RequestId::new)
+    }
+}
+
+/// An id that a client may choose: short, and nothing that could break a log line.
+fn is_acceptable_id(id: &[u8]) -> bool {
+    let harmless = |&byte: &u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+    (1..=64).contains(&id.len()) && id.iter().all(harmless)
+}
+
+/// Takes away an id that a client should not have chosen.
+pub async fn drop_bad_request_id(mut request: Request, next: Next) -> Response {
+    let id = request.headers().get(&REQUEST_ID);
+    if id.is_some_and(|id| !is_acceptable_id(id.as_bytes())) {
+        request.headers_mut().remove(&REQUEST_ID);
+    }
+    next.run(request).await
+}
+
+/// Counts the request and writes its line: method, route template, status, time and id.
+///
+/// Neither query nor header is written, and of the address only the template: case ids are digests of patient data.
+pub async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
+    let started = Instant::now();
+    let in_flight = metrics.begin();
+    let method = known_method(request.method());
+    let route = request.extensions().get::<MatchedPath>().cloned();
+    let id = request.extensions().get::<RequestId>().cloned();
+    let id = id.as_ref().and_then(|id| id.header_value().to_str().ok());
+    let span = tracing::info_span!("request", id);
+    let response = next.run(request).instrument(span.clone()).await;
+    let _entered = span.enter();
+    drop(in_flight);
+    let route = route.as_ref().map_or("none", MatchedPath::as_str);
+    let status = response.status().as_u16();
+    let time = started.elapsed();
+    metrics.answered(method, route, status, time);
+    write_line(method, route, status, time);
+    response
+}
+
+fn write_line(method: &str, route: &str, status: u16, time: Duration) {
+    let ms = time.as_secs_f64() * 1e3;
+    if status == 500 {
+        tracing::warn!(method, route, status, ms, "answered");
+    } else {
+        tracing::debug!(method, route, status, ms, "answered");
+    }
+}
+
+/// Methods become labels of metrics, of which there must be few.
+fn known_method(method: &Method) -> &'static str {
+    match *method {
+        Method::GET => "GET",
+        Method::HEAD => "HEAD",
+        Method::POST => "POST",
+        Method::DELETE => "DELETE",
+        Method::OPTIONS => "OPTIONS",
+        _ => "other",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_that_could_break_a_line_are_not_taken() {
+        assert!(is_acceptable_id(b"0af7651916cd43dd-1.2_x"));
+        for id in [&b""[..], b"a b", b"a\tb", b"\"", &[b'a'; 65]] {
+            assert!(!is_acceptable_id(id));
+        }
+    }
+
+    #[test]
+    fn every_request_has_an_id_of_its_own() {
+        let request = axum::http::Request::new(());
+        let mut ids = [(); 2].map(|()| MakeId.make_request_id(&request).unwrap());
+        let [a, b] = &mut ids;
+        assert_ne!(a.header_value(), b.header_value());
+    }
+}

@@ -1,0 +1,277 @@
+//! From the bytes of an upload to everything that a case needs.
+//!
+//! There is no async in here: it runs on a worker's blocking thread, and directly under the command line. Nothing but the
+//! upload and the parameters has a say in the result, so that a case can be made again at any time.
+
+mod check;
+mod failure;
+mod own_mask;
+mod steps;
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::sync::atomic::AtomicBool;
+
+use bytes::Bytes;
+use geometry::{
+    BrainMask, DepthField, DistanceMap, Envelope, Forest, Mask, MeshSize, PathTable, Paths, Volume,
+};
+
+use self::failure::{from_geometry, from_imaging};
+use self::own_mask::own_mask;
+use self::steps::Steps;
+use crate::case::{CaseFacts, Failure, Parameters, Progress, Stage, WindowFacts};
+use crate::store::ObjectKind;
+use crate::store::codec::{encode_envelope, encode_forest, encode_paths, encode_volume};
+
+pub use self::check::check;
+pub use imaging::Limits;
+
+/// N_F and N_P of the mesh whose paths are stored.
+pub const DEFAULT_MESH: [usize; 2] = [30, 30];
+
+/// Voxels of the volume kept around the working grid, which itself surrounds the brain by 4: what trilinear sampling needs.
+const CROP_MARGIN_VOXELS: usize = 1;
+
+/// What was uploaded.
+#[derive(Debug, Clone)]
+pub struct Source {
+    /// The volume, as it came.
+    pub volume: Bytes,
+    /// The mask of the brain, as it came; `None` where the volume is to be its own mask.
+    pub mask: Option<Bytes>,
+}
+
+/// A case, computed.
+#[derive(Debug)]
+pub struct Prepared {
+    /// Intensities, cropped to the working grid.
+    pub volume: Volume,
+    /// The distance map on the working grid, with the envelope.
+    pub distance: DistanceMap,
+    /// The optimal-path forest.
+    pub forest: Forest,
+    /// The table of the forest's paths for a mesh of [`DEFAULT_MESH`].
+    pub default_paths: PathTable,
+    /// What clients are told.
+    pub facts: CaseFacts,
+}
+
+impl Prepared {
+    /// The envelope, on the working grid.
+    pub fn envelope(&self) -> &Envelope {
+        self.distance.envelope()
+    }
+}
+
+/// Computes everything of a case.
+///
+/// `observe` is told each step as it begins. Where `cancelled` is raised the next step is not begun.
+///
+/// # Errors
+/// A [`Failure`] that names what is wrong with the input; `cancelled` when it was cancelled.
+pub fn prepare(
+    source: &Source,
+    parameters: &Parameters,
+    limits: &Limits,
+    observe: &(dyn Fn(Progress) + Sync),
+    cancelled: &AtomicBool,
+) -> Result<Prepared, Failure> {
+    parameters.check()?;
+    let mut steps = Steps::new(observe, cancelled);
+
+    steps.begin(Stage::Reading)?;
+    let native = imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)?;
+    let mask = read_mask(source, &native, limits)?;
+
+    steps.begin(Stage::Mask)?;
+    let brain = BrainMask::from_mask(&mask, native.grid()).map_err(from_geometry)?;
+    drop(mask);
+
+    steps.begin(Stage::Closing)?;
+    let envelope =
+        geometry::envelope(&brain, parameters.closing_radius_mm).map_err(from_geometry)?;
+    drop(brain);
+    let [native_size, native_spacing_mm] = [
+        native.grid().size().map(|side| side as f64),
+        native.grid().spacing_mm(),
+    ];
+    let volume = crop(&native, &envelope)?;
+    drop(native);
+
+    steps.begin(Stage::Distance)?;
+    let distance = geometry::distance_map(&envelope);
+
+    steps.begin(Stage::Core)?;
+    let core = geometry::core(&distance);
+
+    steps.begin(Stage::Forest)?;
+    let forest = geometry::forest(&distance, &core);
+
+    steps.begin(Stage::Mesh)?;
+    let default_paths = default_paths(&distance, &forest)?;
+
+    let facts = CaseFacts {
+        native_size: native_size.map(|side| side as usize),
+        native_spacing_mm,
+        timings: steps.timings(),
+        ..facts(&volume, &distance)?
+    };
+    Ok(Prepared {
+        volume,
+        distance,
+        forest,
+        default_paths,
+        facts,
+    })
+}
+
+fn read_mask(source: &Source, volume: &Volume, limits: &Limits) -> Result<Mask, Failure> {
+    match &source.mask {
+        Some(bytes) => imaging::nifti::read_mask(bytes, limits).map_err(|error| {
+            let failure = from_imaging(error);
+            Failure {
+                detail: format!("the mask: {}", failure.detail),
+                ..failure
+            }
+        }),
+        None => own_mask(volume),
+    }
+}
+
+/// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
+fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
+    let volume = native
+        .crop_to(envelope.grid(), CROP_MARGIN_VOXELS)
+        .ok_or_else(|| {
+            Failure::unprocessable(
+                "mask-outside-volume",
+                "nothing of the mask lies inside the volume; is it the mask of another head?"
+                    .to_owned(),
+            )
+        })?;
+    let [least, greatest] = volume.intensity_range();
+    if least >= greatest {
+        return Err(constant(least));
+    }
+    Ok(volume)
+}
+
+fn constant(intensity: f32) -> Failure {
+    let detail = format!(
+        "every voxel around the brain has the intensity {intensity}; there is nothing to show"
+    );
+    Failure::unprocessable("volume-constant", detail)
+}
+
+fn default_paths(distance: &DistanceMap, forest: &Forest) -> Result<PathTable, Failure> {
+    let field = DepthField::new(distance);
+    let [contours, points] = DEFAULT_MESH;
+    let size = MeshSize::new(contours, points).map_err(from_geometry)?;
+    let mesh = geometry::envelope_mesh(&field, size).map_err(from_geometry)?;
+    Ok(geometry::path_table(
+        &mesh,
+        distance,
+        &field,
+        Paths::Forest(forest),
+    ))
+}
+
+fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> {
+    let grid = distance.grid();
+    let [intensity_min, intensity_max] = volume.intensity_range();
+    let [low, high] = volume
+        .percentiles_inside(distance.envelope(), [0.02, 0.98])
+        .unwrap_or([intensity_min, intensity_max]);
+    let affine = grid.patient_from_voxel();
+    let row = |axis: usize| {
+        let matrix = affine.matrix3.row(axis);
+        [matrix.x, matrix.y, matrix.z, affine.translation[axis]]
+    };
+    Ok(CaseFacts {
+        grid_size: grid.size(),
+        spacing_mm: grid.spacing_mm()[0],
+        patient_from_voxel: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+        native_size: volume.grid().size(),
+        native_spacing_mm: volume.grid().spacing_mm(),
+        max_depth_mm: distance.max_depth_mm(),
+        envelope_ml: distance.envelope().volume_ml(),
+        intensity_min,
+        intensity_max,
+        window: window(low, high),
+        timings: Vec::new(),
+    })
+}
+
+/// The window of an interval of intensities. An empty one gets a width all the same, for DICOM wants at least that of a step.
+fn window(low: f32, high: f32) -> WindowFacts {
+    let least_width = f32::EPSILON * low.abs().max(high.abs()).max(1.0) * 16.0;
+    WindowFacts {
+        center: f32::midpoint(low, high),
+        width: (high - low).max(least_width),
+    }
+}
+
+/// What is stored of a preparation.
+#[derive(Debug)]
+pub struct Derived {
+    /// The payload of each derived object.
+    pub objects: Vec<(ObjectKind, Bytes)>,
+    /// What clients are told.
+    pub facts: CaseFacts,
+}
+
+impl Derived {
+    /// The objects of a computed case.
+    pub fn of(prepared: Prepared) -> Self {
+        let Prepared {
+            volume,
+            distance,
+            forest,
+            default_paths,
+            facts,
+        } = prepared;
+        let envelope = distance.envelope();
+        let objects = vec![
+            (ObjectKind::Envelope, encode_envelope(envelope).into()),
+            (ObjectKind::Forest, encode_forest(&forest, envelope).into()),
+            (ObjectKind::Paths, encode_paths(&default_paths).into()),
+            (ObjectKind::Volume, encode_volume(&volume).into()),
+        ];
+        Self { objects, facts }
+    }
+}
+
+/// What a worker does with an upload: [`Pipeline`], or a test's stand-in.
+pub trait Preparation: fmt::Debug + Send + Sync {
+    /// As [`prepare`], up to the bytes to be stored.
+    ///
+    /// # Errors
+    /// As [`prepare`].
+    fn run(
+        &self,
+        source: &Source,
+        parameters: &Parameters,
+        limits: &Limits,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Derived, Failure>;
+}
+
+/// [`prepare`], as a [`Preparation`].
+#[derive(Debug, Clone, Copy)]
+pub struct Pipeline;
+
+impl Preparation for Pipeline {
+    fn run(
+        &self,
+        source: &Source,
+        parameters: &Parameters,
+        limits: &Limits,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Derived, Failure> {
+        prepare(source, parameters, limits, observe, cancelled).map(Derived::of)
+    }
+}

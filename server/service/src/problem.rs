@@ -1,0 +1,316 @@
+//! Errors as clients see them: `application/problem+json` (RFC 9457) with a stable `type`.
+
+use std::borrow::Cow;
+
+use axum::Json;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use geometry::GeometryError;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::case::{CaseState, Failure};
+use crate::models::PathsError;
+use crate::store::StoreError;
+
+/// What every `type` begins with.
+const TYPE_PREFIX: &str = "urn:isocortex:problem:";
+
+/// Seconds after which a client may try again what was refused for want of room.
+const RETRY_SECONDS: u32 = 2;
+
+/// The body of every error answer (RFC 9457). It holds neither patient data nor paths of files.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Problem {
+    /// A stable URN, such as `urn:isocortex:problem:depth-not-a-number`.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// The meaning of the status.
+    pub title: String,
+    /// The HTTP status.
+    pub status: u16,
+    /// One plain sentence: what is wrong and what to do about it.
+    pub detail: String,
+    /// The key of the query or the part of the form that is at fault.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parameter: Option<String>,
+}
+
+/// Everything that can be wrong with a request, or go wrong on the way to its answer.
+#[derive(Debug, thiserror::Error)]
+pub enum AppError {
+    /// No such case.
+    #[error("there is no case with this id")]
+    NoSuchCase,
+    /// The path holds no case id.
+    #[error("a case is named by 32 lower-case hexadecimal digits")]
+    NotACaseId,
+    /// The case is still on its way.
+    #[error("the case is not ready yet: it is {}", state_name(*.state))]
+    NotReady {
+        /// How far it has come.
+        state: CaseState,
+    },
+    /// The input cannot be used, now or when it was prepared.
+    #[error(transparent)]
+    Failure(#[from] Failure),
+    /// A value of the query is not accepted.
+    #[error("`{parameter}` {detail}")]
+    Query {
+        /// Last part of the problem's type.
+        kind: &'static str,
+        /// The key.
+        parameter: Cow<'static, str>,
+        /// What is wrong with it: a sentence that begins with its verb.
+        detail: String,
+    },
+    /// The form of an upload cannot be read.
+    #[error("{detail}")]
+    Upload {
+        /// Last part of the problem's type.
+        kind: &'static str,
+        /// What is wrong, in one sentence.
+        detail: String,
+    },
+    /// The body is not what the route takes.
+    #[error("send the volume as multipart/form-data with a part named `volume`")]
+    UnsupportedMediaType,
+    /// Nothing that is offered is accepted.
+    #[error("none of the accepted media types is offered; offered are {}", .offered.join(", "))]
+    NotAcceptable {
+        /// What could be sent.
+        offered: &'static [&'static str],
+    },
+    /// The body is larger than allowed.
+    #[error("the body is larger than the limit of {limit_bytes} bytes")]
+    TooLarge {
+        /// The limit.
+        limit_bytes: u64,
+    },
+    /// The range lies outside of the body.
+    #[error("the range lies outside of the {length} bytes of this answer")]
+    RangeNotSatisfiable {
+        /// Bytes of the whole body.
+        length: u64,
+    },
+    /// The bearer token is missing or wrong.
+    #[error("this server wants a bearer token: send `Authorization: Bearer …`")]
+    Unauthorized,
+    /// A web page of another site asks.
+    #[error("requests from pages of other sites are refused")]
+    CrossSite,
+    /// The Host header names another machine.
+    #[error("this server answers only to localhost, 127.0.0.1 and [::1]")]
+    WrongHost,
+    /// No such address.
+    #[error("there is nothing at this address; /docs lists what there is")]
+    NoSuchRoute,
+    /// The address does not take this method.
+    #[error("this address does not take this method; /docs lists those it takes")]
+    MethodNotAllowed,
+    /// Too much work waits already.
+    #[error("too much work is waiting; try again in a moment")]
+    Busy,
+    /// The server is stopping, or its store cannot be reached.
+    #[error("the server cannot answer now; try again in a moment")]
+    Unavailable,
+    /// The answer took too long.
+    #[error("the answer was not ready in time; try again in a moment")]
+    TimedOut,
+    /// Specified, but not in this build.
+    #[error("{what} is not available on this server")]
+    NotImplemented {
+        /// What was asked for.
+        what: &'static str,
+    },
+    /// A step of the geometry refuses the parameters.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+    /// The store failed.
+    #[error(transparent)]
+    Store(StoreError),
+    /// A fault of the program.
+    #[error("the server failed at this request; its log says more under the request id")]
+    Internal,
+}
+
+fn state_name(state: CaseState) -> &'static str {
+    match state {
+        CaseState::Queued => "queued",
+        CaseState::Preparing => "preparing",
+        CaseState::Ready => "ready",
+        CaseState::Failed => "failed",
+    }
+}
+
+impl From<StoreError> for AppError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::QueueFull => Self::Busy,
+            other => Self::Store(other),
+        }
+    }
+}
+
+impl From<PathsError> for AppError {
+    fn from(error: PathsError) -> Self {
+        match error {
+            PathsError::Deleted => Self::NoSuchCase,
+            PathsError::Store(error) => error.into(),
+            PathsError::Geometry(error) => error.into(),
+        }
+    }
+}
+
+impl AppError {
+    /// A value of the query that is out of its range.
+    pub fn out_of_range(parameter: &'static str, detail: impl Into<String>) -> Self {
+        Self::Query {
+            kind: "query-value-out-of-range",
+            parameter: parameter.into(),
+            detail: detail.into(),
+        }
+    }
+
+    /// The status and the last part of the problem's type.
+    fn status_and_kind(&self) -> (StatusCode, Cow<'static, str>) {
+        let (status, kind) = match self {
+            Self::NoSuchCase => (StatusCode::NOT_FOUND, "no-such-case"),
+            Self::NotACaseId => (StatusCode::NOT_FOUND, "not-a-case-id"),
+            Self::NotReady { .. } => (StatusCode::CONFLICT, "case-not-ready"),
+            Self::Failure(failure) => return failure_status_and_kind(failure),
+            Self::Query { kind, .. } | Self::Upload { kind, .. } => {
+                (StatusCode::BAD_REQUEST, *kind)
+            }
+            Self::UnsupportedMediaType => {
+                (StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type")
+            }
+            Self::NotAcceptable { .. } => (StatusCode::NOT_ACCEPTABLE, "not-acceptable"),
+            Self::TooLarge { .. } => (StatusCode::PAYLOAD_TOO_LARGE, "body-too-large"),
+            Self::RangeNotSatisfiable { .. } => {
+                (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
+            }
+            Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
+            Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
+            Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
+            Self::NoSuchRoute => (StatusCode::NOT_FOUND, "no-such-address"),
+            Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
+            Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
+            Self::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
+            Self::TimedOut => (StatusCode::SERVICE_UNAVAILABLE, "timed-out"),
+            Self::NotImplemented { .. } => (StatusCode::NOT_IMPLEMENTED, "not-implemented"),
+            Self::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
+            Self::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),
+            Self::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal"),
+        };
+        (status, kind.into())
+    }
+
+    /// What the client reads.
+    fn detail(&self) -> String {
+        match self {
+            // What the disk says may hold paths: it belongs into the log.
+            Self::Store(_) => Self::Internal.to_string(),
+            other => other.to_string(),
+        }
+    }
+
+    fn parameter(&self) -> Option<String> {
+        match self {
+            Self::Query { parameter, .. } => Some(parameter.to_string()),
+            _ => None,
+        }
+    }
+
+    /// The body of the answer.
+    pub fn problem(&self) -> Problem {
+        let (status, kind) = self.status_and_kind();
+        Problem {
+            kind: format!("{TYPE_PREFIX}{kind}"),
+            title: status.canonical_reason().unwrap_or("Error").to_owned(),
+            status: status.as_u16(),
+            detail: self.detail(),
+            parameter: self.parameter(),
+        }
+    }
+}
+
+fn failure_status_and_kind(failure: &Failure) -> (StatusCode, Cow<'static, str>) {
+    let status = StatusCode::from_u16(failure.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    (status, failure.kind.clone().into())
+}
+
+impl IntoResponse for AppError {
+    fn into_response(self) -> Response {
+        log(&self);
+        let problem = self.problem();
+        let status =
+            StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let mut response = (status, Json(problem)).into_response();
+        let headers = response.headers_mut();
+        headers.insert(
+            header::CONTENT_TYPE,
+            HeaderValue::from_static("application/problem+json"),
+        );
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+        if let Some((name, value)) = extra_header(&self, status) {
+            headers.insert(name, value);
+        }
+        response
+    }
+}
+
+/// The header that a status asks for.
+fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderName, HeaderValue)> {
+    match error {
+        AppError::Unauthorized => Some((
+            header::WWW_AUTHENTICATE,
+            HeaderValue::from_static("Bearer realm=\"isocortex\""),
+        )),
+        AppError::RangeNotSatisfiable { length } => {
+            let value = HeaderValue::from_str(&format!("bytes */{length}")).ok()?;
+            Some((header::CONTENT_RANGE, value))
+        }
+        AppError::NotReady { .. } => Some((header::RETRY_AFTER, RETRY_SECONDS.into())),
+        _ if status == StatusCode::SERVICE_UNAVAILABLE => {
+            Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
+        }
+        _ => None,
+    }
+}
+
+/// Errors of the store are logged here, once; what a client did wrong shows in its request's line.
+fn log(error: &AppError) {
+    if let AppError::Store(cause) = error {
+        let source = std::error::Error::source(cause).map(ToString::to_string);
+        tracing::error!(%cause, source, "the store failed");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failing_disk_shows_no_path() {
+        let disk = std::io::Error::other("/home/someone/store is full");
+        let problem = AppError::Store(StoreError::Disk(disk)).problem();
+        assert_eq!(problem.status, 500);
+        assert!(!problem.detail.contains("/home"));
+    }
+
+    #[test]
+    fn a_failure_keeps_its_kind_and_status() {
+        let failure = Failure::unprocessable("mask-missing", "a mask is needed".to_owned());
+        let problem = AppError::from(failure).problem();
+        assert_eq!(problem.kind, "urn:isocortex:problem:mask-missing");
+        assert_eq!(problem.status, 422);
+    }
+
+    #[test]
+    fn a_full_queue_says_when_to_come_again() {
+        let response = AppError::from(StoreError::QueueFull).into_response();
+        assert_eq!(response.status(), 503);
+        assert!(response.headers().contains_key(header::RETRY_AFTER));
+    }
+}

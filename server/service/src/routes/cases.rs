@@ -1,0 +1,343 @@
+//! Cases as clients see them: listed, looked at, deleted.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::query::{ApiQuery, CasePath, Checked, NoQuery, check_count};
+use super::render::window_of;
+use crate::case::{Case, CaseFacts, CaseId, CaseState};
+use crate::problem::{AppError, Problem};
+use crate::state::AppState;
+use crate::store::Cursor;
+
+/// The largest number of cases on a page.
+const MAX_PAGE: usize = 200;
+
+/// A case.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = Case)]
+pub struct CaseView {
+    /// 32 lower-case hexadecimal digits: a digest of the input and its parameters.
+    #[schema(value_type = String)]
+    id: CaseId,
+    /// The label given at the upload.
+    name: Option<String>,
+    /// `queued`, `preparing`, `ready` or `failed`.
+    #[schema(value_type = String)]
+    state: CaseState,
+    /// When it was uploaded (RFC 3339).
+    created_at: String,
+    /// Radius of the ball that closes the brain mask, in mm.
+    closing_radius_mm: f64,
+    /// While it is being prepared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    progress: Option<ProgressView>,
+    /// Once it has failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Problem>,
+    /// Once it is ready.
+    #[serde(flatten)]
+    ready: Option<ReadyView>,
+    /// Addresses of what there is of it.
+    links: Links,
+}
+
+/// How far a preparation has come.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct ProgressView {
+    /// `reading`, `mask`, `closing`, `distance`, `core`, `forest`, `mesh` or `storing`.
+    stage: &'static str,
+    /// 0 to 1, of the whole preparation.
+    fraction: f32,
+}
+
+/// What is known of a case that is ready.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct ReadyView {
+    /// The working grid.
+    grid: GridView,
+    /// The volume as it was acquired.
+    volume: VolumeView,
+    /// Depth of the deepest voxel below the envelope.
+    max_depth_mm: f32,
+    /// Volume enclosed by the envelope.
+    envelope_ml: f64,
+    /// Intensities and how to show them.
+    intensity: IntensityView,
+    /// Wall time of each step of the preparation, in ms.
+    timings: Vec<TimingView>,
+}
+
+/// The grid of the mask, the distance map and the forest: isotropic, along the patient axes L, P and S.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct GridView {
+    /// Voxels along L, P and S.
+    size: [usize; 3],
+    /// Edge of a voxel.
+    spacing_mm: f64,
+    /// Rows of the affine from voxel centres to LPS mm.
+    patient_from_voxel: [[f64; 4]; 4],
+}
+
+/// The volume as it was acquired.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct VolumeView {
+    /// Voxels.
+    size: [usize; 3],
+    /// Edges of a voxel.
+    spacing_mm: [f64; 3],
+}
+
+/// Intensities and how to show them.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct IntensityView {
+    /// The least.
+    min: f32,
+    /// The greatest.
+    max: f32,
+    /// The default window: 2nd to 98th percentile inside the envelope.
+    window: WindowView,
+}
+
+/// A DICOM window (PS3.3 C.11.2.1.2, LINEAR), as `window=c,w` takes it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct WindowView {
+    /// Its centre.
+    center: f64,
+    /// Its width.
+    width: f64,
+}
+
+/// How long a step took.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct TimingView {
+    /// The step.
+    stage: &'static str,
+    /// Its wall time.
+    ms: f64,
+}
+
+/// Addresses, relative to the server.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct Links {
+    /// The case itself.
+    #[serde(rename = "self")]
+    this: String,
+    /// Its progress as server-sent events.
+    events: String,
+    /// The mesh at a depth.
+    mesh: String,
+    /// The triangles of every mesh of a size.
+    triangles: String,
+    /// The mesh at every depth.
+    paths: String,
+    /// Its intensities as a texture.
+    volume: String,
+    /// Its depths as a texture.
+    distance: String,
+    /// A picture of the isosurface.
+    render: String,
+    /// Slices: append `/axial`, `/coronal` or `/sagittal`.
+    slices: String,
+}
+
+impl Links {
+    fn of(id: &CaseId) -> Self {
+        let this = address_of(id);
+        let below = |name: &str| format!("{this}/{name}");
+        Self {
+            events: below("events"),
+            mesh: below("mesh"),
+            triangles: below("mesh/triangles"),
+            paths: below("mesh/paths"),
+            volume: below("volume"),
+            distance: below("distance"),
+            render: below("render"),
+            slices: below("slices"),
+            this,
+        }
+    }
+}
+
+/// Where a case is.
+pub(crate) fn address_of(id: &CaseId) -> String {
+    format!("/v1/cases/{id}")
+}
+
+impl From<Case> for CaseView {
+    fn from(case: Case) -> Self {
+        Self {
+            id: case.id,
+            links: Links::of(&case.id),
+            name: case.parameters.name,
+            closing_radius_mm: case.parameters.closing_radius_mm,
+            state: case.state,
+            created_at: case.created_at.to_string(),
+            progress: case.progress.map(|progress| ProgressView {
+                stage: progress.stage.name(),
+                fraction: progress.fraction,
+            }),
+            error: case
+                .failure
+                .map(|failure| AppError::from(failure).problem()),
+            ready: case.facts.map(ReadyView::from),
+        }
+    }
+}
+
+impl From<CaseFacts> for ReadyView {
+    fn from(facts: CaseFacts) -> Self {
+        let window = window_of(&facts);
+        Self {
+            grid: GridView {
+                size: facts.grid_size,
+                spacing_mm: facts.spacing_mm,
+                patient_from_voxel: facts.patient_from_voxel,
+            },
+            volume: VolumeView {
+                size: facts.native_size,
+                spacing_mm: facts.native_spacing_mm,
+            },
+            max_depth_mm: facts.max_depth_mm,
+            envelope_ml: facts.envelope_ml,
+            intensity: IntensityView {
+                min: facts.intensity_min,
+                max: facts.intensity_max,
+                window: WindowView {
+                    center: window.centre(),
+                    width: window.width(),
+                },
+            },
+            timings: facts
+                .timings
+                .into_iter()
+                .map(|(stage, ms)| TimingView {
+                    stage: stage.name(),
+                    ms,
+                })
+                .collect(),
+        }
+    }
+}
+
+/// A part of the list of cases.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct CasePage {
+    /// Newest first.
+    cases: Vec<CaseView>,
+    /// Give it as `after` for the next page; absent on the last.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    next: Option<String>,
+}
+
+fn default_limit() -> usize {
+    50
+}
+
+/// Which part of the list.
+#[derive(Debug, Clone, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct ListQuery {
+    /// The `next` of the page before.
+    after: Option<String>,
+    /// The most cases on a page.
+    #[serde(default = "default_limit")]
+    #[param(minimum = 1, maximum = 200, default = 50)]
+    limit: usize,
+}
+
+impl Checked for ListQuery {
+    fn check(&self) -> Result<(), AppError> {
+        check_count("limit", self.limit, 1, MAX_PAGE)?;
+        self.cursor().map(drop)
+    }
+}
+
+impl ListQuery {
+    fn cursor(&self) -> Result<Option<Cursor>, AppError> {
+        let Some(after) = &self.after else {
+            return Ok(None);
+        };
+        let cursor = Cursor::parse(after);
+        let unknown = || AppError::out_of_range("after", "is not the `next` of a page");
+        cursor.ok_or_else(unknown).map(Some)
+    }
+}
+
+/// An answer that changes with time.
+pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response {
+    let mut response = (status, Json(body)).into_response();
+    response
+        .headers_mut()
+        .insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
+}
+
+/// The cases, newest first
+#[utoipa::path(
+    get, path = "/v1/cases", tag = "cases", params(ListQuery),
+    responses(
+        (status = 200, description = "A page of the list", body = CasePage),
+        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn list_cases(
+    State(state): State<AppState>,
+    ApiQuery(query): ApiQuery<ListQuery>,
+) -> Result<Response, AppError> {
+    let page = state.store.cases(query.cursor()?, query.limit).await?;
+    let page = CasePage {
+        cases: page.cases.into_iter().map(CaseView::from).collect(),
+        next: page.next.map(|cursor| cursor.to_string()),
+    };
+    Ok(fresh_json(StatusCode::OK, &page))
+}
+
+/// One case
+#[utoipa::path(
+    get, path = "/v1/cases/{id}", tag = "cases",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "The case", body = CaseView),
+        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_case(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+) -> Result<Response, AppError> {
+    let case = state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
+    Ok(fresh_json(StatusCode::OK, &CaseView::from(case)))
+}
+
+/// Delete a case and all that was computed of it
+#[utoipa::path(
+    delete, path = "/v1/cases/{id}", tag = "cases",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 204, description = "It is gone"),
+        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn delete_case(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+) -> Result<StatusCode, AppError> {
+    let deleted = state.store.delete(&id).await?;
+    state.forget(&id);
+    if deleted {
+        Ok(StatusCode::NO_CONTENT)
+    } else {
+        Err(AppError::NoSuchCase)
+    }
+}

@@ -1,0 +1,135 @@
+//! The page, the interface's description and its manual: static documents, all from this program.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::http::{HeaderMap, HeaderValue};
+use axum::response::Response;
+use axum::routing::get;
+use bytes::Bytes;
+use utoipa::openapi::OpenApi;
+
+use super::query::{ApiQuery, NoQuery};
+use crate::caching::{EntityTag, Representation, coding_for, compress};
+use crate::negotiate::Coding;
+use crate::problem::AppError;
+use crate::state::AppState;
+
+mod manual;
+
+/// Asked for again each time, and answered by 304: a new version of the program shows at once.
+const REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
+
+const HTML: &str = "text/html; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// A file of the page: its address, media type and bytes.
+macro_rules! page_file {
+    ($address:literal, $kind:expr, $file:literal) => {
+        (
+            $address,
+            $kind,
+            include_bytes!(concat!("../../../../web/", $file)).as_slice(),
+        )
+    };
+}
+
+/// The files of the page.
+const PAGE: &[(&str, &str, &[u8])] = &[
+    page_file!("/", HTML, "index.html"),
+    page_file!("/style.css", CSS, "style.css"),
+    page_file!("/api.js", JAVASCRIPT, "api.js"),
+    page_file!("/cases.js", JAVASCRIPT, "cases.js"),
+    page_file!("/main.js", JAVASCRIPT, "main.js"),
+    page_file!("/picture.js", JAVASCRIPT, "picture.js"),
+    page_file!("/scene.js", JAVASCRIPT, "scene.js"),
+    page_file!("/upload.js", JAVASCRIPT, "upload.js"),
+    page_file!("/viewer.js", JAVASCRIPT, "viewer.js"),
+];
+
+/// A document in every coding, with its tags.
+struct Document {
+    media_type: &'static str,
+    codings: [(Coding, EntityTag, Bytes); 3],
+}
+
+impl Document {
+    fn new(media_type: &'static str, bytes: impl Into<Bytes>) -> Self {
+        let bytes: Bytes = bytes.into();
+        let codings = [Coding::Identity, Coding::Zstd, Coding::Gzip];
+        Self {
+            media_type,
+            codings: codings.map(|coding| {
+                let tag = EntityTag::of_bytes(&bytes, coding);
+                (coding, tag, compress(&bytes, coding))
+            }),
+        }
+    }
+
+    fn answer(&self, request: &HeaderMap) -> Result<Response, AppError> {
+        let wanted = coding_for(request);
+        let found = self.codings.iter().find(|(coding, ..)| *coding == wanted);
+        let (coding, tag, body) = found.unwrap_or(&self.codings[0]);
+        Representation {
+            coding: *coding,
+            vary: "accept-encoding",
+            cache_control: REVALIDATE,
+            ..Representation::immutable(tag.clone(), self.media_type, body.clone())
+        }
+        .respond(request)
+    }
+}
+
+/// The routes of the documents.
+pub fn routes(openapi: &OpenApi) -> Router<AppState> {
+    let description = serde_json::to_value(openapi).unwrap_or_default();
+    let manual = manual::html(&description);
+    let mut documents = vec![
+        (
+            "/openapi.json",
+            "application/json",
+            description.to_string().into(),
+        ),
+        ("/docs", HTML, Bytes::from(manual)),
+        (
+            "/docs.css",
+            CSS,
+            Bytes::from_static(manual::STYLE.as_bytes()),
+        ),
+    ];
+    documents.extend(
+        PAGE.iter()
+            .map(|&(address, kind, bytes)| (address, kind, Bytes::from_static(bytes))),
+    );
+    documents
+        .into_iter()
+        .fold(Router::new(), |router, (address, kind, bytes)| {
+            let document = Arc::new(Document::new(kind, bytes));
+            let answer = move |_no_query: ApiQuery<NoQuery>, request: HeaderMap| {
+                let document = Arc::clone(&document);
+                async move { document.answer(&request) }
+            };
+            router.route(address, get(answer))
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_script_that_the_page_imports_is_served() {
+        for (_, kind, bytes) in PAGE {
+            let text = std::str::from_utf8(bytes).unwrap();
+            let imports = text
+                .match_indices("from \"./")
+                .map(|(at, found)| &text[at + found.len()..]);
+            for import in imports {
+                let file = import.split('"').next().unwrap();
+                let served = PAGE.iter().any(|(address, ..)| address[1..] == *file);
+                assert!(served, "{file} is imported ({kind}) but not served");
+            }
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! The progress of a case as server-sent events.
+
+use std::convert::Infallible;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::{HeaderName, HeaderValue};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures_util::stream::{self, Stream, StreamExt};
+
+use super::cases::CaseView;
+use super::query::{ApiQuery, CasePath, NoQuery};
+use crate::problem::{AppError, Problem};
+use crate::state::AppState;
+use crate::store::Watch;
+
+/// A comment goes out after so long a silence, so that nobody on the way thinks the connection dead.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// The progress of a case
+///
+/// An event `case` with the case as JSON at once and at every change; the stream ends when the case is `ready` or `failed`.
+/// An event `gone` when it is deleted.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/events", tag = "cases",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "Events `case` and `gone`", body = String, content_type = "text/event-stream"),
+        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_events(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+) -> Result<Response, AppError> {
+    if state.store.case(&id).await?.is_none() {
+        return Err(AppError::NoSuchCase);
+    }
+    let events = events(state.store.subscribe(&id)).take_until(state.stopped());
+    let mut response = Sse::new(events)
+        .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
+        .into_response();
+    // Tells nginx, the usual proxy, to pass each event on at once.
+    response.headers_mut().insert(
+        HeaderName::from_static("x-accel-buffering"),
+        HeaderValue::from_static("no"),
+    );
+    Ok(response)
+}
+
+/// Events until the case is ready, has failed, or is gone.
+fn events(watch: Watch) -> impl Stream<Item = Result<Event, Infallible>> + Send {
+    stream::unfold(Some(watch), |watch| async move {
+        let mut watch = watch?;
+        match watch.next().await {
+            Ok(Some(case)) => {
+                let rest = (!case.state.is_final()).then_some(watch);
+                let event = Event::default()
+                    .event("case")
+                    .json_data(CaseView::from(case))
+                    .unwrap_or_default();
+                Some((Ok(event), rest))
+            }
+            Ok(None) => Some((Ok(Event::default().event("gone").data("{}")), None)),
+            Err(error) => {
+                tracing::error!(%error, "the store failed");
+                None
+            }
+        }
+    })
+}

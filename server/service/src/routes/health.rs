@@ -1,0 +1,83 @@
+//! The server's own state.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::cases::fresh_json;
+use super::query::{ApiQuery, NoQuery};
+use crate::problem::{AppError, Problem};
+use crate::state::AppState;
+
+/// What OpenMetrics text is called.
+const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// That the server runs.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Health {
+    /// `ok`.
+    status: &'static str,
+}
+
+/// Which server this is.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Version {
+    /// `isocortex`.
+    name: &'static str,
+    /// The version of the program.
+    version: &'static str,
+    /// Renderers that can be asked for.
+    renderers: [&'static str; 1],
+    /// What it is not for.
+    notice: &'static str,
+}
+
+/// Whether the process answers
+#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, description = "It does", body = Health)))]
+pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
+    fresh_json(StatusCode::OK, &Health { status: "ok" })
+}
+
+/// Whether the store can be reached
+#[utoipa::path(get, path = "/readyz", tag = "service", responses(
+    (status = 200, description = "It can", body = Health),
+    (status = 503, description = "It cannot", body = Problem, content_type = "application/problem+json"),
+))]
+pub async fn readyz(
+    State(state): State<AppState>,
+    _no_query: ApiQuery<NoQuery>,
+) -> Result<Response, AppError> {
+    state.store.check().await.map_err(|error| {
+        tracing::warn!(%error, "the store cannot be reached");
+        AppError::Unavailable
+    })?;
+    Ok(fresh_json(StatusCode::OK, &Health { status: "ok" }))
+}
+
+/// Counts and times for Prometheus
+#[utoipa::path(get, path = "/metrics", tag = "service", responses(
+    (status = 200, description = "OpenMetrics text", body = String, content_type = "application/openmetrics-text"),
+))]
+pub async fn metrics(
+    State(state): State<AppState>,
+    _no_query: ApiQuery<NoQuery>,
+) -> Result<Response, AppError> {
+    let text = state.metrics.text(state.pool.waiting());
+    let text = text.map_err(|_| AppError::Internal)?;
+    let kind = HeaderValue::from_static(OPEN_METRICS);
+    Ok(([(header::CONTENT_TYPE, kind)], text).into_response())
+}
+
+/// Which server this is
+#[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
+pub async fn version(_no_query: ApiQuery<NoQuery>) -> Json<Version> {
+    Json(Version {
+        name: "isocortex",
+        version: env!("CARGO_PKG_VERSION"),
+        renderers: ["splat"],
+        notice: crate::wire::RESEARCH_USE,
+    })
+}

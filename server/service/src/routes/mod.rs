@@ -1,0 +1,112 @@
+//! The addresses of the service and what answers there.
+
+pub mod bodies;
+pub mod cases;
+pub mod documents;
+pub mod events;
+pub mod health;
+pub mod mesh;
+pub mod query;
+pub mod render;
+pub mod slices;
+pub mod textures;
+pub mod upload;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::http::{HeaderMap, HeaderName};
+use axum::middleware;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::app::answer_in_time;
+use crate::auth;
+use crate::caching;
+use crate::state::AppState;
+
+/// Room in an upload for what is not file: boundaries, part headers, parameters.
+const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
+
+/// The title page of the interface's description.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Isocortex",
+        description = "The cortex of the brain as curved cuts at any depth below the dura. \
+                       For research use only, not for diagnosis.\n\n\
+                       Lengths are in mm, coordinates in DICOM's patient space (LPS), angles in degrees. Unknown query keys \
+                       are an error. Errors are application/problem+json (RFC 9457) with a stable `type`. \
+                       Everything under a case but its state is immutable and carries a strong ETag."
+    ),
+    tags(
+        (name = "cases", description = "Heads: uploaded, prepared, listed, deleted"),
+        (name = "meshes", description = "The mesh at a depth, or at all depths"),
+        (name = "textures", description = "Voxels, for clients that draw"),
+        (name = "pictures", description = "PNG pictures made by the server"),
+        (name = "service", description = "The server itself"),
+    )
+)]
+struct Description;
+
+/// Every route but the static documents, and their description.
+pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
+    let answers = OpenApiRouter::new()
+        .routes(routes!(cases::list_cases))
+        .routes(routes!(cases::get_case, cases::delete_case))
+        .routes(routes!(mesh::get_mesh))
+        .routes(routes!(mesh::get_triangles))
+        .routes(routes!(mesh::get_paths))
+        .routes(routes!(textures::get_volume))
+        .routes(routes!(textures::get_distance))
+        .routes(routes!(render::get_render))
+        .routes(routes!(slices::get_slice))
+        .route_layer(middleware::from_fn_with_state(
+            state.clone(),
+            answer_in_time,
+        ));
+    let upload_limit = state.max_upload_bytes.saturating_add(FORM_OVERHEAD_BYTES);
+    let upload_limit = usize::try_from(upload_limit).unwrap_or(usize::MAX);
+    // These two may take as long as they go on: an upload has a limit for its pauses, events end with the case.
+    let streams = OpenApiRouter::new()
+        .routes(routes!(upload::create_case))
+        .layer(DefaultBodyLimit::max(upload_limit))
+        .routes(routes!(events::get_events));
+    let guarded = answers
+        .merge(streams)
+        .route_layer(middleware::from_fn_with_state(
+            state.access.clone(),
+            auth::require_token,
+        ));
+    let open = OpenApiRouter::new()
+        .routes(routes!(health::healthz))
+        .routes(routes!(health::readyz))
+        .routes(routes!(health::metrics))
+        .routes(routes!(health::version));
+    OpenApiRouter::with_openapi(Description::openapi())
+        .merge(guarded)
+        .merge(open)
+        .split_for_parts()
+}
+
+/// Says at which depth an answer is, and whether more was asked for.
+pub(crate) fn depth_headers(asked_mm: f32, max_depth_mm: f32) -> HeaderMap {
+    let depth_mm = asked_mm.min(max_depth_mm);
+    let mut headers = HeaderMap::new();
+    caching::insert(
+        &mut headers,
+        HeaderName::from_static("x-isocortex-depth-mm"),
+        &depth_mm.to_string(),
+    );
+    let clamped = if asked_mm > max_depth_mm {
+        "true"
+    } else {
+        "false"
+    };
+    caching::insert(
+        &mut headers,
+        HeaderName::from_static("x-isocortex-depth-clamped"),
+        clamped,
+    );
+    headers
+}

@@ -1,0 +1,259 @@
+//! Reading addresses: the case's id in the path, and the keys of the query, none of them unknown.
+
+use axum::extract::{FromRequestParts, RawPathParams};
+use axum::http::request::Parts;
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::case::CaseId;
+use crate::problem::AppError;
+
+/// The largest number of contours of a mesh.
+pub const MAX_CONTOURS: usize = 512;
+
+/// The largest number of points on a contour of a mesh.
+pub const MAX_POINTS: usize = 1024;
+
+/// The case that the path names.
+#[derive(Debug, Clone, Copy)]
+pub struct CasePath(pub CaseId);
+
+impl<S: Send + Sync> FromRequestParts<S> for CasePath {
+    type Rejection = AppError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, AppError> {
+        let params = RawPathParams::from_request_parts(parts, state).await;
+        let params = params.map_err(|_| AppError::NotACaseId)?;
+        let id = params.iter().find(|(name, _)| *name == "id");
+        id.and_then(|(_, text)| CaseId::parse(text))
+            .map(Self)
+            .ok_or(AppError::NotACaseId)
+    }
+}
+
+/// What a query must be beyond being readable.
+pub trait Checked {
+    /// Whether every value is in its range.
+    ///
+    /// # Errors
+    /// [`AppError::Query`] that names the key.
+    fn check(&self) -> Result<(), AppError>;
+}
+
+/// A query whose every key is known and whose every value is in its range.
+#[derive(Debug, Clone)]
+pub struct ApiQuery<T>(pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned + Checked> FromRequestParts<S> for ApiQuery<T> {
+    type Rejection = AppError;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, AppError> {
+        parse(parts.uri.query().unwrap_or_default()).map(Self)
+    }
+}
+
+/// Reads and checks a query.
+///
+/// # Errors
+/// [`AppError::Query`] that names the key.
+pub fn parse<T: DeserializeOwned + Checked>(text: &str) -> Result<T, AppError> {
+    let pairs = serde_urlencoded::Deserializer::new(form_urlencoded::parse(text.as_bytes()));
+    let query: T = serde_path_to_error::deserialize(pairs).map_err(|error| unreadable(&error))?;
+    query.check()?;
+    Ok(query)
+}
+
+fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -> AppError {
+    let key = error.path().to_string();
+    let reason = error.inner().to_string();
+    if let Some(rest) = reason.strip_prefix("unknown field `") {
+        return AppError::Query {
+            kind: "query-unknown-key",
+            parameter: rest.split('`').next().unwrap_or_default().to_owned().into(),
+            detail: "is not a key of this address".to_owned(),
+        };
+    }
+    if let Some(rest) = reason.strip_prefix("duplicate field `") {
+        return AppError::Query {
+            kind: "query-key-twice",
+            parameter: rest.split('`').next().unwrap_or_default().to_owned().into(),
+            detail: "is given twice".to_owned(),
+        };
+    }
+    if let Some(rest) = reason.strip_prefix("missing field `") {
+        return AppError::Query {
+            kind: "query-key-missing",
+            parameter: rest.split('`').next().unwrap_or_default().to_owned().into(),
+            detail: "is missing".to_owned(),
+        };
+    }
+    let kind = if key == "depth_mm" {
+        "depth-not-a-number"
+    } else {
+        "query-value-unreadable"
+    };
+    AppError::Query {
+        kind,
+        parameter: key.into(),
+        detail: format!("cannot be read: {reason}"),
+    }
+}
+
+/// A query of an address that takes none.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoQuery {}
+
+impl Checked for NoQuery {
+    fn check(&self) -> Result<(), AppError> {
+        Ok(())
+    }
+}
+
+/// Whether a depth can be asked for: a finite number, not negative.
+///
+/// # Errors
+/// [`AppError::Query`] for `depth_mm`.
+pub fn check_depth(depth_mm: f32) -> Result<(), AppError> {
+    let refuse = |kind, detail: &str| AppError::Query {
+        kind,
+        parameter: "depth_mm".into(),
+        detail: detail.to_owned(),
+    };
+    if !depth_mm.is_finite() {
+        return Err(refuse(
+            "depth-not-a-number",
+            "must be a finite number of mm",
+        ));
+    }
+    if depth_mm < 0.0 {
+        return Err(refuse(
+            "depth-negative",
+            "must not be negative: depth is counted inwards from the envelope",
+        ));
+    }
+    Ok(())
+}
+
+/// Whether a count is within `least..=most`.
+///
+/// # Errors
+/// [`AppError::Query`] for `key`.
+pub fn check_count(
+    key: &'static str,
+    count: usize,
+    least: usize,
+    most: usize,
+) -> Result<(), AppError> {
+    if (least..=most).contains(&count) {
+        Ok(())
+    } else {
+        Err(AppError::out_of_range(
+            key,
+            format!("is {count}; it must be {least} to {most}"),
+        ))
+    }
+}
+
+/// Numbers with commas between them, such as `0,0,0,1`: exactly `N`, all finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Numbers<const N: usize>(pub [f64; N]);
+
+impl<const N: usize> Serialize for Numbers<N> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0)
+    }
+}
+
+impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
+        text.parse().map_err(D::Error::custom)
+    }
+}
+
+impl<const N: usize> std::str::FromStr for Numbers<N> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = numbers(text).ok_or("these are not finite numbers with commas")?;
+        let count = numbers.len();
+        let numbers = numbers.try_into();
+        numbers
+            .map(Self)
+            .map_err(|_| format!("{N} numbers with commas are wanted, not {count}"))
+    }
+}
+
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    let number = |part: &str| part.trim().parse().ok().filter(|x: &f64| x.is_finite());
+    text.split(',').map(number).collect()
+}
+
+/// Numbers with commas between them, any number of them, all finite.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[serde(transparent)]
+pub struct NumberList(pub Vec<f64>);
+
+impl<'de> Deserialize<'de> for NumberList {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
+        let numbers = numbers(&text);
+        let error = || D::Error::custom("these are not finite numbers with commas");
+        numbers.map(Self).ok_or_else(error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Example {
+        #[serde(default)]
+        depth_mm: f32,
+        window: Option<Numbers<2>>,
+    }
+
+    impl Checked for Example {
+        fn check(&self) -> Result<(), AppError> {
+            check_depth(self.depth_mm)
+        }
+    }
+
+    fn refusal(text: &str) -> (String, String) {
+        let problem = parse::<Example>(text).unwrap_err().problem();
+        let kind = problem.kind.rsplit(':').next().unwrap().to_owned();
+        (kind, problem.parameter.unwrap())
+    }
+
+    #[test]
+    fn values_are_read() {
+        let query: Example = parse("depth_mm=8.5&window=40,80").unwrap();
+        assert_eq!(query.depth_mm, 8.5);
+        assert_eq!(query.window, Some(Numbers([40.0, 80.0])));
+        assert_eq!(parse::<Example>("").unwrap().depth_mm, 0.0);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let expected = [
+            ("depth_mm=abc", "depth-not-a-number", "depth_mm"),
+            ("depth_mm=NaN", "depth-not-a-number", "depth_mm"),
+            ("depth_mm=inf", "depth-not-a-number", "depth_mm"),
+            ("depth_mm=-1", "depth-negative", "depth_mm"),
+            ("deep=1", "query-unknown-key", "deep"),
+            ("depth_mm=1&depth_mm=2", "query-key-twice", "depth_mm"),
+            ("window=1", "query-value-unreadable", "window"),
+            ("window=1,nan", "query-value-unreadable", "window"),
+        ];
+        for (text, kind, parameter) in expected {
+            assert_eq!(
+                refusal(text),
+                (kind.to_owned(), parameter.to_owned()),
+                "{text}"
+            );
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! Pictures of slices with the isosurfaces' contours.
+
+use axum::extract::{RawPathParams, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use render::{SliceParameters, SlicePlane, SliceRequest};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::query::{ApiQuery, CasePath, Checked, NumberList, Numbers};
+use super::render::{
+    Colors, PNG, SOFTWARE, default_side, default_zoom, picture_size, scene, window_of, window_or,
+};
+use crate::caching::{EntityTag, IMMUTABLE, Representation, not_modified};
+use crate::case::CaseFacts;
+use crate::models::Model;
+use crate::negotiate::{Coding, media_type};
+use crate::problem::{AppError, Problem};
+use crate::state::AppState;
+
+/// Which way a slice lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Plane {
+    /// Seen from below: anterior up, the patient's left at the right.
+    Axial,
+    /// Facing the patient: superior up, the patient's left at the right.
+    Coronal,
+    /// Seen from the left: superior up, anterior at the left.
+    Sagittal,
+}
+
+impl Plane {
+    const ALL: [(Self, &'static str); 3] = [
+        (Self::Axial, "axial"),
+        (Self::Coronal, "coronal"),
+        (Self::Sagittal, "sagittal"),
+    ];
+
+    fn parse(text: &str) -> Option<(Self, &'static str)> {
+        Self::ALL.into_iter().find(|(_, name)| *name == text)
+    }
+
+    /// The patient axis across the plane: 0 is L, 1 is P, 2 is S.
+    fn axis(self) -> usize {
+        match self {
+            Self::Sagittal => 0,
+            Self::Coronal => 1,
+            Self::Axial => 2,
+        }
+    }
+}
+
+impl From<Plane> for SlicePlane {
+    fn from(plane: Plane) -> Self {
+        match plane {
+            Plane::Axial => Self::Axial,
+            Plane::Coronal => Self::Coronal,
+            Plane::Sagittal => Self::Sagittal,
+        }
+    }
+}
+
+/// A picture of a slice.
+#[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct SliceQuery {
+    /// The LPS coordinate across the plane, in mm; by default the middle of the grid.
+    position_mm: Option<f64>,
+    /// Depths in mm of the isosurfaces whose contours are drawn: at most 16, with commas.
+    #[serde(default)]
+    #[param(value_type = Option<String>, example = "5,10")]
+    depth_mm: NumberList,
+    /// Pixels in a row.
+    #[serde(default = "default_side")]
+    #[param(minimum = 1, maximum = 4096, default = 512)]
+    width: u32,
+    /// Rows of pixels.
+    #[serde(default = "default_side")]
+    #[param(minimum = 1, maximum = 4096, default = 512)]
+    height: u32,
+    /// 1 shows the slice at the scale of a render.
+    #[serde(default = "default_zoom")]
+    #[param(minimum = 0.01, maximum = 100, default = 1)]
+    zoom: f64,
+    /// Millimetres by which the slice is moved to the right and up: `x,y`.
+    #[param(value_type = Option<String>, example = "0,0")]
+    pan: Option<Numbers<2>>,
+    /// Window centre and width, in intensities: `c,w`; by default that of the case.
+    #[param(value_type = Option<String>, example = "80,120")]
+    window: Option<Numbers<2>>,
+    /// Colours for brightness.
+    #[serde(default)]
+    #[param(inline)]
+    colormap: Colors,
+}
+
+impl Checked for SliceQuery {
+    fn check(&self) -> Result<(), AppError> {
+        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
+            return Err(AppError::out_of_range(
+                "position_mm",
+                "must be a finite number of mm",
+            ));
+        }
+        if self.depth_mm.0.iter().any(|&mm| mm < 0.0) {
+            return Err(AppError::Query {
+                kind: "depth-negative",
+                parameter: "depth_mm".into(),
+                detail: "must not be negative: depth is counted inwards from the envelope".into(),
+            });
+        }
+        let any_window = render::Window::between(0.0, 1.0);
+        self.request(Plane::Axial, 0.0, any_window).map(drop)
+    }
+}
+
+impl SliceQuery {
+    fn request(
+        &self,
+        plane: Plane,
+        default_position_mm: f64,
+        default_window: render::Window,
+    ) -> Result<SliceRequest, AppError> {
+        Ok(SliceRequest::new(SliceParameters {
+            plane: plane.into(),
+            position_mm: self.position_mm.unwrap_or(default_position_mm),
+            depths_mm: self.depth_mm.0.clone(),
+            zoom: self.zoom,
+            pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
+            size: picture_size(self.width, self.height)?,
+            window: window_or(self.window, default_window)?,
+            colormap: self.colormap.into(),
+        })?)
+    }
+}
+
+/// The coordinate of the middle of the working grid along a patient axis.
+fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
+    let row = facts.patient_from_voxel[axis];
+    let centres = facts.grid_size.map(|side| (side - 1) as f64 / 2.0);
+    row[0] * centres[0] + row[1] * centres[1] + row[2] * centres[2] + row[3]
+}
+
+/// A slice with the contours of isosurfaces
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/slices/{plane}", tag = "pictures",
+    params(
+        ("id" = String, Path, description = "The case"),
+        ("plane" = inline(Plane), Path, description = "Which way the slice lies"),
+        SliceQuery,
+    ),
+    responses(
+        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 304, description = "The client has it already"),
+        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or plane", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_slice(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    path: RawPathParams,
+    ApiQuery(query): ApiQuery<SliceQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    media_type(&request, &[PNG])?;
+    let plane = path.iter().find(|(name, _)| *name == "plane");
+    let (plane, name) = plane
+        .and_then(|(_, text)| Plane::parse(text))
+        .ok_or(AppError::NoSuchRoute)?;
+    let tag = EntityTag::of_answer(&id, "slices", &query, (name, Coding::Identity));
+    let facts = state.ready(&id).await?;
+    if tag.is_known_to(&request) {
+        return Ok(not_modified(&tag, "accept", IMMUTABLE));
+    }
+    let middle_mm = middle_mm(&facts, plane.axis());
+    let drawing = query.request(plane, middle_mm, window_of(&facts))?;
+    let model = state.model(&id).await?;
+    let picture = state.pool.run(move || draw(&model, &drawing)).await??;
+    Representation {
+        vary: "accept",
+        ..Representation::immutable(tag, PNG, picture)
+    }
+    .respond(&request)
+}
+
+fn draw(model: &Model, request: &SliceRequest) -> Result<Vec<u8>, AppError> {
+    let frame = render::draw_slice(&scene(model), request);
+    let position_mm = request.parameters().position_mm.to_string();
+    let texts = [("Software", SOFTWARE), ("Position in mm", &position_mm)];
+    Ok(render::encode_png(&frame, &texts)?)
+}

@@ -1,0 +1,148 @@
+//! The voxels of a case as three-dimensional textures.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName};
+use axum::response::Response;
+
+use super::bodies::{BodyKey, BodyKind};
+use super::query::{ApiQuery, CasePath, NoQuery};
+use crate::caching::{self, EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
+use crate::case::CaseId;
+use crate::models::Model;
+use crate::negotiate::{Coding, media_type};
+use crate::problem::{AppError, Problem};
+use crate::state::AppState;
+use crate::wire::{self, Texture};
+
+const MEDIA_TYPE: &str = "application/octet-stream";
+
+/// The intensities, cropped to the envelope
+///
+/// Unsigned 16-bit voxels as acquired, little-endian, x-fastest; the headers say how to read them.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/volume", tag = "textures",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "The voxels", body = Vec<u8>, content_type = "application/octet-stream", headers(
+            ("X-Isocortex-Size" = String, description = "Voxels along x, y and z: `181,217,181`"),
+            ("X-Isocortex-Format" = String, description = "`u16` or `i16`"),
+            ("X-Isocortex-Scale" = f32, description = "Intensity of a stored unit"),
+            ("X-Isocortex-Offset" = f32, description = "Intensity of the stored 0"),
+            ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
+        )),
+        (status = 206, description = "The range asked for"),
+        (status = 304, description = "The client has it already"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_volume(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    ApiQuery(query): ApiQuery<NoQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    let source = Source {
+        route: "volume",
+        kind: BodyKind::Volume,
+        texture: wire::volume_texture,
+    };
+    answer(&state, id, query, &request, source).await
+}
+
+/// The signed depth on the working grid
+///
+/// Signed 16-bit voxels, little-endian, x-fastest, positive inside; the headers say how to read them.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/distance", tag = "textures",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "The voxels", body = Vec<u8>, content_type = "application/octet-stream", headers(
+            ("X-Isocortex-Size" = String, description = "Voxels along x, y and z: `181,217,181`"),
+            ("X-Isocortex-Format" = String, description = "`u16` or `i16`"),
+            ("X-Isocortex-Scale" = f32, description = "Depth of a stored unit, in mm"),
+            ("X-Isocortex-Offset" = f32, description = "Depth of the stored 0, in mm"),
+            ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
+        )),
+        (status = 206, description = "The range asked for"),
+        (status = 304, description = "The client has it already"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_distance(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    ApiQuery(query): ApiQuery<NoQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    let source = Source {
+        route: "distance",
+        kind: BodyKind::Distance,
+        texture: wire::depth_texture,
+    };
+    answer(&state, id, query, &request, source).await
+}
+
+/// Where a texture comes from.
+struct Source {
+    route: &'static str,
+    kind: BodyKind,
+    texture: fn(&Arc<Model>) -> Texture,
+}
+
+async fn answer(
+    state: &AppState,
+    id: CaseId,
+    query: NoQuery,
+    request: &HeaderMap,
+    source: Source,
+) -> Result<Response, AppError> {
+    media_type(request, &[MEDIA_TYPE])?;
+    let coding = coding_for(request);
+    let tag = EntityTag::of_answer(&id, source.route, &query, (MEDIA_TYPE, coding));
+    state.ready(&id).await?;
+    if tag.is_known_to(request) {
+        return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
+    }
+    let texture = (source.texture)(&state.model(&id).await?);
+    let headers = layout(&texture);
+    let body = match coding {
+        Coding::Identity => texture.voxels,
+        Coding::Zstd | Coding::Gzip => {
+            let kind = source.kind;
+            let key = BodyKey { id, kind, coding };
+            state.bodies.get(key, move || texture.voxels).await?
+        }
+    };
+    Representation {
+        headers,
+        coding,
+        vary: "accept-encoding",
+        ..Representation::immutable(tag, MEDIA_TYPE, body)
+    }
+    .respond(request)
+}
+
+/// The headers that say how to read a texture.
+fn layout(texture: &Texture) -> HeaderMap {
+    let size = texture.size.map(|side| side.to_string()).join(",");
+    let affine = texture.patient_from_voxel.map(|x| x.to_string()).join(",");
+    let mut headers = HeaderMap::new();
+    for (name, text) in [
+        ("x-isocortex-size", size),
+        ("x-isocortex-format", texture.format.to_owned()),
+        ("x-isocortex-scale", texture.scale.to_string()),
+        ("x-isocortex-offset", texture.offset.to_string()),
+        ("x-isocortex-patient-from-voxel", affine),
+    ] {
+        caching::insert(&mut headers, HeaderName::from_static(name), &text);
+    }
+    headers
+}

@@ -1,0 +1,178 @@
+//! The directory of a store: `rows.sqlite`, `objects/`, `uploads/` and `lock`.
+//!
+//! Every process that uses it holds a shared lock on `lock`, which the kernel takes back when the process ends, however
+//! it ends. A process that gets the lock for itself alone knows that no other one lives: what is unfinished is a leftover.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+/// Where other processes live, an unfinished file is a leftover when nobody has written to it for so long.
+const STALE_AFTER: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// An open directory of a store.
+#[derive(Debug)]
+pub(super) struct Directory {
+    root: PathBuf,
+    _shared_lock: File,
+}
+
+impl Directory {
+    /// Creates what is missing, sweeps what is left over, and takes the shared lock.
+    ///
+    /// `when_alone` runs where no other process uses the directory, before any can begin to.
+    pub(super) async fn open<E: From<io::Error>>(
+        root: &Path,
+        when_alone: impl AsyncFnOnce(&Path) -> Result<(), E>,
+    ) -> Result<Self, E> {
+        create_private(root)?;
+        std::fs::create_dir_all(root.join("objects"))?;
+        std::fs::create_dir_all(root.join("uploads"))?;
+        let lock = OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(root.join("lock"))?;
+        if lock.try_lock().is_ok() {
+            sweep(root, Duration::ZERO)?;
+            when_alone(root).await?;
+            lock.unlock()?;
+        } else {
+            sweep(root, STALE_AFTER)?;
+        }
+        let lock = take_shared(lock).await?;
+        Ok(Self {
+            root: root.to_owned(),
+            _shared_lock: lock,
+        })
+    }
+
+    pub(super) fn uploads(&self) -> PathBuf {
+        self.root.join("uploads")
+    }
+}
+
+/// Creates a directory that its owner alone may enter: it will hold images of patients.
+fn create_private(root: &Path) -> io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(root)
+}
+
+/// Waits for the lock: another process may be sweeping, which takes moments.
+async fn take_shared(lock: File) -> io::Result<File> {
+    tokio::task::spawn_blocking(move || {
+        lock.lock_shared()?;
+        Ok(lock)
+    })
+    .await
+    .map_err(io::Error::other)?
+}
+
+/// Removes unfinished files that nobody has written to for `age`.
+fn sweep(root: &Path, age: Duration) -> io::Result<()> {
+    for entry in std::fs::read_dir(root.join("uploads"))? {
+        remove_if_older(&entry?.path(), age)?;
+    }
+    for kind in subdirectories(&root.join("objects"))? {
+        for prefix in subdirectories(&kind)? {
+            for entry in std::fs::read_dir(prefix)? {
+                let path = entry?.path();
+                if is_staged(&path) {
+                    remove_if_older(&path, age)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether `object_store` was about to rename this file to an object: it calls it `address#number` until it is whole.
+fn is_staged(path: &Path) -> bool {
+    path.file_name()
+        .is_some_and(|name| name.to_string_lossy().contains('#'))
+}
+
+fn subdirectories(directory: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(directory)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            found.push(entry.path());
+        }
+    }
+    Ok(found)
+}
+
+fn remove_if_older(path: &Path, age: Duration) -> io::Result<()> {
+    let gone_is_fine = |error: io::Error| match error.kind() {
+        io::ErrorKind::NotFound => Ok(()),
+        _ => Err(error),
+    };
+    let written = match std::fs::metadata(path).and_then(|metadata| metadata.modified()) {
+        Ok(written) => written,
+        Err(error) => return gone_is_fine(error),
+    };
+    let since = SystemTime::now()
+        .duration_since(written)
+        .unwrap_or_default();
+    if since < age {
+        return Ok(());
+    }
+    std::fs::remove_file(path).or_else(gone_is_fine)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    async fn open(root: &Path) -> (Directory, bool) {
+        let mut alone = false;
+        let directory = Directory::open::<io::Error>(root, async |_| {
+            alone = true;
+            Ok(())
+        });
+        (directory.await.unwrap(), alone)
+    }
+
+    fn leftovers(root: &Path) -> [PathBuf; 2] {
+        let staged = root.join("objects/volume/ab");
+        std::fs::create_dir_all(&staged).unwrap();
+        let files = [root.join("uploads/upload-x"), staged.join("abcd#1")];
+        for file in &files {
+            std::fs::write(file, b"half").unwrap();
+        }
+        files
+    }
+
+    #[tokio::test]
+    async fn who_comes_first_or_after_all_have_gone_sweeps() {
+        let root = tempfile::tempdir().unwrap();
+        assert!(open(root.path()).await.1);
+        let left = leftovers(root.path());
+        let whole = root.path().join("objects/volume/ab/abcd");
+        std::fs::write(&whole, b"whole").unwrap();
+        assert!(open(root.path()).await.1);
+        assert!(left.iter().all(|file| !file.exists()));
+        assert!(whole.exists());
+    }
+
+    #[tokio::test]
+    async fn who_joins_sweeps_only_what_is_stale() {
+        let root = tempfile::tempdir().unwrap();
+        let (_first, _) = open(root.path()).await;
+        let [fresh, stale] = leftovers(root.path());
+        let long_ago = SystemTime::now() - STALE_AFTER - Duration::from_secs(1);
+        File::options()
+            .write(true)
+            .open(&stale)
+            .unwrap()
+            .set_modified(long_ago)
+            .unwrap();
+        let (_second, alone) = open(root.path()).await;
+        assert!(!alone && fresh.exists() && !stale.exists());
+    }
+}

@@ -1,0 +1,94 @@
+#![doc = include_str!("README.md")]
+
+mod gltf;
+mod obj;
+mod paths;
+mod ply;
+mod stl;
+mod texture;
+
+use bytes::Bytes;
+use geometry::ShrunkMesh;
+
+pub use gltf::gltf;
+pub use obj::obj;
+pub use paths::paths;
+pub use ply::ply;
+pub use stl::stl;
+pub use texture::{Texture, depth_texture, volume_texture};
+
+/// The text that goes with every picture and mesh.
+pub const RESEARCH_USE: &str = "Isocortex: for research use only, not for diagnosis";
+
+/// A mesh to be written: its vertices in LPS mm and its triangles.
+#[derive(Debug, Clone, Copy)]
+pub struct Mesh<'a> {
+    /// The vertices and their depth.
+    pub shrunk: &'a ShrunkMesh,
+    /// Vertex numbers, counter-clockwise seen from outside.
+    pub triangles: &'a [[u32; 3]],
+}
+
+/// Vertices as `f32` triples, little-endian.
+pub fn positions(mesh: &ShrunkMesh) -> Bytes {
+    little_endian(&mesh.positions_in_patient, |x: f32| x.to_le_bytes())
+}
+
+/// Triangles as `u32` triples, little-endian.
+pub fn triangles(triangles: &[[u32; 3]]) -> Bytes {
+    little_endian(triangles, |number: u32| number.to_le_bytes())
+}
+
+fn little_endian<T>(triples: &[[T; 3]], bytes: impl Fn(T) -> [u8; 4]) -> Bytes
+where
+    T: bytemuck::Pod,
+{
+    if cfg!(target_endian = "little") {
+        return Bytes::copy_from_slice(bytemuck::cast_slice(triples));
+    }
+    let values = triples.iter().flatten();
+    values.flat_map(|&value| bytes(value)).collect()
+}
+
+#[cfg(test)]
+pub(crate) mod fixture {
+    use geometry::ShrunkMesh;
+
+    /// A tetrahedron, which is as good a mesh as any.
+    pub(crate) fn tetrahedron() -> (ShrunkMesh, Vec<[u32; 3]>) {
+        let mesh = ShrunkMesh {
+            depth_mm: 2.5,
+            positions_in_patient: vec![
+                [0.0, 0.0, 0.0],
+                [30.0, 0.0, 0.0],
+                [0.0, 20.0, 0.0],
+                [0.0, 0.0, 10.0],
+            ],
+        };
+        (mesh, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    }
+
+    pub(crate) fn f32_at(bytes: &[u8], offset: usize) -> f32 {
+        f32::from_le_bytes(bytes[offset..offset + 4].try_into().unwrap())
+    }
+
+    pub(crate) fn u32_at(bytes: &[u8], offset: usize) -> u32 {
+        u32::from_le_bytes(bytes[offset..offset + 4].try_into().unwrap())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fixture::{f32_at, tetrahedron, u32_at};
+
+    #[test]
+    fn positions_and_triangles_are_bare_triples() {
+        let (mesh, triangles) = tetrahedron();
+        let positions = super::positions(&mesh);
+        assert_eq!(positions.len(), 12 * 4);
+        assert_eq!(f32_at(&positions, 12), 30.0);
+        let triangles = super::triangles(&triangles);
+        assert_eq!(triangles.len(), 12 * 4);
+        assert_eq!(u32_at(&triangles, 4), 2);
+    }
+}

@@ -1,0 +1,45 @@
+//! Wavefront OBJ.
+
+use std::fmt::Write as _;
+
+use super::{Mesh, RESEARCH_USE};
+
+/// An OBJ in LPS mm; a comment says so. Coordinates are written as the shortest text that gives the same `f32` back.
+pub fn obj(mesh: Mesh<'_>) -> Vec<u8> {
+    let mut text = format!(
+        "# {RESEARCH_USE}\n# SPACE=LPS UNIT=mm DEPTH={:.3}\n",
+        mesh.shrunk.depth_mm
+    );
+    let write = (|| {
+        for [x, y, z] in &mesh.shrunk.positions_in_patient {
+            writeln!(text, "v {x} {y} {z}")?;
+        }
+        for triangle in mesh.triangles {
+            let [a, b, c] = triangle.map(|vertex| vertex + 1);
+            writeln!(text, "f {a} {b} {c}")?;
+        }
+        Ok::<(), std::fmt::Error>(())
+    })();
+    write.expect("writing to memory cannot fail");
+    text.into_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::tetrahedron;
+    use super::*;
+
+    #[test]
+    fn vertices_count_from_one() {
+        let (shrunk, triangles) = tetrahedron();
+        let file = obj(Mesh {
+            shrunk: &shrunk,
+            triangles: &triangles,
+        });
+        let text = String::from_utf8(file).unwrap();
+        assert!(text.contains("\nv 30 0 0\n"));
+        assert!(text.contains("\nf 1 3 2\n"));
+        assert!(text.contains("SPACE=LPS"));
+        assert_eq!(text.lines().count(), 2 + 4 + 4);
+    }
+}

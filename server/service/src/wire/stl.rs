@@ -1,0 +1,58 @@
+//! Binary STL.
+
+use super::Mesh;
+
+const HEADER_LENGTH: usize = 80;
+const TRIANGLE_LENGTH: usize = 50;
+
+/// A binary STL in LPS mm; the header says so, as 3D Slicer reads it.
+///
+/// Normals are those of the facets, outward; a facet without area has the normal 0.
+pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
+    let mut file = Vec::with_capacity(HEADER_LENGTH + 4 + TRIANGLE_LENGTH * mesh.triangles.len());
+    let title = format!(
+        "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} research use only",
+        mesh.shrunk.depth_mm
+    );
+    file.extend(
+        title
+            .bytes()
+            .chain(std::iter::repeat(b' '))
+            .take(HEADER_LENGTH),
+    );
+    file.extend_from_slice(&(mesh.triangles.len() as u32).to_le_bytes());
+    for triangle in mesh.triangles {
+        let corners = triangle.map(|vertex| mesh.shrunk.positions_in_patient[vertex as usize]);
+        let vectors = std::iter::once(facet_normal(corners)).chain(corners);
+        file.extend(vectors.flatten().flat_map(f32::to_le_bytes));
+        file.extend_from_slice(&[0, 0]);
+    }
+    file
+}
+
+fn facet_normal([a, b, c]: [[f32; 3]; 3]) -> [f32; 3] {
+    let [a, b, c] = [a, b, c].map(glam::Vec3::from_array);
+    (b - a).cross(c - a).normalize_or_zero().to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::{f32_at, tetrahedron, u32_at};
+    use super::*;
+
+    #[test]
+    fn facets_carry_their_outward_normals() {
+        let (shrunk, triangles) = tetrahedron();
+        let file = stl(Mesh {
+            shrunk: &shrunk,
+            triangles: &triangles,
+        });
+        assert_eq!(file.len(), 84 + 50 * 4);
+        assert!(!file.starts_with(b"solid"));
+        assert!(file[..80].windows(9).any(|window| window == b"SPACE=LPS"));
+        assert_eq!(u32_at(&file, 80), 4);
+        let normal = [0, 4, 8].map(|offset| f32_at(&file, 84 + offset));
+        assert_eq!(normal, [0.0, 0.0, -1.0]);
+        assert_eq!(f32_at(&file, 84 + 12 + 12 + 4), 20.0);
+    }
+}

@@ -1,0 +1,132 @@
+//! The description of the interface: complete, and sound.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use crate::server::Server;
+
+#[tokio::test]
+async fn every_route_is_described_in_openapi_3_1() {
+    let server = Server::start().await;
+    let description = server.get("/openapi.json").await.json();
+    assert!(description["openapi"].as_str().unwrap().starts_with("3.1."));
+    let paths = description["paths"].as_object().unwrap();
+    let described: BTreeSet<_> = paths
+        .iter()
+        .flat_map(|(path, item)| {
+            let methods = item.as_object().unwrap().keys();
+            methods.map(move |method| format!("{method} {path}"))
+        })
+        .collect();
+    let expected: BTreeSet<_> = [
+        "get /healthz",
+        "get /readyz",
+        "get /metrics",
+        "get /version",
+        "get /v1/cases",
+        "post /v1/cases",
+        "get /v1/cases/{id}",
+        "delete /v1/cases/{id}",
+        "get /v1/cases/{id}/events",
+        "get /v1/cases/{id}/mesh",
+        "get /v1/cases/{id}/mesh/triangles",
+        "get /v1/cases/{id}/mesh/paths",
+        "get /v1/cases/{id}/volume",
+        "get /v1/cases/{id}/distance",
+        "get /v1/cases/{id}/render",
+        "get /v1/cases/{id}/slices/{plane}",
+    ]
+    .map(str::to_owned)
+    .into();
+    assert_eq!(described, expected);
+}
+
+#[tokio::test]
+async fn references_lead_somewhere_and_path_parameters_are_described() {
+    let server = Server::start().await;
+    let description = server.get("/openapi.json").await.json();
+    let mut references = Vec::new();
+    collect_references(&description, &mut references);
+    assert!(!references.is_empty());
+    for reference in references {
+        let pointer = reference.strip_prefix('#').unwrap();
+        assert!(
+            description.pointer(pointer).is_some(),
+            "{reference} leads nowhere"
+        );
+    }
+    for (path, item) in description["paths"].as_object().unwrap() {
+        for operation in item.as_object().unwrap().values() {
+            let parameters: Vec<Value> = operation["parameters"]
+                .as_array()
+                .cloned()
+                .unwrap_or_default();
+            for name in path.split('/').filter_map(|part| part.strip_prefix('{')) {
+                let name = name.trim_end_matches('}');
+                let found = parameters
+                    .iter()
+                    .find(|parameter| parameter["name"] == *name);
+                let found = found.unwrap_or_else(|| panic!("{path}: {name} is not described"));
+                assert_eq!(
+                    (&found["in"], &found["required"]),
+                    (&Value::from("path"), &Value::from(true))
+                );
+            }
+            assert!(!operation["responses"].as_object().unwrap().is_empty());
+            assert!(operation["operationId"].is_string());
+        }
+    }
+}
+
+fn collect_references(value: &Value, references: &mut Vec<String>) {
+    match value {
+        Value::Object(members) => {
+            for (name, member) in members {
+                match (name.as_str(), member) {
+                    ("$ref", Value::String(reference)) => references.push(reference.clone()),
+                    _ => collect_references(member, references),
+                }
+            }
+        }
+        Value::Array(items) => items
+            .iter()
+            .for_each(|item| collect_references(item, references)),
+        _ => {}
+    }
+}
+
+#[tokio::test]
+async fn the_manual_needs_nothing_from_elsewhere() {
+    let server = Server::start().await;
+    for address in ["/docs", "/"] {
+        let page = server.get(address).await;
+        assert!(page.header("content-type").starts_with("text/html"));
+        assert!(
+            page.header("content-security-policy")
+                .starts_with("default-src 'none'")
+        );
+        let text = String::from_utf8(page.body.to_vec()).unwrap();
+        for elsewhere in ["src=\"http", "href=\"http", "src=\"//", "href=\"//"] {
+            assert!(!text.contains(elsewhere), "{address}: {elsewhere}");
+        }
+    }
+    let manual = String::from_utf8(server.get("/docs").await.body.to_vec()).unwrap();
+    for path in ["/v1/cases/{id}/mesh/paths", "/v1/cases/{id}/slices/{plane}"] {
+        assert!(manual.contains(path));
+    }
+    assert_eq!(server.get("/docs.css").await.status, 200);
+}
+
+#[tokio::test]
+async fn a_document_is_asked_for_again_with_its_tag() {
+    let server = Server::start().await;
+    let page = server.get_with("/", &[("accept-encoding", "gzip")]).await;
+    assert_eq!(page.header("cache-control"), "no-cache");
+    assert_eq!(page.header("content-encoding"), "gzip");
+    let tag = page.header("etag");
+    let again = server
+        .get_with("/", &[("if-none-match", tag), ("accept-encoding", "gzip")])
+        .await;
+    assert_eq!(again.status, 304);
+}

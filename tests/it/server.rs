@@ -1,0 +1,278 @@
+//! A server to ask: with no socket, or through a real one.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use axum::http::{HeaderMap, Method, Request, StatusCode, header};
+use bytes::Bytes;
+use http_body_util::BodyExt as _;
+use serde_json::Value;
+use service::app::app;
+use service::config::Config;
+use service::jobs::Workers;
+use service::listen;
+use service::state::AppState;
+use tempfile::TempDir;
+use tokio::net::TcpListener;
+use tower::ServiceExt as _;
+
+use crate::head::plain_head;
+
+/// A server on a store of its own.
+pub(crate) struct Server {
+    pub(crate) state: AppState,
+    router: Router,
+    config: Config,
+    directory: TempDir,
+    _workers: Workers,
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub(crate) struct Answer {
+    pub(crate) status: StatusCode,
+    pub(crate) headers: HeaderMap,
+    pub(crate) body: Bytes,
+}
+
+impl Answer {
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body)
+            .unwrap_or_else(|error| panic!("{error} in {}", String::from_utf8_lossy(&self.body)))
+    }
+
+    pub(crate) fn header(&self, name: &str) -> &str {
+        self.headers
+            .get(name)
+            .map_or("", |value| value.to_str().unwrap())
+    }
+
+    /// Checks that this is a well-made problem and gives the last part of its type.
+    pub(crate) fn problem(&self) -> String {
+        assert_eq!(
+            self.header("content-type"),
+            "application/problem+json",
+            "{self:?}"
+        );
+        let problem = self.json();
+        assert_eq!(problem["status"], self.status.as_u16());
+        assert!(!problem["title"].as_str().unwrap().is_empty());
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.len() > 10, "{detail}");
+        let scratch = self::scratch();
+        assert!(!detail.contains(&scratch), "a path is shown: {detail}");
+        let kind = problem["type"].as_str().unwrap();
+        kind.strip_prefix("urn:isocortex:problem:")
+            .unwrap()
+            .to_owned()
+    }
+
+    /// Positions as `f32` triples.
+    pub(crate) fn positions(&self) -> Vec<[f32; 3]> {
+        let float = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().unwrap());
+        let triple = |bytes: &[u8]| [0, 4, 8].map(|at| float(&bytes[at..at + 4]));
+        assert_eq!(self.status, StatusCode::OK, "{self:?}");
+        self.body.chunks_exact(12).map(triple).collect()
+    }
+
+    /// A grey picture: width and pixels.
+    pub(crate) fn grey(&self) -> image::GrayImage {
+        assert_eq!(self.status, StatusCode::OK, "{self:?}");
+        image::load_from_memory(&self.body).unwrap().into_luma8()
+    }
+}
+
+/// One part of a form: its name and its bytes.
+pub(crate) type Part<'a> = (&'a str, &'a [u8]);
+
+/// Where the stores of these tests are.
+fn scratch() -> String {
+    std::env::temp_dir().to_string_lossy().into_owned()
+}
+
+const BOUNDARY: &str = "isocortex-test-boundary";
+
+/// A multipart form.
+pub(crate) fn form(parts: &[Part<'_>]) -> Vec<u8> {
+    let mut body = Vec::new();
+    for (name, bytes) in parts {
+        let head = format!(
+            "--{BOUNDARY}\r\nContent-Disposition: form-data; name=\"{name}\"; filename=\"f\"\r\n\r\n"
+        );
+        body.extend_from_slice(head.as_bytes());
+        body.extend_from_slice(bytes);
+        body.extend_from_slice(b"\r\n");
+    }
+    body.extend_from_slice(format!("--{BOUNDARY}--\r\n").as_bytes());
+    body
+}
+
+/// The content type of [`form`].
+pub(crate) fn form_type() -> String {
+    format!("multipart/form-data; boundary={BOUNDARY}")
+}
+
+impl Server {
+    /// A server with defaults, on an empty store.
+    pub(crate) async fn start() -> Self {
+        Self::start_with(|_| {}).await
+    }
+
+    /// A server with another configuration.
+    pub(crate) async fn start_with(configure: impl FnOnce(&mut Config)) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let mut config = Config {
+            data: directory.path().to_owned(),
+            ..Config::default()
+        };
+        configure(&mut config);
+        Self::on(directory, config).await
+    }
+
+    async fn on(directory: TempDir, config: Config) -> Self {
+        let state = AppState::open(&config).await.unwrap();
+        Self {
+            router: app(state.clone()),
+            _workers: Workers::start(state.store.clone(), config.prepare_workers),
+            state,
+            config,
+            directory,
+        }
+    }
+
+    /// Ends this server and starts another one on the same store.
+    pub(crate) async fn restart(self) -> Self {
+        let Self {
+            state,
+            router,
+            config,
+            directory,
+            _workers: workers,
+        } = self;
+        workers.shut_down(Duration::from_secs(10)).await;
+        drop((state, router));
+        Self::on(directory, config).await
+    }
+
+    pub(crate) async fn send(&self, request: Request<Body>) -> Answer {
+        let response = self.router.clone().oneshot(request).await.unwrap();
+        let (parts, body) = response.into_parts();
+        Answer {
+            status: parts.status,
+            headers: parts.headers,
+            body: body.collect().await.unwrap().to_bytes(),
+        }
+    }
+
+    pub(crate) async fn get(&self, address: &str) -> Answer {
+        self.get_with(address, &[]).await
+    }
+
+    pub(crate) async fn get_with(&self, address: &str, headers: &[(&str, &str)]) -> Answer {
+        let mut request = Request::get(address);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        self.send(request.body(Body::empty()).unwrap()).await
+    }
+
+    pub(crate) async fn method(&self, method: Method, address: &str) -> Answer {
+        let request = Request::builder().method(method).uri(address);
+        self.send(request.body(Body::empty()).unwrap()).await
+    }
+
+    pub(crate) async fn upload(&self, parts: &[Part<'_>]) -> Answer {
+        let request = Request::post("/v1/cases")
+            .header(header::CONTENT_TYPE, form_type())
+            .body(Body::from(form(parts)))
+            .unwrap();
+        self.send(request).await
+    }
+
+    /// Uploads and waits until the case is ready; its address.
+    pub(crate) async fn prepared(&self, parts: &[Part<'_>]) -> String {
+        let answer = self.upload(parts).await;
+        assert!(answer.status.is_success(), "{answer:?}");
+        let address = answer.header("location").to_owned();
+        self.until_ready(&address).await;
+        address
+    }
+
+    /// The address of the plain head, ready.
+    pub(crate) async fn plain_case(&self) -> String {
+        self.prepared(&[("volume", &plain_head().bytes())]).await
+    }
+
+    pub(crate) async fn until_ready(&self, address: &str) -> Value {
+        for _ in 0..600 {
+            let case = self.get(address).await.json();
+            match case["state"].as_str().unwrap() {
+                "ready" => return case,
+                "failed" => panic!("{case}"),
+                _ => tokio::time::sleep(Duration::from_millis(50)).await,
+            }
+        }
+        panic!("{address} did not get ready");
+    }
+
+    /// What is in the store beside its database: uploads under way and objects.
+    pub(crate) fn stored_files(&self) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        for folder in ["objects", "uploads"] {
+            files_below(&self.directory.path().join(folder), &mut files);
+        }
+        files
+    }
+
+    /// Checks that nothing at all is in the store, and that the server still serves.
+    pub(crate) async fn is_empty_and_well(&self) {
+        assert_eq!(self.stored_files(), Vec::<PathBuf>::new());
+        assert_eq!(
+            self.get("/v1/cases").await.json()["cases"],
+            serde_json::json!([])
+        );
+        assert_eq!(self.get("/healthz").await.status, StatusCode::OK);
+    }
+
+    /// Serves the same on a socket, until the guard is dropped.
+    pub(crate) async fn on_a_socket(&self) -> Socket {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+        let limits = self.config.connection_limits();
+        let serving = tokio::spawn(listen::serve(
+            listener,
+            self.router.clone(),
+            limits,
+            async {
+                // Dropping the guard stops the server too.
+                let _ = stopped.await;
+            },
+        ));
+        Socket {
+            address,
+            stop,
+            serving,
+        }
+    }
+}
+
+/// A server on a socket.
+pub(crate) struct Socket {
+    pub(crate) address: std::net::SocketAddr,
+    pub(crate) stop: tokio::sync::oneshot::Sender<()>,
+    pub(crate) serving: tokio::task::JoinHandle<()>,
+}
+
+fn files_below(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            files_below(&path, files);
+        } else {
+            files.push(path);
+        }
+    }
+}

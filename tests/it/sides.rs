@@ -1,0 +1,123 @@
+//! Left is left, whatever way a volume was stored.
+
+use crate::head::{SPACING_MM, head, orientations};
+use crate::server::Server;
+
+/// The cases of the marked head in every orientation.
+async fn cases(server: &Server) -> Vec<(&'static str, String)> {
+    let mut cases = Vec::new();
+    for orientation in orientations() {
+        let volume = head(orientation).bytes();
+        let case = server.prepared(&[("volume", &volume)]).await;
+        cases.push((orientation.name, case));
+    }
+    cases
+}
+
+type Positions = Vec<[f32; 3]>;
+
+fn distance([a, b]: [[f32; 3]; 2]) -> f32 {
+    let squares = (0..3).map(|axis| (a[axis] - b[axis]).powi(2));
+    squares.sum::<f32>().sqrt()
+}
+
+/// How far the vertex of `mesh` is that is farthest from every vertex of `other`.
+fn farthest(mesh: &Positions, other: &Positions) -> f32 {
+    let nearest = |&a: &[f32; 3]| {
+        let distances = other.iter().map(|&b| distance([a, b]));
+        distances.fold(f32::INFINITY, f32::min)
+    };
+    mesh.iter().map(nearest).fold(0.0, f32::max)
+}
+
+#[tokio::test]
+async fn orientations_along_the_axes_give_the_same_vertices() {
+    let server = Server::start().await;
+    let cases = cases(&server).await;
+    for depth in [0, 8] {
+        let mesh = async |case: &str| {
+            let address = format!("{case}/mesh?depth_mm={depth}");
+            server.get(&address).await.positions()
+        };
+        let expected = mesh(&cases[0].1).await;
+        for (name, case) in &cases[1..3] {
+            for (a, b) in mesh(case).await.iter().zip(&expected) {
+                assert!(
+                    distance([*a, *b]) < 0.05,
+                    "{name} at {depth} mm: {a:?} {b:?}"
+                );
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn an_oblique_acquisition_gives_the_same_surface_and_not_its_mirror_image() {
+    let server = Server::start().await;
+    let cases = cases(&server).await;
+    for depth in [0, 8] {
+        let mesh = async |case: &str, size: &str| {
+            let address = format!("{case}/mesh?depth_mm={depth}&{size}");
+            server.get(&address).await.positions()
+        };
+        // The one is so fine that every point of its surface is near a vertex.
+        let expected = mesh(&cases[0].1, "contours=300&points=100").await;
+        let mut oblique = mesh(&cases[3].1, "contours=30&points=30").await;
+        // At the far left and right voxels make a flat face, over which triangles reach without a vertex.
+        oblique.retain(|position| position[0].abs() < 40.0);
+        assert!(oblique.len() > 400);
+        // Its voxels are others and its mask was resampled: each side may be off by a voxel's diagonal.
+        let apart = farthest(&oblique, &expected);
+        assert!(apart < 2.0 * SPACING_MM, "{depth} mm: {apart} mm apart");
+        let mirrored: Positions = oblique.iter().map(|&[x, y, z]| [-x, y, z]).collect();
+        let apart = farthest(&mirrored, &expected);
+        assert!(
+            apart > 4.0 * SPACING_MM,
+            "{depth} mm: {apart} mm from the mirror image"
+        );
+    }
+}
+
+#[tokio::test]
+async fn a_mark_at_the_patients_right_shows_from_the_right_alone() {
+    let server = Server::start().await;
+    for (name, case) in cases(&server).await {
+        let marked = async |view: &str| {
+            let query = format!("view={view}&width=128&height=128&window=700,100&ambient=1");
+            let picture = server.get(&format!("{case}/render?{query}")).await.grey();
+            picture.pixels().filter(|pixel| pixel.0[0] > 200).count()
+        };
+        let (right, left) = (marked("right").await, marked("left").await);
+        assert!(
+            right > 1000 && left == 0,
+            "{name}: {right} pixels from the right, {left} from the left"
+        );
+    }
+}
+
+#[tokio::test]
+async fn pictures_and_slices_have_the_right_side_where_they_should() {
+    let server = Server::start().await;
+    for (name, case) in cases(&server).await {
+        // Facing the patient, and on axial and coronal slices, the patient's right is at the left of the picture.
+        for address in [
+            "render?view=anterior&ambient=1&",
+            "slices/axial?",
+            "slices/coronal?",
+        ] {
+            let query = format!("{case}/{address}width=128&height=128&window=700,100");
+            let picture = server.get(&query).await.grey();
+            let columns = picture
+                .enumerate_pixels()
+                .filter(|(_, _, pixel)| pixel.0[0] > 200);
+            let (left, right): (Vec<u32>, Vec<u32>) =
+                columns.map(|(x, ..)| x).partition(|&x| x < 64);
+            assert!(
+                left.len() > 100 && right.is_empty(),
+                "{name}, {address}: {} and {}",
+                left.len(),
+                right.len()
+            );
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! From an upload to a ready case, and away again.
+
+use axum::http::{Method, StatusCode};
+use futures_util::future::join_all;
+use serde_json::json;
+
+use crate::head::{mask_of, plain_head};
+use crate::nifti::gzip;
+use crate::server::Server;
+
+#[tokio::test]
+async fn an_upload_becomes_a_case_with_its_facts() {
+    let server = Server::start().await;
+    let answer = server
+        .upload(&[
+            (
+                "parameters",
+                br#"{"closing_radius_mm": 8, "name": "A test head"}"#,
+            ),
+            ("volume", &gzip(&plain_head().bytes())),
+            ("mask", &mask_of(&plain_head()).bytes()),
+        ])
+        .await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED);
+    assert!(answer.headers.contains_key("retry-after"));
+    let address = answer.header("location").to_owned();
+    assert_eq!(
+        address,
+        format!("/v1/cases/{}", answer.json()["id"].as_str().unwrap())
+    );
+    let case = server.until_ready(&address).await;
+    assert_eq!(case["name"], "A test head");
+    assert_eq!(case["closing_radius_mm"], 8.0);
+    assert_eq!(case["grid"]["spacing_mm"], 4.0);
+    let deepest = case["max_depth_mm"].as_f64().unwrap();
+    assert!((46.0..58.0).contains(&deepest), "{deepest}");
+    assert_eq!(case["links"]["mesh"], format!("{address}/mesh"));
+    assert!(case["timings"].as_array().unwrap().len() > 5);
+    assert!(case["error"].is_null());
+}
+
+#[tokio::test]
+async fn the_same_upload_twenty_times_at_once_is_one_case() {
+    let server = Server::start().await;
+    let volume = plain_head().bytes();
+    let parts = [("volume", &volume[..])];
+    let answers = join_all((0..20).map(|_| server.upload(&parts))).await;
+    let created = answers
+        .iter()
+        .filter(|answer| answer.status == StatusCode::ACCEPTED);
+    assert_eq!(created.count(), 1);
+    let there = answers
+        .iter()
+        .filter(|answer| answer.status == StatusCode::OK);
+    assert_eq!(there.count(), 19);
+    assert_eq!(
+        server.get("/v1/cases").await.json()["cases"]
+            .as_array()
+            .unwrap()
+            .len(),
+        1
+    );
+    server.until_ready(answers[0].header("location")).await;
+}
+
+#[tokio::test]
+async fn a_deleted_case_is_gone_with_all_its_files() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    assert_eq!(
+        server.get(&format!("{case}/mesh")).await.status,
+        StatusCode::OK
+    );
+    assert_eq!(
+        server.method(Method::DELETE, &case).await.status,
+        StatusCode::NO_CONTENT
+    );
+    assert_eq!(
+        server.method(Method::DELETE, &case).await.problem(),
+        "no-such-case"
+    );
+    for rest in ["", "/mesh", "/render", "/volume"] {
+        let answer = server.get(&format!("{case}{rest}")).await;
+        assert_eq!(answer.status, StatusCode::NOT_FOUND, "{rest}");
+    }
+    server.is_empty_and_well().await;
+}
+
+#[tokio::test]
+async fn the_list_is_paged_newest_first() {
+    let server = Server::start().await;
+    let volume = plain_head().bytes();
+    let mut ids = Vec::new();
+    for radius in 1..=5 {
+        let parameters = json!({ "closing_radius_mm": radius }).to_string();
+        let parts = [
+            ("volume", &volume[..]),
+            ("parameters", parameters.as_bytes()),
+        ];
+        ids.push(server.upload(&parts).await.json()["id"].clone());
+    }
+    ids.reverse();
+    let mut listed = Vec::new();
+    let mut address = "/v1/cases?limit=2".to_owned();
+    loop {
+        let page = server.get(&address).await.json();
+        listed.extend(
+            page["cases"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|case| case["id"].clone()),
+        );
+        match page["next"].as_str() {
+            Some(next) => address = format!("/v1/cases?limit=2&after={next}"),
+            None => break,
+        }
+    }
+    assert_eq!(listed, ids);
+}
+
+#[tokio::test]
+async fn events_follow_a_case_until_it_is_ready() {
+    let server = Server::start().await;
+    let answer = server.upload(&[("volume", &plain_head().bytes())]).await;
+    let address = format!("{}/events", answer.header("location"));
+    let events = server.get(&address).await;
+    assert_eq!(events.header("content-type"), "text/event-stream");
+    let text = String::from_utf8(events.body.to_vec()).unwrap();
+    let last = text
+        .lines()
+        .rfind(|line| line.starts_with("data: "))
+        .unwrap();
+    let case: serde_json::Value = serde_json::from_str(&last[6..]).unwrap();
+    assert_eq!(case["state"], "ready");
+    assert!(text.contains("event: case"));
+}
+
+#[tokio::test]
+async fn a_case_that_waits_says_so() {
+    let server = Server::start_with(|config| config.prepare_workers = 1).await;
+    let volume = plain_head().bytes();
+    let mut last = String::new();
+    for radius in 1..=6 {
+        let parameters = json!({ "closing_radius_mm": radius }).to_string();
+        let parts = [
+            ("volume", &volume[..]),
+            ("parameters", parameters.as_bytes()),
+        ];
+        server
+            .upload(&parts)
+            .await
+            .header("location")
+            .clone_into(&mut last);
+    }
+    let answer = server.get(&format!("{last}/mesh")).await;
+    if answer.status != StatusCode::OK {
+        assert_eq!(answer.problem(), "case-not-ready");
+        assert_eq!(answer.status, StatusCode::CONFLICT);
+        assert!(answer.headers.contains_key("retry-after"));
+    }
+    server.until_ready(&last).await;
+}
+
+#[tokio::test]
+async fn a_full_queue_refuses_with_a_time_to_come_again() {
+    let server = Server::start_with(|config| config.max_queued_cases = 1).await;
+    let volume = plain_head().bytes();
+    let uploads = (1..=12).map(|radius| {
+        let parameters = json!({ "closing_radius_mm": radius }).to_string();
+        let (server, volume) = (&server, &volume);
+        async move {
+            let parts = [
+                ("volume", &volume[..]),
+                ("parameters", parameters.as_bytes()),
+            ];
+            server.upload(&parts).await
+        }
+    });
+    let answers = join_all(uploads).await;
+    let refused: Vec<_> = answers
+        .iter()
+        .filter(|answer| answer.status == StatusCode::SERVICE_UNAVAILABLE)
+        .collect();
+    assert!(!refused.is_empty());
+    for answer in refused {
+        assert_eq!(answer.problem(), "busy");
+        assert!(answer.headers.contains_key("retry-after"));
+    }
+}
