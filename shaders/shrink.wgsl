@@ -64,7 +64,7 @@ fn shrunk(vertex: u32) -> vec3<f32> {
         let start = (paths.first_piece + piece) * PIECE_WORDS;
         if piece_word(start) == vertex {
             let depths_mm = vec2<f32>(bitcast<f32>(piece_word(start + 1u)), bitcast<f32>(piece_word(start + 2u)));
-            if depths_mm.x <= paths.depth_mm && paths.depth_mm < depths_mm.y {
+            if depths_mm.x < paths.depth_mm && paths.depth_mm <= depths_mm.y {
                 position = on_piece(start, depths_mm);
             }
         }

@@ -284,21 +284,21 @@ async fn a_picture_tells_how_it_was_made() {
         .await;
     let texts = texts(&answer.body);
     let expected = [
-        ("Depth in mm", "6"),
-        ("Zoom", "2"),
-        ("Pan in mm", "3,-4"),
-        ("Window", "300,400"),
-        ("Colour map", "hot"),
-        ("Renderer", "trace"),
-        ("Device", "cpu"),
-        ("Case", case.rsplit('/').next().unwrap()),
+        ("depth_mm", "6"),
+        ("zoom", "2"),
+        ("pan", "3,-4"),
+        ("window", "300,400"),
+        ("colormap", "hot"),
+        ("renderer", "trace"),
+        ("device", "cpu"),
+        ("case", case.rsplit('/').next().unwrap()),
     ];
     for (keyword, value) in expected {
         assert_eq!(texts[keyword], value, "{keyword}");
     }
     assert!(texts["Disclaimer"].contains("research"));
     assert!(texts["Software"].starts_with("Isocortex "));
-    assert_eq!(texts["Orientation"].split(',').count(), 4);
+    assert_eq!(texts["orientation"].split(',').count(), 4);
 }
 
 #[tokio::test]

@@ -7,12 +7,11 @@ use crate::caching;
 use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawn};
 use crate::problem::AppError;
-use crate::routes::render::SOFTWARE;
 
-/// All that is needed to draw a picture again, as texts for PNG.
+/// All that is needed to draw a picture again, and to write into it.
 #[derive(Debug, Clone)]
 pub struct Story {
-    texts: Vec<(&'static str, String)>,
+    case: Option<CaseId>,
     request: RenderRequest,
     projection: Projection,
 }
@@ -20,36 +19,29 @@ pub struct Story {
 impl Story {
     /// The story of a picture of a case; `None` where it is of a file, whose name may be a patient's.
     pub fn of(case: Option<&CaseId>, request: &RenderRequest, scene: &Scene<'_>) -> Self {
-        let parameters = request.parameters();
-        let camera = &parameters.camera;
-        let [x, y, z, w] = camera.orientation().to_array();
-        let [right, up] = camera.pan_mm();
-        let window = parameters.window;
-        let mut texts = vec![
-            ("Software", SOFTWARE.to_owned()),
-            ("Depth in mm", parameters.depth_mm.to_string()),
-            ("Orientation", format!("{x},{y},{z},{w}")),
-            ("Zoom", camera.zoom().to_string()),
-            ("Pan in mm", format!("{right},{up}")),
-            ("Window", format!("{},{}", window.centre(), window.width())),
-            ("Colour map", parameters.colormap.name().to_owned()),
-            ("Slab in mm", parameters.slab_mm.to_string()),
-            ("Ambient", parameters.light.ambient().to_string()),
-        ];
-        texts.extend(case.map(|id| ("Case", id.to_string())));
         Self {
-            texts,
+            case: case.copied(),
             request: *request,
             projection: request.projection(scene),
         }
     }
 
     /// The texts of a picture, once it is known who drew it.
-    pub fn texts<'a>(&'a self, drawer: &'a Drawer, device: &'a str) -> Vec<(&'a str, &'a str)> {
-        let told = self.texts.iter().map(|(name, text)| (*name, text.as_str()));
-        told.chain([("Renderer", drawer.name()), ("Device", device)])
-            .collect()
+    pub fn texts(&self, drawer: &Drawer) -> Vec<(&'static str, String)> {
+        let case = self.case.map(|id| id.to_string()).unwrap_or_default();
+        let mut texts = render::state_texts(&case, drawer.name(), &self.request);
+        texts.push(("device", drawer.device()));
+        texts.retain(|(_, text)| !text.is_empty());
+        texts
     }
+}
+
+/// Texts as the encoders take them.
+pub fn borrowed<'a>(texts: &'a [(&'static str, String)]) -> Vec<(&'a str, &'a str)> {
+    texts
+        .iter()
+        .map(|(name, text)| (*name, text.as_str()))
+        .collect()
 }
 
 /// A picture as it is sent.
@@ -83,8 +75,8 @@ impl Finished {
 /// When it cannot be encoded.
 pub fn finish(drawn: Drawn, story: &Story, annotate: bool) -> Result<Finished, AppError> {
     let frame = dressed(drawn.frame, story, annotate);
-    let device = drawn.drawer.device();
-    let png = render::encode_png(&frame, &story.texts(&drawn.drawer, &device))?;
+    let texts = story.texts(&drawn.drawer);
+    let png = render::encode_png(&frame, &borrowed(&texts))?;
     Ok(Finished {
         png,
         drawer: drawn.drawer,

@@ -98,6 +98,12 @@ impl Pipelines {
         }
     }
 
+    /// The layout of what [`Pipelines::bind_case`] binds.
+    #[cfg(test)]
+    pub(super) fn case_layout(&self) -> &BindGroupLayout {
+        &self.case_layout
+    }
+
     /// What does a pass.
     pub(super) fn get(&self, pass: Pass) -> &RenderPipeline {
         &self.pipelines[pass as usize]

@@ -41,10 +41,10 @@ pub(super) struct StudioLimits {
 pub(super) struct Studio {
     pub(super) open: OpenDevice,
     limits: StudioLimits,
-    pipelines: Pipelines,
+    pub(super) pipelines: Pipelines,
     picture: Buffer,
     colors: TextureView,
-    cases: Cache<CaseKey, CaseTextures>,
+    pub(super) cases: Cache<CaseKey, CaseTextures>,
     targets: VecDeque<Target>,
     triangles: VecDeque<(MeshSize, Buffer)>,
     vertices: Option<Buffer>,
@@ -103,15 +103,20 @@ impl Studio {
     /// Finds what each pixel shows.
     pub(super) fn hits(&mut self, job: &GpuJob) -> Result<Hits, GpuError> {
         let parameters = job.request.parameters();
-        let size = parameters.size;
         let bounds = job.case.scene().bounds;
-        let heights_mm = self.run(job, Output::Height, |target, open| {
-            target.read(open, |rows| pixels::heights(size, rows))
-        })?;
+        let heights_mm = self.heights(job)?;
         Ok(Hits::new(
-            parameters.camera.projection(&bounds, size),
+            parameters.camera.projection(&bounds, parameters.size),
             heights_mm,
         ))
+    }
+
+    /// Heights of what each pixel shows above the plane through the target's centre, in mm; −∞ where there is nothing.
+    pub(super) fn heights(&mut self, job: &GpuJob) -> Result<Vec<f32>, GpuError> {
+        let size = job.request.parameters().size;
+        self.run(job, Output::Height, |target, open| {
+            target.read(open, |rows| pixels::heights(size, rows))
+        })
     }
 
     fn run<T>(
@@ -222,7 +227,7 @@ impl Studio {
     }
 
     /// The triangles of a size of mesh.
-    fn triangles(&mut self, size: MeshSize) -> Buffer {
+    pub(super) fn triangles(&mut self, size: MeshSize) -> Buffer {
         let known = self.triangles.iter().position(|(known, _)| *known == size);
         let triangles = match known.and_then(|place| self.triangles.remove(place)) {
             Some((_, triangles)) => triangles,

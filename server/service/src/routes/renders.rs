@@ -20,7 +20,7 @@ use super::render::{PNG, RenderQuery, drawing};
 use crate::caching;
 use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawn};
-use crate::finish::{Story, dressed, finish};
+use crate::finish::{Story, borrowed, dressed, finish};
 use crate::models::Model;
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
@@ -487,13 +487,17 @@ impl Collector {
                 frames,
                 delay_ms,
             } => {
-                let device = drawer.device();
                 let frame = dressed(drawn.frame, story, query.annotate);
                 if animation.is_none() {
                     let frames = NonZeroU32::new(*frames).ok_or(AppError::Internal)?;
-                    let texts = story.texts(&drawer, &device);
-                    let begun =
-                        AnimatedPng::begin(frame.size(), frame.format(), frames, *delay_ms, &texts);
+                    let texts = story.texts(&drawer);
+                    let begun = AnimatedPng::begin(
+                        frame.size(),
+                        frame.format(),
+                        frames,
+                        *delay_ms,
+                        &borrowed(&texts),
+                    );
                     *animation = Some(begun?);
                 }
                 animation.as_mut().ok_or(AppError::Internal)?.add(&frame)?;

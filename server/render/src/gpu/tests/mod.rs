@@ -4,4 +4,5 @@ mod drawing;
 mod faults;
 mod glsl;
 mod shaders;
+mod shrink;
 mod support;
