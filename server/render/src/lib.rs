@@ -12,13 +12,17 @@
 //! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
 //! camera looks: x to the right of the picture, y up, z towards the viewer.
 
+mod annotate;
+mod apng;
 mod bounds;
 mod camera;
+mod canvas;
 mod colormap;
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
 mod error;
 mod frame;
+pub mod gpu;
 mod hits;
 mod isosurface;
 mod light;
@@ -29,6 +33,7 @@ mod sampler;
 mod scene;
 mod seeds;
 mod shade;
+mod sheet;
 mod slice;
 mod splat;
 mod state;
@@ -36,6 +41,8 @@ mod surface;
 mod trace;
 mod window;
 
+pub use annotate::{MIN_ANNOTATED_SIDE, annotate};
+pub use apng::AnimatedPng;
 pub use bounds::BoundingSphere;
 pub use camera::{Camera, NamedView, Projection};
 pub use colormap::ColorMap;
@@ -46,6 +53,7 @@ pub use light::Light;
 pub use png::{RESEARCH_USE_NOTICE, encode_png};
 pub use renderer::{Renderer, Splat, Trace};
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
+pub use sheet::{Sheet, SheetPlan};
 pub use slice::{MAX_CONTOURS, SliceParameters, SlicePlane, SliceRequest, draw_slice};
 pub use splat::{draw_splat, splat_hits};
 pub use state::state_texts;

@@ -8,7 +8,7 @@ use crate::rays::{Rays, single};
 use crate::sampler::{Sampler, trilinear, whole};
 use crate::surface::PointRow;
 use crate::window::WindowLine;
-use crate::{Background, Light, PixelFormat, Projection, RenderRequest};
+use crate::{Background, Light, PixelFormat, Projection, RenderParameters, RenderRequest};
 
 /// The most samples to either side of the isosurface that a slab is averaged over.
 const MAX_SLAB_SAMPLES: f64 = 64.0;
@@ -36,29 +36,45 @@ struct Slab {
 }
 
 impl Slab {
-    /// Samples over ±`slab_mm` of depth, at most half a voxel of either grid apart, none beyond the envelope.
     fn new(slab_mm: f64, depth_mm: f64, volume: &Volume) -> Option<Self> {
-        if slab_mm == 0.0 {
-            return None;
-        }
-        let spacing_mm = volume
-            .grid()
-            .spacing_mm()
-            .into_iter()
-            .fold(f64::MAX, f64::min);
-        let side = (2.0 * slab_mm / spacing_mm)
-            .ceil()
-            .clamp(1.0, MAX_SLAB_SAMPLES);
-        let offsets_mm = (-(side as i32)..=side as i32)
-            .map(|step| f64::from(step) * slab_mm / side)
-            .filter(|offset_mm| depth_mm + offset_mm >= 0.0)
-            .map(|offset_mm| offset_mm as f32)
-            .collect();
+        let offsets_mm = slab_offsets(slab_mm, depth_mm, volume);
         let voxel_from_patient = volume.grid().voxel_from_patient().matrix3;
-        Some(Self {
+        (!offsets_mm.is_empty()).then(|| Self {
             offsets_mm,
             voxels_per_mm: DVec3::AXES.map(|axis| single(voxel_from_patient * axis)),
         })
+    }
+}
+
+/// Where a slab is sampled along the depth, in mm from the isosurface, at equal distances; nowhere when there is no slab.
+///
+/// Over ±`slab_mm`, at most half a native voxel apart, none beyond the envelope.
+pub(crate) fn slab_offsets(slab_mm: f64, depth_mm: f64, volume: &Volume) -> Vec<f32> {
+    if slab_mm == 0.0 {
+        return Vec::new();
+    }
+    let spacing_mm = volume
+        .grid()
+        .spacing_mm()
+        .into_iter()
+        .fold(f64::MAX, f64::min);
+    let side = (2.0 * slab_mm / spacing_mm)
+        .ceil()
+        .clamp(1.0, MAX_SLAB_SAMPLES);
+    (-(side as i32)..=side as i32)
+        .map(|step| f64::from(step) * slab_mm / side)
+        .filter(|offset_mm| depth_mm + offset_mm >= 0.0)
+        .map(|offset_mm| offset_mm as f32)
+        .collect()
+}
+
+/// The format of a picture: grey as grey, alpha where the background is transparent.
+pub(crate) fn pixel_format(parameters: &RenderParameters) -> PixelFormat {
+    match (parameters.colormap.is_grey(), parameters.background) {
+        (true, Background::Black) => PixelFormat::Grey8,
+        (true, Background::Transparent) => PixelFormat::GreyAlpha8,
+        (false, Background::Black) => PixelFormat::Rgb8,
+        (false, Background::Transparent) => PixelFormat::Rgba8,
     }
 }
 
@@ -71,19 +87,13 @@ impl<'a> Shade<'a> {
         unit_mm: f64,
     ) -> Self {
         let parameters = request.parameters();
-        let format = match (parameters.colormap.is_grey(), parameters.background) {
-            (true, Background::Black) => PixelFormat::Grey8,
-            (true, Background::Transparent) => PixelFormat::GreyAlpha8,
-            (false, Background::Black) => PixelFormat::Rgb8,
-            (false, Background::Transparent) => PixelFormat::Rgba8,
-        };
         Self {
             volume: Sampler::new(volume.voxels(), volume.grid().size()),
             rays: Rays::new(projection, volume.grid(), unit_mm),
             window: parameters.window.line(volume.rescale()),
             colors: parameters.colormap.table(),
             light: parameters.light,
-            format,
+            format: pixel_format(parameters),
             slab: Slab::new(parameters.slab_mm, parameters.depth_mm, volume),
         }
     }

@@ -101,9 +101,9 @@ impl Window {
 /// [`Window`] prepared for 16-bit volumes: `(stored − black) · factor + offset`, clamped, is the brightness, 0 to 255.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct WindowLine {
-    black: f32,
-    factor: f32,
-    offset: f32,
+    pub(crate) black: f32,
+    pub(crate) factor: f32,
+    pub(crate) offset: f32,
 }
 
 impl WindowLine {

@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::auth::{Access, BadToken};
+use crate::graphics::GpuUse;
 use crate::listen::ConnectionLimits;
 use crate::logs::LogFormat;
 
@@ -38,6 +39,8 @@ pub struct Config {
     pub max_queued_cases: usize,
     /// Cases prepared at a time.
     pub prepare_workers: usize,
+    /// Whether pictures may be drawn by a graphics device.
+    pub gpu: GpuUse,
     /// Threads that render.
     pub render_threads: usize,
     /// Renders that may wait for a thread.
@@ -72,6 +75,7 @@ impl Default for Config {
             max_voxels: 256 << 20,
             max_queued_cases: 64,
             prepare_workers: 1,
+            gpu: GpuUse::default(),
             render_threads: processors,
             max_queued_renders: 64,
             model_cache_bytes: 512 << 20,

@@ -10,6 +10,7 @@ use tokio::sync::watch;
 use crate::auth::Access;
 use crate::case::{CaseFacts, CaseId, CaseState};
 use crate::config::{Config, ConfigError};
+use crate::graphics::Graphics;
 use crate::metrics::Metrics;
 use crate::models::{Model, Models};
 use crate::prepare::Limits;
@@ -40,6 +41,8 @@ pub struct Shared {
     pub models: Models,
     /// Threads for rendering, encoding and compressing.
     pub pool: RenderPool,
+    /// The graphics device, if there is one.
+    pub graphics: Graphics,
     /// Bodies that are made once, compressed.
     pub bodies: Bodies,
     /// Counts for Prometheus.
@@ -107,6 +110,7 @@ impl AppState {
             models: Models::new(store.clone(), config.model_cache_bytes),
             store,
             bodies: Bodies::new(pool.clone(), config.body_cache_bytes),
+            graphics: Graphics::start(config.gpu, config.render_threads),
             pool,
             turnstile,
             upload_limits,

@@ -1,12 +1,14 @@
 //! A case as large as an adult head at 0.9 mm: 2.5 million voxels inside of the envelope.
 
-use geometry::{DepthField, Envelope, Grid, Mask, Rescale, ShellIndex, Volume};
+use geometry::{DepthField, DistanceMap, Envelope, Grid, Mask, Rescale, ShellIndex, Volume};
 use glam::DVec3;
 use render::{BoundingSphere, Scene};
 
 /// All that a scene borrows.
 pub(crate) struct Case {
     volume: Volume,
+    #[allow(dead_code, reason = "not every bench needs it")]
+    distance: DistanceMap,
     field: DepthField,
     normals: DepthField,
     shell: ShellIndex,
@@ -47,9 +49,15 @@ impl Case {
             volume,
             normals: field.smoothed(1.5),
             field,
+            distance,
             bounds: BoundingSphere::of_envelope(&shell),
             shell,
         }
+    }
+
+    #[allow(dead_code, reason = "not every bench needs it")]
+    pub(crate) fn distance(&self) -> &DistanceMap {
+        &self.distance
     }
 
     pub(crate) fn scene(&self) -> Scene<'_> {

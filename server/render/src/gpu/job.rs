@@ -1,0 +1,65 @@
+//! What a device is asked to draw, and its answers.
+
+use std::fmt;
+use std::sync::Arc;
+
+use geometry::{MeshSize, ShrunkMesh};
+
+use crate::{Frame, RenderRequest, Scene};
+
+/// Which case a scene is of: textures are kept under it. The same key must always mean the same scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct CaseKey(pub u128);
+
+/// A case that threads can share, to be drawn by a graphics device.
+pub trait GpuCase: Send + Sync {
+    /// Which case this is, of all that are drawn: part of a digest of its content.
+    fn key(&self) -> CaseKey;
+
+    /// Its scene. It is read when the textures of the case are made, and for each picture.
+    fn scene(&self) -> Scene<'_>;
+}
+
+/// What is drawn of a case.
+#[derive(Debug, Clone, PartialEq)]
+pub enum GpuSurface {
+    /// The facets of a mesh, lit and coloured at each pixel's point of the facet.
+    Mesh {
+        /// How fine it is: its triangles.
+        size: MeshSize,
+        /// Its vertices.
+        mesh: ShrunkMesh,
+    },
+    /// The isosurface {depth = D} itself.
+    Trace,
+}
+
+/// A picture that is asked for.
+#[derive(Clone)]
+pub struct GpuJob {
+    /// Of which case.
+    pub case: Arc<dyn GpuCase>,
+    /// How.
+    pub request: RenderRequest,
+    /// And of what.
+    pub surface: GpuSurface,
+}
+
+impl fmt::Debug for GpuJob {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("GpuJob")
+            .field("case", &self.case.key())
+            .field("request", &self.request)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A picture that was drawn.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GpuFrame {
+    /// Its pixels, in the format that the software renderers give for the same request.
+    pub frame: Frame,
+    /// How many native voxels along x, y and z became one, when the volume is too large for a texture of this device.
+    pub reduction: Option<[usize; 3]>,
+}

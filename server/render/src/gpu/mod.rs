@@ -1,0 +1,35 @@
+//! The shrunk mesh and the traced isosurface, drawn off screen by a graphics device.
+//!
+//! A [`GpuPool`] finds the adapter once (a real GPU, or Mesa's software Vulkan) and keeps some threads that own a device
+//! each; [`GpuPool::draw`] hands them a [`GpuJob`] through a bounded queue and waits for the picture. The shaders are the
+//! WGSL of the folder `shaders/`, which are the page's, too; they do the steps of the software renderers
+//! under the same names.
+//!
+//! A device that is lost is opened anew and the picture drawn again. Textures of cases stay on the device, bounded
+//! by bytes. A volume that is too large for a texture is drawn from a copy of fewer voxels, and the answer says so.
+
+mod cache;
+mod case;
+mod device;
+mod error;
+mod gradients;
+mod host;
+mod job;
+mod layout;
+mod painter;
+mod pipelines;
+mod pixels;
+mod pool;
+mod reduce;
+mod shaders;
+mod studio;
+mod target;
+#[cfg(test)]
+mod tests;
+mod texels;
+mod uniforms;
+
+pub use error::GpuError;
+pub use host::AdapterSummary;
+pub use job::{CaseKey, GpuCase, GpuFrame, GpuJob, GpuSurface};
+pub use pool::{GpuOptions, GpuPool, GpuTicket};

@@ -1,0 +1,247 @@
+//! The passes, ready to be run.
+
+use wgpu::{
+    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingResource, BindingType, Buffer, Device,
+    PipelineLayout, RenderPipeline, SamplerBindingType, ShaderModule, ShaderSource, ShaderStages,
+    TextureSampleType, TextureView, TextureViewDimension,
+};
+
+use super::device::OpenDevice;
+use super::shaders;
+use super::target::{COLOR, DEPTH, HEIGHT, SAMPLES};
+
+/// What a pass does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Pass {
+    /// The mesh's depth alone, several samples a pixel.
+    MeshDepth,
+    /// The mesh's colours from its depth; alpha is how much of the pixel is covered.
+    MeshResolved,
+    /// The mesh's colours, its facets one by one: where there is one sample a pixel.
+    MeshShaded,
+    /// The height of the mesh in mm.
+    MeshHeight,
+    /// The isosurface's colours.
+    TraceShaded,
+    /// The height of the isosurface in mm.
+    TraceHeight,
+}
+
+impl Pass {
+    const ALL: [Self; 6] = [
+        Self::MeshDepth,
+        Self::MeshResolved,
+        Self::MeshShaded,
+        Self::MeshHeight,
+        Self::TraceShaded,
+        Self::TraceHeight,
+    ];
+
+    /// Whether triangles of a mesh are drawn, and not one over the whole picture.
+    fn draws_facets(self) -> bool {
+        matches!(self, Self::MeshDepth | Self::MeshShaded | Self::MeshHeight)
+    }
+
+    fn entry_points(self) -> (&'static str, Option<&'static str>) {
+        match self {
+            Self::MeshDepth => ("mesh_vertex", None),
+            Self::MeshResolved => ("screen_vertex", Some("mesh_resolved")),
+            Self::MeshShaded => ("mesh_vertex", Some("mesh_shaded")),
+            Self::MeshHeight => ("mesh_vertex", Some("mesh_height")),
+            Self::TraceShaded => ("screen_vertex", Some("trace_shaded")),
+            Self::TraceHeight => ("screen_vertex", Some("trace_height")),
+        }
+    }
+}
+
+/// Every pass of this crate.
+#[derive(Debug)]
+pub(super) struct Pipelines {
+    case_layout: BindGroupLayout,
+    depth_layout: BindGroupLayout,
+    pipelines: [RenderPipeline; Pass::ALL.len()],
+}
+
+impl Pipelines {
+    /// Compiles the shaders.
+    pub(super) fn new(open: &OpenDevice) -> Self {
+        let device = &open.device;
+        let case_layout = case_layout(device);
+        let depth_layout = depth_layout(device);
+        let layout = |bind_group_layouts: &[Option<&BindGroupLayout>]| {
+            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: None,
+                bind_group_layouts,
+                immediate_size: 0,
+            })
+        };
+        let of_case = layout(&[Some(&case_layout)]);
+        let of_case_and_depth = layout(&[Some(&case_layout), Some(&depth_layout)]);
+        let module = |label, source: &'static str| {
+            device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(label),
+                source: ShaderSource::Wgsl(source.into()),
+            })
+        };
+        let mesh = module("mesh", shaders::MESH);
+        let resolve = module("resolve", shaders::RESOLVE);
+        let trace = module("trace", shaders::TRACE);
+        let pipelines = Pass::ALL.map(|pass| match pass {
+            Pass::MeshResolved => pipeline(open, &of_case_and_depth, &resolve, pass),
+            Pass::TraceShaded | Pass::TraceHeight => pipeline(open, &of_case, &trace, pass),
+            _ => pipeline(open, &of_case, &mesh, pass),
+        });
+        Self {
+            case_layout,
+            depth_layout,
+            pipelines,
+        }
+    }
+
+    /// What does a pass.
+    pub(super) fn get(&self, pass: Pass) -> &RenderPipeline {
+        &self.pipelines[pass as usize]
+    }
+
+    /// Binds what every pass is given: volume, field, gradients and smoothed field among it.
+    pub(super) fn bind_case(
+        &self,
+        device: &Device,
+        picture: &Buffer,
+        [volume, field, normals, smoothed]: &[TextureView; 4],
+        colors: &TextureView,
+    ) -> BindGroup {
+        let linear = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("linear"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+        device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("case"),
+            layout: &self.case_layout,
+            entries: &[
+                entry(0, picture.as_entire_binding()),
+                entry(1, BindingResource::TextureView(volume)),
+                entry(2, BindingResource::TextureView(field)),
+                entry(3, BindingResource::TextureView(normals)),
+                entry(4, BindingResource::TextureView(colors)),
+                entry(5, BindingResource::Sampler(&linear)),
+                entry(6, BindingResource::TextureView(smoothed)),
+            ],
+        })
+    }
+
+    /// Binds a depth buffer.
+    pub(super) fn bind_depth(&self, device: &Device, depth: &TextureView) -> BindGroup {
+        device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("depth"),
+            layout: &self.depth_layout,
+            entries: &[wgpu::BindGroupEntry {
+                binding: 0,
+                resource: BindingResource::TextureView(depth),
+            }],
+        })
+    }
+}
+
+fn entry(binding: u32, ty: BindingType) -> BindGroupLayoutEntry {
+    BindGroupLayoutEntry {
+        binding,
+        visibility: ShaderStages::VERTEX_FRAGMENT,
+        ty,
+        count: None,
+    }
+}
+
+fn texture(sample_type: TextureSampleType, view_dimension: TextureViewDimension) -> BindingType {
+    BindingType::Texture {
+        sample_type,
+        view_dimension,
+        multisampled: sample_type == TextureSampleType::Depth,
+    }
+}
+
+fn case_layout(device: &Device) -> BindGroupLayout {
+    let uniform = BindingType::Buffer {
+        ty: wgpu::BufferBindingType::Uniform,
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    };
+    let filtered = TextureSampleType::Float { filterable: true };
+    let plain = TextureSampleType::Float { filterable: false };
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("case"),
+        entries: &[
+            entry(0, uniform),
+            entry(1, texture(filtered, TextureViewDimension::D3)),
+            entry(2, texture(filtered, TextureViewDimension::D3)),
+            entry(3, texture(filtered, TextureViewDimension::D3)),
+            entry(4, texture(plain, TextureViewDimension::D2)),
+            entry(5, BindingType::Sampler(SamplerBindingType::Filtering)),
+            entry(6, texture(filtered, TextureViewDimension::D3)),
+        ],
+    })
+}
+
+fn depth_layout(device: &Device) -> BindGroupLayout {
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("depth"),
+        entries: &[entry(
+            0,
+            texture(TextureSampleType::Depth, TextureViewDimension::D2),
+        )],
+    })
+}
+
+fn pipeline(
+    open: &OpenDevice,
+    layout: &PipelineLayout,
+    module: &ShaderModule,
+    pass: Pass,
+) -> RenderPipeline {
+    let (vertex, fragment) = pass.entry_points();
+    let positions = [Some(wgpu::VertexBufferLayout {
+        array_stride: 12,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &wgpu::vertex_attr_array![0 => Float32x3],
+    })];
+    let targets = match pass {
+        Pass::MeshHeight | Pass::TraceHeight => [Some(HEIGHT.into())],
+        _ => [Some(COLOR.into())],
+    };
+    // Facets are seen from both sides: where a shrunk mesh folds, some are turned round.
+    let is_multisampled = pass == Pass::MeshDepth && open.is_multisampled;
+    open.device
+        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: fragment,
+            layout: Some(layout),
+            vertex: wgpu::VertexState {
+                module,
+                entry_point: Some(vertex),
+                compilation_options: Default::default(),
+                buffers: if pass.draws_facets() { &positions } else { &[] },
+            },
+            primitive: Default::default(),
+            depth_stencil: pass.draws_facets().then(|| wgpu::DepthStencilState {
+                format: DEPTH,
+                depth_write_enabled: Some(true),
+                depth_compare: Some(wgpu::CompareFunction::Less),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: wgpu::MultisampleState {
+                count: if is_multisampled { SAMPLES } else { 1 },
+                ..Default::default()
+            },
+            fragment: fragment.map(|name| wgpu::FragmentState {
+                module,
+                entry_point: Some(name),
+                compilation_options: Default::default(),
+                targets: &targets,
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+}

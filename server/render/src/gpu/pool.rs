@@ -1,0 +1,222 @@
+//! Threads that own a device each, behind a bounded queue.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{self, Receiver, Sender, SyncSender, TrySendError};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use super::host::Host;
+use super::painter::Painter;
+use super::studio::StudioLimits;
+use super::{AdapterSummary, GpuError, GpuFrame, GpuJob};
+use crate::Hits;
+
+/// How much of the machine drawing may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GpuOptions {
+    /// Threads, each with a device and textures of its own: at least 1.
+    pub threads: usize,
+    /// Pictures that may wait: at least 1.
+    pub queue: usize,
+    /// Bytes of the textures of cases on each device.
+    pub case_bytes: u64,
+    /// The longest side of a 3-D texture, where it is to be less than the adapter's own limit.
+    pub max_side_3d: Option<u32>,
+}
+
+impl Default for GpuOptions {
+    /// One thread, 32 waiting pictures, 1 GiB of textures, the adapter's own limit.
+    fn default() -> Self {
+        Self {
+            threads: 1,
+            queue: 32,
+            case_bytes: 1 << 30,
+            max_side_3d: None,
+        }
+    }
+}
+
+/// Draws pictures on graphics devices. Dropping it waits for what was begun.
+#[derive(Debug)]
+pub struct GpuPool {
+    adapter: AdapterSummary,
+    tasks: Option<SyncSender<Task>>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+type Reply<T> = Sender<Result<T, GpuError>>;
+
+/// What a thread does next.
+enum Task {
+    Frame(GpuJob, Reply<GpuFrame>, Waiting),
+    Hits(GpuJob, Reply<Hits>, Waiting),
+}
+
+/// Whether anyone still waits for an answer.
+type Waiting = std::sync::Weak<()>;
+
+/// A picture that is being drawn. Who drops it before it was begun gives it up: it is then never drawn.
+#[derive(Debug)]
+pub struct GpuTicket<T> {
+    answer: Receiver<Result<T, GpuError>>,
+    _waiting: Arc<()>,
+}
+
+impl<T> GpuTicket<T> {
+    /// Waits for the picture.
+    ///
+    /// # Errors
+    /// What the device's thread met.
+    pub fn wait(self) -> Result<T, GpuError> {
+        self.answer.recv().unwrap_or(Err(GpuError::Closed))
+    }
+}
+
+impl GpuPool {
+    /// Finds an adapter and opens a device of it for each thread.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] on a machine without a driver, [`GpuError::NoDevice`] with one that does not work.
+    pub fn start(options: GpuOptions) -> Result<Self, GpuError> {
+        let host = Host::find()?;
+        let (tasks, queue) = mpsc::sync_channel(options.queue.max(1));
+        let queue = Arc::new(Mutex::new(queue));
+        let (opened, outcomes) = mpsc::channel();
+        let limits = StudioLimits {
+            case_bytes: options.case_bytes,
+            max_side_3d: options.max_side_3d,
+        };
+        let mut pool = Self {
+            adapter: host.summary(),
+            tasks: Some(tasks),
+            threads: Vec::new(),
+        };
+        for _ in 0..options.threads.max(1) {
+            let (host, queue, opened) = (host.clone(), Arc::clone(&queue), opened.clone());
+            let thread = std::thread::Builder::new()
+                .name("graphics".to_owned())
+                .spawn(move || work(host, limits, &queue, &opened));
+            pool.threads
+                .push(thread.map_err(|error| GpuError::NoDevice {
+                    reason: error.to_string(),
+                })?);
+        }
+        drop(opened);
+        for _ in 0..pool.threads.len() {
+            outcomes.recv().unwrap_or(Err(GpuError::Closed))?;
+        }
+        Ok(pool)
+    }
+
+    /// What draws.
+    pub fn adapter(&self) -> &AdapterSummary {
+        &self.adapter
+    }
+
+    /// Has a picture drawn and waits for it.
+    ///
+    /// # Errors
+    /// [`GpuError::Busy`] at once when too many wait; otherwise what the device met.
+    pub fn draw(&self, job: GpuJob) -> Result<GpuFrame, GpuError> {
+        self.begin_draw(job)?.wait()
+    }
+
+    /// Finds what each pixel of [`GpuPool::draw`] shows and waits for it; at a mesh's edges without in-between pixels.
+    ///
+    /// # Errors
+    /// As [`GpuPool::draw`].
+    pub fn hits(&self, job: GpuJob) -> Result<Hits, GpuError> {
+        let (reply, ticket) = ticket();
+        self.enqueue(Task::Hits(job, reply, Arc::downgrade(&ticket._waiting)))?;
+        ticket.wait()
+    }
+
+    /// Queues a picture without waiting.
+    ///
+    /// # Errors
+    /// [`GpuError::Busy`] when too many wait.
+    pub fn begin_draw(&self, job: GpuJob) -> Result<GpuTicket<GpuFrame>, GpuError> {
+        let (reply, ticket) = ticket();
+        self.enqueue(Task::Frame(job, reply, Arc::downgrade(&ticket._waiting)))?;
+        Ok(ticket)
+    }
+
+    fn enqueue(&self, task: Task) -> Result<(), GpuError> {
+        let tasks = self.tasks.as_ref().ok_or(GpuError::Closed)?;
+        tasks.try_send(task).map_err(|error| match error {
+            TrySendError::Full(_) => GpuError::Busy,
+            TrySendError::Disconnected(_) => GpuError::Closed,
+        })
+    }
+}
+
+impl Drop for GpuPool {
+    fn drop(&mut self) {
+        // The threads end when the queue does.
+        self.tasks = None;
+        for thread in self.threads.drain(..) {
+            // A thread that panicked has nothing left to be waited for.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn ticket<T>() -> (Reply<T>, GpuTicket<T>) {
+    let (reply, answer) = mpsc::channel();
+    let _waiting = Arc::new(());
+    (reply, GpuTicket { answer, _waiting })
+}
+
+/// A thread: opens its device, says so, and draws until the queue ends.
+fn work(
+    host: Host,
+    limits: StudioLimits,
+    queue: &Mutex<Receiver<Task>>,
+    opened: &Sender<Result<(), GpuError>>,
+) {
+    let mut painter = match Painter::new(host, limits) {
+        Ok(painter) => painter,
+        Err(error) => {
+            // Nobody listens when another thread failed before.
+            let _ = opened.send(Err(error));
+            return;
+        }
+    };
+    let _ = opened.send(Ok(()));
+    loop {
+        let next = queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        match next {
+            Ok(Task::Frame(job, reply, waiting)) => {
+                answer(&mut painter, &reply, &waiting, |painter| {
+                    painter.attempt(|studio| studio.draw(&job))
+                });
+            }
+            Ok(Task::Hits(job, reply, waiting)) => {
+                answer(&mut painter, &reply, &waiting, |painter| {
+                    painter.attempt(|studio| studio.hits(&job))
+                });
+            }
+            Err(_) => return,
+        }
+    }
+}
+
+/// Draws for whoever still waits. A panic costs the device, not the thread.
+fn answer<T>(
+    painter: &mut Painter,
+    reply: &Reply<T>,
+    waiting: &Waiting,
+    draw: impl FnOnce(&mut Painter) -> Result<T, GpuError>,
+) {
+    if waiting.strong_count() == 0 {
+        return;
+    }
+    let result = catch_unwind(AssertUnwindSafe(|| draw(painter))).unwrap_or_else(|_| {
+        painter.give_up();
+        Err(GpuError::Failed {
+            reason: "its thread panicked".to_owned(),
+        })
+    });
+    // Whoever asked may have left meanwhile.
+    let _ = reply.send(result);
+}

@@ -1,0 +1,59 @@
+//! The shaders' text, put together from the files of the folder `shaders/`.
+
+macro_rules! wgsl {
+    ($($name:literal),+) => {
+        concat!($(include_str!(concat!("../../../../shaders/", $name, ".wgsl")), "\n"),+)
+    };
+}
+
+/// The mesh from plain vertices: `mesh_vertex`, `mesh_shaded`, `mesh_height`.
+pub(super) const MESH: &str = wgsl!(
+    "picture",
+    "trilinear",
+    "gradient",
+    "window",
+    "colormap",
+    "light",
+    "shade",
+    "mesh"
+);
+
+/// The mesh from the table of all depths: `shrunk_vertex` beside the entry points of [`MESH`]. The page draws with it.
+#[cfg(test)]
+pub(super) const SHRUNK_MESH: &str = wgsl!(
+    "picture",
+    "trilinear",
+    "gradient",
+    "window",
+    "colormap",
+    "light",
+    "shade",
+    "mesh",
+    "shrink"
+);
+
+/// The isosurface itself: `screen_vertex`, `trace_shaded`, `trace_height`.
+pub(super) const TRACE: &str = wgsl!(
+    "picture",
+    "trilinear",
+    "gradient",
+    "window",
+    "colormap",
+    "light",
+    "shade",
+    "sight",
+    "trace"
+);
+
+/// The mesh from its depth buffer: `screen_vertex`, `mesh_resolved`.
+pub(super) const RESOLVE: &str = wgsl!(
+    "picture",
+    "trilinear",
+    "gradient",
+    "window",
+    "colormap",
+    "light",
+    "shade",
+    "sight",
+    "resolve"
+);

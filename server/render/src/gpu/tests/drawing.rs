@@ -1,0 +1,494 @@
+//! What the device draws, held to what is known on paper and to the software renderer.
+
+use std::sync::Arc;
+
+use geometry::{EnvelopeMesh, MeshSize, PathTable, Paths};
+use glam::DVec3;
+
+use super::super::painter::Painter;
+use super::super::studio::StudioLimits;
+use super::super::{GpuCase, GpuError, GpuJob, GpuSurface};
+use super::support::{Case, LIMITS, painter, parameters, trace};
+use crate::{
+    Background, Camera, ColorMap, Frame, FrameSize, Light, NamedView, PixelFormat,
+    RenderParameters, RenderRequest, Window, draw_splat,
+};
+
+fn frame(painter: &mut Painter, job: &GpuJob) -> Frame {
+    painter.attempt(|studio| studio.draw(job)).unwrap().frame
+}
+
+fn splat(job: &GpuJob) -> Frame {
+    draw_splat(&job.case.scene(), &job.request)
+}
+
+/// The table of all depths of a mesh of `contours` × `points`, along the gradient.
+fn table(case: &Case, contours: usize, points: usize) -> (EnvelopeMesh, PathTable) {
+    let size = MeshSize::new(contours, points).unwrap();
+    let mesh = geometry::envelope_mesh(&case.field, size).unwrap();
+    let table = geometry::path_table(&mesh, &case.distance, &case.field, Paths::Flow);
+    (mesh, table)
+}
+
+/// The same picture of the mesh.
+fn mesh(job: &GpuJob, table: &PathTable) -> GpuJob {
+    GpuJob {
+        surface: GpuSurface::Mesh {
+            size: table.size,
+            mesh: table.shrink(job.request.parameters().depth_mm as f32),
+        },
+        ..job.clone()
+    }
+}
+
+/// The mean difference of two grey pictures over the pixels that both cover.
+fn mean_difference(a: &Frame, b: &Frame) -> f64 {
+    let both = a.bytes().iter().zip(b.bytes());
+    let both = both.filter(|(a, b)| **a > 0 && **b > 0);
+    let differences: Vec<f64> = both.map(|(a, b)| f64::from(a.abs_diff(*b))).collect();
+    differences.iter().sum::<f64>() / differences.len() as f64
+}
+
+/// How much of a picture differs from another by more than 2 levels.
+fn share_apart(a: &Frame, b: &Frame) -> f64 {
+    assert_eq!((a.format(), a.size()), (b.format(), b.size()));
+    let apart = a
+        .bytes()
+        .iter()
+        .zip(b.bytes())
+        .filter(|(a, b)| a.abs_diff(**b) > 2);
+    apart.count() as f64 / a.bytes().len() as f64
+}
+
+#[test]
+fn a_ball_is_seen_from_six_sides() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = Case::ball(1);
+    let (_, table) = table(&case, 60, 60);
+    let nearest = [
+        (NamedView::Left, 1.5),
+        (NamedView::Right, -1.5),
+        (NamedView::Posterior, 0.75),
+        (NamedView::Anterior, -0.75),
+        (NamedView::Superior, 0.4),
+        (NamedView::Inferior, -0.4),
+    ];
+    for (view, per_mm) in nearest {
+        for depth_mm in [0.0, 6.0, 14.0] {
+            let job = trace(&case, parameters(view, depth_mm));
+            for (name, job) in [("trace", job.clone()), ("mesh", mesh(&job, &table))] {
+                let picture = frame(&mut painter, &job);
+                let radius_mm = 30.0 - depth_mm;
+                let found = f64::from(picture.pixel(64, 64).unwrap()[0]);
+                let expected = 110.0 + per_mm * radius_mm;
+                let what = format!("{name} {view:?} {depth_mm}");
+                assert!(
+                    (found - expected).abs() < 4.0,
+                    "{what}: {found} for {expected}"
+                );
+                // The picture's side is the diameter of the bounding sphere, 61 mm.
+                let lit = picture.bytes().iter().filter(|byte| **byte > 0).count() as f64;
+                // Depth 0 goes through the border voxels' centres, up to a voxel inside of the ball.
+                let radius_px = (radius_mm - 0.5) * 128.0 / 61.0;
+                let disc = std::f64::consts::PI * radius_px * radius_px;
+                assert!(
+                    (lit / disc - 1.0).abs() < 0.06,
+                    "{what}: {lit} pixels for {disc}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn left_is_left() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = Case::ball(2);
+    let (_, table) = table(&case, 40, 40);
+    // Facing the patient, the left is at the right; it is the brighter side. Superior is up, and brighter, too.
+    for (view, is_left_at_right) in [
+        (NamedView::Anterior, true),
+        (NamedView::Posterior, false),
+        (NamedView::Superior, false),
+        (NamedView::Inferior, true),
+    ] {
+        let job = trace(&case, parameters(view, 5.0));
+        for job in [job.clone(), mesh(&job, &table)] {
+            let picture = frame(&mut painter, &job);
+            let [left, right] = [40, 87].map(|x| picture.pixel(x, 64).unwrap()[0]);
+            assert_eq!(right > left, is_left_at_right, "{view:?}: {left} {right}");
+        }
+    }
+    let picture = frame(
+        &mut painter,
+        &trace(&case, parameters(NamedView::Left, 5.0)),
+    );
+    assert!(picture.pixel(64, 40).unwrap()[0] > picture.pixel(64, 87).unwrap()[0]);
+}
+
+/// Two balls side by side, and waves: something to lose oneself in.
+fn lumpy(key: u128) -> Arc<Case> {
+    let is_inside = |position: DVec3| {
+        let waves = ((position.y / 4.0).sin() + (position.z / 5.0).cos()) * 1.5;
+        let [left, right] = [-13.0, 15.0].map(|x| position.distance(DVec3::X * x));
+        left < 19.0 + waves || right < 17.0 + waves
+    };
+    let intensity = |position: DVec3| {
+        (130.0 + 50.0 * (position.element_sum() / 6.0).sin() + 40.0 * (position.z / 4.0).cos())
+            as u16
+    };
+    Case::new(key, 81, is_inside, intensity)
+}
+
+#[test]
+fn the_traced_isosurface_is_at_its_depth() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = lumpy(3);
+    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let mut covered = 0;
+    for view in NamedView::ALL {
+        for depth_mm in [0.0, 2.5, 5.0, 7.0, 12.0] {
+            let job = trace(&case, parameters(view, depth_mm));
+            let hits = painter.attempt(|studio| studio.hits(&job)).unwrap();
+            let towards_viewer = hits.projection().towards_viewer_in_patient();
+            for (x, y) in (0..128).flat_map(|y| (0..128).map(move |x| (x, y))) {
+                let Some(position) = hits.position_in_patient(x, y) else {
+                    continue;
+                };
+                let position = voxel_from_patient.transform_point3(position).as_vec3();
+                // Down to 3 voxels the smoothed field stands for the field, from 5 on the field itself is met.
+                let field = if depth_mm < 3.0 {
+                    &case.normals
+                } else {
+                    &case.field
+                };
+                let outward = -field.gradient(position).as_dvec3();
+                if outward.normalize_or_zero().dot(towards_viewer) > 0.1 {
+                    let off = (f64::from(field.depth_mm(position)) - depth_mm).abs();
+                    assert!(off <= 0.02, "{view:?} {depth_mm} {x} {y}: {off} mm off");
+                    covered += 1;
+                }
+            }
+        }
+    }
+    assert!(covered > 40_000, "{covered} pixels");
+}
+
+/// The picture of the isosurface by small steps and plain formulas: slow, and the judge of the traced one.
+fn by_small_steps(case: &Case, parameters: &RenderParameters) -> Frame {
+    let scene = case.scene();
+    let projection = parameters.camera.projection(&scene.bounds, parameters.size);
+    let patient_from_frame = projection.patient_from_frame();
+    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let towards_viewer = projection.towards_viewer_in_patient();
+    let colors = parameters.colormap.table();
+    let mut bytes = Vec::new();
+    for (x, y) in (0..128).flat_map(|y| (0..128).map(move |x| (x, y))) {
+        let at = |height: f64| {
+            let frame = DVec3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, height);
+            voxel_from_patient.transform_point3(patient_from_frame.transform_point3(frame))
+        };
+        let field = if parameters.depth_mm < 3.0 {
+            scene.normals
+        } else {
+            scene.field
+        };
+        let is_below =
+            |height| f64::from(field.depth_mm(at(height).as_vec3())) >= parameters.depth_mm;
+        let mut heights = (-1200..1200).rev().map(|step| f64::from(step) * 0.05);
+        let Some(mut low) = heights.find(|&height| is_below(height)) else {
+            bytes.push(0);
+            continue;
+        };
+        let mut high = low + 0.05;
+        for _ in 0..20 {
+            let middle = 0.5 * (low + high);
+            *(if is_below(middle) {
+                &mut low
+            } else {
+                &mut high
+            }) = middle;
+        }
+        let position = at(low).as_vec3();
+        let inward = scene.normals.gradient(position).normalize_or_zero();
+        let facing = -inward.as_dvec3().dot(towards_viewer);
+        let stored = scene.volume.sample(position).unwrap();
+        let brightness = 255.0 * parameters.window.apply(f64::from(stored));
+        let [color, ..] = colors[(brightness + 0.5) as usize];
+        bytes.push((f32::from(color) * parameters.light.on(facing as f32) + 0.5) as u8);
+    }
+    Frame::new(parameters.size, PixelFormat::Grey8, bytes)
+}
+
+#[test]
+fn the_traced_picture_is_that_of_small_steps() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    // What is 4 mm thick and seen from the side must not be stepped over.
+    let flat = |position: DVec3| (position / DVec3::new(22.0, 46.0, 40.0)).length() <= 1.0;
+    let flat = Case::new(16, 97, flat, |position| (130.0 + position.y) as u16);
+    for (case, view, depth_mm) in [
+        (lumpy(15), NamedView::Left, 0.0),
+        (lumpy(15), NamedView::Anterior, 5.0),
+        (lumpy(15), NamedView::Superior, 11.0),
+        (flat.clone(), NamedView::Anterior, 19.5),
+        (flat.clone(), NamedView::Inferior, 17.0),
+        (flat, NamedView::Left, 19.5),
+    ] {
+        let parameters = parameters(view, depth_mm);
+        let traced = frame(&mut painter, &trace(&case, parameters));
+        let apart = share_apart(&traced, &by_small_steps(&case, &parameters));
+        assert!(apart <= 0.005, "{view:?} {depth_mm}: {apart}");
+    }
+}
+
+#[test]
+fn mesh_trace_and_splat_agree() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = lumpy(4);
+    let (_, table) = table(&case, 120, 200);
+    for view in NamedView::ALL {
+        for depth_mm in [5.0, 9.0] {
+            let job = trace(&case, parameters(view, depth_mm));
+            let (splat, traced) = (splat(&job), frame(&mut painter, &job));
+            let what = format!("{view:?} {depth_mm}");
+            let apart = share_apart(&splat, &traced);
+            assert!(apart < 0.03, "{what}: {apart} of trace and splat apart");
+            let facets = frame(&mut painter, &mesh(&job, &table));
+            let difference = mean_difference(&facets, &traced);
+            assert!(
+                difference <= 3.0,
+                "{what}: mesh and trace {difference} apart"
+            );
+        }
+    }
+}
+
+#[test]
+fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = lumpy(5);
+    let plain = RenderParameters {
+        camera: Camera::new([0.3, -0.5, 0.1, 0.8], 1.3, [4.0, -7.0]).unwrap(),
+        size: FrameSize::new(150, 101).unwrap(),
+        ..parameters(NamedView::Left, 6.0)
+    };
+    let mut variants = vec![
+        RenderParameters {
+            window: Window::new(140.0, 61.0).unwrap(),
+            ..plain
+        },
+        RenderParameters {
+            light: Light::new(1.0).unwrap(),
+            ..plain
+        },
+        RenderParameters {
+            slab_mm: 2.5,
+            ..plain
+        },
+        RenderParameters {
+            slab_mm: 5.0,
+            depth_mm: 4.2,
+            ..plain
+        },
+    ];
+    for colormap in ColorMap::ALL {
+        for background in [Background::Black, Background::Transparent] {
+            variants.push(RenderParameters {
+                colormap,
+                background,
+                ..plain
+            });
+        }
+    }
+    for parameters in variants {
+        let job = trace(&case, parameters);
+        let apart = share_apart(&splat(&job), &frame(&mut painter, &job));
+        assert!(apart < 0.03, "{parameters:?}: {apart}");
+    }
+}
+
+#[test]
+fn a_transparent_mesh_has_soft_edges_in_the_colors_of_the_opaque() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = Case::ball(6);
+    let (_, table) = table(&case, 40, 40);
+    let background = Background::Transparent;
+    let opaque = mesh(&trace(&case, parameters(NamedView::Left, 3.0)), &table);
+    let clear = RenderParameters {
+        background,
+        ..*opaque.request.parameters()
+    };
+    let clear = GpuJob {
+        request: RenderRequest::new(clear).unwrap(),
+        ..opaque.clone()
+    };
+    let (opaque, clear) = (frame(&mut painter, &opaque), frame(&mut painter, &clear));
+    assert_eq!(
+        (opaque.format(), clear.format()),
+        (PixelFormat::Grey8, PixelFormat::GreyAlpha8)
+    );
+    let mut soft = 0;
+    for (on_black, pixel) in opaque.bytes().iter().zip(clear.bytes().chunks_exact(2)) {
+        let blended = f64::from(pixel[0]) * f64::from(pixel[1]) / 255.0;
+        assert!(
+            (blended - f64::from(*on_black)).abs() <= 1.0,
+            "{pixel:?} {on_black}"
+        );
+        soft += usize::from(!matches!(pixel[1], 0 | 255));
+    }
+    assert!(soft > 50, "{soft} pixels are covered in part");
+}
+
+#[test]
+fn the_mesh_tells_where_its_facets_are() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = Case::ball(7);
+    let (_, table) = table(&case, 80, 80);
+    let job = mesh(&trace(&case, parameters(NamedView::Superior, 4.0)), &table);
+    let hits = painter.attempt(|studio| studio.hits(&job)).unwrap();
+    let pixels = (0..128).flat_map(|y| (0..128).map(move |x| (x, y)));
+    let positions = pixels.filter_map(|(x, y)| hits.position_in_patient(x, y));
+    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let depths = positions.map(|position| {
+        let position = voxel_from_patient.transform_point3(position);
+        f64::from(case.field.depth_mm(position.as_vec3()))
+    });
+    let off: Vec<f64> = depths.map(|depth_mm| (depth_mm - 4.0).abs()).collect();
+    assert!(off.len() > 8_000, "{}", off.len());
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(mean < 0.3, "{mean} mm off on average");
+    assert_eq!(hits.position_in_patient(0, 0), None);
+}
+
+#[test]
+fn beyond_the_deepest_point_there_is_nothing() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = Case::ball(8);
+    let picture = frame(
+        &mut painter,
+        &trace(&case, parameters(NamedView::Left, 200.0)),
+    );
+    assert!(picture.bytes().iter().all(|byte| *byte == 0));
+}
+
+#[test]
+fn a_volume_that_is_too_large_is_drawn_from_fewer_voxels_and_the_answer_says_so() {
+    let Some(mut whole) = painter(LIMITS) else {
+        return;
+    };
+    let case = Case::ball(9);
+    let job = trace(&case, parameters(NamedView::Left, 6.0));
+    let drawn = whole.attempt(|studio| studio.draw(&job)).unwrap();
+    assert_eq!(drawn.reduction, None);
+    let fields = 8 * 71_u64.pow(3);
+    let some = StudioLimits {
+        case_bytes: fields + 200_000,
+        ..LIMITS
+    };
+    let mut small = painter(some).unwrap();
+    let reduced = small.attempt(|studio| studio.draw(&job)).unwrap();
+    assert_eq!(reduced.reduction, Some([1, 2, 2]));
+    // Brightness rises evenly, so that means tell the same.
+    let apart = share_apart(&drawn.frame, &reduced.frame);
+    assert!(apart < 0.01, "{apart}");
+    let mut tiny = painter(StudioLimits {
+        case_bytes: fields - 1,
+        ..LIMITS
+    })
+    .unwrap();
+    let refused = tiny.attempt(|studio| studio.draw(&job));
+    assert_eq!(
+        refused,
+        Err(GpuError::CaseTooLarge {
+            needed: fields,
+            limit: fields - 1
+        })
+    );
+    let mut short = painter(StudioLimits {
+        max_side_3d: Some(64),
+        ..LIMITS
+    })
+    .unwrap();
+    let refused = short.attempt(|studio| studio.draw(&job));
+    assert!(
+        matches!(refused, Err(GpuError::CaseTooLarge { .. })),
+        "{refused:?}"
+    );
+}
+
+#[test]
+fn cases_come_and_go_within_their_bytes() {
+    let bytes = 10 * 71_u64.pow(3);
+    let two_cases = StudioLimits {
+        case_bytes: 2 * bytes,
+        ..LIMITS
+    };
+    let Some(mut painter) = painter(two_cases) else {
+        return;
+    };
+    let cases = [10, 11, 12].map(Case::ball);
+    let first = frame(
+        &mut painter,
+        &trace(&cases[0], parameters(NamedView::Left, 6.0)),
+    );
+    for case in cases.iter().chain(&cases) {
+        let again = frame(&mut painter, &trace(case, parameters(NamedView::Left, 6.0)));
+        assert_eq!(first, again);
+    }
+}
+
+#[test]
+fn the_same_request_gives_the_same_bytes() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = lumpy(13);
+    let (_, table) = table(&case, 40, 40);
+    let job = trace(&case, parameters(NamedView::Anterior, 3.0));
+    for job in [job.clone(), mesh(&job, &table)] {
+        let first = frame(&mut painter, &job);
+        for _ in 0..5 {
+            assert_eq!(frame(&mut painter, &job), first);
+        }
+    }
+}
+
+#[test]
+fn a_mesh_of_other_vertices_is_refused() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = Case::ball(14);
+    let (_, table) = table(&case, 20, 20);
+    let mut job = mesh(&trace(&case, parameters(NamedView::Left, 3.0)), &table);
+    if let GpuSurface::Mesh { mesh, .. } = &mut job.surface {
+        mesh.positions_in_patient.pop();
+    }
+    let refused = painter.attempt(|studio| studio.draw(&job));
+    assert_eq!(
+        refused,
+        Err(GpuError::Mesh {
+            found: 401,
+            expected: 402
+        })
+    );
+    assert_eq!(job.case.key(), case.key());
+}

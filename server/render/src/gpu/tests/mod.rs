@@ -1,0 +1,7 @@
+//! The shaders without a device, and with one, if there is.
+
+mod drawing;
+mod faults;
+mod glsl;
+mod shaders;
+mod support;

@@ -1,0 +1,111 @@
+//! From a scene and a request to what the shaders are given.
+
+use glam::{DAffine3, DMat4, DVec3};
+
+use super::case::CaseMaps;
+use super::layout::Picture;
+use crate::rays::single;
+use crate::shade::slab_offsets;
+use crate::{ColorMap, RenderRequest, Scene};
+
+/// How far the isosurface may be outside of the ball and the box that are smaller by its depth, in voxels.
+///
+/// A point of it has a voxel at least as deep within one voxel along each axis. Within a voxel of that voxel's depth, the
+/// box's face is left; the ball's, within a voxel more, for the border voxel beside a line from the centre. The smoothed
+/// field is less than a voxel off.
+const BOX_MARGIN: f64 = 2.01;
+const BALL_MARGIN: f64 = 4.0;
+
+/// Depths, in voxels, between which the smoothed field gives way to the field: nearer to the envelope its voxels would show.
+const SHALLOW: [f64; 2] = [3.0, 5.0];
+
+/// How far the mesh may be outside of the ball around the envelope, in voxels.
+const CLIP_MARGIN: f64 = 4.0;
+
+/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
+const PIECE_PIXELS: f64 = 8.0;
+
+/// What the shaders are given for a picture.
+pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMaps) -> Picture {
+    let parameters = request.parameters();
+    let projection = parameters.camera.projection(&scene.bounds, parameters.size);
+    let field_grid = scene.field.grid();
+    let voxel_mm = field_grid.spacing_mm()[0];
+    let field_from_patient = field_grid.voxel_from_patient();
+    let heights_in_voxels = DAffine3::from_scale(DVec3::new(1.0, 1.0, voxel_mm));
+    let depth = parameters.depth_mm / voxel_mm;
+    let reach_mm = scene.bounds.radius_mm + CLIP_MARGIN * voxel_mm;
+    let window = parameters.window.line(scene.volume.rescale());
+    let slab = slab_offsets(parameters.slab_mm, parameters.depth_mm, scene.volume);
+    let size = [parameters.size.width(), parameters.size.height()].map(f64::from);
+    Picture {
+        field_from_frame: columns(
+            field_from_patient * projection.patient_from_frame() * heights_in_voxels,
+        ),
+        volume_from_field: columns(volume_from_field(scene, maps)),
+        field_from_patient: columns(field_from_patient),
+        clip_from_patient: columns(
+            clip_from_frame(size, reach_mm) * projection.frame_from_patient(),
+        ),
+        volume_size: maps.volume_size.map(|side| side as f32),
+        stored_scale: maps.texels.stored_scale(),
+        field_size: field_grid.size().map(|side| side as f32),
+        stored_offset: 0.0,
+        towards_viewer: single(projection.towards_viewer_in_patient()),
+        depth_scale: maps.texels.depth_scale(),
+        box_low: single(maps.envelope_in_field[0] + (depth - BOX_MARGIN)),
+        depth: depth as f32,
+        box_high: single(maps.envelope_in_field[1] - (depth - BOX_MARGIN)),
+        voxel_mm: voxel_mm as f32,
+        sphere_centre: single(field_from_patient.transform_point3(scene.bounds.centre_in_patient)),
+        sphere_radius: (scene.bounds.radius_mm / voxel_mm - depth + BALL_MARGIN) as f32,
+        size: size.map(|side| side as f32),
+        ambient: parameters.light.ambient(),
+        color_row: color_row(parameters.colormap),
+        window_black: window.black,
+        window_factor: window.factor,
+        window_offset: window.offset,
+        slab_count: slab.len() as u32,
+        slab_first: slab.first().copied().unwrap_or_default(),
+        slab_step: slab.get(1).map_or(0.0, |second| second - slab[0]),
+        clip_reach: (reach_mm / voxel_mm) as f32,
+        smooth_share: smooth_share(depth),
+        _padding: [0.0; 3],
+        clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
+    }
+}
+
+/// The share of the smoothed field in the isosurface at a depth in voxels, as in the software renderers.
+fn smooth_share(depth: f64) -> f32 {
+    let [all, none] = SHALLOW;
+    ((none - depth) / (none - all)).clamp(0.0, 1.0) as f32
+}
+
+/// From voxel coordinates of the depth field to texels of the volume's texture.
+fn volume_from_field(scene: &Scene<'_>, maps: &CaseMaps) -> DAffine3 {
+    let native_from_field =
+        scene.volume.grid().voxel_from_patient() * scene.field.grid().patient_from_voxel();
+    // The centre of a block of n voxels is (n − 1)/2 voxels after the centre of its first.
+    let block = DVec3::from(maps.reduction.map(|voxels| voxels as f64));
+    let texel_from_native = DAffine3::from_scale(block.recip())
+        * DAffine3::from_translation((DVec3::ONE - block) / 2.0);
+    texel_from_native * native_from_field
+}
+
+/// From the frame to the clip space of WebGPU: x and y within ±1, y up, z 0 at the height `reach_mm` and 1 at minus that.
+fn clip_from_frame([width, height]: [f64; 2], reach_mm: f64) -> DAffine3 {
+    DAffine3::from_translation(DVec3::new(-1.0, 1.0, 0.5))
+        * DAffine3::from_scale(DVec3::new(2.0 / width, -2.0 / height, -0.5 / reach_mm))
+}
+
+/// The row of a colour map in the table of colours.
+fn color_row(colormap: ColorMap) -> u32 {
+    let row = ColorMap::ALL.into_iter().position(|map| map == colormap);
+    row.unwrap_or_default() as u32
+}
+
+fn columns(affine: DAffine3) -> [[f32; 4]; 4] {
+    DMat4::from(affine)
+        .to_cols_array_2d()
+        .map(|column| column.map(|entry| entry as f32))
+}

@@ -1,0 +1,25 @@
+// Values between voxel centres; beyond the outermost centres they are constant.
+
+// The stored intensity at a position in voxel coordinates of the volume.
+fn stored_at(position: vec3<f32>) -> f32 {
+    let place = (position + 0.5) / picture.volume_size;
+    return textureSampleLevel(volume, linear, place, 0.0).r * picture.stored_scale + picture.stored_offset;
+}
+
+// Whether a position lies in a voxel of the volume: within half a voxel of a centre.
+fn is_in_volume(position: vec3<f32>) -> bool {
+    return all(position >= vec3<f32>(-0.5)) && all(position <= picture.volume_size - 0.5);
+}
+
+// How far a position lies below the isosurface, in voxels; negative above it.
+fn below(position: vec3<f32>) -> f32 {
+    let place = (position + 0.5) / picture.field_size;
+    var texel = 0.0;
+    if picture.smooth_share < 1.0 {
+        texel = textureSampleLevel(field, linear, place, 0.0).r;
+    }
+    if picture.smooth_share > 0.0 {
+        texel = mix(texel, textureSampleLevel(smoothed, linear, place, 0.0).r, picture.smooth_share);
+    }
+    return texel * picture.depth_scale - picture.depth;
+}

@@ -1,0 +1,85 @@
+#version 300 es
+
+precision highp float;
+precision highp int;
+
+struct Picture {
+    mat4x4 field_from_frame;
+    mat4x4 volume_from_field;
+    mat4x4 field_from_patient;
+    mat4x4 clip_from_patient;
+    vec3 volume_size;
+    float stored_scale;
+    vec3 field_size;
+    float stored_offset;
+    vec3 towards_viewer;
+    float depth_scale;
+    vec3 box_low;
+    float depth;
+    vec3 box_high;
+    float voxel_mm;
+    vec3 sphere_centre;
+    float sphere_radius;
+    vec2 size;
+    float ambient;
+    uint color_row;
+    float window_black;
+    float window_factor;
+    float window_offset;
+    uint slab_count;
+    float slab_first;
+    float slab_step;
+    float clip_reach;
+    float clip_piece;
+    float smooth_share;
+};
+struct OnFacet {
+    vec4 position;
+    vec3 position_in_field;
+};
+layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
+
+layout(location = 0) in vec3 _p2vs_location0;
+smooth centroid out vec3 _vs2fs_location0;
+
+bool is_in_volume(vec3 position_1) {
+    bool local = false;
+    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
+        vec3 _e9 = _group_0_binding_0_vs.volume_size;
+        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
+    } else {
+        local = false;
+    }
+    bool _e16 = local;
+    return _e16;
+}
+
+float brightness(float stored) {
+    float _e3 = _group_0_binding_0_vs.window_black;
+    float _e7 = _group_0_binding_0_vs.window_factor;
+    float _e11 = _group_0_binding_0_vs.window_offset;
+    float ramp = (((stored - _e3) * _e7) + _e11);
+    return clamp(ramp, 0.0, 255.0);
+}
+
+float light_on(float facing) {
+    float _e3 = _group_0_binding_0_vs.ambient;
+    float _e6 = _group_0_binding_0_vs.ambient;
+    return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
+}
+
+OnFacet on_facet(vec3 position_in_patient_1) {
+    vec4 patient = vec4(position_in_patient_1, 1.0);
+    mat4x4 _e5 = _group_0_binding_0_vs.clip_from_patient;
+    mat4x4 _e9 = _group_0_binding_0_vs.field_from_patient;
+    return OnFacet((_e5 * patient), (_e9 * patient).xyz);
+}
+
+void main() {
+    vec3 position_in_patient = _p2vs_location0;
+    OnFacet _e1 = on_facet(position_in_patient);
+    gl_Position = _e1.position;
+    _vs2fs_location0 = _e1.position_in_field;
+    return;
+}
+

@@ -1,0 +1,200 @@
+#version 300 es
+
+precision highp float;
+precision highp int;
+
+struct Picture {
+    mat4x4 field_from_frame;
+    mat4x4 volume_from_field;
+    mat4x4 field_from_patient;
+    mat4x4 clip_from_patient;
+    vec3 volume_size;
+    float stored_scale;
+    vec3 field_size;
+    float stored_offset;
+    vec3 towards_viewer;
+    float depth_scale;
+    vec3 box_low;
+    float depth;
+    vec3 box_high;
+    float voxel_mm;
+    vec3 sphere_centre;
+    float sphere_radius;
+    vec2 size;
+    float ambient;
+    uint color_row;
+    float window_black;
+    float window_factor;
+    float window_offset;
+    uint slab_count;
+    float slab_first;
+    float slab_step;
+    float clip_reach;
+    float clip_piece;
+    float smooth_share;
+};
+struct OnFacet {
+    vec4 position;
+    vec3 position_in_field;
+};
+struct Paths {
+    vec3 origin_in_patient;
+    float step_mm;
+    float depth_mm;
+    float row_mm;
+    uint row;
+    uint vertex_count;
+    uint first_piece;
+    uint piece_count;
+};
+const uint PIECE_WORDS = 6u;
+
+layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
+
+layout(std140) uniform Paths_block_1Vertex { Paths _group_1_binding_0_vs; };
+
+uniform highp usampler2D _group_1_binding_1_vs;
+
+uniform highp usampler2D _group_1_binding_2_vs;
+
+smooth centroid out vec3 _vs2fs_location0;
+
+bool is_in_volume(vec3 position_1) {
+    bool local = false;
+    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
+        vec3 _e9 = _group_0_binding_0_vs.volume_size;
+        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
+    } else {
+        local = false;
+    }
+    bool _e16 = local;
+    return _e16;
+}
+
+float brightness(float stored) {
+    float _e3 = _group_0_binding_0_vs.window_black;
+    float _e7 = _group_0_binding_0_vs.window_factor;
+    float _e11 = _group_0_binding_0_vs.window_offset;
+    float ramp = (((stored - _e3) * _e7) + _e11);
+    return clamp(ramp, 0.0, 255.0);
+}
+
+float light_on(float facing) {
+    float _e3 = _group_0_binding_0_vs.ambient;
+    float _e6 = _group_0_binding_0_vs.ambient;
+    return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
+}
+
+OnFacet on_facet(vec3 position_in_patient_1) {
+    vec4 patient = vec4(position_in_patient_1, 1.0);
+    mat4x4 _e5 = _group_0_binding_0_vs.clip_from_patient;
+    mat4x4 _e9 = _group_0_binding_0_vs.field_from_patient;
+    return OnFacet((_e5 * patient), (_e9 * patient).xyz);
+}
+
+vec3 stored_position(uint index_1) {
+    uint width = uvec2(textureSize(_group_1_binding_1_vs, 0).xy).x;
+    ivec2 texel_1 = ivec2(int((index_1 % width)), int((index_1 / width)));
+    uvec4 _e11 = texelFetch(_group_1_binding_1_vs, texel_1, 0);
+    return vec3(_e11.xyz);
+}
+
+uint piece_word(uint index_2) {
+    uint width_1 = uvec2(textureSize(_group_1_binding_2_vs, 0).xy).x;
+    ivec2 texel_2 = ivec2(int((index_2 % width_1)), int((index_2 / width_1)));
+    uvec4 _e11 = texelFetch(_group_1_binding_2_vs, texel_2, 0);
+    return _e11.x;
+}
+
+float low_half(uint word) {
+    return float((word & 65535u));
+}
+
+float high_half(uint word_1) {
+    return float((word_1 >> 16u));
+}
+
+vec3 on_piece(uint start, vec2 depths_mm) {
+    uint _e4 = piece_word((start + 3u));
+    uint _e7 = piece_word((start + 4u));
+    uint _e10 = piece_word((start + 5u));
+    float _e11 = low_half(_e4);
+    float _e12 = high_half(_e4);
+    float _e13 = low_half(_e7);
+    vec3 near = vec3(_e11, _e12, _e13);
+    float _e15 = high_half(_e7);
+    float _e16 = low_half(_e10);
+    float _e17 = high_half(_e10);
+    vec3 far = vec3(_e15, _e16, _e17);
+    float _e21 = _group_1_binding_0_vs.depth_mm;
+    return mix(near, far, ((_e21 - depths_mm.x) / (depths_mm.y - depths_mm.x)));
+}
+
+vec3 shrunk(uint vertex_1) {
+    vec3 position_6 = vec3(0.0);
+    uint piece = 0u;
+    bool local_1 = false;
+    uint _e3 = _group_1_binding_0_vs.row;
+    uint _e6 = _group_1_binding_0_vs.vertex_count;
+    uint index_3 = ((_e3 * _e6) + vertex_1);
+    float _e11 = _group_1_binding_0_vs.depth_mm;
+    uint _e14 = _group_1_binding_0_vs.row;
+    float _e18 = _group_1_binding_0_vs.row_mm;
+    float _e23 = _group_1_binding_0_vs.row_mm;
+    float fraction = ((_e11 - (float(_e14) * _e18)) / _e23);
+    vec3 _e25 = stored_position(index_3);
+    uint _e28 = _group_1_binding_0_vs.vertex_count;
+    vec3 _e30 = stored_position((index_3 + _e28));
+    position_6 = mix(_e25, _e30, fraction);
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e74 = piece;
+            piece = (_e74 + 1u);
+        }
+        loop_init = false;
+        uint _e35 = piece;
+        uint _e38 = _group_1_binding_0_vs.piece_count;
+        if ((_e35 < _e38)) {
+        } else {
+            break;
+        }
+        {
+            uint _e42 = _group_1_binding_0_vs.first_piece;
+            uint _e43 = piece;
+            uint start_1 = ((_e42 + _e43) * PIECE_WORDS);
+            uint _e47 = piece_word(start_1);
+            if ((_e47 == vertex_1)) {
+                uint _e51 = piece_word((start_1 + 1u));
+                uint _e55 = piece_word((start_1 + 2u));
+                vec2 depths_mm_1 = vec2(uintBitsToFloat(_e51), uintBitsToFloat(_e55));
+                float _e61 = _group_1_binding_0_vs.depth_mm;
+                if ((depths_mm_1.x <= _e61)) {
+                    float _e67 = _group_1_binding_0_vs.depth_mm;
+                    local_1 = (_e67 < depths_mm_1.y);
+                } else {
+                    local_1 = false;
+                }
+                bool _e71 = local_1;
+                if (_e71) {
+                    vec3 _e72 = on_piece(start_1, depths_mm_1);
+                    position_6 = _e72;
+                }
+            }
+        }
+    }
+    vec3 _e76 = position_6;
+    return _e76;
+}
+
+void main() {
+    uint vertex = uint(gl_VertexID);
+    vec3 _e3 = _group_1_binding_0_vs.origin_in_patient;
+    float _e6 = _group_1_binding_0_vs.step_mm;
+    vec3 _e7 = shrunk(vertex);
+    OnFacet _e10 = on_facet((_e3 + (_e6 * _e7)));
+    gl_Position = _e10.position;
+    _vs2fs_location0 = _e10.position_in_field;
+    return;
+}
+

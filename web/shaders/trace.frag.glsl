@@ -1,0 +1,410 @@
+#version 300 es
+
+precision highp float;
+precision highp int;
+
+struct Picture {
+    mat4x4 field_from_frame;
+    mat4x4 volume_from_field;
+    mat4x4 field_from_patient;
+    mat4x4 clip_from_patient;
+    vec3 volume_size;
+    float stored_scale;
+    vec3 field_size;
+    float stored_offset;
+    vec3 towards_viewer;
+    float depth_scale;
+    vec3 box_low;
+    float depth;
+    vec3 box_high;
+    float voxel_mm;
+    vec3 sphere_centre;
+    float sphere_radius;
+    vec2 size;
+    float ambient;
+    uint color_row;
+    float window_black;
+    float window_factor;
+    float window_offset;
+    uint slab_count;
+    float slab_first;
+    float slab_step;
+    float clip_reach;
+    float clip_piece;
+    float smooth_share;
+};
+struct OnScreen {
+    vec4 position;
+    vec2 place_in_frame;
+};
+const float TOLERANCE = 0.005;
+const float STEEPEST = 1.75;
+const float NEAR = 1.0;
+const float RELAXATION = 0.95;
+const int MAX_STEPS = 8192;
+const int FALSE_POSITIONS = 6;
+const int MAX_ROUNDS = 18;
+const float MISS = -1e30;
+
+layout(std140) uniform Picture_block_0Fragment { Picture _group_0_binding_0_fs; };
+
+uniform highp sampler3D _group_0_binding_1_fs;
+
+uniform highp sampler3D _group_0_binding_2_fs;
+
+uniform highp sampler3D _group_0_binding_3_fs;
+
+uniform highp sampler3D _group_0_binding_6_fs;
+
+uniform highp sampler2D _group_0_binding_4_fs;
+
+smooth in vec2 _vs2fs_location0;
+layout(location = 0) out vec4 _fs2p_location0;
+
+float stored_at(vec3 position) {
+    vec3 _e6 = _group_0_binding_0_fs.volume_size;
+    vec3 place = ((position + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place), 0.0);
+    float _e15 = _group_0_binding_0_fs.stored_scale;
+    float _e19 = _group_0_binding_0_fs.stored_offset;
+    return ((_e11.x * _e15) + _e19);
+}
+
+bool is_in_volume(vec3 position_1) {
+    bool local = false;
+    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
+        vec3 _e9 = _group_0_binding_0_fs.volume_size;
+        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
+    } else {
+        local = false;
+    }
+    bool _e16 = local;
+    return _e16;
+}
+
+float below(vec3 position_2) {
+    float texel = 0.0;
+    vec3 _e6 = _group_0_binding_0_fs.field_size;
+    vec3 place_1 = ((position_2 + vec3(0.5)) / _e6);
+    float _e12 = _group_0_binding_0_fs.smooth_share;
+    if ((_e12 < 1.0)) {
+        vec4 _e18 = textureLod(_group_0_binding_2_fs, vec3(place_1), 0.0);
+        texel = _e18.x;
+    }
+    float _e22 = _group_0_binding_0_fs.smooth_share;
+    if ((_e22 > 0.0)) {
+        float _e25 = texel;
+        vec4 _e29 = textureLod(_group_0_binding_6_fs, vec3(place_1), 0.0);
+        float _e33 = _group_0_binding_0_fs.smooth_share;
+        texel = mix(_e25, _e29.x, _e33);
+    }
+    float _e35 = texel;
+    float _e38 = _group_0_binding_0_fs.depth_scale;
+    float _e42 = _group_0_binding_0_fs.depth;
+    return ((_e35 * _e38) - _e42);
+}
+
+vec3 inward_at(vec3 position_3) {
+    vec3 _e6 = _group_0_binding_0_fs.field_size;
+    vec3 place_2 = ((position_3 + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_3_fs, vec3(place_2), 0.0);
+    vec3 gradient = _e11.xyz;
+    return (gradient / vec3(max(length(gradient), 1e-6)));
+}
+
+float brightness(float stored) {
+    float _e3 = _group_0_binding_0_fs.window_black;
+    float _e7 = _group_0_binding_0_fs.window_factor;
+    float _e11 = _group_0_binding_0_fs.window_offset;
+    float ramp = (((stored - _e3) * _e7) + _e11);
+    return clamp(ramp, 0.0, 255.0);
+}
+
+vec3 color_of(float level) {
+    uint _e6 = _group_0_binding_0_fs.color_row;
+    ivec2 texel_1 = ivec2(int((level + 0.5)), int(_e6));
+    vec4 _e11 = texelFetch(_group_0_binding_4_fs, texel_1, 0);
+    return (_e11.xyz * 255.0);
+}
+
+float light_on(float facing) {
+    float _e3 = _group_0_binding_0_fs.ambient;
+    float _e6 = _group_0_binding_0_fs.ambient;
+    return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
+}
+
+vec2 slab_mean(vec3 position_4, vec3 inward) {
+    float sum = 0.0;
+    float count = 0.0;
+    uint index = 0u;
+    mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
+    float _e11 = _group_0_binding_0_fs.voxel_mm;
+    vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e45 = index;
+            index = (_e45 + 1u);
+        }
+        loop_init = false;
+        uint _e20 = index;
+        uint _e23 = _group_0_binding_0_fs.slab_count;
+        if ((_e20 < _e23)) {
+        } else {
+            break;
+        }
+        {
+            float _e27 = _group_0_binding_0_fs.slab_first;
+            uint _e28 = index;
+            float _e32 = _group_0_binding_0_fs.slab_step;
+            float offset_mm = (_e27 + (float(_e28) * _e32));
+            vec3 sample_ = (position_4 + (offset_mm * along));
+            bool _e37 = is_in_volume(sample_);
+            if (_e37) {
+                float _e38 = sum;
+                float _e39 = stored_at(sample_);
+                sum = (_e38 + _e39);
+                float _e41 = count;
+                count = (_e41 + 1.0);
+            }
+        }
+    }
+    float _e47 = sum;
+    float _e48 = count;
+    float _e52 = count;
+    return vec2((_e47 / max(_e48, 1.0)), min(_e52, 1.0));
+}
+
+vec2 stored_on(vec3 position_5, vec3 inward_1) {
+    uint _e4 = _group_0_binding_0_fs.slab_count;
+    if ((_e4 > 0u)) {
+        vec2 _e7 = slab_mean(position_5, inward_1);
+        return _e7;
+    }
+    bool _e8 = is_in_volume(position_5);
+    if (_e8) {
+        float _e9 = stored_at(position_5);
+        return vec2(_e9, 1.0);
+    }
+    return vec2(0.0);
+}
+
+vec4 shaded(vec3 position_in_field) {
+    vec3 _e1 = inward_at(position_in_field);
+    mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
+    vec3 position_6 = (_e4 * vec4(position_in_field, 1.0)).xyz;
+    vec2 _e9 = stored_on(position_6, _e1);
+    if ((_e9.y == 0.0)) {
+        return vec4(0.0);
+    }
+    vec3 _e17 = _group_0_binding_0_fs.towards_viewer;
+    float facing_1 = -(dot(_e1, _e17));
+    float _e21 = brightness(_e9.x);
+    vec3 _e22 = color_of(_e21);
+    float _e23 = light_on(facing_1);
+    vec3 lit = (_e22 * _e23);
+    return vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0);
+}
+
+vec3 foot_of(vec2 place_in_frame) {
+    mat4x4 _e3 = _group_0_binding_0_fs.field_from_frame;
+    return (_e3 * vec4(place_in_frame, 0.0, 1.0)).xyz;
+}
+
+vec3 at_height(vec3 foot, float height) {
+    vec3 _e4 = _group_0_binding_0_fs.towards_viewer;
+    return (foot + (height * _e4));
+}
+
+vec2 reach(vec3 foot_1) {
+    bool local_1 = false;
+    vec3 _e3 = _group_0_binding_0_fs.sphere_centre;
+    vec3 from_centre = (foot_1 - _e3);
+    vec3 _e7 = _group_0_binding_0_fs.towards_viewer;
+    vec3 _e11 = _group_0_binding_0_fs.towards_viewer;
+    vec3 aside = (from_centre - (dot(from_centre, _e7) * _e11));
+    float _e16 = _group_0_binding_0_fs.sphere_radius;
+    float _e19 = _group_0_binding_0_fs.sphere_radius;
+    float half_squared = ((_e16 * _e19) - dot(aside, aside));
+    if (!((half_squared < 0.0))) {
+        float _e30 = _group_0_binding_0_fs.sphere_radius;
+        local_1 = (_e30 < 0.0);
+    } else {
+        local_1 = true;
+    }
+    bool _e34 = local_1;
+    if (_e34) {
+        return vec2(0.0, -1.0);
+    }
+    float half_ = sqrt(half_squared);
+    vec3 _e41 = _group_0_binding_0_fs.towards_viewer;
+    float middle = -(dot(from_centre, _e41));
+    vec3 _e46 = _group_0_binding_0_fs.towards_viewer;
+    vec3 _e51 = _group_0_binding_0_fs.towards_viewer;
+    vec3 direction = mix(_e46, vec3(1e-6), lessThan(abs(_e51), vec3(1e-6)));
+    vec3 _e59 = _group_0_binding_0_fs.box_low;
+    vec3 low_1 = ((_e59 - foot_1) / direction);
+    vec3 _e64 = _group_0_binding_0_fs.box_high;
+    vec3 high_1 = ((_e64 - foot_1) / direction);
+    vec3 near = min(low_1, high_1);
+    vec3 far = max(low_1, high_1);
+    return vec2(max(max(near.x, near.y), max(near.z, (middle - half_))), min(min(far.x, far.y), min(far.z, (middle + half_))));
+}
+
+float between(vec3 foot_2, vec2 above, vec2 under) {
+    vec2 high = vec2(0.0);
+    vec2 low = vec2(0.0);
+    int side = 0;
+    int round_ = 0;
+    high = above;
+    low = under;
+    bool loop_init_1 = true;
+    while(true) {
+        if (!loop_init_1) {
+            int _e64 = round_;
+            round_ = (_e64 + 1);
+        }
+        loop_init_1 = false;
+        int _e9 = round_;
+        if ((_e9 < MAX_ROUNDS)) {
+        } else {
+            break;
+        }
+        {
+            float _e13 = high.y;
+            float _e15 = high.y;
+            float _e17 = low.y;
+            int _e20 = round_;
+            float share = ((_e20 < FALSE_POSITIONS) ? (_e13 / (_e15 - _e17)) : 0.5);
+            float _e26 = high.x;
+            float _e28 = low.x;
+            float _e30 = high.x;
+            float height_2 = (_e26 + ((_e28 - _e30) * share));
+            vec3 _e34 = at_height(foot_2, height_2);
+            float _e35 = below(_e34);
+            if ((abs(_e35) <= TOLERANCE)) {
+                return height_2;
+            }
+            if ((_e35 < 0.0)) {
+                high = vec2(height_2, _e35);
+                float _e43 = low.y;
+                int _e44 = side;
+                low.y = (_e43 * ((_e44 == -1) ? 0.5 : 1.0));
+                side = -1;
+            } else {
+                low = vec2(height_2, _e35);
+                float _e54 = high.y;
+                int _e55 = side;
+                high.y = (_e54 * ((_e55 == 1) ? 0.5 : 1.0));
+                side = 1;
+            }
+        }
+    }
+    float _e67 = high.x;
+    float _e69 = low.x;
+    return (0.5 * (_e67 + _e69));
+}
+
+float first_hit(vec3 foot_3) {
+    float height_1 = 0.0;
+    float distance_ = 0.0;
+    float slope = 1.0;
+    int steps = 0;
+    float step_ = 0.0;
+    float ahead = 0.0;
+    vec2 _e1 = reach(foot_3);
+    if ((_e1.x > _e1.y)) {
+        return MISS;
+    }
+    height_1 = _e1.y;
+    float _e8 = height_1;
+    vec3 _e9 = at_height(foot_3, _e8);
+    float _e10 = below(_e9);
+    distance_ = -(_e10);
+    bool loop_init_2 = true;
+    while(true) {
+        if (!loop_init_2) {
+            int _e94 = steps;
+            steps = (_e94 + 1);
+        }
+        loop_init_2 = false;
+        int _e17 = steps;
+        if ((_e17 < MAX_STEPS)) {
+        } else {
+            break;
+        }
+        {
+            float _e20 = distance_;
+            if ((_e20 <= TOLERANCE)) {
+                float _e23 = height_1;
+                return _e23;
+            }
+            float _e24 = height_1;
+            if ((_e24 < _e1.x)) {
+                return MISS;
+            }
+            float _e28 = distance_;
+            float safe = (_e28 / STEEPEST);
+            float _e31 = distance_;
+            float passing = (1.125 * _e31);
+            float _e35 = distance_;
+            float _e38 = slope;
+            step_ = max(((1.9 * _e35) / (STEEPEST + max(_e38, 0.0))), safe);
+            float _e46 = slope;
+            if ((passing < (NEAR * _e46))) {
+                float _e49 = slope;
+                step_ = (passing / _e49);
+            }
+            float _e51 = height_1;
+            float _e52 = step_;
+            vec3 _e54 = at_height(foot_3, (_e51 - _e52));
+            float _e55 = below(_e54);
+            ahead = -(_e55);
+            float _e58 = ahead;
+            if ((_e58 <= 0.0)) {
+                float _e61 = height_1;
+                float _e62 = distance_;
+                float _e65 = height_1;
+                float _e66 = step_;
+                float _e68 = ahead;
+                float _e71 = between(foot_3, vec2(_e61, -(_e62)), vec2((_e65 - _e66), -(_e68)));
+                return _e71;
+            }
+            float _e72 = ahead;
+            float _e76 = step_;
+            if (((safe + (_e72 / STEEPEST)) < _e76)) {
+                step_ = safe;
+                float _e78 = height_1;
+                float _e79 = step_;
+                vec3 _e81 = at_height(foot_3, (_e78 - _e79));
+                float _e82 = below(_e81);
+                ahead = -(_e82);
+            }
+            float _e84 = distance_;
+            float _e85 = ahead;
+            float _e87 = step_;
+            slope = ((_e84 - _e85) / _e87);
+            float _e89 = height_1;
+            float _e90 = step_;
+            height_1 = (_e89 - _e90);
+            float _e92 = ahead;
+            distance_ = _e92;
+        }
+    }
+    return MISS;
+}
+
+void main() {
+    OnScreen pixel = OnScreen(gl_FragCoord, _vs2fs_location0);
+    vec3 _e2 = foot_of(pixel.place_in_frame);
+    float _e3 = first_hit(_e2);
+    if ((_e3 <= MISS)) {
+        _fs2p_location0 = vec4(0.0);
+        return;
+    }
+    vec3 _e8 = at_height(_e2, _e3);
+    vec4 _e9 = shaded(_e8);
+    _fs2p_location0 = _e9;
+    return;
+}
+

@@ -1,0 +1,134 @@
+#version 300 es
+
+precision highp float;
+precision highp int;
+
+struct Picture {
+    mat4x4 field_from_frame;
+    mat4x4 volume_from_field;
+    mat4x4 field_from_patient;
+    mat4x4 clip_from_patient;
+    vec3 volume_size;
+    float stored_scale;
+    vec3 field_size;
+    float stored_offset;
+    vec3 towards_viewer;
+    float depth_scale;
+    vec3 box_low;
+    float depth;
+    vec3 box_high;
+    float voxel_mm;
+    vec3 sphere_centre;
+    float sphere_radius;
+    vec2 size;
+    float ambient;
+    uint color_row;
+    float window_black;
+    float window_factor;
+    float window_offset;
+    uint slab_count;
+    float slab_first;
+    float slab_step;
+    float clip_reach;
+    float clip_piece;
+    float smooth_share;
+};
+struct OnScreen {
+    vec4 position;
+    vec2 place_in_frame;
+};
+const float TOLERANCE = 0.005;
+const float STEEPEST = 1.75;
+const float NEAR = 1.0;
+const float RELAXATION = 0.95;
+const int MAX_STEPS = 8192;
+const int FALSE_POSITIONS = 6;
+const int MAX_ROUNDS = 18;
+const float MISS = -1e30;
+
+layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
+
+smooth out vec2 _vs2fs_location0;
+
+bool is_in_volume(vec3 position_1) {
+    bool local = false;
+    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
+        vec3 _e9 = _group_0_binding_0_vs.volume_size;
+        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
+    } else {
+        local = false;
+    }
+    bool _e16 = local;
+    return _e16;
+}
+
+float brightness(float stored) {
+    float _e3 = _group_0_binding_0_vs.window_black;
+    float _e7 = _group_0_binding_0_vs.window_factor;
+    float _e11 = _group_0_binding_0_vs.window_offset;
+    float ramp = (((stored - _e3) * _e7) + _e11);
+    return clamp(ramp, 0.0, 255.0);
+}
+
+float light_on(float facing) {
+    float _e3 = _group_0_binding_0_vs.ambient;
+    float _e6 = _group_0_binding_0_vs.ambient;
+    return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
+}
+
+vec3 foot_of(vec2 place_in_frame) {
+    mat4x4 _e3 = _group_0_binding_0_vs.field_from_frame;
+    return (_e3 * vec4(place_in_frame, 0.0, 1.0)).xyz;
+}
+
+vec3 at_height(vec3 foot, float height) {
+    vec3 _e4 = _group_0_binding_0_vs.towards_viewer;
+    return (foot + (height * _e4));
+}
+
+vec2 reach(vec3 foot_1) {
+    bool local_1 = false;
+    vec3 _e3 = _group_0_binding_0_vs.sphere_centre;
+    vec3 from_centre = (foot_1 - _e3);
+    vec3 _e7 = _group_0_binding_0_vs.towards_viewer;
+    vec3 _e11 = _group_0_binding_0_vs.towards_viewer;
+    vec3 aside = (from_centre - (dot(from_centre, _e7) * _e11));
+    float _e16 = _group_0_binding_0_vs.sphere_radius;
+    float _e19 = _group_0_binding_0_vs.sphere_radius;
+    float half_squared = ((_e16 * _e19) - dot(aside, aside));
+    if (!((half_squared < 0.0))) {
+        float _e30 = _group_0_binding_0_vs.sphere_radius;
+        local_1 = (_e30 < 0.0);
+    } else {
+        local_1 = true;
+    }
+    bool _e34 = local_1;
+    if (_e34) {
+        return vec2(0.0, -1.0);
+    }
+    float half_ = sqrt(half_squared);
+    vec3 _e41 = _group_0_binding_0_vs.towards_viewer;
+    float middle = -(dot(from_centre, _e41));
+    vec3 _e46 = _group_0_binding_0_vs.towards_viewer;
+    vec3 _e51 = _group_0_binding_0_vs.towards_viewer;
+    vec3 direction = mix(_e46, vec3(1e-6), lessThan(abs(_e51), vec3(1e-6)));
+    vec3 _e59 = _group_0_binding_0_vs.box_low;
+    vec3 low_1 = ((_e59 - foot_1) / direction);
+    vec3 _e64 = _group_0_binding_0_vs.box_high;
+    vec3 high_1 = ((_e64 - foot_1) / direction);
+    vec3 near = min(low_1, high_1);
+    vec3 far = max(low_1, high_1);
+    return vec2(max(max(near.x, near.y), max(near.z, (middle - half_))), min(min(far.x, far.y), min(far.z, (middle + half_))));
+}
+
+void main() {
+    uint vertex = uint(gl_VertexID);
+    vec2 corner = vec2(((float((vertex & 1u)) * 4.0) - 1.0), ((float((vertex >> 1u)) * 4.0) - 1.0));
+    vec2 _e29 = _group_0_binding_0_vs.size;
+    vec2 place = (vec2((0.5 + (0.5 * corner.x)), (0.5 - (0.5 * corner.y))) * _e29);
+    OnScreen _tmp_return = OnScreen(vec4(corner, 0.0, 1.0), place);
+    gl_Position = _tmp_return.position;
+    _vs2fs_location0 = _tmp_return.place_in_frame;
+    return;
+}
+
