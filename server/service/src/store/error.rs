@@ -3,6 +3,8 @@
 use std::error::Error;
 use std::io::ErrorKind;
 
+use sqlx::error::DatabaseError;
+
 /// SQLite's result code for a full disk (sqlite.org/rescode.html).
 const SQLITE_FULL: &str = "13";
 
@@ -40,7 +42,7 @@ impl StoreError {
                 .downcast_ref::<sqlx::Error>()
                 .and_then(sqlx::Error::as_database_error);
             from_disk.is_some_and(is_full)
-                || from_rows.and_then(|error| error.code()).as_deref() == Some(SQLITE_FULL)
+                || from_rows.and_then(DatabaseError::code).as_deref() == Some(SQLITE_FULL)
         })
     }
 }
