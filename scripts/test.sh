@@ -57,6 +57,8 @@ browser_tests() {
   ISOCORTEX_BINARY=$(target_dir)/debug/isocortex node --test tests/browser/
 }
 
+[ -d "${ISOCORTEX_TEST_DATA:-../shared/data}" ] ||
+  skip 'tests on real heads' 'set ISOCORTEX_TEST_DATA to their folder'
 step format cargo fmt --all --check
 step lints cargo clippy --locked --workspace --all-targets -- -D warnings
 if have shellcheck; then step shellcheck shell_scripts; else skip shellcheck "shellcheck is not installed"; fi

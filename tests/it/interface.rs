@@ -236,28 +236,6 @@ async fn pictures_show_the_brain_and_name_their_renderer() {
 }
 
 #[tokio::test]
-async fn renderers_that_this_server_lacks_are_a_clear_error() {
-    let server = Server::start().await;
-    let case = server.plain_case().await;
-    for renderer in ["mesh", "trace"] {
-        let answer = server
-            .get(&format!("{case}/render?renderer={renderer}"))
-            .await;
-        assert_eq!(
-            (answer.status.as_u16(), answer.problem().as_str()),
-            (501, "not-implemented")
-        );
-        assert!(answer.json()["detail"].as_str().unwrap().contains(renderer));
-    }
-    for renderer in ["auto", "splat"] {
-        let answer = server
-            .get(&format!("{case}/render?renderer={renderer}"))
-            .await;
-        assert_eq!(answer.header("x-isocortex-renderer"), "splat");
-    }
-}
-
-#[tokio::test]
 async fn the_service_says_what_it_is_and_counts() {
     let server = Server::start().await;
     assert_eq!(server.get("/readyz").await.json()["status"], "ok");

@@ -10,6 +10,8 @@ mod kill;
 mod layers;
 mod nifti;
 mod openapi;
+mod renderers;
+mod renders;
 mod restart;
 mod security;
 mod server;

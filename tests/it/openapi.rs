@@ -35,6 +35,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/cases/{id}/volume",
         "get /v1/cases/{id}/distance",
         "get /v1/cases/{id}/render",
+        "post /v1/cases/{id}/renders",
         "get /v1/cases/{id}/slices/{plane}",
     ]
     .map(str::to_owned)

@@ -49,7 +49,7 @@ fn pipeline(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("pipeline");
     group.sample_size(10);
     group.bench_function("mask", |b| {
-        b.iter(|| BrainMask::from_mask(&mask, &volume_grid))
+        b.iter(|| BrainMask::from_mask(&mask, &volume_grid));
     });
     let brain = BrainMask::from_mask(&mask, &volume_grid).expect("a brain");
     group.bench_function("closing by 10 mm", |b| b.iter(|| envelope(&brain, 10.0)));
@@ -68,7 +68,7 @@ fn pipeline(criterion: &mut Criterion) {
         let size = MeshSize::new(contours, points).expect("a size within range");
         let name = |step: &str| format!("{step}, {} vertices", size.vertex_count());
         group.bench_function(name("envelope mesh"), |b| {
-            b.iter(|| envelope_mesh(&field, size))
+            b.iter(|| envelope_mesh(&field, size));
         });
         let mesh = envelope_mesh(&field, size).expect("a mesh");
         for (kind, paths) in [("forest", Paths::Forest(&forest)), ("flow", Paths::Flow)] {

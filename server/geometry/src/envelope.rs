@@ -9,6 +9,9 @@ use crate::{BrainMask, GeometryError, Grid, Mask};
 /// The largest radius of the closing, in mm.
 const MAX_CLOSING_RADIUS_MM: f64 = 50.0;
 
+/// How many voxels the mask with room for the ball around it may have: each takes five bytes.
+const MAX_PADDED_VOXELS: f64 = 3e8;
+
 /// The Euclidean closing of a brain mask: its surface bridges the sulci and follows the dura.
 ///
 /// Invariants: at least one voxel, none on a face of the grid.
@@ -65,7 +68,7 @@ impl Envelope {
 /// computed with room for the whole ball around the brain, so that no face of a volume cuts it.
 ///
 /// # Errors
-/// When the radius is not within 0 to 50 mm and below 255 voxels.
+/// When the radius is not within 0 to 50 mm, or too large for voxels so fine.
 pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, GeometryError> {
     if !(0.0..=MAX_CLOSING_RADIUS_MM).contains(&closing_radius_mm) {
         return Err(GeometryError::Parameter {
@@ -77,11 +80,13 @@ pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, G
     let mask = brain.mask();
     let grid = mask.grid();
     let radius = closing_radius_mm / grid.spacing_mm()[0];
-    if radius >= f64::from(MAX_DISTANCE) {
+    let padded_sides = grid.size().map(|side| side as f64 + 2.0 * (radius + 1.0));
+    if radius >= f64::from(MAX_DISTANCE) || padded_sides.iter().product::<f64>() > MAX_PADDED_VOXELS
+    {
         return Err(GeometryError::Parameter {
             name: "closing_radius_mm",
             value: closing_radius_mm,
-            range: "less than 255 voxels",
+            range: "smaller for voxels as fine as these",
         });
     }
     let size = grid.size();

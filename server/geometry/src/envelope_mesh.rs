@@ -255,7 +255,7 @@ fn settled(field: &DepthField, point: Vec3) -> Vec3 {
 fn on_envelope(field: &DepthField, centre: Vec3, outward: f32) -> Vec3 {
     let is_inside = |along: f32| field.depth_mm(centre + Vec3::X * along) >= 0.0;
     let towards = if is_inside(0.0) { outward } else { -outward };
-    let steps = (1..64).map(|quarter| towards * quarter as f32 / 4.0);
+    let steps = (1..4 * field.grid().size()[0]).map(|quarter| towards * quarter as f32 / 4.0);
     let Some(beyond) = steps
         .into_iter()
         .find(|&along| is_inside(along) != is_inside(0.0))

@@ -10,6 +10,9 @@ pub const MAX_VOXELS: usize = 1 << 30;
 /// The largest side of a working grid, in voxels.
 pub const MAX_WORKING_SIZE: usize = 512;
 
+/// How far from the scanner's origin a volume may begin, in mm; single precision still tells hundredths there.
+const MAX_OFFSET_MM: f64 = 1e5;
+
 /// How far from isotropic, or from the patient axes, a grid may be and still count as a working grid.
 const ALIGNMENT_TOLERANCE: f64 = 1e-4;
 
@@ -32,7 +35,7 @@ impl Grid {
     ///
     /// # Errors
     /// When a side is zero, when there are more than [`MAX_VOXELS`] voxels, or when the affine is not
-    /// finite or not invertible (an edge shorter than a nanometre or longer than a kilometre counts too).
+    /// finite or not invertible (nor when a voxel is shorter than a micrometre or longer than a metre, or lies 100 m away).
     pub fn new(size: [usize; 3], patient_from_voxel: DAffine3) -> Result<Self, GeometryError> {
         if size.contains(&0) {
             return Err(GeometryError::EmptyGrid { size });
@@ -55,9 +58,14 @@ impl Grid {
             axes.y_axis.length(),
             axes.z_axis.length(),
         ];
-        if spacing.iter().any(|edge| !(1e-6..=1e6).contains(edge)) {
+        if spacing.iter().any(|edge| !(1e-3..=1e3).contains(edge)) {
             return Err(GeometryError::BadAffine {
-                what: "not invertible: a voxel has no extent",
+                what: "not that of a scan: a voxel is shorter than a micrometre or longer than a metre",
+            });
+        }
+        if patient_from_voxel.translation.abs().max_element() > MAX_OFFSET_MM {
+            return Err(GeometryError::BadAffine {
+                what: "not that of a scan: it lies more than 100 m from the scanner's origin",
             });
         }
         let volume_of_unit_edges = axes.determinant() / (spacing[0] * spacing[1] * spacing[2]);
@@ -197,5 +205,75 @@ fn dominant_axis(vector: DVec3) -> usize {
         1
     } else {
         2
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn diagonal(x: f64, y: f64, z: f64) -> DMat3 {
+        DMat3::from_diagonal(DVec3::new(x, y, z))
+    }
+
+    fn grid(matrix3: DMat3, translation: DVec3) -> Result<Grid, GeometryError> {
+        Grid::new(
+            [4, 5, 6],
+            DAffine3 {
+                matrix3,
+                translation,
+            },
+        )
+    }
+
+    #[test]
+    fn what_is_no_place_in_a_scanner_is_refused() {
+        let (plain, origin) = (diagonal(1.0, 1.0, 1.0), DVec3::ZERO);
+        assert!(grid(plain, origin).is_ok());
+        for (axes, offset) in [
+            (diagonal(1.0, 1.0, 0.0), origin),
+            (diagonal(1.0, 1e-5, 1.0), origin),
+            (diagonal(1.0, 1.0, 1e4), origin),
+            (DMat3::from_cols(DVec3::X, DVec3::X, DVec3::Z), origin),
+            (diagonal(f64::NAN, 1.0, 1.0), origin),
+            (plain, DVec3::new(0.0, f64::INFINITY, 0.0)),
+            (plain, DVec3::new(0.0, 0.0, 3.4e38)),
+        ] {
+            let refused = grid(axes, offset);
+            assert!(
+                matches!(refused, Err(GeometryError::BadAffine { .. })),
+                "{axes} {offset}"
+            );
+        }
+        assert!(matches!(
+            Grid::new([4, 0, 6], DAffine3::IDENTITY),
+            Err(GeometryError::EmptyGrid { .. })
+        ));
+        for size in [[2048; 3], [usize::MAX; 3]] {
+            let refused = Grid::new(size, DAffine3::IDENTITY);
+            assert!(matches!(refused, Err(GeometryError::TooManyVoxels { .. })));
+        }
+    }
+
+    #[test]
+    fn reordering_moves_no_voxel() {
+        // Axes that run to the front, upwards and to the right.
+        let axes = DMat3::from_cols(DVec3::new(0.0, -2.0, 0.0), DVec3::Z * 2.0, DVec3::X * -2.0);
+        let native = grid(axes, DVec3::new(10.0, 20.0, 30.0)).unwrap();
+        let ordered = native.reordered_to_patient_axes().unwrap();
+        assert_eq!(ordered.size(), [6, 4, 5]);
+        let native_from_ordered = native.voxel_from_patient() * ordered.patient_from_voxel();
+        for index in 0..ordered.voxel_count() {
+            let voxel = DVec3::from_array(ordered.voxel(index).map(|place| place as f64));
+            let there = native_from_ordered.transform_point3(voxel);
+            assert!(there.distance(there.round()) < 1e-9 && native.contains(there));
+        }
+        let tilted = DMat3::from_rotation_x(0.01);
+        assert!(
+            grid(tilted, DVec3::ZERO)
+                .unwrap()
+                .reordered_to_patient_axes()
+                .is_none()
+        );
     }
 }

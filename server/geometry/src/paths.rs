@@ -14,9 +14,6 @@ const ROW_VOXELS: f32 = 0.5;
 /// How far the depth of a position between two rows may be off, in mm, before the table holds it more finely.
 const ROW_TOLERANCE_MM: f32 = 0.025;
 
-/// How many times longer than deep a line must be to be looked at closely.
-const LONG_DETOUR: f32 = 1.6;
-
 /// Depths closer than this are not told apart, in mm.
 const FINEST_STEP_MM: f32 = 0.01;
 
@@ -390,12 +387,8 @@ impl Tabulation<'_> {
     ///
     /// The longer the line is than it is deep, the more closely it is looked at.
     fn is_straight(&self, [near, far]: [f32; 2], [start, end]: [Vec3; 2]) -> bool {
-        let length_mm = start.distance(end) * self.field.spacing_mm();
-        let samples = if length_mm > LONG_DETOUR * (far - near) {
-            15
-        } else {
-            3
-        };
+        let detour = start.distance(end) * self.field.spacing_mm() / (far - near);
+        let samples = if detour < 4.0 { 3 } else { 15 };
         (1..=samples).all(|sample| {
             let fraction = sample as f32 / (samples + 1) as f32;
             let depth = self.field.depth_mm(start.lerp(end, fraction));

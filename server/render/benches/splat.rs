@@ -6,7 +6,7 @@ use common::Case;
 use criterion::{Criterion, criterion_group, criterion_main};
 use render::{
     RenderParameters, RenderRequest, SliceParameters, SlicePlane, SliceRequest, Window, draw_slice,
-    draw_splat,
+    draw_splat, draw_trace,
 };
 
 fn splat(criterion: &mut Criterion) {
@@ -24,6 +24,9 @@ fn splat(criterion: &mut Criterion) {
         let request = RenderRequest::new(parameters).expect("a request");
         criterion.bench_function(&format!("splat 512x512 at {depth_mm} mm"), |bencher| {
             pool.install(|| bencher.iter(|| draw_splat(&case.scene(), &request)));
+        });
+        criterion.bench_function(&format!("trace 512x512 at {depth_mm} mm"), |bencher| {
+            pool.install(|| bencher.iter(|| draw_trace(&case.scene(), &request)));
         });
     }
     let middle_mm = SlicePlane::Axial.middle_mm(&case.scene().bounds);

@@ -4,7 +4,7 @@
 //!
 //! Camera, window, colour map and light are shared by every renderer. [`draw_splat`] draws the
 //! isosurface {depth = D} in software by projecting the voxels of a thin shell (the paper's section 3.3)
-//! and correcting every pixel along its line of sight; [`draw_slice`] draws a slice with the contours
+//! and correcting every pixel along its line of sight; [`draw_trace`] follows every line of sight to the isosurface itself and judges the others; [`draw_slice`] draws a slice with the contours
 //! of the isosurfaces. Both give the same bytes for the same request on every machine and for any
 //! number of threads: pixels are computed with additions, multiplications, divisions and square roots alone,
 //! which IEEE 754 rounds in one way, and no sum is split between threads.
@@ -12,9 +12,14 @@
 //! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
 //! camera looks: x to the right of the picture, y up, z towards the viewer.
 
+mod annotate;
+mod apng;
 mod bounds;
 mod camera;
+mod canvas;
 mod colormap;
+#[cfg(any(test, feature = "conformance"))]
+pub mod conformance;
 mod error;
 mod frame;
 pub mod gpu;
@@ -23,13 +28,21 @@ mod isosurface;
 mod light;
 mod png;
 mod rays;
+mod renderer;
 mod sampler;
 mod scene;
+mod seeds;
 mod shade;
+mod sheet;
 mod slice;
 mod splat;
+mod state;
+mod surface;
+mod trace;
 mod window;
 
+pub use annotate::{MIN_ANNOTATED_SIDE, annotate};
+pub use apng::AnimatedPng;
 pub use bounds::BoundingSphere;
 pub use camera::{Camera, NamedView, Projection};
 pub use colormap::ColorMap;
@@ -38,7 +51,11 @@ pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
 pub use hits::Hits;
 pub use light::Light;
 pub use png::{RESEARCH_USE_NOTICE, encode_png};
+pub use renderer::{Renderer, Splat, Trace};
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
+pub use sheet::{Sheet, SheetPlan};
 pub use slice::{MAX_CONTOURS, SliceParameters, SlicePlane, SliceRequest, draw_slice};
 pub use splat::{draw_splat, splat_hits};
+pub use state::state_texts;
+pub use trace::{draw_trace, trace_hits};
 pub use window::Window;

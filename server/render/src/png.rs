@@ -33,7 +33,7 @@ pub fn encode_png(frame: &Frame, texts: &[(&str, &str)]) -> Result<Vec<u8>, Rend
     Ok(bytes)
 }
 
-fn color_type(format: PixelFormat) -> png::ColorType {
+pub(crate) fn color_type(format: PixelFormat) -> png::ColorType {
     match format {
         PixelFormat::Grey8 => png::ColorType::Grayscale,
         PixelFormat::GreyAlpha8 => png::ColorType::GrayscaleAlpha,
@@ -42,7 +42,7 @@ fn color_type(format: PixelFormat) -> png::ColorType {
     }
 }
 
-fn add_text<W: std::io::Write>(
+pub(crate) fn add_text<W: std::io::Write>(
     encoder: &mut png::Encoder<'_, W>,
     keyword: &str,
     value: &str,

@@ -39,27 +39,39 @@ impl Rays {
     }
 
     /// The line of sight through a place of the picture, in pixels from its top left corner.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn through(&self, x: f32, y: f32) -> Ray {
         Ray {
-            foot: std::array::from_fn(|axis| {
-                self.corner[axis] + x * self.per_column[axis] + y * self.per_row[axis]
-            }),
+            foot: [
+                self.corner[0] + x * self.per_column[0] + y * self.per_row[0],
+                self.corner[1] + x * self.per_column[1] + y * self.per_row[1],
+                self.corner[2] + x * self.per_column[2] + y * self.per_row[2],
+            ],
             per_height: self.per_height,
         }
     }
 
-    /// Voxel coordinates of a unit of height: the direction to the viewer.
-    pub(crate) fn towards_viewer(&self) -> [f32; 3] {
-        self.per_height
+    /// Voxel coordinates of a step of one pixel to the right.
+    pub(crate) fn per_pixel_right(&self) -> [f32; 3] {
+        self.per_column
     }
 }
 
 impl Ray {
-    /// Voxel coordinates at a height.
+    /// Voxel coordinates of a unit of height: the direction to the viewer.
     #[inline]
+    pub(crate) fn towards_viewer(&self) -> [f32; 3] {
+        self.per_height
+    }
+
+    /// Voxel coordinates at a height.
+    #[inline(always)]
     pub(crate) fn at(&self, height: f32) -> [f32; 3] {
-        std::array::from_fn(|axis| self.foot[axis] + height * self.per_height[axis])
+        [
+            self.foot[0] + height * self.per_height[0],
+            self.foot[1] + height * self.per_height[1],
+            self.foot[2] + height * self.per_height[2],
+        ]
     }
 }
 

@@ -40,27 +40,47 @@ impl<'a, T: Copy + Into<f32>> Sampler<'a, T> {
     /// Whether a position in voxel coordinates lies in a voxel: within half a voxel of a centre.
     #[inline(always)]
     pub(crate) fn contains(&self, position: [f32; 3]) -> bool {
-        (0..3).all(|axis| position[axis] >= -0.5 && position[axis] <= self.last[axis] + 0.5)
+        let inside =
+            |axis: usize| (position[axis] >= -0.5) & (position[axis] <= self.last[axis] + 0.5);
+        inside(0) & inside(1) & inside(2)
     }
 
     /// The value at a position in voxel coordinates.
     #[inline(always)]
     pub(crate) fn at(&self, position: [f32; 3]) -> f32 {
+        let (corner, fractions) = self.cell(position);
+        trilinear(self.corners(corner), fractions)
+    }
+
+    /// The cell of eight voxels that a position in voxel coordinates lies in, as its first voxel, and where in it, 0 to 1.
+    #[inline(always)]
+    pub(crate) fn cell(&self, position: [f32; 3]) -> (u32, [f32; 3]) {
         let [(i, x), (j, y), (k, z)] = [
             whole_and_fraction(position[0], self.limit[0]),
             whole_and_fraction(position[1], self.limit[1]),
             whole_and_fraction(position[2], self.limit[2]),
         ];
+        let [_, dy, dz] = self.strides;
+        (i + j * dy as u32 + k * dz as u32, [x, y, z])
+    }
+
+    /// The values of a cell's eight voxels, x-fastest.
+    #[inline(always)]
+    pub(crate) fn corners(&self, corner: u32) -> [f32; 8] {
         let [dx, dy, dz] = self.strides;
-        let corner = (i + j * dy as u32 + k * dz as u32) as usize;
-        let row = |start: usize| {
-            let low: f32 = self.values[start].into();
-            let high: f32 = self.values[start + dx].into();
-            low + x * (high - low)
-        };
-        let near = between(row(corner), row(corner + dy), y);
-        let far = between(row(corner + dz), row(corner + dz + dy), y);
-        between(near, far, z)
+        let value = |index: usize| -> f32 { self.values[index].into() };
+        let first = corner as usize;
+        let [second, third, fourth] = [first + dy, first + dz, first + dy + dz];
+        [
+            value(first),
+            value(first + dx),
+            value(second),
+            value(second + dx),
+            value(third),
+            value(third + dx),
+            value(fourth),
+            value(fourth + dx),
+        ]
     }
 
     /// The gradient at a position in voxel coordinates, per voxel: trilinear between central differences.
@@ -79,15 +99,19 @@ impl<'a, T: Copy + Into<f32>> Sampler<'a, T> {
             whole_and_fraction(position[2], self.limit[2]),
         ];
         let [_, dy, dz] = self.strides;
-        let corner = (i + j * dy as u32 + k * dz as u32) as usize;
+        let corner = i as usize + j as usize * dy + k as usize * dz;
+        // From the first value that is needed on; none is as far from it as three slices and a row.
+        let values = &self.values[corner - dz..];
+        let corner = dz;
         let pair = |start: usize| {
-            let [low, high]: [f32; 2] = [self.values[start].into(), self.values[start + 1].into()];
-            between(low, high, x)
+            let row: &[T; 2] = values[start..].first_chunk().expect("within the grid");
+            between(row[0].into(), row[1].into(), x)
         };
         let four = |start: usize| {
-            let values: [f32; 4] = std::array::from_fn(|step| self.values[start - 1 + step].into());
-            let along = between(values[2] - values[0], values[3] - values[1], x);
-            [along, between(values[1], values[2], x)]
+            let row: &[T; 4] = values[start - 1..].first_chunk().expect("within the grid");
+            let [a, b, c, d]: [f32; 4] =
+                [row[0].into(), row[1].into(), row[2].into(), row[3].into()];
+            [between(c - a, d - b, x), between(b, c, x)]
         };
         let [[x00, v00], [x10, v10]] = [four(corner), four(corner + dy)];
         let [[x01, v01], [x11, v11]] = [four(corner + dz), four(corner + dz + dy)];
@@ -100,8 +124,17 @@ impl<'a, T: Copy + Into<f32>> Sampler<'a, T> {
         let right_z = between(v11 - pair(before_z + dy), pair(after_z + dy) - v10, z);
         let along_y = between(near_y, far_y, z);
         let along_z = between(left_z, right_z, y);
-        Some([along_x, along_y, along_z].map(|difference| 0.5 * difference))
+        Some([0.5 * along_x, 0.5 * along_y, 0.5 * along_z])
     }
+}
+
+/// Trilinear interpolation between the values of a cell's eight voxels.
+#[inline(always)]
+pub(crate) fn trilinear(corners: [f32; 8], [x, y, z]: [f32; 3]) -> f32 {
+    let [a, b, c, d, e, f, g, h] = corners;
+    let near = between(between(a, b, x), between(c, d, x), y);
+    let far = between(between(e, f, x), between(g, h, x), y);
+    between(near, far, z)
 }
 
 #[inline(always)]
@@ -119,9 +152,25 @@ fn whole_and_fraction(coordinate: f32, limit: f32) -> (u32, f32) {
     } else {
         limit
     };
-    let rounded = (coordinate - 0.5) + ROUNDER;
-    let whole = rounded.to_bits() - ROUNDER.to_bits();
-    (whole, coordinate - (rounded - ROUNDER))
+    let rounded = rounded_down(coordinate);
+    (whole_of(rounded), coordinate - (rounded - ROUNDER))
+}
+
+/// The whole number at or just before a coordinate of 0 to 2²²; anything for others.
+#[inline(always)]
+pub(crate) fn whole(coordinate: f32) -> u32 {
+    whole_of(rounded_down(coordinate))
+}
+
+/// [`ROUNDER`] more than the whole number at or just before a coordinate.
+#[inline(always)]
+fn rounded_down(coordinate: f32) -> f32 {
+    (coordinate - 0.5) + ROUNDER
+}
+
+#[inline(always)]
+fn whole_of(rounded: f32) -> u32 {
+    rounded.to_bits().wrapping_sub(ROUNDER.to_bits())
 }
 
 #[cfg(test)]

@@ -3,7 +3,9 @@
 use geometry::{DepthField, ShellIndex, Volume};
 
 use crate::error::checked;
-use crate::{BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, RenderError, Window};
+use crate::{
+    BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, Projection, RenderError, Window,
+};
 
 /// All that a renderer needs of a case. Cheap to make: it borrows everything.
 #[derive(Debug, Clone, Copy)]
@@ -90,6 +92,11 @@ impl RenderRequest {
     /// The parameters, which are right.
     pub fn parameters(&self) -> &RenderParameters {
         &self.0
+    }
+
+    /// How the request's camera projects `scene`.
+    pub fn projection(&self, scene: &Scene<'_>) -> Projection {
+        self.0.camera.projection(&scene.bounds, self.0.size)
     }
 }
 

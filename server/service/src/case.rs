@@ -52,6 +52,13 @@ impl CaseId {
     }
 }
 
+impl CaseId {
+    /// The id as a number.
+    pub fn number(&self) -> u128 {
+        u128::from_be_bytes(self.0)
+    }
+}
+
 impl fmt::Display for CaseId {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0

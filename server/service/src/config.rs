@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::auth::{Access, BadToken};
+use crate::graphics::GpuUse;
 use crate::listen::ConnectionLimits;
 use crate::logs::LogFormat;
 
@@ -32,10 +33,14 @@ pub struct Config {
     pub log: String,
     /// The largest accepted upload, in bytes.
     pub max_upload_bytes: u64,
+    /// The largest accepted volume, in voxels: each takes two bytes, and a gzip can hold many in a few.
+    pub max_voxels: usize,
     /// How many cases may wait to be prepared.
     pub max_queued_cases: usize,
     /// Cases prepared at a time.
     pub prepare_workers: usize,
+    /// Whether pictures may be drawn by a graphics device.
+    pub gpu: GpuUse,
     /// Threads that render.
     pub render_threads: usize,
     /// Renders that may wait for a thread.
@@ -50,7 +55,7 @@ pub struct Config {
     pub header_timeout_secs: u64,
     /// Time for an answer, in seconds.
     pub answer_timeout_secs: u64,
-    /// Time within which the next bytes of an upload must come, in seconds.
+    /// Time within which the next bytes of an upload must come, or of an answer be taken, in seconds.
     pub upload_idle_secs: u64,
     /// Time for work to finish when the server is stopped, in seconds.
     pub shutdown_grace_secs: u64,
@@ -67,14 +72,16 @@ impl Default for Config {
             log_format: LogFormat::Text,
             log: "info".to_owned(),
             max_upload_bytes: 1 << 30,
+            max_voxels: 256 << 20,
             max_queued_cases: 64,
             prepare_workers: 1,
+            gpu: GpuUse::default(),
             render_threads: processors,
             max_queued_renders: 64,
             model_cache_bytes: 512 << 20,
             body_cache_bytes: 64 << 20,
             max_connections: 512,
-            header_timeout_secs: 30,
+            header_timeout_secs: 10,
             answer_timeout_secs: 60,
             upload_idle_secs: 30,
             shutdown_grace_secs: 20,
@@ -187,6 +194,7 @@ impl Config {
     pub fn check(&self) -> Result<(), ConfigError> {
         let counts = [
             ("max_upload_bytes", self.max_upload_bytes),
+            ("max_voxels", self.max_voxels as u64),
             ("max_queued_cases", self.max_queued_cases as u64),
             ("prepare_workers", self.prepare_workers as u64),
             ("render_threads", self.render_threads as u64),
@@ -207,6 +215,7 @@ impl Config {
         ConnectionLimits {
             connections: self.max_connections,
             header_timeout: Duration::from_secs(self.header_timeout_secs),
+            write_timeout: Duration::from_secs(self.upload_idle_secs),
             shutdown_grace: Duration::from_secs(self.shutdown_grace_secs),
         }
     }

@@ -6,6 +6,9 @@ pub mod caching;
 pub mod case;
 pub mod cli;
 pub mod config;
+pub mod drawing;
+pub mod finish;
+pub mod graphics;
 pub mod jobs;
 pub mod listen;
 pub mod logs;
@@ -21,4 +24,5 @@ pub mod store;
 #[cfg(test)]
 mod testing;
 pub mod turnstile;
+mod unstalled;
 pub mod wire;

@@ -16,6 +16,8 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tower::ServiceExt as _;
 
+use crate::unstalled::Unstalled;
+
 /// How long to wait after the system refused a connection for want of descriptors.
 const PAUSE_AFTER_REFUSAL: Duration = Duration::from_millis(100);
 
@@ -26,6 +28,8 @@ pub struct ConnectionLimits {
     pub connections: usize,
     /// Time for the headers of a request, and for which a connection may be idle between two.
     pub header_timeout: Duration,
+    /// Time within which a client must take the next bytes of an answer.
+    pub write_timeout: Duration,
     /// Time for requests at work to finish when the server stops.
     pub shutdown_grace: Duration,
 }
@@ -49,6 +53,7 @@ pub async fn serve(
             tokio::time::sleep(PAUSE_AFTER_REFUSAL).await;
             continue;
         };
+        let stream = Unstalled::new(stream, limits.write_timeout);
         let connection = connection(stream, app.clone(), limits.header_timeout);
         let connection = graceful.watch(connection);
         tokio::spawn(async move {
@@ -90,11 +95,11 @@ async fn accept(
 }
 
 fn connection(
-    stream: TcpStream,
+    stream: Unstalled<TcpStream>,
     app: Router,
     header_timeout: Duration,
 ) -> http1::Connection<
-    TokioIo<TcpStream>,
+    TokioIo<Unstalled<TcpStream>>,
     impl hyper::service::Service<
         Request<hyper::body::Incoming>,
         Response = axum::response::Response,

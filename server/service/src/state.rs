@@ -10,6 +10,7 @@ use tokio::sync::watch;
 use crate::auth::Access;
 use crate::case::{CaseFacts, CaseId, CaseState};
 use crate::config::{Config, ConfigError};
+use crate::graphics::Graphics;
 use crate::metrics::Metrics;
 use crate::models::{Model, Models};
 use crate::prepare::Limits;
@@ -40,6 +41,8 @@ pub struct Shared {
     pub models: Models,
     /// Threads for rendering, encoding and compressing.
     pub pool: RenderPool,
+    /// The graphics device, if there is one.
+    pub graphics: Graphics,
     /// Bodies that are made once, compressed.
     pub bodies: Bodies,
     /// Counts for Prometheus.
@@ -92,6 +95,10 @@ impl AppState {
         let access = config.access()?;
         let options = Options {
             queue_limit: config.max_queued_cases,
+            limits: Limits {
+                max_voxels: config.max_voxels,
+                ..Limits::default()
+            },
             ..Options::default()
         };
         let upload_limits = options.limits;
@@ -103,6 +110,7 @@ impl AppState {
             models: Models::new(store.clone(), config.model_cache_bytes),
             store,
             bodies: Bodies::new(pool.clone(), config.body_cache_bytes),
+            graphics: Graphics::start(config.gpu, config.render_threads),
             pool,
             turnstile,
             upload_limits,
@@ -145,8 +153,13 @@ impl Shared {
     /// # Errors
     /// As [`Shared::ready`].
     pub async fn model(&self, id: &CaseId) -> Result<Arc<Model>, AppError> {
-        let model = self.models.get(id).await?;
-        model.ok_or(AppError::NoSuchCase)
+        if let Some(model) = self.models.get(id).await? {
+            return Ok(model);
+        }
+        // It was ready a moment ago, but is deleted or, with its source lost, failed by now.
+        self.forget(id);
+        self.ready(id).await?;
+        Err(AppError::Unavailable)
     }
 
     /// Forgets what is remembered of a case.

@@ -1,124 +1,221 @@
 //! The isosurface at every pixel.
 
-use super::nodes::{Node, facing, nodes};
-use super::seeds::{Lattice, Seeds};
+use std::ops::Range;
+
+use super::follow::{first_hit, hit_near};
+use super::nodes::Nodes;
 use crate::isosurface::Isosurface;
 use crate::rays::{Ray, Rays};
+use crate::surface::{Point, PointRow, Surface};
+
+/// The greatest difference between the heights of four nodes between which the surface is as flat as
+/// that interpolation meets it, in voxels.
+const FLAT: f32 = 2.0;
 
 /// The greatest difference between the heights of four nodes between which the surface counts as one piece, in voxels.
 const SMOOTH: f32 = 6.0;
 
 /// The isosurface as the picture's pixels see it.
 #[derive(Debug)]
-pub(crate) struct Surface<'a> {
+pub(super) struct Pixels<'a> {
     isosurface: Isosurface<'a>,
     rays: Rays,
-    lattice: Lattice,
-    nodes: Vec<Node>,
-    lowest: f32,
+    nodes: Nodes,
+    gaps: Vec<Gap>,
+    bottom: f32,
 }
 
-/// What a pixel shows.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Point {
-    /// Height towards the viewer, in working voxels.
-    pub(crate) height: f32,
-    /// About a unit vector into the brain, in patient space.
-    pub(crate) inward: [f32; 3],
-    /// Cosine between the outward normal and the direction to the viewer.
-    pub(crate) facing: f32,
+/// The columns of pixels between two neighbouring columns of nodes.
+#[derive(Debug)]
+struct Gap {
+    /// The column of nodes to the left.
+    left: usize,
+    columns: Range<usize>,
 }
 
-impl<'a> Surface<'a> {
-    /// The isosurface seen along `rays`, from where `seeds` begins to `lowest`.
-    pub(super) fn new(isosurface: Isosurface<'a>, rays: Rays, seeds: Seeds, lowest: f32) -> Self {
-        let nodes = nodes(&isosurface, &rays, &seeds, lowest);
+impl<'a> Pixels<'a> {
+    /// The isosurface between `nodes`, none of it under `bottom`, in a picture of `width` columns.
+    pub(super) fn new(
+        isosurface: Isosurface<'a>,
+        rays: Rays,
+        nodes: Nodes,
+        width: usize,
+        bottom: f32,
+    ) -> Self {
+        let left_of = |column| nodes.lattice.place(column).0;
+        let mut gaps: Vec<Gap> = Vec::new();
+        for column in 0..width {
+            let left = left_of(column);
+            match gaps.last_mut() {
+                Some(gap) if gap.left == left => gap.columns.end = column + 1,
+                _ => gaps.push(Gap {
+                    left,
+                    columns: column..column + 1,
+                }),
+            }
+        }
         Self {
             isosurface,
             rays,
-            lattice: seeds.lattice,
             nodes,
-            lowest,
+            gaps,
+            bottom,
         }
-    }
-
-    /// Calls `show` with the column and the surface point of each of a row's pixels that show the isosurface.
-    #[inline]
-    pub(crate) fn row(&self, row: usize, width: usize, mut show: impl FnMut(usize, Point)) {
-        let y = row as f32 + 0.5;
-        let node_y = self.lattice.node(y);
-        let top = (node_y as usize).min(self.lattice.rows - 2);
-        let columns = self.lattice.columns;
-        let above = &self.nodes[top * columns..][..columns];
-        let below = &self.nodes[(top + 1) * columns..][..columns];
-        let down = node_y - top as f32;
-        for column in 0..width {
-            let x = column as f32 + 0.5;
-            let node_x = self.lattice.node(x);
-            let left = (node_x as i32 as usize).min(columns - 2);
-            let quad = [
-                &above[left],
-                &above[left + 1],
-                &below[left],
-                &below[left + 1],
-            ];
-            let start = quad
-                .iter()
-                .map(|node| node.start)
-                .fold(f32::NEG_INFINITY, f32::max);
-            if start > f32::NEG_INFINITY {
-                let ray = self.rays.through(x, y);
-                if let Some(point) = self.point(&ray, quad, [node_x - left as f32, down], start) {
-                    show(column, point);
-                }
-            }
-        }
-    }
-
-    /// What a line of sight between four nodes meets.
-    #[inline]
-    fn point(&self, ray: &Ray, quad: [&Node; 4], at: [f32; 2], start: f32) -> Option<Point> {
-        let heights = quad.map(|node| node.height);
-        let highest = heights.into_iter().fold(f32::NEG_INFINITY, f32::max);
-        let lowest = heights.into_iter().fold(f32::INFINITY, f32::min);
-        if highest - lowest <= SMOOTH {
-            let facing = mix(quad.map(|node| node.facing), at);
-            if let Some(height) = self.isosurface.hit_near(ray, mix(heights, at), facing) {
-                let inward =
-                    std::array::from_fn(|axis| mix(quad.map(|node| node.inward[axis]), at));
-                return Some(Point {
-                    height,
-                    inward,
-                    facing,
-                });
-            }
-        }
-        // Above its nodes' hits by more than this, a pixel sees nothing that is a voxel wide.
-        let start = if highest > f32::NEG_INFINITY {
-            start.min(highest + 3.0)
-        } else {
-            start
-        };
-        self.edge_point(ray, start)
-    }
-
-    /// What a line of sight meets that has to be followed on its own.
-    #[inline(never)]
-    fn edge_point(&self, ray: &Ray, start: f32) -> Option<Point> {
-        let height = self.isosurface.first_hit(ray, start, self.lowest)?;
-        let inward = self.isosurface.inward(ray.at(height));
-        Some(Point {
-            height,
-            inward,
-            facing: facing(inward, self.rays.towards_viewer()),
-        })
     }
 }
 
-/// Bilinear between the values at top left, top right, bottom left and bottom right.
-#[inline]
-fn mix(corners: [f32; 4], [x, y]: [f32; 2]) -> f32 {
-    let top = corners[0] + x * (corners[1] - corners[0]);
-    let bottom = corners[2] + x * (corners[3] - corners[2]);
-    top + y * (bottom - top)
+impl Surface for Pixels<'_> {
+    fn find_row(&self, row: usize, points: &mut PointRow) {
+        let lattice = &self.nodes.lattice;
+        let columns = lattice.columns;
+        let (top, down) = lattice.place(row);
+        let above = &self.nodes.points[top * columns..][..columns];
+        let under = &self.nodes.points[(top + 1) * columns..][..columns];
+        for gap in &self.gaps {
+            let quad = [
+                above[gap.left],
+                above[gap.left + 1],
+                under[gap.left],
+                under[gap.left + 1],
+            ];
+            if !lattice.is_wide && quad.iter().all(|point| point.height == f32::NEG_INFINITY) {
+                continue;
+            }
+            let spread = Spread::of(&quad);
+            if spread.difference <= FLAT {
+                self.flat_points(gap, &quad, down, points);
+            } else {
+                let corner = Corner {
+                    row,
+                    left: gap.left,
+                    top,
+                    down,
+                };
+                self.steep_points(gap, &quad, &spread, &corner, points);
+            }
+        }
+    }
+}
+
+/// Where a row of pixels lies between four nodes.
+struct Corner {
+    row: usize,
+    left: usize,
+    top: usize,
+    down: f32,
+}
+
+impl Pixels<'_> {
+    /// The points between four nodes of about one height.
+    #[inline]
+    fn flat_points(&self, gap: &Gap, quad: &[Point; 4], down: f32, points: &mut PointRow) {
+        let [left, right] = [mix(quad[0], quad[2], down), mix(quad[1], quad[3], down)];
+        for column in gap.columns.clone() {
+            let point = mix(left, right, self.nodes.lattice.place(column).1);
+            points.set(column, point);
+        }
+    }
+
+    /// The points between four nodes of differing heights.
+    #[inline(never)]
+    fn steep_points(
+        &self,
+        gap: &Gap,
+        quad: &[Point; 4],
+        spread: &Spread,
+        corner: &Corner,
+        points: &mut PointRow,
+    ) {
+        let [left, right] = [
+            mix(quad[0], quad[2], corner.down),
+            mix(quad[1], quad[3], corner.down),
+        ];
+        for column in gap.columns.clone() {
+            let ray = self
+                .rays
+                .through(column as f32 + 0.5, corner.row as f32 + 0.5);
+            let near = mix(left, right, self.nodes.lattice.place(column).1);
+            let near = (spread.difference <= SMOOTH)
+                .then(|| hit_near(&self.isosurface, &ray, near.height, near.facing))
+                .flatten()
+                .map(|height| Point { height, ..near });
+            if let Some(point) = near.or_else(|| self.edge_point(&ray, spread, corner)) {
+                points.set(column, point);
+            }
+        }
+    }
+
+    /// What a line of sight between four nodes meets that has to be followed on its own.
+    fn edge_point(&self, ray: &Ray, spread: &Spread, corner: &Corner) -> Option<Point> {
+        let Nodes {
+            lattice, starts, ..
+        } = &self.nodes;
+        let first = corner.left + corner.top * lattice.columns;
+        let [above, under] = [first, first + lattice.columns];
+        let start = greater(
+            greater(starts[above], starts[above + 1]),
+            greater(starts[under], starts[under + 1]),
+        );
+        if start == f32::NEG_INFINITY {
+            return None;
+        }
+        let (start, floor) = if spread.highest > f32::NEG_INFINITY {
+            // Above its nodes' hits by more than this, a pixel sees nothing that is a voxel wide.
+            (start.min(spread.highest + 3.0), spread.lowest)
+        } else {
+            (start, self.bottom)
+        };
+        first_hit(&self.isosurface, ray, start, floor)
+            .map(|height| self.isosurface.point(ray, height))
+    }
+}
+
+/// How the heights of four nodes differ.
+struct Spread {
+    highest: f32,
+    /// The least height of those that meet the isosurface; +∞ where all miss it.
+    lowest: f32,
+    /// Between the greatest and the least height; not finite where one misses.
+    difference: f32,
+}
+
+impl Spread {
+    #[inline]
+    fn of([a, b, c, d]: &[Point; 4]) -> Self {
+        let highest = greater(greater(a.height, b.height), greater(c.height, d.height));
+        let least = -greater(greater(-a.height, -b.height), greater(-c.height, -d.height));
+        let lowest = if least > f32::NEG_INFINITY {
+            least
+        } else {
+            let met = [a, b, c, d]
+                .into_iter()
+                .map(|point| point.height)
+                .filter(|height| height.is_finite());
+            met.fold(f32::INFINITY, f32::min)
+        };
+        Self {
+            highest,
+            lowest,
+            difference: highest - least,
+        }
+    }
+}
+
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn mix(from: Point, to: Point, share: f32) -> Point {
+    let mix = |from: f32, to: f32| from + share * (to - from);
+    Point {
+        height: mix(from.height, to.height),
+        facing: mix(from.facing, to.facing),
+        inward: [
+            mix(from.inward[0], to.inward[0]),
+            mix(from.inward[1], to.inward[1]),
+            mix(from.inward[2], to.inward[2]),
+        ],
+    }
 }

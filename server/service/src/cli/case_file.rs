@@ -4,14 +4,19 @@
 //! them, unpacked; each of these parts as its BLAKE3 digest (32 bytes), its packed and its plain length (u64), and its bytes, packed with zstd.
 
 use bytes::Bytes;
-use geometry::{DepthField, ShellIndex, Volume, distance_map};
+use geometry::{
+    DepthField, DistanceMap, Forest, GeometryError, MeshSize, Paths, ShellIndex, ShrunkMesh,
+    Volume, distance_map,
+};
+use render::gpu::{CaseKey, GpuCase};
 use render::{BoundingSphere, Scene};
 
 use super::status::{CliError, ExitStatus};
 use crate::case::CaseFacts;
+use crate::models::PathKind;
 use crate::prepare::{Derived, Prepared};
 use crate::store::ObjectKind;
-use crate::store::codec::{decode_envelope, decode_volume};
+use crate::store::codec::{decode_envelope, decode_forest, decode_volume};
 
 /// What a file begins with.
 pub(super) const MAGIC: &[u8; 8] = b"ISOCASE\n";
@@ -36,6 +41,8 @@ const NORMAL_SIGMA_VOXELS: f32 = 1.5;
 /// What a picture needs of a case.
 pub(super) struct Picturable {
     volume: Volume,
+    distance: DistanceMap,
+    forest: Forest,
     field: DepthField,
     normals: DepthField,
     shell: ShellIndex,
@@ -45,17 +52,59 @@ pub(super) struct Picturable {
 impl Picturable {
     /// What a picture needs of a case that was prepared in this process.
     pub(super) fn of(prepared: Prepared) -> Self {
-        let field = DepthField::new(&prepared.distance);
+        Self::new(
+            prepared.volume,
+            prepared.distance,
+            prepared.forest,
+            prepared.facts,
+        )
+    }
+
+    fn new(volume: Volume, distance: DistanceMap, forest: Forest, facts: CaseFacts) -> Self {
+        let field = DepthField::new(&distance);
         Self {
             normals: field.smoothed(NORMAL_SIGMA_VOXELS),
-            shell: ShellIndex::new(&prepared.distance),
+            shell: ShellIndex::new(&distance),
             field,
-            volume: prepared.volume,
-            facts: prepared.facts,
+            volume,
+            distance,
+            forest,
+            facts,
         }
     }
 
-    pub(super) fn scene(&self) -> Scene<'_> {
+    /// The mesh at a depth.
+    ///
+    /// # Errors
+    /// When the mesh cannot be cut.
+    pub(super) fn shrink(
+        &self,
+        size: MeshSize,
+        kind: PathKind,
+        depth_mm: f32,
+    ) -> Result<ShrunkMesh, GeometryError> {
+        let mesh = geometry::envelope_mesh(&self.field, size)?;
+        let paths = match kind {
+            PathKind::Forest => Paths::Forest(&self.forest),
+            PathKind::Flow => Paths::Flow,
+        };
+        Ok(geometry::shrink_once(
+            &mesh,
+            &self.distance,
+            &self.field,
+            paths,
+            depth_mm,
+        ))
+    }
+}
+
+impl GpuCase for Picturable {
+    /// There is one case in this process.
+    fn key(&self) -> CaseKey {
+        CaseKey(0)
+    }
+
+    fn scene(&self) -> Scene<'_> {
         Scene {
             volume: &self.volume,
             field: &self.field,
@@ -100,15 +149,15 @@ fn decode(file: &[u8]) -> Option<Picturable> {
     let rest = file.strip_prefix(MAGIC)?;
     let mut rest = rest.strip_prefix(&VERSION.to_le_bytes())?;
     let facts = serde_json::from_slice(&part(&mut rest)?).ok()?;
-    let distance = distance_map(&decode_envelope(&part(&mut rest)?)?);
-    let field = DepthField::new(&distance);
-    Some(Picturable {
-        volume: decode_volume(&part(&mut rest)?)?,
-        normals: field.smoothed(NORMAL_SIGMA_VOXELS),
-        shell: ShellIndex::new(&distance),
-        field,
+    let envelope = decode_envelope(&part(&mut rest)?)?;
+    let volume = decode_volume(&part(&mut rest)?)?;
+    let forest = decode_forest(&part(&mut rest)?, &envelope)?;
+    Some(Picturable::new(
+        volume,
+        distance_map(&envelope),
+        forest,
         facts,
-    })
+    ))
 }
 
 /// The next part of a file.

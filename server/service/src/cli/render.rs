@@ -1,6 +1,7 @@
 //! `isocortex render`.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 
@@ -9,13 +10,15 @@ use super::prepare::prepare_here;
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, read_input, write_output};
 use crate::case::{CaseId, Parameters};
-use crate::models::Models;
+use crate::drawing::{Drawer, Drawing};
+use crate::finish::{Story, finish};
+use crate::graphics::{GpuUse, Graphics};
+use crate::models::{Models, PathKind};
 use crate::prepare::Source;
 use crate::problem::AppError;
+use crate::routes::mesh::Paths;
 use crate::routes::query::{Checked as _, Numbers};
-use crate::routes::render::{
-    Background, Colors, RenderQuery, Renderer, View, draw, scene, window_of,
-};
+use crate::routes::render::{Background, Colors, RenderQuery, Renderer, View, window_of};
 use crate::store::Store;
 
 /// Draw the cut of a case, a volume or a prepared file as PNG
@@ -34,6 +37,9 @@ pub(super) struct RenderArgs {
     /// The PNG file to write.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
+    /// Whether pictures may be drawn by a graphics device.
+    #[arg(long, value_enum, env = "ISOCORTEX_GPU", default_value_t)]
+    gpu: GpuUse,
     #[command(flatten)]
     picture: PictureArgs,
 }
@@ -91,6 +97,12 @@ struct PictureArgs {
     /// Points on each contour of the mesh, for the renderer mesh.
     #[arg(long, default_value_t = 30)]
     points: usize,
+    /// What the vertices of the mesh follow, for the renderer mesh.
+    #[arg(long, value_enum, default_value_t)]
+    paths: Paths,
+    /// Writes depth, window, scale, directions and the notice of research use into the picture.
+    #[arg(long)]
+    annotate: bool,
 }
 
 impl PictureArgs {
@@ -111,9 +123,10 @@ impl PictureArgs {
             background: self.background,
             contours: self.contours,
             points: self.points,
+            paths: self.paths,
+            annotate: self.annotate,
         };
         query.check()?;
-        query.renderer_here()?;
         Ok(query)
     }
 }
@@ -121,10 +134,19 @@ impl PictureArgs {
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     let query = args.picture.query()?;
-    let picture = match case_id(&args.input) {
-        Some(id) => super::block_on(of_case(args, id, &query))?,
-        None => of_file(args, &query)?,
-    };
+    let picture = super::block_on(async {
+        // Looked for while the case is read; splatting needs none.
+        let use_of = if query.renderer == Renderer::Splat {
+            GpuUse::Off
+        } else {
+            args.gpu
+        };
+        let graphics = Graphics::start(use_of, 1);
+        match case_id(&args.input) {
+            Some(id) => of_case(args, id, &query, &graphics).await,
+            None => of_file(args, &query, &graphics).await,
+        }
+    })?;
     write_output(&args.output, &picture)
 }
 
@@ -134,7 +156,12 @@ fn case_id(input: &Path) -> Option<CaseId> {
     (!input.exists()).then_some(id)
 }
 
-async fn of_case(args: &RenderArgs, id: CaseId, query: &RenderQuery) -> Result<Vec<u8>, CliError> {
+async fn of_case(
+    args: &RenderArgs,
+    id: CaseId,
+    query: &RenderQuery,
+    graphics: &Graphics,
+) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().data);
     if !data.is_dir() {
@@ -153,11 +180,38 @@ async fn of_case(args: &RenderArgs, id: CaseId, query: &RenderQuery) -> Result<V
         )
     })?;
     let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
-    let request = query.request(depth_mm, window_of(&model.facts))?;
-    Ok(draw(&scene(&model), &request)?)
+    let drawer = Drawer::choose(query.renderer, graphics).await?;
+    let mesh = if drawer.wants_mesh() {
+        let size = query.mesh_size()?;
+        let shrunk = model.shrink(size, query.paths.into(), depth_mm).await;
+        Some((size, shrunk.map_err(AppError::from)?))
+    } else {
+        None
+    };
+    let drawing = Drawing {
+        request: query.request(depth_mm, window_of(&model.facts))?,
+        case: model,
+        asked: query.renderer,
+        drawer,
+        mesh,
+    };
+    finished(drawing, Some(&id), query)
 }
 
-fn of_file(args: &RenderArgs, query: &RenderQuery) -> Result<Vec<u8>, CliError> {
+fn finished(
+    drawing: Drawing,
+    id: Option<&CaseId>,
+    query: &RenderQuery,
+) -> Result<Vec<u8>, CliError> {
+    let story = Story::of(id, &drawing.request, &drawing.case.scene());
+    Ok(finish(drawing.draw()?, &story, query.annotate)?.png)
+}
+
+async fn of_file(
+    args: &RenderArgs,
+    query: &RenderQuery,
+    graphics: &Graphics,
+) -> Result<Vec<u8>, CliError> {
     let volume = read_input(&args.input)?;
     let case = if volume.starts_with(case_file::MAGIC) {
         case_file::read(&volume)?
@@ -170,6 +224,20 @@ fn of_file(args: &RenderArgs, query: &RenderQuery) -> Result<Vec<u8>, CliError> 
         Picturable::of(prepare_here(&Source { volume, mask }, &parameters)?)
     };
     let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
-    let request = query.request(depth_mm, window_of(&case.facts))?;
-    Ok(draw(&case.scene(), &request)?)
+    let drawer = Drawer::choose(query.renderer, graphics).await?;
+    let mesh = if drawer.wants_mesh() {
+        let size = query.mesh_size()?;
+        let shrunk = case.shrink(size, PathKind::from(query.paths), depth_mm);
+        Some((size, shrunk.map_err(AppError::from)?))
+    } else {
+        None
+    };
+    let drawing = Drawing {
+        request: query.request(depth_mm, window_of(&case.facts))?,
+        case: Arc::new(case),
+        asked: query.renderer,
+        drawer,
+        mesh,
+    };
+    finished(drawing, None, query)
 }

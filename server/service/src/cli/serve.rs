@@ -10,6 +10,7 @@ use tokio::net::TcpListener;
 use super::status::{CliError, ExitStatus};
 use crate::app::app;
 use crate::config::{Config, Secret};
+use crate::graphics::GpuUse;
 use crate::jobs::Workers;
 use crate::listen;
 use crate::logs::{self, LogFormat};
@@ -36,6 +37,9 @@ pub(super) struct ServeArgs {
     /// A file that holds the bearer token.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKEN_FILE")]
     pub(super) token_file: Option<PathBuf>,
+    /// Whether pictures may be drawn by a graphics device. [default: auto]
+    #[arg(long, value_enum, env = "ISOCORTEX_GPU")]
+    pub(super) gpu: Option<GpuUse>,
     /// How log lines are written. [default: text]
     #[arg(long, value_enum, env = "ISOCORTEX_LOG_FORMAT")]
     pub(super) log_format: Option<LogFormat>,
@@ -58,13 +62,15 @@ impl ServeArgs {
         }
         set(&mut config.data, self.data.as_ref());
         set(&mut config.listen, self.listen.as_ref());
+        set(&mut config.gpu, self.gpu.as_ref());
         set(&mut config.log_format, self.log_format.as_ref());
         set(&mut config.log, self.log.as_ref());
         if let Ok(token) = std::env::var(TOKEN_VARIABLE)
             && !token.is_empty()
         {
+            // Together with a token file that was named as well, this is refused: neither is meant more than the other.
             config.token = Some(Secret(token));
-            config.token_file = None;
+            config.token_file = self.token_file.clone();
         } else if let Some(path) = &self.token_file {
             config.token = None;
             config.token_file = Some(path.clone());

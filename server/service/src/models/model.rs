@@ -10,7 +10,8 @@ use geometry::{
 };
 use quick_cache::sync::{Cache, DefaultLifecycle};
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
-use render::BoundingSphere;
+use render::gpu::{CaseKey, GpuCase};
+use render::{BoundingSphere, Scene};
 
 use crate::case::{CaseFacts, CaseId};
 use crate::prepare::DEFAULT_MESH;
@@ -122,6 +123,11 @@ impl Model {
         &self.default_paths
     }
 
+    /// Whether a mesh needs no walk: [`Model::shrink`] gives it at once.
+    pub fn has_at_hand(&self, size: MeshSize, kind: PathKind) -> bool {
+        self.is_default(size, kind) || self.tables.peek(&(size, kind)).is_some()
+    }
+
     fn is_default(&self, size: MeshSize, kind: PathKind) -> bool {
         kind == PathKind::Forest
             && [size.contour_count(), size.points_per_contour()] == DEFAULT_MESH
@@ -214,6 +220,22 @@ impl Model {
         let shell = 4 * self.shell.shell(0.0, f32::INFINITY).len();
         let held = volume + fields + shell + table_bytes(&self.default_paths);
         held as u64 + TABLES_BYTES
+    }
+}
+
+impl GpuCase for Model {
+    fn key(&self) -> CaseKey {
+        CaseKey(self.id.number())
+    }
+
+    fn scene(&self) -> Scene<'_> {
+        Scene {
+            volume: &self.volume,
+            field: &self.field,
+            normals: &self.normals,
+            shell: &self.shell,
+            bounds: self.bounds,
+        }
     }
 }
 

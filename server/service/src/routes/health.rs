@@ -9,6 +9,8 @@ use utoipa::ToSchema;
 
 use super::cases::fresh_json;
 use super::query::{ApiQuery, NoQuery};
+use crate::drawing::device_name;
+use crate::graphics::GraphicsState;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 
@@ -30,7 +32,9 @@ pub struct Version {
     /// The version of the program.
     version: &'static str,
     /// Renderers that can be asked for.
-    renderers: [&'static str; 1],
+    renderers: Vec<&'static str>,
+    /// The graphics device that draws, why there is none, or that its driver has not answered yet.
+    graphics: String,
     /// What it is not for.
     notice: &'static str,
 }
@@ -73,11 +77,21 @@ pub async fn metrics(
 
 /// Which server this is
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
-pub async fn version(_no_query: ApiQuery<NoQuery>) -> Json<Version> {
+pub async fn version(State(state): State<AppState>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
+    let mut renderers = vec!["splat", "trace"];
+    let graphics = match state.graphics.state() {
+        GraphicsState::Starting => "starting".to_owned(),
+        GraphicsState::Absent(why) => format!("none: {why}"),
+        GraphicsState::Present(adapter) => {
+            renderers.push("mesh");
+            device_name(&adapter)
+        }
+    };
     Json(Version {
         name: "isocortex",
         version: env!("CARGO_PKG_VERSION"),
-        renderers: ["splat"],
+        renderers,
+        graphics,
         notice: crate::wire::RESEARCH_USE,
     })
 }

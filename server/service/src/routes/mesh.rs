@@ -33,7 +33,9 @@ const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY];
 const MAX_TABULATED_POINTS: usize = 1 << 16;
 
 /// What vertices follow.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum,
+)]
 #[serde(rename_all = "lowercase")]
 pub enum Paths {
     /// The optimal paths of the second transform, as in the paper.

@@ -8,6 +8,7 @@ pub mod health;
 pub mod mesh;
 pub mod query;
 pub mod render;
+pub mod renders;
 pub mod slices;
 pub mod textures;
 pub mod upload;
@@ -61,6 +62,11 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(textures::get_distance))
         .routes(routes!(render::get_render))
         .routes(routes!(slices::get_slice))
+        .merge(
+            OpenApiRouter::new()
+                .routes(routes!(renders::create_renders))
+                .layer(DefaultBodyLimit::max(renders::MAX_BODY_BYTES)),
+        )
         .route_layer(middleware::from_fn_with_state(
             state.clone(),
             answer_in_time,

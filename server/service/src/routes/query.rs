@@ -165,10 +165,36 @@ impl<const N: usize> Serialize for Numbers<N> {
     }
 }
 
+/// From a text with commas, as addresses have it, or from a list, as JSON has it.
 impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
-        text.parse().map_err(D::Error::custom)
+        deserializer.deserialize_any(NumbersVisitor)
+    }
+}
+
+struct NumbersVisitor<const N: usize>;
+
+impl<'de, const N: usize> serde::de::Visitor<'de> for NumbersVisitor<N> {
+    type Value = Numbers<N>;
+
+    fn expecting(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{N} finite numbers")
+    }
+
+    fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Self::Value, E> {
+        text.parse().map_err(E::custom)
+    }
+
+    fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+        let mut numbers = [0.0; N];
+        for (index, number) in numbers.iter_mut().enumerate() {
+            let next = list.next_element()?;
+            *number = next.ok_or_else(|| A::Error::invalid_length(index, &self))?;
+        }
+        match list.next_element::<f64>()? {
+            None => Ok(Numbers(numbers)),
+            Some(_) => Err(A::Error::invalid_length(N + 1, &self)),
+        }
     }
 }
 

@@ -1,23 +1,28 @@
 //! Pictures of the isosurface.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName, HeaderValue};
+use axum::http::HeaderMap;
 use axum::response::Response;
+use geometry::MeshSize;
+use render::gpu::GpuCase;
 use render::{
-    Camera, ColorMap, FrameSize, Light, NamedView, RenderError, RenderParameters, RenderRequest,
-    Scene, Window,
+    Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, NamedView, RenderError,
+    RenderParameters, RenderRequest, Window,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::depth_headers;
-use super::mesh::{check_size, default_count};
+use super::mesh::{Paths, check_size, default_count};
 use super::query::{ApiQuery, CasePath, Checked, Numbers, check_depth};
 use crate::caching::{EntityTag, IMMUTABLE, Representation, not_modified};
-use crate::case::CaseFacts;
-use crate::models::Model;
+use crate::case::{CaseFacts, CaseId};
+use crate::drawing::{Drawer, Drawing};
+use crate::finish::{Story, finish};
+use crate::models::{Model, PathKind};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
@@ -144,7 +149,7 @@ impl From<Background> for render::Background {
 }
 
 /// A picture of the isosurface.
-#[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
+#[derive(Debug, Clone, Serialize, Deserialize, IntoParams, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct RenderQuery {
@@ -156,6 +161,7 @@ pub struct RenderQuery {
     #[param(inline)]
     pub(crate) view: Option<View>,
     /// The quaternion x,y,z,w from patient to view space (x right, y up, z to the viewer), instead of `view`.
+    #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "0,0,0,1")]
     pub(crate) orientation: Option<Numbers<4>>,
     /// Who draws; `auto` takes what this server has, and the answer's header says which that was.
@@ -175,9 +181,11 @@ pub struct RenderQuery {
     #[param(minimum = 0.01, maximum = 100, default = 1)]
     pub(crate) zoom: f64,
     /// Millimetres by which the head is moved to the right and up: `x,y`.
+    #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "0,0")]
     pub(crate) pan: Option<Numbers<2>>,
     /// Window centre and width, in intensities: `c,w`; by default that of the case.
+    #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "80,120")]
     pub(crate) window: Option<Numbers<2>>,
     /// Colours for brightness.
@@ -204,6 +212,14 @@ pub struct RenderQuery {
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 1024, default = 30)]
     pub(crate) points: usize,
+    /// What the vertices of the mesh follow, for the renderer `mesh`.
+    #[serde(default)]
+    #[param(inline)]
+    pub(crate) paths: Paths,
+    /// Whether depth, window, scale, directions and the notice of research use are written into the picture.
+    #[serde(default)]
+    #[param(default = false)]
+    pub(crate) annotate: bool,
 }
 
 impl Checked for RenderQuery {
@@ -215,6 +231,10 @@ impl Checked for RenderQuery {
                 "orientation",
                 "cannot be given together with `view`",
             ));
+        }
+        if self.annotate && self.width.min(self.height) < MIN_ANNOTATED_SIDE {
+            let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
+            return Err(AppError::out_of_range("annotate", detail));
         }
         // Any window and depth will do: those of the case are right by themselves.
         self.request(0.0, Window::between(0.0, 1.0)).map(drop)
@@ -242,14 +262,22 @@ impl RenderQuery {
         Ok(RenderRequest::new(parameters)?)
     }
 
-    /// Who draws this picture here.
-    pub(crate) fn renderer_here(&self) -> Result<&'static str, AppError> {
-        let what = match self.renderer {
-            Renderer::Auto | Renderer::Splat => return Ok("splat"),
-            Renderer::Mesh => "the renderer `mesh`",
-            Renderer::Trace => "the renderer `trace`",
-        };
-        Err(AppError::NotImplemented { what })
+    /// From where the head is seen: the name of the view, or the orientation.
+    pub(crate) fn direction(&self) -> String {
+        match (self.orientation, self.view) {
+            (Some(Numbers([x, y, z, w])), _) => format!("{x:.2},{y:.2},{z:.2},{w:.2}"),
+            (None, view) => NamedView::from(view.unwrap_or(View::Left))
+                .name()
+                .to_owned(),
+        }
+    }
+
+    /// The mesh of the query.
+    ///
+    /// # Errors
+    /// When there is no such mesh.
+    pub(crate) fn mesh_size(&self) -> Result<MeshSize, AppError> {
+        Ok(MeshSize::new(self.contours, self.points)?)
     }
 }
 
@@ -305,17 +333,6 @@ pub(crate) fn window_of(facts: &CaseFacts) -> Window {
     Window::between(facts.window.center - half, facts.window.center + half)
 }
 
-/// What is drawn of a case.
-pub(crate) fn scene(model: &Model) -> Scene<'_> {
-    Scene {
-        volume: &model.volume,
-        field: &model.field,
-        normals: &model.normals,
-        shell: &model.shell,
-        bounds: model.bounds,
-    }
-}
-
 /// A picture of the isosurface at a depth
 #[utoipa::path(
     get, path = "/v1/cases/{id}/render", tag = "pictures",
@@ -323,6 +340,8 @@ pub(crate) fn scene(model: &Model) -> Scene<'_> {
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png", headers(
             ("X-Isocortex-Renderer" = String, description = "Who drew: `splat`, `mesh` or `trace`"),
+            ("X-Isocortex-Device" = String, description = "What drew: `cpu`, or the graphics adapter"),
+            ("X-Isocortex-Reduction" = String, description = "Where the volume is too large for the device: how many of its voxels became one, as 2x2x1"),
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this picture"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether more than the maximum was asked for"),
         )),
@@ -332,7 +351,7 @@ pub(crate) fn scene(model: &Model) -> Scene<'_> {
         (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
         (status = 501, description = "This server does not have that renderer", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits, or the graphics device failed", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_render(
@@ -342,41 +361,68 @@ pub async fn get_render(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
-    let renderer = query.renderer_here()?;
-    let tag = EntityTag::of_answer(&id, "render", &query, (renderer, Coding::Identity));
     let facts = state.ready(&id).await?;
+    let drawer = Drawer::choose(query.renderer, &state.graphics).await?;
+    let tag = tag_of(&id, &query, &drawer);
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept", IMMUTABLE));
     }
-    let depth_mm = query.depth_mm.min(facts.max_depth_mm);
-    let drawing = query.request(depth_mm, window_of(&facts))?;
     let model = state.model(&id).await?;
-    let picture = state
-        .pool
-        .run(move || draw(&scene(&model), &drawing))
-        .await??;
+    let drawing = drawing(&state, &model, &query, drawer).await?;
+    let story = Story::of(Some(&id), &drawing.request, &model.scene());
+    let annotate = query.annotate;
+    let work = move || {
+        drawing
+            .draw()
+            .and_then(|drawn| finish(drawn, &story, annotate))
+    };
+    let finished = state.pool.run(work).await??;
     let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
-    headers.insert(
-        HeaderName::from_static("x-isocortex-renderer"),
-        HeaderValue::from_static(renderer),
-    );
+    finished.describe(&mut headers);
     Representation {
         headers,
         vary: "accept",
-        ..Representation::immutable(tag, PNG, picture)
+        ..Representation::immutable(tag_of(&id, &query, &finished.drawer), PNG, finished.png)
     }
     .respond(&request)
 }
 
-/// Draws and encodes a picture by splatting.
+/// The tag of a picture: renderers differ in their pixels, and graphics devices, too.
+fn tag_of(id: &CaseId, query: &RenderQuery, drawer: &Drawer) -> EntityTag {
+    EntityTag::of_answer(id, "render", query, (&drawer.tag(), Coding::Identity))
+}
+
+/// Gets everything ready that a picture needs.
 ///
 /// # Errors
-/// When it cannot be encoded.
-pub(crate) fn draw(scene: &Scene<'_>, request: &RenderRequest) -> Result<Vec<u8>, AppError> {
-    let frame = render::draw_splat(scene, request);
-    let depth_mm = request.parameters().depth_mm.to_string();
-    let texts = [("Software", SOFTWARE), ("Depth in mm", &depth_mm)];
-    Ok(render::encode_png(&frame, &texts)?)
+/// When the mesh cannot be had, or too much work waits.
+pub(crate) async fn drawing(
+    state: &AppState,
+    model: &Arc<Model>,
+    query: &RenderQuery,
+    drawer: Drawer,
+) -> Result<Drawing, AppError> {
+    let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
+    let mesh = if drawer.wants_mesh() {
+        let size = query.mesh_size()?;
+        let kind = PathKind::from(query.paths);
+        let shrunk = model.shrink(size, kind, depth_mm);
+        let shrunk = if model.has_at_hand(size, kind) {
+            shrunk.await?
+        } else {
+            state.turnstile.pass(shrunk).await??
+        };
+        Some((size, shrunk))
+    } else {
+        None
+    };
+    Ok(Drawing {
+        case: Arc::clone(model) as Arc<dyn GpuCase>,
+        request: query.request(depth_mm, window_of(&model.facts))?,
+        asked: query.renderer,
+        drawer,
+        mesh,
+    })
 }
 
 /// What every picture names as its maker.

@@ -3,13 +3,14 @@
 use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
+use render::gpu::GpuCase as _;
 use render::{SliceParameters, SlicePlane, SliceRequest};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::query::{ApiQuery, CasePath, Checked, NumberList, Numbers};
 use super::render::{
-    Colors, PNG, SOFTWARE, default_side, default_zoom, picture_size, scene, window_of, window_or,
+    Colors, PNG, SOFTWARE, default_side, default_zoom, picture_size, window_of, window_or,
 };
 use crate::caching::{EntityTag, IMMUTABLE, Representation, not_modified};
 use crate::case::CaseFacts;
@@ -190,7 +191,7 @@ pub async fn get_slice(
 }
 
 fn draw(model: &Model, request: &SliceRequest) -> Result<Vec<u8>, AppError> {
-    let frame = render::draw_slice(&scene(model), request);
+    let frame = render::draw_slice(&model.scene(), request);
     let position_mm = request.parameters().position_mm.to_string();
     let texts = [("Software", SOFTWARE), ("Position in mm", &position_mm)];
     Ok(render::encode_png(&frame, &texts)?)

@@ -244,8 +244,12 @@ async fn read_parameters(limits: PartLimits, mut field: Field<'_>) -> Result<Par
         }
         text.extend_from_slice(&bytes);
     }
-    serde_json::from_slice(&text).map_err(|error| AppError::Upload {
-        kind: "parameters-unreadable",
-        detail: format!("the part `parameters` cannot be read: {error}"),
-    })
+    // By way of an object, because a list of the values in order would be taken as well.
+    let object = serde_json::from_slice(&text).map(serde_json::Value::Object);
+    object
+        .and_then(serde_json::from_value)
+        .map_err(|error| AppError::Upload {
+            kind: "parameters-unreadable",
+            detail: format!("the part `parameters` cannot be read: {error}"),
+        })
 }

@@ -1,0 +1,140 @@
+//! What every pixel of a picture shows, whoever finds it.
+
+use rayon::prelude::*;
+
+use crate::rays::Rays;
+use crate::shade::Shade;
+use crate::{Frame, Hits, Projection, RenderRequest, Scene};
+
+/// Rows that a thread takes at once.
+const BAND: usize = 16;
+
+/// Finds the point of an isosurface that each pixel shows.
+pub(crate) trait Surface: Sync {
+    /// Writes what each pixel of a row shows; `points` holds nothing before.
+    fn find_row(&self, row: usize, points: &mut PointRow);
+}
+
+/// The points of the isosurface that a row of pixels shows.
+#[derive(Debug, Clone)]
+pub(crate) struct PointRow {
+    /// Heights towards the viewer from the plane through the target's centre, in working voxels; −∞ where there is no point.
+    pub(crate) heights: Vec<f32>,
+    /// Cosines between the outward normal and the direction to the viewer.
+    pub(crate) facing: Vec<f32>,
+    /// About unit vectors into the brain, in patient space; empty when nobody asks for them.
+    pub(crate) inward: Vec<[f32; 3]>,
+}
+
+/// A point of the isosurface as [`PointRow`] keeps it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Point {
+    pub(crate) height: f32,
+    pub(crate) facing: f32,
+    pub(crate) inward: [f32; 3],
+}
+
+impl PointRow {
+    /// A row of `width` pixels that show nothing, with or without directions into the brain.
+    pub(crate) fn new(width: usize, with_inward: bool) -> Self {
+        Self {
+            heights: vec![f32::NEG_INFINITY; width],
+            facing: vec![0.0; width],
+            inward: vec![[0.0; 3]; if with_inward { width } else { 0 }],
+        }
+    }
+
+    /// Writes what a pixel shows.
+    #[inline]
+    pub(crate) fn set(&mut self, column: usize, point: Point) {
+        self.heights[column] = point.height;
+        self.facing[column] = point.facing;
+        if let Some(inward) = self.inward.get_mut(column) {
+            *inward = point.inward;
+        }
+    }
+
+    fn clear(&mut self) {
+        self.heights.fill(f32::NEG_INFINITY);
+    }
+}
+
+/// The picture of a surface.
+pub(crate) fn draw(
+    surface: &impl Surface,
+    scene: &Scene<'_>,
+    request: &RenderRequest,
+    projection: &Projection,
+) -> Frame {
+    let shade = Shade::new(scene.volume, projection, request, voxel_mm(scene));
+    let size = projection.size();
+    let row_bytes = size.width() as usize * shade.format().bytes_per_pixel();
+    let mut bytes = vec![0; row_bytes * size.height() as usize];
+    let with_inward = shade.asks_for_inward();
+    for_each_row(
+        surface,
+        projection,
+        with_inward,
+        &mut bytes,
+        |row, points, pixels| {
+            shade.row(row, points, pixels);
+        },
+    );
+    Frame::new(size, shade.format(), bytes)
+}
+
+/// What each pixel of a surface's picture shows.
+pub(crate) fn hits(surface: &impl Surface, scene: &Scene<'_>, projection: &Projection) -> Hits {
+    let voxel_mm = voxel_mm(scene) as f32;
+    let mut heights_mm = vec![f32::NEG_INFINITY; projection.size().pixel_count()];
+    for_each_row(
+        surface,
+        projection,
+        false,
+        &mut heights_mm,
+        |_, points, heights_mm| {
+            for (height_mm, height) in heights_mm.iter_mut().zip(&points.heights) {
+                *height_mm = height * voxel_mm;
+            }
+        },
+    );
+    Hits::new(*projection, heights_mm)
+}
+
+/// The lines of sight of a picture through the working grid; heights are in working voxels.
+pub(crate) fn working_rays(scene: &Scene<'_>, projection: &Projection) -> Rays {
+    Rays::new(projection, scene.field.grid(), voxel_mm(scene))
+}
+
+/// A height below everything that `scene` holds, in working voxels.
+pub(crate) fn bottom(scene: &Scene<'_>) -> f32 {
+    -(scene.bounds.radius_mm / voxel_mm(scene)) as f32 - 2.0
+}
+
+/// Edge of a working voxel, in mm.
+fn voxel_mm(scene: &Scene<'_>) -> f64 {
+    scene.field.grid().spacing_mm()[0]
+}
+
+/// Calls `take` with each row's number, points and share of `out`, on all threads.
+fn for_each_row<T: Send>(
+    surface: &impl Surface,
+    projection: &Projection,
+    with_inward: bool,
+    out: &mut [T],
+    take: impl Fn(usize, &PointRow, &mut [T]) + Sync,
+) {
+    let size = projection.size();
+    let per_row = out.len() / size.height() as usize;
+    out.par_chunks_mut(per_row * BAND)
+        .enumerate()
+        .for_each(|(band, rows)| {
+            let mut points = PointRow::new(size.width() as usize, with_inward);
+            for (row, out) in rows.chunks_exact_mut(per_row).enumerate() {
+                let row = band * BAND + row;
+                points.clear();
+                surface.find_row(row, &mut points);
+                take(row, &points, out);
+            }
+        });
+}

@@ -1,0 +1,178 @@
+//! Who draws a picture, and the drawing of it.
+
+use std::sync::Arc;
+
+use geometry::{MeshSize, ShrunkMesh};
+use render::gpu::{AdapterSummary, GpuCase, GpuError, GpuJob, GpuPool, GpuSurface};
+use render::{Frame, RenderRequest};
+
+use crate::graphics::{Graphics, problem_of};
+use crate::problem::AppError;
+use crate::routes::render::Renderer;
+
+/// Who draws a picture on this machine.
+#[derive(Debug, Clone)]
+pub enum Drawer {
+    /// Splatting, on the processor.
+    Splat,
+    /// Sphere tracing, on the processor.
+    Trace,
+    /// The mesh, on a graphics device.
+    GpuMesh(Arc<GpuPool>),
+    /// Sphere tracing, on a graphics device.
+    GpuTrace(Arc<GpuPool>),
+}
+
+impl Drawer {
+    /// Who draws what was asked for: with `auto` and `trace` a graphics device, unless that is a program, which would be slower
+    /// than the renderers of the processor.
+    ///
+    /// # Errors
+    /// [`AppError::NoRenderer`] for `mesh` where there is no graphics device.
+    pub async fn choose(asked: Renderer, graphics: &Graphics) -> Result<Self, AppError> {
+        if asked == Renderer::Splat {
+            return Ok(Self::Splat);
+        }
+        let pool = graphics.pool().await;
+        let hardware = |pool: &Arc<GpuPool>| !pool.adapter().is_software;
+        Ok(match (asked, pool) {
+            (Renderer::Mesh, Ok(pool)) => Self::GpuMesh(pool),
+            (Renderer::Mesh, Err(why)) => {
+                return Err(AppError::NoRenderer {
+                    renderer: "mesh",
+                    why,
+                });
+            }
+            (Renderer::Auto | Renderer::Trace, Ok(pool)) if hardware(&pool) => Self::GpuTrace(pool),
+            (Renderer::Trace, _) => Self::Trace,
+            (Renderer::Auto | Renderer::Splat, _) => Self::Splat,
+        })
+    }
+
+    /// Its name in the interface.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Splat => "splat",
+            Self::Trace | Self::GpuTrace(_) => "trace",
+            Self::GpuMesh(_) => "mesh",
+        }
+    }
+
+    /// The device that draws: `cpu`, or the name of the graphics adapter and its driver.
+    ///
+    /// Pictures of the processor are the same bytes everywhere; those of graphics devices are not.
+    pub fn device(&self) -> String {
+        match self {
+            Self::Splat | Self::Trace => "cpu".to_owned(),
+            Self::GpuMesh(pool) | Self::GpuTrace(pool) => device_name(pool.adapter()),
+        }
+    }
+
+    /// Renderer and device, for entity tags.
+    pub fn tag(&self) -> String {
+        format!("{} on {}", self.name(), self.device())
+    }
+
+    /// Whether it wants a mesh.
+    pub fn wants_mesh(&self) -> bool {
+        matches!(self, Self::GpuMesh(_))
+    }
+}
+
+/// An adapter in one line of printable ASCII, as headers want it.
+pub fn device_name(adapter: &AdapterSummary) -> String {
+    let text = format!(
+        "{} ({}, {})",
+        adapter.name, adapter.interface, adapter.driver
+    );
+    let printable = |letter: char| {
+        if matches!(letter, ' '..='~') {
+            letter
+        } else {
+            '?'
+        }
+    };
+    text.chars().take(200).map(printable).collect()
+}
+
+/// A picture that can be drawn: everything that it needs is at hand. Cheap to clone but for its mesh.
+#[derive(Clone)]
+pub struct Drawing {
+    /// What is drawn.
+    pub case: Arc<dyn GpuCase>,
+    /// How.
+    pub request: RenderRequest,
+    /// What was asked for.
+    pub asked: Renderer,
+    /// By whom.
+    pub drawer: Drawer,
+    /// The mesh, where the drawer wants one.
+    pub mesh: Option<(MeshSize, ShrunkMesh)>,
+}
+
+/// A picture that was drawn.
+#[derive(Debug)]
+pub struct Drawn {
+    /// The picture.
+    pub frame: Frame,
+    /// Who drew it, after all.
+    pub drawer: Drawer,
+    /// How many native voxels along x, y and z became one, where the volume is too large for the device.
+    pub reduction: Option<[usize; 3]>,
+}
+
+impl Drawing {
+    /// Draws. Where a graphics device fails, `auto` falls back to splatting and `trace` to the processor.
+    ///
+    /// # Errors
+    /// [`AppError::GraphicsFailed`] and its like when the device fails and `mesh` was asked for.
+    pub fn draw(self) -> Result<Drawn, AppError> {
+        let (pool, surface) = match &self.drawer {
+            Drawer::Splat | Drawer::Trace => return Ok(self.draw_in_software()),
+            Drawer::GpuTrace(pool) => (pool, GpuSurface::Trace),
+            Drawer::GpuMesh(pool) => {
+                let (size, mesh) = self.mesh.clone().ok_or(AppError::Internal)?;
+                (pool, GpuSurface::Mesh { size, mesh })
+            }
+        };
+        let job = GpuJob {
+            case: Arc::clone(&self.case),
+            request: self.request,
+            surface,
+        };
+        match pool.draw(job) {
+            Ok(drawn) => Ok(Drawn {
+                frame: drawn.frame,
+                drawer: self.drawer,
+                reduction: drawn.reduction,
+            }),
+            Err(error) => self.without_device(&error),
+        }
+    }
+
+    fn without_device(mut self, error: &GpuError) -> Result<Drawn, AppError> {
+        self.drawer = match self.asked {
+            Renderer::Auto => Drawer::Splat,
+            Renderer::Trace => Drawer::Trace,
+            Renderer::Mesh | Renderer::Splat => {
+                tracing::warn!(%error, "the graphics device did not draw");
+                return Err(problem_of(error));
+            }
+        };
+        tracing::warn!(%error, "the graphics device did not draw: the processor does");
+        Ok(self.draw_in_software())
+    }
+
+    fn draw_in_software(self) -> Drawn {
+        let scene = self.case.scene();
+        let (frame, drawer) = match self.drawer {
+            Drawer::Trace => (render::draw_trace(&scene, &self.request), Drawer::Trace),
+            _ => (render::draw_splat(&scene, &self.request), Drawer::Splat),
+        };
+        Drawn {
+            frame,
+            drawer,
+            reduction: None,
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! The graphics device of this machine: looked for once, beside the start of the server.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Duration;
+
+use render::gpu::{AdapterSummary, GpuError, GpuOptions, GpuPool};
+use serde::{Deserialize, Serialize};
+use tokio::sync::watch;
+
+use crate::problem::AppError;
+
+/// How long a picture that needs to know waits for a driver that is slow to answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Whether pictures may be drawn by a graphics device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum GpuUse {
+    /// Where there is one.
+    #[default]
+    Auto,
+    /// Never: no driver is loaded.
+    Off,
+}
+
+/// The graphics device, once it is known whether there is one. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Graphics {
+    found: watch::Receiver<Option<Found>>,
+}
+
+/// What looking for a graphics device found.
+#[derive(Debug, Clone)]
+enum Found {
+    Pool(Arc<GpuPool>),
+    /// None can be used, and why: a sentence without its end.
+    Nothing(&'static str),
+}
+
+/// What is known of the graphics device, for people.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum GraphicsState {
+    /// Its driver has not answered yet.
+    Starting,
+    /// There is none, and why.
+    Absent(&'static str),
+    /// What draws.
+    Present(AdapterSummary),
+}
+
+impl Graphics {
+    /// Looks for a graphics device in a thread of its own and says once in the log what it found.
+    ///
+    /// `drawers` is how many threads will ask for pictures at a time.
+    pub fn start(use_of: GpuUse, drawers: usize) -> Self {
+        let (sender, found) = watch::channel(None);
+        if use_of == GpuUse::Off {
+            tracing::info!("graphics are turned off: pictures are drawn in software");
+            sender.send_replace(Some(Found::Nothing("the configuration turns graphics off")));
+            return Self { found };
+        }
+        let options = GpuOptions {
+            // Each drawer waits for its picture, so no more than these can be queued.
+            queue: drawers.max(1),
+            ..GpuOptions::default()
+        };
+        let looking = std::thread::Builder::new()
+            .name("find-graphics".to_owned())
+            .spawn(move || sender.send_replace(Some(find(options))));
+        if let Err(error) = looking {
+            // The channel is closed then, which reads as no device.
+            tracing::warn!(%error, "no thread to look for a graphics device");
+        }
+        Self { found }
+    }
+
+    /// What is known by now.
+    pub fn state(&self) -> GraphicsState {
+        match &*self.found.borrow() {
+            None => GraphicsState::Starting,
+            Some(Found::Nothing(why)) => GraphicsState::Absent(why),
+            Some(Found::Pool(pool)) => GraphicsState::Present(pool.adapter().clone()),
+        }
+    }
+
+    /// The device, once its driver has answered; `Err` with the reason where there is none.
+    pub(crate) async fn pool(&self) -> Result<Arc<GpuPool>, &'static str> {
+        let mut found = self.found.clone();
+        let known = tokio::time::timeout(PATIENCE, found.wait_for(Option::is_some)).await;
+        match known {
+            Ok(Ok(found)) => match &*found {
+                Some(Found::Pool(pool)) => Ok(Arc::clone(pool)),
+                Some(Found::Nothing(why)) => Err(why),
+                None => Err("its graphics driver does not answer"),
+            },
+            Ok(Err(_closed)) => Err("no graphics device could be looked for"),
+            Err(_elapsed) => Err("its graphics driver does not answer"),
+        }
+    }
+}
+
+fn find(options: GpuOptions) -> Found {
+    let started = catch_unwind(AssertUnwindSafe(|| GpuPool::start(options)));
+    match started {
+        Ok(Ok(pool)) => {
+            let adapter = pool.adapter();
+            tracing::info!(
+                adapter = adapter.name,
+                interface = adapter.interface,
+                driver = adapter.driver,
+                software = adapter.is_software,
+                "graphics device found"
+            );
+            Found::Pool(Arc::new(pool))
+        }
+        Ok(Err(error)) => {
+            tracing::info!(%error, "no graphics device: the renderer mesh is not available, all others are");
+            Found::Nothing(reason(&error))
+        }
+        Err(_panic) => {
+            tracing::warn!(
+                "the graphics driver failed while it was looked at: the renderer mesh is not available"
+            );
+            Found::Nothing("its graphics driver failed")
+        }
+    }
+}
+
+/// Why there is no device, without what a driver says: that may hold paths of files.
+fn reason(error: &GpuError) -> &'static str {
+    match error {
+        GpuError::NoAdapter { .. } => "no graphics adapter and no software Vulkan was found",
+        _ => "its graphics device could not be opened",
+    }
+}
+
+/// What a client is told when the device did not draw what it alone can draw.
+pub(crate) fn problem_of(error: &GpuError) -> AppError {
+    match error {
+        GpuError::NoAdapter { .. } | GpuError::NoDevice { .. } => AppError::NoRenderer {
+            renderer: "mesh",
+            why: reason(error),
+        },
+        GpuError::CaseTooLarge { .. } => AppError::NoRenderer {
+            renderer: "mesh",
+            why: "the case does not fit its graphics device",
+        },
+        GpuError::Busy => AppError::Busy,
+        GpuError::Closed => AppError::Unavailable,
+        GpuError::Mesh { .. } => AppError::Internal,
+        _ => AppError::GraphicsFailed,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn graphics_that_are_off_are_known_at_once() {
+        let graphics = Graphics::start(GpuUse::Off, 2);
+        assert!(matches!(graphics.state(), GraphicsState::Absent(_)));
+        assert!(graphics.pool().await.unwrap_err().contains("off"));
+    }
+
+    #[test]
+    fn what_a_driver_says_is_not_shown() {
+        let error = GpuError::NoDevice {
+            reason: "/usr/lib/secret.so".to_owned(),
+        };
+        let problem = problem_of(&error).problem();
+        assert_eq!(problem.status, 501);
+        assert!(!problem.detail.contains("/usr"));
+        let lost = GpuError::Lost {
+            reason: "/dev/dri".to_owned(),
+        };
+        assert_eq!(problem_of(&lost).problem().status, 503);
+    }
+}

@@ -1,0 +1,323 @@
+//! Who draws: on this machine, whatever it has, and on one without graphics.
+
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use axum::http::StatusCode;
+use futures_util::future::join_all;
+use service::graphics::{GpuUse, GraphicsState};
+
+use crate::server::{Answer, Server};
+
+async fn without_graphics() -> Server {
+    Server::start_with(|config| config.gpu = GpuUse::Off).await
+}
+
+/// A server whose driver has answered, and whether there is one.
+async fn with_graphics() -> (Server, bool) {
+    let server = Server::start().await;
+    for _ in 0..500 {
+        match server.state.graphics.state() {
+            GraphicsState::Starting => tokio::time::sleep(Duration::from_millis(20)).await,
+            GraphicsState::Present(_) => return (server, true),
+            GraphicsState::Absent(_) => break,
+        }
+    }
+    eprintln!("SKIPPED in part: no graphics device on this machine");
+    (server, false)
+}
+
+/// The shares of the picture that are lit, left and right half.
+fn lit(answer: &Answer) -> [f64; 2] {
+    let picture = answer.grey();
+    let half = picture.width() / 2;
+    let share = |left: bool| {
+        let pixels = picture
+            .enumerate_pixels()
+            .filter(|(x, _, pixel)| (*x < half) == left && pixel.0[0] > 20);
+        pixels.count() as f64 / f64::from(half * picture.height())
+    };
+    [share(true), share(false)]
+}
+
+#[tokio::test]
+async fn every_renderer_draws_the_same_head() {
+    let (server, has_graphics) = with_graphics().await;
+    let case = server.plain_case().await;
+    let mut pictures = Vec::new();
+    let renderers: &[&str] = if has_graphics {
+        &["splat", "trace", "mesh"]
+    } else {
+        &["splat", "trace"]
+    };
+    for &renderer in renderers {
+        let address = format!(
+            "{case}/render?view=anterior&depth_mm=6&renderer={renderer}&contours=80&points=80"
+        );
+        let answer = server.get(&address).await;
+        assert_eq!(
+            answer.header("x-isocortex-renderer"),
+            renderer,
+            "{answer:?}"
+        );
+        assert!(!answer.header("x-isocortex-device").is_empty());
+        let again = server
+            .get_with(&address, &[("if-none-match", answer.header("etag"))])
+            .await;
+        assert_eq!(again.status, StatusCode::NOT_MODIFIED, "{renderer}");
+        pictures.push((renderer, answer));
+    }
+    let expected = lit(&pictures[0].1);
+    for (renderer, picture) in &pictures {
+        let found = lit(picture);
+        for side in 0..2 {
+            let off = (found[side] - expected[side]).abs();
+            assert!(off < 0.02, "{renderer}: {found:?}, not {expected:?}");
+        }
+    }
+    let mut tags: Vec<_> = pictures
+        .iter()
+        .map(|(_, answer)| answer.header("etag"))
+        .collect();
+    tags.dedup();
+    assert_eq!(tags.len(), pictures.len(), "each renderer has its own tag");
+}
+
+#[tokio::test]
+async fn the_mesh_is_as_fine_as_it_is_asked_for() {
+    let (server, has_graphics) = with_graphics().await;
+    if !has_graphics {
+        return;
+    }
+    let case = server.plain_case().await;
+    let mesh = async |rest: &str| {
+        let address = format!("{case}/render?renderer=mesh&depth_mm=6&width=96&height=96{rest}");
+        let answer = server.get(&address).await;
+        assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+        answer.grey()
+    };
+    let default = mesh("").await;
+    assert_ne!(mesh("&contours=5&points=6").await, default);
+    assert_ne!(mesh("&paths=flow").await, default);
+    assert_eq!(mesh("&contours=30&points=30&paths=forest").await, default);
+}
+
+#[tokio::test]
+async fn a_server_without_graphics_serves_all_but_the_mesh() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    let version = server.get("/version").await.json();
+    assert_eq!(version["renderers"], serde_json::json!(["splat", "trace"]));
+    assert!(version["graphics"].as_str().unwrap().starts_with("none"));
+    for (asked, used) in [("auto", "splat"), ("splat", "splat"), ("trace", "trace")] {
+        let answer = server
+            .get(&format!("{case}/render?depth_mm=6&renderer={asked}"))
+            .await;
+        assert_eq!(answer.header("x-isocortex-renderer"), used);
+        assert_eq!(answer.header("x-isocortex-device"), "cpu");
+        assert!(lit(&answer)[0] > 0.05);
+    }
+    let mesh = server.get(&format!("{case}/render?renderer=mesh")).await;
+    assert_eq!(
+        (mesh.status.as_u16(), mesh.problem().as_str()),
+        (501, "no-renderer")
+    );
+    let detail = mesh.json()["detail"].as_str().unwrap().to_owned();
+    assert!(
+        detail.contains("mesh") && detail.contains("off"),
+        "{detail}"
+    );
+}
+
+/// The log of a server of its own process that is told to stop once it listens and has looked for a driver.
+#[test]
+fn without_a_driver_the_program_starts_and_says_so_once() {
+    let Some(program) = program() else {
+        eprintln!("SKIPPED: the program isocortex is not built");
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("log");
+    let file = std::fs::File::create(&log).unwrap();
+    let started = Instant::now();
+    let mut child = Command::new(program)
+        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+        .arg(folder.path().join("data"))
+        .env("VK_DRIVER_FILES", "/nowhere.json")
+        .env("VK_ICD_FILENAMES", "/nowhere.json")
+        .env("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
+        .stdout(file.try_clone().unwrap())
+        .stderr(file)
+        .stdin(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut text = String::new();
+    while started.elapsed() < Duration::from_secs(20) {
+        text = std::fs::read_to_string(&log).unwrap();
+        if text.contains("listening") && text.contains("no graphics device") {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(text.contains("listening"), "{text}");
+    assert_eq!(text.matches("no graphics device").count(), 1, "{text}");
+}
+
+/// The program beside this test's own.
+fn program() -> Option<std::path::PathBuf> {
+    let test = std::env::current_exe().ok()?;
+    let program = test.parent()?.parent()?.join("isocortex");
+    program.exists().then_some(program)
+}
+
+#[tokio::test]
+async fn many_renders_at_once_on_two_threads_are_all_drawn_or_told_to_come_again() {
+    let server = Server::start_with(|config| {
+        config.render_threads = 2;
+        config.max_queued_renders = 64;
+    })
+    .await;
+    let case = server.plain_case().await;
+    for renderer in ["splat", "trace", "auto", "mesh"] {
+        let pictures = (0..64).map(|step| {
+            let address = format!(
+                "{case}/render?renderer={renderer}&depth_mm={}&width=64&height=64",
+                f64::from(step) / 4.0
+            );
+            let server = &server;
+            async move { server.get(&address).await }
+        });
+        for answer in join_all(pictures).await {
+            let status = answer.status.as_u16();
+            let lacks_mesh = renderer == "mesh" && status == 501;
+            assert!(status == 200 || lacks_mesh, "{renderer}: {answer:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_client_that_leaves_takes_its_pictures_with_it() {
+    let server = Server::start_with(|config| config.render_threads = 1).await;
+    let case = server.plain_case().await;
+    let address = format!("{case}/render?renderer=trace&width=2048&height=2048&zoom=2");
+    server.get(&format!("{case}/render")).await;
+    for _ in 0..20 {
+        let left = tokio::time::timeout(Duration::from_millis(1), server.get(&address));
+        assert!(
+            left.await.is_err(),
+            "the picture came before the client could leave"
+        );
+    }
+    let started = Instant::now();
+    let one = server.get(&address).await;
+    assert_eq!(one.status, StatusCode::OK);
+    let alone = Instant::now();
+    server
+        .get(&format!(
+            "{case}/render?renderer=trace&width=2048&height=2047&zoom=2"
+        ))
+        .await;
+    // At most the one under way was finished for nobody.
+    let waited = alone - started;
+    assert!(
+        waited < 4 * alone.elapsed() + Duration::from_secs(1),
+        "{waited:?}"
+    );
+    assert_eq!(server.state.pool.waiting(), 0);
+}
+
+#[tokio::test]
+async fn impossible_pictures_are_refused_by_every_renderer() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let refused = [
+        ("orientation=0,0,0,0", "orientation"),
+        ("orientation=nan,0,0,1", "orientation"),
+        ("zoom=0", "zoom"),
+        ("zoom=NaN", "zoom"),
+        ("width=5000", "width"),
+        ("width=0", "width"),
+        ("width=4096&height=4097", "height"),
+        ("width=64&height=64&annotate=true", "annotate"),
+        ("contours=2", "contours"),
+        ("paths=straight", "paths"),
+    ];
+    for renderer in ["auto", "splat", "trace", "mesh"] {
+        for (query, parameter) in refused {
+            let address = format!("{case}/render?renderer={renderer}&{query}");
+            let answer = server.get(&address).await;
+            assert_eq!(answer.status, StatusCode::BAD_REQUEST, "{query}");
+            answer.problem();
+            assert_eq!(answer.json()["parameter"], parameter, "{query}");
+        }
+    }
+    let after = server.get(&format!("{case}/render")).await;
+    assert_eq!(after.status, StatusCode::OK);
+}
+
+/// The texts of a PNG.
+fn texts(png: &[u8]) -> std::collections::BTreeMap<String, String> {
+    let mut texts = std::collections::BTreeMap::new();
+    let mut rest = &png[8..];
+    while let Some((head, after)) = rest.split_at_checked(8) {
+        let length = u32::from_be_bytes(head[..4].try_into().unwrap()) as usize;
+        if &head[4..] == b"tEXt" {
+            let text = String::from_utf8(after[..length].to_vec()).unwrap();
+            let (keyword, value) = text.split_once('\0').unwrap();
+            texts.insert(keyword.to_owned(), value.to_owned());
+        }
+        rest = &after[length + 4..];
+    }
+    texts
+}
+
+#[tokio::test]
+async fn a_picture_tells_how_it_was_made() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    let answer = server
+        .get(&format!(
+            "{case}/render?depth_mm=6&view=superior&zoom=2&pan=3,-4&window=300,400&colormap=hot&renderer=trace"
+        ))
+        .await;
+    let texts = texts(&answer.body);
+    let expected = [
+        ("Depth in mm", "6"),
+        ("Zoom", "2"),
+        ("Pan in mm", "3,-4"),
+        ("Window", "300,400"),
+        ("Colour map", "hot"),
+        ("Renderer", "trace"),
+        ("Device", "cpu"),
+        ("Case", case.rsplit('/').next().unwrap()),
+    ];
+    for (keyword, value) in expected {
+        assert_eq!(texts[keyword], value, "{keyword}");
+    }
+    assert!(texts["Disclaimer"].contains("research"));
+    assert!(texts["Software"].starts_with("Isocortex "));
+    assert_eq!(texts["Orientation"].split(',').count(), 4);
+}
+
+#[tokio::test]
+async fn annotations_are_written_on_request_only() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    let plain = server
+        .get(&format!("{case}/render?depth_mm=6"))
+        .await
+        .grey();
+    let address = format!("{case}/render?depth_mm=6&annotate=true");
+    let annotated = server.get(&address).await.grey();
+    // Nothing is behind the corner but the depth.
+    let corner = |picture: &image::GrayImage| {
+        let pixels = picture.enumerate_pixels();
+        pixels
+            .filter(|(x, y, pixel)| *x < 100 && *y < 50 && pixel.0[0] == 255)
+            .count()
+    };
+    assert_eq!(corner(&plain), 0);
+    assert!(corner(&annotated) > 50);
+}

@@ -1,0 +1,287 @@
+//! Many pictures in one answer.
+
+use std::io::{Cursor, Read as _};
+
+use axum::body::Body;
+use axum::http::{Request, StatusCode};
+use serde_json::{Value, json};
+use service::graphics::GpuUse;
+
+use crate::head::plain_head;
+use crate::server::{Answer, Server};
+
+async fn server_and_case() -> (Server, String) {
+    let server = Server::start_with(|config| config.gpu = GpuUse::Off).await;
+    let case = server.plain_case().await;
+    (server, case)
+}
+
+async fn post(server: &Server, case: &str, accept: &str, body: impl Into<Body>) -> Answer {
+    let request = Request::post(format!("{case}/renders"))
+        .header("accept", accept)
+        .header("content-type", "application/json");
+    server.send(request.body(body.into()).unwrap()).await
+}
+
+async fn ask(server: &Server, case: &str, body: &Value) -> Answer {
+    post(server, case, "*/*", body.to_string()).await
+}
+
+fn picture(depth_mm: f64, view: &str) -> Value {
+    json!({"depth_mm": depth_mm, "view": view, "width": 160, "height": 160})
+}
+
+#[tokio::test]
+async fn a_list_comes_as_a_zip_of_the_single_pictures() {
+    let (server, case) = server_and_case().await;
+    let mut traced = picture(6.0, "right");
+    traced["renderer"] = "trace".into();
+    traced["window"] = json!([300, 400]);
+    let body = json!({"renders": [picture(4.0, "left"), traced]});
+    let answer = ask(&server, &case, &body).await;
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    assert_eq!(answer.header("content-type"), "application/zip");
+    assert_eq!(
+        answer.header("x-isocortex-renderer"),
+        "splat on cpu; trace on cpu"
+    );
+    let mut zip = zip::ZipArchive::new(Cursor::new(&answer.body)).unwrap();
+    let singles = [
+        ("000-left-4mm.png", "depth_mm=4&view=left"),
+        (
+            "001-right-6mm.png",
+            "depth_mm=6&view=right&renderer=trace&window=300,400",
+        ),
+    ];
+    assert_eq!(zip.len(), 2);
+    for (name, query) in singles {
+        let mut png = Vec::new();
+        zip.by_name(name).unwrap().read_to_end(&mut png).unwrap();
+        let single = server
+            .get(&format!("{case}/render?{query}&width=160&height=160"))
+            .await;
+        assert_eq!(single.body, png, "{name}");
+    }
+}
+
+#[tokio::test]
+async fn a_sheet_has_each_picture_in_its_cell() {
+    let (server, case) = server_and_case().await;
+    let views = ["left", "anterior", "right"];
+    let renders: Vec<_> = [2.0, 8.0]
+        .into_iter()
+        .flat_map(|depth| views.map(|view| picture(depth, view)))
+        .collect();
+    let answer = ask(&server, &case, &json!({"sheet": true, "renders": renders})).await;
+    assert_eq!(answer.header("content-type"), "image/png");
+    let sheet = answer.grey();
+    let [left, top] = [sheet.width() - 3 * 160, sheet.height() - 2 * 160];
+    for (row, depth) in [2, 8].into_iter().enumerate() {
+        for (column, view) in views.into_iter().enumerate() {
+            let address =
+                format!("{case}/render?depth_mm={depth}&view={view}&width=160&height=160");
+            let single = server.get(&address).await.grey();
+            let [x, y] = [left + 160 * column as u32, top + 160 * row as u32];
+            let cell = image::imageops::crop_imm(&sheet, x, y, 160, 160).to_image();
+            assert!(cell == single, "{view} at {depth} mm");
+        }
+    }
+    // The patient's right has a bright mark: seen from the front it is at the picture's left, in the sheet as well.
+    let front = image::imageops::crop_imm(&sheet, left + 160, top, 160, 160).to_image();
+    let bright = |range: std::ops::Range<u32>| -> u64 {
+        let pixels = front.enumerate_pixels().filter(|(x, ..)| range.contains(x));
+        pixels.map(|(.., pixel)| u64::from(pixel.0[0])).sum()
+    };
+    assert!(bright(0..80) > bright(80..160), "left is left");
+}
+
+/// The pictures of an animated PNG.
+fn frames(answer: &Answer) -> Vec<Vec<u8>> {
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    let mut reader = png::Decoder::new(Cursor::new(&answer.body))
+        .read_info()
+        .unwrap();
+    let count = reader.info().animation_control.unwrap().num_frames;
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    (0..count)
+        .map(|_| {
+            reader.next_frame(&mut pixels).unwrap();
+            pixels.clone()
+        })
+        .collect()
+}
+
+async fn pixels(server: &Server, case: &str, query: &str) -> Vec<u8> {
+    let address = format!("{case}/render?{query}&width=96&height=96");
+    server.get(&address).await.grey().into_raw()
+}
+
+#[tokio::test]
+async fn a_swivel_turns_all_the_way_round() {
+    let (server, case) = server_and_case().await;
+    let render = json!({"view": "anterior", "depth_mm": 3, "width": 96, "height": 96});
+    let body = json!({"swivel": {"frames": 4, "delay_ms": 100, "render": render}});
+    let answer = ask(&server, &case, &body).await;
+    assert_eq!(answer.header("content-type"), "image/apng");
+    let turn = frames(&answer);
+    assert_eq!(turn.len(), 4);
+    for (frame, view) in [(0, "anterior"), (2, "posterior")] {
+        let still = pixels(&server, &case, &format!("depth_mm=3&view={view}")).await;
+        let off = turn[frame]
+            .iter()
+            .zip(&still)
+            .filter(|(a, b)| a.abs_diff(**b) > 8);
+        assert!(off.count() < 96, "{view}");
+    }
+    assert_ne!(turn[1], turn[3]);
+}
+
+#[tokio::test]
+async fn a_sweep_goes_from_depth_to_depth() {
+    let (server, case) = server_and_case().await;
+    let render = json!({"width": 96, "height": 96});
+    let body = json!({"sweep": {"from_mm": 2, "to_mm": 10, "frames": 5, "render": render}});
+    let answer = ask(&server, &case, &body).await;
+    let peel = frames(&answer);
+    for (frame, depth) in peel.iter().zip([2, 4, 6, 8, 10]) {
+        let still = pixels(&server, &case, &format!("depth_mm={depth}")).await;
+        assert!(*frame == still, "{depth} mm");
+    }
+}
+
+#[tokio::test]
+async fn what_is_wrong_is_named_by_its_path() {
+    let (server, case) = server_and_case().await;
+    let wide = json!({"width": 4096, "height": 4096});
+    let one = picture(1.0, "left");
+    let many: Vec<_> = (0..257).map(|_| one.clone()).collect();
+    let column: Vec<_> = (0..30)
+        .map(|depth| picture(f64::from(depth), "left"))
+        .collect();
+    let wrong = [
+        (json!({"renders": [one, {"deep": 1}]}), "renders[1].deep"),
+        (json!({"picture": 1}), "picture"),
+        (json!({"renders": [{"zoom": 0}]}), "renders[0].zoom"),
+        (
+            json!({"renders": [{"depth_mm": -1}]}),
+            "renders[0].depth_mm",
+        ),
+        (
+            json!({"renders": [{"orientation": [0, 0, 0, 0]}]}),
+            "renders[0].orientation",
+        ),
+        (
+            json!({"renders": [{"orientation": [0, 0, 1]}]}),
+            "renders[0].orientation",
+        ),
+        (json!({"renders": [{"view": "askew"}]}), "renders[0].view"),
+        (json!({"renders": []}), "renders"),
+        (json!({"renders": many}), "renders"),
+        (json!({"renders": [wide, wide, wide, wide, one]}), "."),
+        (json!({}), "."),
+        (
+            json!({"renders": [one], "sweep": {"from_mm": 0, "to_mm": 1, "frames": 2, "render": {}}}),
+            ".",
+        ),
+        (
+            json!({"sheet": true, "swivel": {"frames": 2, "render": {}}}),
+            "sheet",
+        ),
+        (json!({"sheet": true, "renders": [one, one]}), "renders[1]"),
+        (
+            json!({"sheet": true, "renders": [one, {"view": "right"}]}),
+            "renders[1]",
+        ),
+        (json!({"sheet": true, "renders": column}), "sheet"),
+        (
+            json!({"swivel": {"frames": 1, "render": {}}}),
+            "swivel.frames",
+        ),
+        (
+            json!({"swivel": {"frames": 257, "render": {}}}),
+            "swivel.frames",
+        ),
+        (
+            json!({"swivel": {"frames": 4, "delay_ms": 0, "render": {}}}),
+            "swivel.delay_ms",
+        ),
+        (
+            json!({"swivel": {"frames": 256, "render": {"width": 513}}}),
+            ".",
+        ),
+        (
+            json!({"sweep": {"from_mm": -1, "to_mm": 5, "frames": 4, "render": {}}}),
+            "sweep.from_mm",
+        ),
+        (
+            json!({"sweep": {"from_mm": 1, "to_mm": 5, "frames": 4, "render": {"depth_mm": 2}}}),
+            "sweep.render.depth_mm",
+        ),
+    ];
+    for (body, path) in wrong {
+        let answer = ask(&server, &case, &body).await;
+        assert_eq!(answer.status, StatusCode::BAD_REQUEST, "{path}");
+        answer.problem();
+        assert_eq!(answer.json()["parameter"], path, "{answer:?}");
+    }
+    for text in ["", "{", "[]", "{} {}", "\u{1}"] {
+        let answer = post(&server, &case, "*/*", text).await;
+        assert_eq!(answer.status, StatusCode::BAD_REQUEST, "{text}");
+        answer.problem();
+    }
+    let long = post(&server, &case, "*/*", " ".repeat(2 << 20)).await;
+    assert_eq!(
+        (long.status.as_u16(), long.problem().as_str()),
+        (413, "body-too-large")
+    );
+}
+
+#[tokio::test]
+async fn what_cannot_be_sent_or_drawn_is_refused() {
+    let (server, case) = server_and_case().await;
+    let list = json!({"renders": [picture(1.0, "left")]});
+    let answer = post(&server, &case, "image/png", list.to_string()).await;
+    assert_eq!(
+        (answer.status.as_u16(), answer.problem().as_str()),
+        (406, "not-acceptable")
+    );
+    let mesh = json!({"renders": [{"renderer": "mesh"}]});
+    let answer = ask(&server, &case, &mesh).await;
+    assert_eq!(
+        (answer.status.as_u16(), answer.problem().as_str()),
+        (501, "no-renderer")
+    );
+    let nobody = format!("/v1/cases/{}", "0".repeat(32));
+    let answer = ask(&server, &nobody, &list).await;
+    assert_eq!(
+        (answer.status.as_u16(), answer.problem().as_str()),
+        (404, "no-such-case")
+    );
+    let waiting = Server::start_with(|config| config.gpu = GpuUse::Off).await;
+    let uploaded = waiting.upload(&[("volume", &plain_head().bytes())]).await;
+    let early = ask(&waiting, uploaded.header("location"), &list).await;
+    assert_eq!(
+        (early.status.as_u16(), early.problem().as_str()),
+        (409, "case-not-ready")
+    );
+}
+
+#[tokio::test]
+async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
+    let server = Server::start_with(|config| {
+        config.gpu = GpuUse::Off;
+        config.answer_timeout_secs = 1;
+    })
+    .await;
+    let case = server.plain_case().await;
+    let render = json!({"renderer": "trace", "width": 512, "height": 512, "slab_mm": 20});
+    let body = json!({"swivel": {"frames": 256, "render": render}});
+    let answer = ask(&server, &case, &body).await;
+    assert_eq!(
+        (answer.status.as_u16(), answer.problem().as_str()),
+        (503, "timed-out")
+    );
+    let next = server.get(&format!("{case}/render")).await;
+    assert_eq!(next.status, StatusCode::OK);
+    assert_eq!(server.state.pool.waiting(), 0, "nothing is left of it");
+}
