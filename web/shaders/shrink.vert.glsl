@@ -169,9 +169,9 @@ vec3 shrunk(uint vertex_1) {
                 uint _e55 = piece_word((start_1 + 2u));
                 vec2 depths_mm_1 = vec2(uintBitsToFloat(_e51), uintBitsToFloat(_e55));
                 float _e61 = _group_1_binding_0_vs.depth_mm;
-                if ((depths_mm_1.x <= _e61)) {
+                if ((depths_mm_1.x < _e61)) {
                     float _e67 = _group_1_binding_0_vs.depth_mm;
-                    local_1 = (_e67 < depths_mm_1.y);
+                    local_1 = (_e67 <= depths_mm_1.y);
                 } else {
                     local_1 = false;
                 }

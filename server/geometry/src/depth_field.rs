@@ -109,7 +109,8 @@ impl DepthField {
     /// Without unit (mm per mm), along L, P and S, pointing inwards; its length is near 1 but on ridges.
     pub fn gradient(&self, position_in_voxel: Vec3) -> Vec3 {
         let [y_stride, z_stride] = self.strides;
-        let (x, y, z) = self.cell(position_in_voxel, 1.0);
+        // A little more than a voxel, since a whole coordinate may be taken for the end of the cell before it.
+        let (x, y, z) = self.cell(position_in_voxel, 1.0 + 1.0 / 1024.0);
         let start = x.first + y_stride * y.first + z_stride * z.first;
         let value = |index: usize| f32::from(self.values[index]);
         let difference = |index: usize| {

@@ -9,6 +9,12 @@ use crate::surface::Point;
 /// Depths, in voxels, between which the smoothed field gives way to the field.
 const SHALLOW: [f32; 2] = [3.0, 5.0];
 
+/// The share of the smoothed field in the isosurface at a depth in voxels, 0 to 1.
+pub(crate) fn smooth_share(depth_in_voxels: f32) -> f32 {
+    let share = (SHALLOW[1] - depth_in_voxels) / (SHALLOW[1] - SHALLOW[0]);
+    share.clamp(0.0, 1.0)
+}
+
 /// A depth's isosurface. Heights and depths are in voxels of the working grid.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Isosurface<'a> {
@@ -27,12 +33,11 @@ impl<'a> Isosurface<'a> {
     /// of a blend: less than a voxel apart, and no step between one depth and the next.
     pub(crate) fn new(field: &'a DepthField, normals: &'a DepthField, depth_mm: f64) -> Self {
         let depth_in_voxels = (depth_mm / field.grid().spacing_mm()[0]) as f32;
-        let share = (SHALLOW[1] - depth_in_voxels) / (SHALLOW[1] - SHALLOW[0]);
         Self {
             field: Sampler::new(field.values(), field.grid().size()),
             normals: Sampler::new(normals.values(), normals.grid().size()),
             depth: depth_in_voxels * DepthField::STEPS_PER_VOXEL,
-            smooth: share.clamp(0.0, 1.0),
+            smooth: smooth_share(depth_in_voxels),
         }
     }
 

@@ -4,6 +4,7 @@ use glam::{DAffine3, DMat4, DVec3};
 
 use super::case::CaseMaps;
 use super::layout::Picture;
+use crate::isosurface::smooth_share;
 use crate::rays::single;
 use crate::shade::slab_offsets;
 use crate::{ColorMap, RenderRequest, Scene};
@@ -15,9 +16,6 @@ use crate::{ColorMap, RenderRequest, Scene};
 /// field is less than a voxel off.
 const BOX_MARGIN: f64 = 2.01;
 const BALL_MARGIN: f64 = 4.0;
-
-/// Depths, in voxels, between which the smoothed field gives way to the field: nearer to the envelope its voxels would show.
-const SHALLOW: [f64; 2] = [3.0, 5.0];
 
 /// How far the mesh may be outside of the ball around the envelope, in voxels.
 const CLIP_MARGIN: f64 = 4.0;
@@ -69,16 +67,10 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
         slab_first: slab.first().copied().unwrap_or_default(),
         slab_step: slab.get(1).map_or(0.0, |second| second - slab[0]),
         clip_reach: (reach_mm / voxel_mm) as f32,
-        smooth_share: smooth_share(depth),
+        smooth_share: smooth_share(depth as f32),
         _padding: [0.0; 3],
         clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
     }
-}
-
-/// The share of the smoothed field in the isosurface at a depth in voxels, as in the software renderers.
-fn smooth_share(depth: f64) -> f32 {
-    let [all, none] = SHALLOW;
-    ((none - depth) / (none - all)).clamp(0.0, 1.0) as f32
 }
 
 /// From voxel coordinates of the depth field to texels of the volume's texture.

@@ -11,7 +11,7 @@ use super::super::{GpuCase, GpuError, GpuJob, GpuSurface};
 use super::support::{Case, LIMITS, painter, parameters, trace};
 use crate::{
     Background, Camera, ColorMap, Frame, FrameSize, Light, NamedView, PixelFormat,
-    RenderParameters, RenderRequest, Window, draw_splat,
+    RenderParameters, RenderRequest, Window, draw_splat, draw_trace,
 };
 
 fn frame(painter: &mut Painter, job: &GpuJob) -> Frame {
@@ -246,6 +246,22 @@ fn the_traced_picture_is_that_of_small_steps() {
         let traced = frame(&mut painter, &trace(&case, parameters));
         let apart = share_apart(&traced, &by_small_steps(&case, &parameters));
         assert!(apart <= 0.005, "{view:?} {depth_mm}: {apart}");
+    }
+}
+
+#[test]
+fn the_traced_picture_is_that_of_the_software() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = lumpy(17);
+    for view in NamedView::ALL {
+        for depth_mm in [0.0, 4.0, 8.0, 12.0] {
+            let job = trace(&case, parameters(view, depth_mm));
+            let software = draw_trace(&case.scene(), &job.request);
+            let apart = share_apart(&frame(&mut painter, &job), &software);
+            assert!(apart <= 0.005, "{view:?} {depth_mm}: {apart}");
+        }
     }
 }
 
