@@ -18,6 +18,13 @@ browser() {
     say "the browser test needs the Debian package chromium; without it that test is skipped (on CI it fails)."
 }
 
+# A graphics device in software, so that the renderers for one are tested where there is none in hardware.
+graphics() {
+  ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json >/dev/null 2>&1 && return 0
+  install_packages libvulkan1 mesa-vulkan-drivers ||
+    say "the tests of the graphics renderers need the Debian packages libvulkan1 and mesa-vulkan-drivers; without them these tests are skipped (on CI they fail)."
+}
+
 head_of_demo() {
   [ -n "${ISOCORTEX_DEMO_VOLUME:-}" ] || scripts/head.sh >/dev/null ||
     say "no real head is to be had here; the demo will take a phantom head instead."
@@ -25,7 +32,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser ;;
-  all) compiler; browser; head_of_demo ;;
+  test) compiler; browser; graphics ;;
+  all) compiler; browser; graphics; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac
