@@ -16,9 +16,12 @@ async fn without_graphics() -> Server {
 /// A server whose driver has answered, and whether there is one.
 async fn with_graphics() -> (Server, bool) {
     let server = Server::start().await;
+    server.state.graphics.begin();
     for _ in 0..500 {
         match server.state.graphics.state() {
-            GraphicsState::Starting => tokio::time::sleep(Duration::from_millis(20)).await,
+            GraphicsState::Resting | GraphicsState::Starting => {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
             GraphicsState::Present(_) => return (server, true),
             GraphicsState::Absent(_) => break,
         }

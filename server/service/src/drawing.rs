@@ -30,22 +30,25 @@ impl Drawer {
     /// # Errors
     /// [`AppError::NoRenderer`] for `mesh` where there is no graphics device.
     pub async fn choose(asked: Renderer, graphics: &Graphics) -> Result<Self, AppError> {
-        if asked == Renderer::Splat {
-            return Ok(Self::Splat);
-        }
-        let pool = graphics.pool().await;
-        let hardware = |pool: &Arc<GpuPool>| !pool.adapter().is_software;
-        Ok(match (asked, pool) {
-            (Renderer::Mesh, Ok(pool)) => Self::GpuMesh(pool),
-            (Renderer::Mesh, Err(why)) => {
-                return Err(AppError::NoRenderer {
-                    renderer: "mesh",
-                    why,
-                });
-            }
-            (Renderer::Auto | Renderer::Trace, Ok(pool)) if hardware(&pool) => Self::GpuTrace(pool),
-            (Renderer::Trace, _) => Self::Trace,
-            (Renderer::Auto | Renderer::Splat, _) => Self::Splat,
+        Ok(match asked {
+            Renderer::Splat => Self::Splat,
+            Renderer::Mesh => match graphics.pool().await {
+                Ok(pool) => Self::GpuMesh(pool),
+                Err(why) => {
+                    return Err(AppError::NoRenderer {
+                        renderer: "mesh",
+                        why,
+                    });
+                }
+            },
+            Renderer::Trace => graphics
+                .hardware()
+                .await
+                .map_or(Self::Trace, Self::GpuTrace),
+            Renderer::Auto => graphics
+                .hardware()
+                .await
+                .map_or(Self::Splat, Self::GpuTrace),
         })
     }
 

@@ -1,7 +1,8 @@
 //! The graphics device of this machine: looked for once, beside the start of the server.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use render::gpu::{AdapterSummary, GpuError, GpuOptions, GpuPool};
@@ -28,6 +29,15 @@ pub enum GpuUse {
 #[derive(Debug, Clone)]
 pub struct Graphics {
     found: watch::Receiver<Option<Found>>,
+    /// The search, until it begins. Held for moments.
+    search: Arc<Mutex<Option<Search>>>,
+}
+
+/// A search for a graphics device that has not begun.
+#[derive(Debug)]
+struct Search {
+    options: GpuOptions,
+    sender: watch::Sender<Option<Found>>,
 }
 
 /// What looking for a graphics device found.
@@ -41,6 +51,8 @@ enum Found {
 /// What is known of the graphics device, for people.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum GraphicsState {
+    /// There is none in hardware; one in software is opened when a picture asks for it.
+    Resting,
     /// Its driver has not answered yet.
     Starting,
     /// There is none, and why.
@@ -52,18 +64,44 @@ pub enum GraphicsState {
 impl Graphics {
     /// Looks for a graphics device in a thread of its own and says once in the log what it found.
     ///
+    /// On a machine without graphics hardware it waits with that until a picture needs a device: the driver in software
+    /// takes more memory than everything else together.
+    ///
     /// `drawers` is how many threads will ask for pictures at a time.
     pub fn start(use_of: GpuUse, drawers: usize) -> Self {
         let (sender, found) = watch::channel(None);
         if use_of == GpuUse::Off {
             tracing::info!("graphics are turned off: pictures are drawn in software");
             sender.send_replace(Some(Found::Nothing("the configuration turns graphics off")));
-            return Self { found };
+            return Self {
+                found,
+                search: Arc::default(),
+            };
         }
         let options = GpuOptions {
             // Each drawer waits for its picture, so no more than these can be queued.
             queue: drawers.max(1),
             ..GpuOptions::default()
+        };
+        let search = Arc::new(Mutex::new(Some(Search { options, sender })));
+        let graphics = Self { found, search };
+        if may_be_hardware() {
+            graphics.begin();
+        } else {
+            tracing::info!("no graphics device in hardware: pictures are drawn in software");
+        }
+        graphics
+    }
+
+    /// Begins to look for a device, if that has not begun.
+    pub fn begin(&self) {
+        let search = self
+            .search
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        let Some(Search { options, sender }) = search else {
+            return;
         };
         let looking = std::thread::Builder::new()
             .name("find-graphics".to_owned())
@@ -72,20 +110,39 @@ impl Graphics {
             // The channel is closed then, which reads as no device.
             tracing::warn!(%error, "no thread to look for a graphics device");
         }
-        Self { found }
+    }
+
+    fn is_resting(&self) -> bool {
+        self.search
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .is_some()
     }
 
     /// What is known by now.
     pub fn state(&self) -> GraphicsState {
         match &*self.found.borrow() {
+            None if self.is_resting() => GraphicsState::Resting,
             None => GraphicsState::Starting,
             Some(Found::Nothing(why)) => GraphicsState::Absent(why),
             Some(Found::Pool(pool)) => GraphicsState::Present(pool.adapter().clone()),
         }
     }
 
+    /// The device, if it is hardware, once its driver has answered.
+    pub(crate) async fn hardware(&self) -> Option<Arc<GpuPool>> {
+        if self.is_resting() {
+            return None;
+        }
+        self.pool()
+            .await
+            .ok()
+            .filter(|pool| !pool.adapter().is_software)
+    }
+
     /// The device, once its driver has answered; `Err` with the reason where there is none.
     pub(crate) async fn pool(&self) -> Result<Arc<GpuPool>, &'static str> {
+        self.begin();
         let mut found = self.found.clone();
         let known = tokio::time::timeout(PATIENCE, found.wait_for(Option::is_some)).await;
         match known {
@@ -98,6 +155,19 @@ impl Graphics {
             Err(_elapsed) => Err("its graphics driver does not answer"),
         }
     }
+}
+
+/// Whether this machine has a node of a graphics device: those of Linux's own drivers, of NVIDIA's and AMD's, and of a
+/// Windows host. Elsewhere than on Linux it is not known.
+fn may_be_hardware() -> bool {
+    let nodes = [
+        "/dev/dri",
+        "/dev/nvidiactl",
+        "/dev/kfd",
+        "/dev/dxg",
+        "/dev/mali0",
+    ];
+    !cfg!(target_os = "linux") || nodes.iter().any(|node| Path::new(node).exists())
 }
 
 fn find(options: GpuOptions) -> Found {

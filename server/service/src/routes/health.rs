@@ -80,6 +80,7 @@ pub async fn metrics(
 pub async fn version(State(state): State<AppState>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
     let mut renderers = vec!["splat", "trace"];
     let graphics = match state.graphics.state() {
+        GraphicsState::Resting => "software, opened when a picture asks for it".to_owned(),
         GraphicsState::Starting => "starting".to_owned(),
         GraphicsState::Absent(why) => format!("none: {why}"),
         GraphicsState::Present(adapter) => {
