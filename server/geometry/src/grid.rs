@@ -1,6 +1,6 @@
 //! Where voxels are in the patient.
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{BVec3, DAffine3, DMat3, DVec3};
 
 use crate::GeometryError;
 
@@ -194,6 +194,16 @@ impl Grid {
         let tolerance = ALIGNMENT_TOLERANCE * x;
         (x - y).abs() <= tolerance && (x - z).abs() <= tolerance
     }
+}
+
+/// The smallest block along the axes of another space that holds a block of this one, as its lowest and highest corner.
+pub(crate) fn bounds_through(other_from_this: DAffine3, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
+    let corners = (0..8).map(|corner| {
+        let is_high = BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0);
+        other_from_this.transform_point3(DVec3::select(is_high, high, low))
+    });
+    let outward = |[low, high]: [DVec3; 2], corner: DVec3| [low.min(corner), high.max(corner)];
+    corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], outward)
 }
 
 /// The axis along which a vector points most.

@@ -3,6 +3,7 @@
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
+use crate::grid::bounds_through;
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
 use crate::{GeometryError, Grid, MAX_WORKING_SIZE};
 
@@ -47,17 +48,14 @@ impl Mask {
     /// How much of the set lies inside of another grid, 0 to 1; 1 for an empty set.
     pub fn fraction_inside(&self, grid: &Grid) -> f64 {
         let other_from_voxel = grid.voxel_from_patient() * self.grid.patient_from_voxel();
-        let last = self.grid.size().map(|side| side - 1);
-        let corner = |i: usize| {
-            [
-                last[0] * (i & 1),
-                last[1] * (i >> 1 & 1),
-                last[2] * (i >> 2),
-            ]
-        };
-        let is_within =
-            |i| grid.contains(other_from_voxel.transform_point3(as_position(corner(i))));
-        if (0..8).all(is_within) {
+        let centres = [
+            DVec3::ZERO,
+            as_position(self.grid.size().map(|side| side - 1)),
+        ];
+        if bounds_through(other_from_voxel, centres)
+            .into_iter()
+            .all(|corner| grid.contains(corner))
+        {
             return 1.0;
         }
         let marked = (0..self.voxels.len())
@@ -267,14 +265,10 @@ fn working_grid(mask: &Mask, volume_grid: &Grid) -> Result<Grid, GeometryError> 
 fn patient_bounds(mask: &Mask) -> Result<[DVec3; 2], GeometryError> {
     let [first, last] = mask.bounds().ok_or(GeometryError::EmptyMask)?;
     let (first, last) = (as_position(first) - 0.5, as_position(last) + 0.5);
-    let corners = (0..8).map(|corner| {
-        let is_last = glam::BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0);
-        mask.grid
-            .patient_from_voxel()
-            .transform_point3(DVec3::select(is_last, last, first))
-    });
-    let outward = |[low, high]: [DVec3; 2], corner: DVec3| [low.min(corner), high.max(corner)];
-    Ok(corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], outward))
+    Ok(bounds_through(
+        mask.grid.patient_from_voxel(),
+        [first, last],
+    ))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use crate::grid::bounds_through;
 use crate::{Envelope, GeometryError, Grid};
 
 /// The linear map from stored 16-bit values to intensities: `slope * stored + intercept`.
@@ -185,13 +186,7 @@ impl Volume {
     fn block_around(&self, region: &Grid, margin: usize) -> Option<[[usize; 3]; 2]> {
         let voxel_from_region = self.grid.voxel_from_patient() * region.patient_from_voxel();
         let far = DVec3::from_array(region.size().map(|side| side as f64 - 0.5));
-        let corners = (0..8).map(|corner| {
-            let is_far = glam::BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0);
-            voxel_from_region.transform_point3(DVec3::select(is_far, far, DVec3::splat(-0.5)))
-        });
-        let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |bounds, corner| {
-            (bounds.0.min(corner), bounds.1.max(corner))
-        });
+        let [low, high] = bounds_through(voxel_from_region, [DVec3::splat(-0.5), far]);
         let size = self.grid.size();
         let mut block = [[0; 3]; 2];
         for axis in 0..3 {
