@@ -44,7 +44,12 @@ export interface Profile {
 }
 
 export interface SurfaceOptions {
-  /** Hears of every change; also of the first picture. */
+  /**
+   * Hears of every picture in the same moment as it is put up, with the state that it shows: what the page writes on it
+   * (letters, scale, cursor) is never of another picture.
+   */
+  readonly onDrawn: (state: ViewState) => void;
+  /** Hears of every change, and once at first. */
   readonly onStatus: (status: SurfaceStatus) => void;
   /** Only the server draws (`?renderer=server`). */
   readonly serverOnly: boolean;
@@ -68,6 +73,8 @@ export interface Surface {
   probe(position_in_patient: Vec3): { readonly depth_mm: number; readonly intensity: number } | null;
   /** The picture of the state as it stands in the pane, for a screenshot. */
   picture(state: ViewState): Promise<CanvasImageSource>;
+  /** Whether the frame timer stands on the picture. */
+  showTimer(shown: boolean): void;
   dispose(): void;
 }
 
