@@ -164,11 +164,16 @@ fn listing(translated: &[(&str, Translated)]) -> String {
     json
 }
 
-/// The colours of each map, 256 times red, green and blue in two hexadecimal digits each.
+/// The colours of each map: 256 times red, then green, then blue, each as the difference from the one before it modulo 256, in
+/// two hexadecimal digits. (Differences are small and compress well.)
 fn colors() -> String {
     let rows = ColorMap::ALL.map(|map| {
-        let digits = map.table().into_iter().flatten();
-        let digits: String = digits.map(|share| format!("{share:02x}")).collect();
+        let table = map.table();
+        let channels = (0..3).flat_map(|channel| table.map(|color| color[channel]));
+        let mut before = 0_u8;
+        let differences =
+            channels.map(|share| share.wrapping_sub(std::mem::replace(&mut before, share)));
+        let digits: String = differences.map(|share| format!("{share:02x}")).collect();
         format!("  {:?}: {digits:?}", map.name())
     });
     format!("{{\n{}\n}}\n", rows.join(",\n"))
