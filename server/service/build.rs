@@ -3,7 +3,7 @@
 use std::path::Path;
 
 /// What `web/build.mjs` makes.
-const FILES: [&str; 3] = ["index.html", "main.js", "style.css"];
+const FILES: [&str; 4] = ["index.html", "main.js", "shaders.json", "style.css"];
 
 fn main() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../web/dist");

@@ -1,6 +1,7 @@
 // Fetches what the page draws with, and counts the bytes.
 
 import { send } from "./api.ts";
+import { SHADER_NAMES, type ShaderTexts } from "./gl.ts";
 import type { LoadProgress } from "./surface.ts";
 import {
   byteLength, decodeDistance, decodePaths, decodePositions, decodeTriangles, decodeVolume, readLayout, triangleCount,
@@ -56,6 +57,13 @@ export class Assets {
     this.#id = id;
     this.#signal = signal;
     this.#count = count;
+  }
+
+  /** What the page draws with, in any case. */
+  async shaders(): Promise<ShaderTexts> {
+    const texts = (await (await send("shaders.json", { signal: this.#signal })).json()) as Partial<Record<string, unknown>>;
+    if (!SHADER_NAMES.every((name) => typeof texts[name] === "string")) throw new WireError("The server sent other shaders than this page's.");
+    return texts as ShaderTexts;
   }
 
   /** Three vertex numbers for each triangle of the page's mesh. */

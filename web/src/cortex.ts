@@ -7,7 +7,7 @@ import type { ReadyCase } from "./case.ts";
 import { colorRow } from "./colors.ts";
 import { h } from "./dom.ts";
 import { borderBox, gradients, smoothed } from "./field.ts";
-import { TooLarge, type Gl } from "./gl.ts";
+import { TooLarge, type Gl, type ShaderTexts } from "./gl.ts";
 import { depthsOf, firstHit, type Depths } from "./isosurface.ts";
 import { fits, FULL_QUALITY, Painter, textureBytes, type Drawn, type FieldMaps, type Pane, type Quality } from "./painter.ts";
 import { patiently } from "./patience.ts";
@@ -36,6 +36,7 @@ type Voxels8Or16 = Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>;
 
 /** What has been fetched of a case; a lost context is filled from it again. */
 interface Fetched {
+  shaders: ShaderTexts | null;
   triangles: Uint32Array<ArrayBuffer> | null;
   positions: { readonly positions: Float32Array<ArrayBuffer>; readonly depth_mm: number } | null;
   paths: PathsTable | null;
@@ -61,7 +62,7 @@ class Cortex implements Surface {
   readonly #full_ms: Record<Drawn, number> = { mesh: 0, exact: 0 };
   readonly #resized = new ResizeObserver(() => this.#schedule());
   readonly #gone = new AbortController();
-  readonly #fetched: Fetched = { triangles: null, positions: null, paths: null, volume: null, field: null };
+  readonly #fetched: Fetched = { shaders: null, triangles: null, positions: null, paths: null, volume: null, field: null };
   readonly #timer = new FrameTimer();
   #gl: Gl | null = null;
   #painter: Painter | null = null;
@@ -189,18 +190,26 @@ class Cortex implements Surface {
   async #loadFirst(assets: Assets, signal: AbortSignal): Promise<void> {
     const depth_mm = this.#state?.depth_mm ?? clampDepth(FIRST_DEPTH_MM, this.#case);
     const volume = voxelCount(this.#case.grid.size);
-    const [triangles, positions, quick, coarse] = await Promise.all([
+    const [shaders, triangles, positions, quick, coarse] = await Promise.all([
+      assets.shaders(),
       assets.triangles(),
       assets.positions(depth_mm),
       assets.volume(8, volume),
       assets.distance("coarse", volume / 32),
     ]);
     const fetched = this.#fetched;
+    fetched.shaders = shaders;
     fetched.triangles = triangles;
     fetched.positions = { positions, depth_mm };
     fetched.volume = quick;
     fetched.field = await patiently(coarseMaps(coarse), signal);
-    await this.#fill(this.#painter, signal);
+    try {
+      await this.#restore(signal);
+    } catch (error) {
+      signal.throwIfAborted();
+      // A device that cannot draw leaves that to the server; points are found all the same.
+      this.#fail(error);
+    }
     // Other depths are wanted even when the table of all of them was cancelled.
     this.#fetchPositions = this.#positionsFetcher(new Assets(this.#case.id, this.#gone.signal, new ByteCount(() => {})));
     this.#paint();
@@ -261,9 +270,8 @@ class Cortex implements Surface {
   }
 
   /** Brings all that has been fetched to the device. */
-  async #fill(painter: Painter | null, signal: AbortSignal): Promise<void> {
+  async #fill(painter: Painter, signal: AbortSignal): Promise<void> {
     const { triangles, positions, paths, volume, field } = this.#fetched;
-    if (!painter) return;
     if (triangles) painter.setTriangles(triangles);
     if (positions) painter.setPositions(positions.positions, positions.depth_mm);
     if (paths) painter.setPaths(paths);
@@ -313,6 +321,7 @@ class Cortex implements Surface {
     this.#showServer(false);
     this.#canvas.style.visibility = "visible";
     this.#way = way;
+    this.#canvas.dataset.quality = quality === FULL_QUALITY ? "full" : "less";
     this.#complain(null);
     this.#options.onDrawn(state);
     this.#tell();
@@ -411,7 +420,7 @@ class Cortex implements Surface {
 
   // -- The device
 
-  /** Takes a context and compiles the shaders. */
+  /** Takes a context. */
   #begin(): void {
     const gl = this.#canvas.getContext("webgl2", {
       alpha: true, antialias: false, depth: false, powerPreference: "high-performance", premultipliedAlpha: true,
@@ -422,17 +431,7 @@ class Cortex implements Surface {
     }
     this.#gl = gl;
     this.#is_software = /swiftshader|llvmpipe|software/i.test(rendererOf(gl));
-    try {
-      this.#painter = this.#newPainter(gl);
-    } catch {
-      this.#fallback = gl.isContextLost() ? "context-lost" : "failed";
-    }
-    if (this.#painter && !this.#fitsDevice(gl)) this.#fallback = "too-large";
-  }
-
-  #newPainter(gl: Gl): Painter {
-    const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
-    return new Painter(gl, { sphere: this.#case.envelope_sphere, native_spacing_mm });
+    if (!this.#fitsDevice(gl)) this.#fallback = "too-large";
   }
 
   /** The volume is cropped to the envelope; before it comes, its native size bounds it. */
@@ -454,19 +453,19 @@ class Cortex implements Surface {
   };
 
   readonly #onRestored = (): void => {
-    this.#restore().catch((error: unknown) => this.#fail(error));
+    this.#restore(this.#gone.signal).catch((error: unknown) => this.#fail(error));
   };
 
-  async #restore(): Promise<void> {
-    const gl = this.#gl;
-    if (!gl) return;
-    const painter = this.#newPainter(gl);
-    const field = this.#fetched.field;
+  /** Brings all that has been fetched to the device, at first or after a lost context. */
+  async #restore(signal: AbortSignal): Promise<void> {
+    const [gl, { shaders, field }] = [this.#gl, this.#fetched];
+    if (!gl || !shaders || gl.isContextLost() || this.#fallback === "too-large") return;
+    const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
+    const painter = new Painter(gl, shaders, { sphere: this.#case.envelope_sphere, native_spacing_mm });
     if (field?.smoothed && field.gradients.length === 0) {
-      const remade = await patiently(gradients(field.smoothed, field.field.size), this.#gone.signal);
-      this.#fetched.field = { ...field, gradients: remade };
+      this.#fetched.field = { ...field, gradients: await patiently(gradients(field.smoothed, field.field.size), signal) };
     }
-    await this.#fill(painter, this.#gone.signal);
+    await this.#fill(painter, signal);
     if (gl.isContextLost()) return;
     this.#painter = painter;
     this.#fallback = null;

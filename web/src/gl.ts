@@ -14,11 +14,10 @@ export class GlError extends Error {}
 /** The graphics device has no room. */
 export class TooLarge extends GlError {}
 
-/** A shader's text and its name in `names.json`, which says what its variables are called. */
-export interface ShaderText {
-  readonly name: ShaderName;
-  readonly text: string;
-}
+/** The shaders' texts; `names.json` says what their variables are called. */
+export type ShaderTexts = Readonly<Record<ShaderName, string>>;
+
+export const SHADER_NAMES = Object.keys(names.shaders) as ShaderName[];
 
 function made<T>(thing: T | null, what: string): T {
   if (thing === null) throw new GlError(`The graphics device made no ${what}.`);
@@ -51,12 +50,12 @@ export function createProgram(gl: Gl, vertex: string, fragment: string, attribut
 const BLOCK_BINDINGS: Readonly<Record<string, number>> = { picture: 0, paths: 1 };
 export const UNITS = { volume: 0, field: 1, normals: 2, smoothed: 3, colors: 4, rows: 5, pieces: 6 } as const;
 
-/** A program of two translated shaders, its blocks and samplers bound to their places. */
-export function createTranslated(gl: Gl, vertex: ShaderText, fragment: ShaderText): WebGLProgram {
-  const [attribute] = Object.values(names.shaders[vertex.name].attributes);
-  const program = createProgram(gl, vertex.text, fragment.text, attribute);
+/** A program of a vertex and a fragment shader, their blocks and samplers bound to their places. */
+export function createTranslated(gl: Gl, texts: ShaderTexts, pair: readonly [ShaderName, ShaderName]): WebGLProgram {
+  const [attribute] = Object.values(names.shaders[pair[0]].attributes);
+  const program = createProgram(gl, texts[pair[0]], texts[pair[1]], attribute);
   gl.useProgram(program);
-  for (const { name } of [vertex, fragment]) {
+  for (const name of pair) {
     const { blocks, samplers } = names.shaders[name];
     for (const [block, named] of Object.entries(blocks)) {
       const index = gl.getUniformBlockIndex(program, named);

@@ -1,16 +1,11 @@
 // Draws what it has been given of a case, with the server's own shaders. It fetches nothing and knows nothing of the page.
 
-import meshFragment from "../shaders/mesh.frag.glsl";
-import meshVertex from "../shaders/mesh.vert.glsl";
-import shrinkVertex from "../shaders/shrink.vert.glsl";
-import traceFragment from "../shaders/trace.frag.glsl";
-import traceVertex from "../shaders/trace.vert.glsl";
 import { COLOR_TABLE } from "./colors.ts";
 import { STEPS_PER_VOXEL } from "./field.ts";
 import { findEncodings, type Encoding, type Encodings } from "./formats.ts";
 import {
   createBlock, createIndices, createTable, createTarget, createTranslated, createVertices, fillSlices, replacePositions,
-  GlError, UniformBlock, UNITS, type Gl, type Target,
+  GlError, UniformBlock, UNITS, type Gl, type ShaderTexts, type Target,
 } from "./gl.ts";
 import type { Vec2, Vec3 } from "./space.ts";
 import { depthGrid, pathsFields, pictureFields, texelGrid, type Look, type Maps, type TexelGrid } from "./uniforms.ts";
@@ -89,7 +84,7 @@ export class Painter {
   readonly #targets: { soft?: Target; hard?: Target; coarse?: Target } = {};
 
   /** Compiles the shaders and finds out what the device can do. */
-  constructor(gl: Gl, shown: Pick<Maps, "sphere" | "native_spacing_mm">) {
+  constructor(gl: Gl, texts: ShaderTexts, shown: Pick<Maps, "sphere" | "native_spacing_mm">) {
     this.#gl = gl;
     this.#case = shown;
     const encodings = findEncodings(gl);
@@ -97,11 +92,10 @@ export class Painter {
     this.#encodings = encodings;
     this.#picture = new UniformBlock(gl, "Picture");
     this.#paths = new UniformBlock(gl, "Paths");
-    const mesh = { name: "mesh.frag.glsl", text: meshFragment } as const;
     this.#programs = {
-      mesh: createTranslated(gl, { name: "mesh.vert.glsl", text: meshVertex }, mesh),
-      shrink: createTranslated(gl, { name: "shrink.vert.glsl", text: shrinkVertex }, mesh),
-      trace: createTranslated(gl, { name: "trace.vert.glsl", text: traceVertex }, { name: "trace.frag.glsl", text: traceFragment }),
+      mesh: createTranslated(gl, texts, ["mesh.vert.glsl", "mesh.frag.glsl"]),
+      shrink: createTranslated(gl, texts, ["shrink.vert.glsl", "mesh.frag.glsl"]),
+      trace: createTranslated(gl, texts, ["trace.vert.glsl", "trace.frag.glsl"]),
     };
     this.#screen = createVertices(gl, createIndices(gl, new Uint32Array([0, 1, 2])), null);
     gl.activeTexture(gl.TEXTURE0 + UNITS.colors);

@@ -1,4 +1,0 @@
-declare module "*.glsl" {
-  const text: string;
-  export default text;
-}
