@@ -82,11 +82,7 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
     let description = serde_json::to_value(openapi).unwrap_or_default();
     let manual = manual::html(&description);
     let mut documents = vec![
-        (
-            "/openapi.json",
-            JSON,
-            description.to_string().into(),
-        ),
+        ("/openapi.json", JSON, description.to_string().into()),
         ("/docs", HTML, Bytes::from(manual)),
         (
             "/docs.css",
