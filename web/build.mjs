@@ -7,12 +7,24 @@ import path from "node:path";
 import { build } from "esbuild";
 
 const web = import.meta.dirname;
+/** Shaders as text, without what only people read. Directives (#) keep their lines. */
+const shortShaders = {
+  name: "shaders",
+  setup(bundler) {
+    bundler.onLoad({ filter: /\.glsl$/ }, async ({ path: file }) => {
+      const lines = (await readFile(file, "utf8")).replace(/\/\/.*$/gm, "").split("\n").map((line) => line.trim());
+      const short = (line) => (line.startsWith("#") ? line : line.replace(/ ?([=*(){},;<>]) ?/g, "$1"));
+      return { loader: "text", contents: lines.filter(Boolean).map(short).join("\n") };
+    });
+  },
+};
+
 const common = {
   absWorkingDir: web,
   bundle: true,
   format: "esm",
   target: "es2022",
-  loader: { ".glsl": "text" },
+  plugins: [shortShaders],
   logLevel: "warning",
 };
 
@@ -29,6 +41,10 @@ async function page() {
   await mkdir(path.join(web, "dist"), { recursive: true });
   for (const { path: file, contents } of outputFiles) await writeChanged(file, Buffer.from(contents));
   await writeChanged(path.join(web, "dist/index.html"), await readFile(path.join(web, "src/index.html")));
+  for (const words of ["words.en.json", "words.pt-BR.json"]) {
+    const compact = JSON.stringify(JSON.parse(await readFile(path.join(web, "src", words), "utf8")));
+    await writeChanged(path.join(web, "dist", words), Buffer.from(compact));
+  }
 }
 
 const filesBelow = async (folder) =>

@@ -22,6 +22,7 @@ const REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
 
 const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
+const JSON: &str = "application/json";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// A file of the page, bundled by `make web`: its address, media type and bytes.
@@ -40,6 +41,8 @@ const PAGE: &[(&str, &str, &[u8])] = &[
     page_file!("/", HTML, "index.html"),
     page_file!("/style.css", CSS, "style.css"),
     page_file!("/main.js", JAVASCRIPT, "main.js"),
+    page_file!("/words.en.json", JSON, "words.en.json"),
+    page_file!("/words.pt-BR.json", JSON, "words.pt-BR.json"),
 ];
 
 /// A document in every coding, with its tags.
@@ -82,7 +85,7 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
     let mut documents = vec![
         (
             "/openapi.json",
-            "application/json",
+            JSON,
             description.to_string().into(),
         ),
         ("/docs", HTML, Bytes::from(manual)),
