@@ -7,24 +7,11 @@ import path from "node:path";
 import { build } from "esbuild";
 
 const web = import.meta.dirname;
-/** Shaders as text, without what only people read. Directives (#) keep their lines. */
-const shortShaders = {
-  name: "shaders",
-  setup(bundler) {
-    bundler.onLoad({ filter: /\.glsl$/ }, async ({ path: file }) => {
-      const lines = (await readFile(file, "utf8")).replace(/\/\/.*$/gm, "").split("\n").map((line) => line.trim());
-      const short = (line) => (line.startsWith("#") ? line : line.replace(/ ?([=*(){},;<>]) ?/g, "$1"));
-      return { loader: "text", contents: lines.filter(Boolean).map(short).join("\n") };
-    });
-  },
-};
-
 const common = {
   absWorkingDir: web,
   bundle: true,
   format: "esm",
   target: "es2022",
-  plugins: [shortShaders],
   logLevel: "warning",
 };
 
@@ -45,6 +32,14 @@ async function page() {
     const compact = JSON.stringify(JSON.parse(await readFile(path.join(web, "src", words), "utf8")));
     await writeChanged(path.join(web, "dist", words), Buffer.from(compact));
   }
+  await writeChanged(path.join(web, "dist/shaders.json"), Buffer.from(JSON.stringify(await shaders())));
+}
+
+/** The shaders' texts by name, without what only people read. */
+async function shaders() {
+  const names = (await readdir(path.join(web, "shaders"))).filter((name) => name.endsWith(".glsl")).sort();
+  const texts = names.map(async (name) => [name, (await readFile(path.join(web, "shaders", name), "utf8")).replace(/\n\s*/g, "\n").trim()]);
+  return Object.fromEntries(await Promise.all(texts));
 }
 
 const filesBelow = async (folder) =>

@@ -3,9 +3,10 @@
 use std::path::Path;
 
 /// What `web/build.mjs` makes.
-const FILES: [&str; 5] = [
+const FILES: [&str; 6] = [
     "index.html",
     "main.js",
+    "shaders.json",
     "style.css",
     "words.en.json",
     "words.pt-BR.json",

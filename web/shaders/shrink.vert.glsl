@@ -130,13 +130,44 @@ vec3 on_piece(uint start, vec2 depths_mm) {
     return mix(near, far, ((_e21 - depths_mm.x) / (depths_mm.y - depths_mm.x)));
 }
 
-vec3 shrunk(uint vertex_1) {
+uint first_piece_of(uint vertex_1) {
+    uint low = 0u;
+    uint high = 0u;
+    uint _e3 = _group_1_binding_0_vs.first_piece;
+    low = _e3;
+    uint _e7 = _group_1_binding_0_vs.first_piece;
+    uint _e10 = _group_1_binding_0_vs.piece_count;
+    high = (_e7 + _e10);
+    while(true) {
+        uint _e13 = low;
+        uint _e14 = high;
+        if ((_e13 < _e14)) {
+        } else {
+            break;
+        }
+        {
+            uint _e16 = low;
+            uint _e17 = high;
+            uint middle = ((_e16 + _e17) / 2u);
+            uint _e23 = piece_word((middle * PIECE_WORDS));
+            if ((_e23 < vertex_1)) {
+                low = (middle + 1u);
+            } else {
+                high = middle;
+            }
+        }
+    }
+    uint _e27 = low;
+    return _e27;
+}
+
+vec3 shrunk(uint vertex_2) {
     vec3 position_6 = vec3(0.0);
     uint piece = 0u;
     bool local_1 = false;
     uint _e3 = _group_1_binding_0_vs.row;
     uint _e6 = _group_1_binding_0_vs.vertex_count;
-    uint index_3 = ((_e3 * _e6) + vertex_1);
+    uint index_3 = ((_e3 * _e6) + vertex_2);
     float _e11 = _group_1_binding_0_vs.depth_mm;
     uint _e14 = _group_1_binding_0_vs.row;
     float _e18 = _group_1_binding_0_vs.row_mm;
@@ -146,6 +177,11 @@ vec3 shrunk(uint vertex_1) {
     uint _e28 = _group_1_binding_0_vs.vertex_count;
     vec3 _e30 = stored_position((index_3 + _e28));
     position_6 = mix(_e25, _e30, fraction);
+    uint _e35 = _group_1_binding_0_vs.first_piece;
+    uint _e38 = _group_1_binding_0_vs.piece_count;
+    uint end = (_e35 + _e38);
+    uint _e40 = first_piece_of(vertex_2);
+    piece = _e40;
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
@@ -153,33 +189,32 @@ vec3 shrunk(uint vertex_1) {
             piece = (_e74 + 1u);
         }
         loop_init = false;
-        uint _e35 = piece;
-        uint _e38 = _group_1_binding_0_vs.piece_count;
-        if ((_e35 < _e38)) {
+        uint _e42 = piece;
+        if ((_e42 < end)) {
         } else {
             break;
         }
         {
-            uint _e42 = _group_1_binding_0_vs.first_piece;
-            uint _e43 = piece;
-            uint start_1 = ((_e42 + _e43) * PIECE_WORDS);
+            uint _e44 = piece;
+            uint start_1 = (_e44 * PIECE_WORDS);
             uint _e47 = piece_word(start_1);
-            if ((_e47 == vertex_1)) {
-                uint _e51 = piece_word((start_1 + 1u));
-                uint _e55 = piece_word((start_1 + 2u));
-                vec2 depths_mm_1 = vec2(uintBitsToFloat(_e51), uintBitsToFloat(_e55));
-                float _e61 = _group_1_binding_0_vs.depth_mm;
-                if ((depths_mm_1.x < _e61)) {
-                    float _e67 = _group_1_binding_0_vs.depth_mm;
-                    local_1 = (_e67 <= depths_mm_1.y);
-                } else {
-                    local_1 = false;
-                }
-                bool _e71 = local_1;
-                if (_e71) {
-                    vec3 _e72 = on_piece(start_1, depths_mm_1);
-                    position_6 = _e72;
-                }
+            if ((_e47 != vertex_2)) {
+                break;
+            }
+            uint _e51 = piece_word((start_1 + 1u));
+            uint _e55 = piece_word((start_1 + 2u));
+            vec2 depths_mm_1 = vec2(uintBitsToFloat(_e51), uintBitsToFloat(_e55));
+            float _e61 = _group_1_binding_0_vs.depth_mm;
+            if ((depths_mm_1.x < _e61)) {
+                float _e67 = _group_1_binding_0_vs.depth_mm;
+                local_1 = (_e67 <= depths_mm_1.y);
+            } else {
+                local_1 = false;
+            }
+            bool _e71 = local_1;
+            if (_e71) {
+                vec3 _e72 = on_piece(start_1, depths_mm_1);
+                position_6 = _e72;
             }
         }
     }
