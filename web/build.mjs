@@ -28,6 +28,10 @@ async function page() {
   await mkdir(path.join(web, "dist"), { recursive: true });
   for (const { path: file, contents } of outputFiles) await writeChanged(file, Buffer.from(contents));
   await writeChanged(path.join(web, "dist/index.html"), await readFile(path.join(web, "src/index.html")));
+  for (const words of ["words.en.json", "words.pt-BR.json"]) {
+    const compact = JSON.stringify(JSON.parse(await readFile(path.join(web, "src", words), "utf8")));
+    await writeChanged(path.join(web, "dist", words), Buffer.from(compact));
+  }
   await writeChanged(path.join(web, "dist/shaders.json"), Buffer.from(JSON.stringify(await shaders())));
 }
 

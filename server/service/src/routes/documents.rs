@@ -41,6 +41,8 @@ const PAGE: &[(&str, &str, &[u8])] = &[
     page_file!("/", HTML, "index.html"),
     page_file!("/style.css", CSS, "style.css"),
     page_file!("/main.js", JAVASCRIPT, "main.js"),
+    page_file!("/words.en.json", JSON, "words.en.json"),
+    page_file!("/words.pt-BR.json", JSON, "words.pt-BR.json"),
     page_file!("/shaders.json", JSON, "shaders.json"),
 ];
 
