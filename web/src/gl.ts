@@ -31,7 +31,7 @@ function compiled(gl: Gl, type: GLenum, text: string): WebGLShader {
   return shader;
 }
 
-/** A program of two shaders, any attribute being number 0. Throws the compiler's log, with the linker's. */
+/** A program of two shaders; an attribute, where there is one, is number 0. Throws the compiler's log, with the linker's. */
 export function createProgram(gl: Gl, vertex: string, fragment: string, attribute?: string): WebGLProgram {
   const program = made(gl.createProgram(), "program");
   const shaders = [compiled(gl, gl.VERTEX_SHADER, vertex), compiled(gl, gl.FRAGMENT_SHADER, fragment)];
