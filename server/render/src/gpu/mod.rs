@@ -32,4 +32,6 @@ mod uniforms;
 pub use error::GpuError;
 pub use host::AdapterSummary;
 pub use job::{CaseKey, GpuCase, GpuFrame, GpuJob, GpuSurface};
+#[cfg(feature = "faults")]
+pub use pool::Fault;
 pub use pool::{GpuOptions, GpuPool, GpuTicket};
