@@ -101,9 +101,9 @@ struct WhileWanted<'a, S> {
 }
 
 impl<S: Surface> Surface for WhileWanted<'_, S> {
-    fn find_row(&self, row: usize, points: &mut PointRow) {
+    fn find_rows(&self, first: usize, rows: &mut [PointRow]) {
         if (self.is_wanted)() {
-            self.surface.find_row(row, points);
+            self.surface.find_rows(first, rows);
         }
     }
 }
