@@ -77,6 +77,22 @@ impl Canvas {
         self.fill(left, top, [width, height], WHITE);
     }
 
+    /// Fills a rectangle of a picture in [`PixelFormat::Rgb8`] with a colour.
+    pub(crate) fn swatch(
+        &mut self,
+        [left, top]: [i32; 2],
+        [width, height]: [i32; 2],
+        color: [u8; 3],
+    ) {
+        for y in top..top + height {
+            for x in left..left + width {
+                if let Some(pixel) = self.pixel(x, y) {
+                    pixel.copy_from_slice(&color);
+                }
+            }
+        }
+    }
+
     fn fill(&mut self, left: i32, top: i32, [width, height]: [i32; 2], level: u8) {
         for y in top..top + height {
             for x in left..left + width {
@@ -85,21 +101,27 @@ impl Canvas {
         }
     }
 
-    /// Lays a share of a level of grey over a pixel.
-    fn blend(&mut self, x: i32, y: i32, (level, share): (u8, f32)) {
-        let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else {
-            return;
-        };
-        if x >= self.size.width() || y >= self.size.height() || share <= 0.0 {
-            return;
+    /// The bytes of a pixel, if it lies inside.
+    fn pixel(&mut self, x: i32, y: i32) -> Option<&mut [u8]> {
+        let (x, y) = (u32::try_from(x).ok()?, u32::try_from(y).ok()?);
+        if x >= self.size.width() || y >= self.size.height() {
+            return None;
         }
         let length = self.format.bytes_per_pixel();
         let start = length * (y as usize * self.size.width() as usize + x as usize);
-        let pixel = &mut self.bytes[start..start + length];
-        let (colors, alpha) = match self.format {
+        self.bytes.get_mut(start..start + length)
+    }
+
+    /// Lays a share of a level of grey over a pixel.
+    fn blend(&mut self, x: i32, y: i32, (level, share): (u8, f32)) {
+        let format = self.format;
+        let Some(pixel) = self.pixel(x, y).filter(|_| share > 0.0) else {
+            return;
+        };
+        let (colors, alpha) = match format {
             PixelFormat::Grey8 | PixelFormat::Rgb8 => (pixel, None),
             PixelFormat::GreyAlpha8 | PixelFormat::Rgba8 => {
-                let (colors, alpha) = pixel.split_at_mut(length - 1);
+                let (colors, alpha) = pixel.split_at_mut(format.bytes_per_pixel() - 1);
                 (colors, alpha.first_mut())
             }
         };
