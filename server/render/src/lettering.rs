@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use ab_glyph::{Font as _, FontRef, Glyph, PxScaleFont, ScaleFont as _, point};
 
-/// DejaVu Sans Bold, its printable ASCII; `fonts/LICENSE.txt` says under which terms.
+/// DejaVu Sans Bold, its printable Latin-1; `fonts/LICENSE.txt` says under which terms.
 const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans-Bold-subset.ttf");
 
 static LETTERS: LazyLock<FontRef<'static>> =
@@ -113,10 +113,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_printable_letter_of_ascii_is_drawn() {
+    fn every_printable_letter_of_latin_1_is_drawn() {
         let lettering = Lettering::for_side(512);
         let unknown = LETTERS.glyph_id('\u{1f9e0}');
-        for letter in ('!'..='~').chain("°±µ·×−".chars()) {
+        for letter in ('!'..='~').chain('¡'..='¬').chain('®'..='ÿ').chain(['−']) {
             assert_ne!(LETTERS.glyph_id(letter), unknown, "{letter}");
             let coverage = lettering.coverage(&letter.to_string());
             let ink: f32 = coverage.shares.iter().sum();
