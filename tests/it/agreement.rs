@@ -1,13 +1,16 @@
 //! How far the renderers' pictures of a real head are apart.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use render::agreement::{
     Agreement, DepthLine, MESH_SIZES, markdown_table, mesh_against_exact, svg_plot,
 };
 use render::gpu::{GpuCase, GpuJob, GpuPool, GpuSurface};
-use render::{Frame, NamedView, RenderRequest, draw_splat, draw_trace};
+use render::{
+    Background, Frame, FrameSize, Hits, NamedView, PixelFormat, RenderParameters, RenderRequest,
+    SheetPlan, draw_splat, draw_trace, encode_png, splat_hits, trace_hits,
+};
 
 use crate::scenes::{Head, device};
 
@@ -47,6 +50,57 @@ fn the_device_traces_colin27_as_the_processor_does() {
     }
 }
 
+/// How far each point that a picture shows is from its depth, in mm, where the surface does not graze the line of sight.
+fn off_depth(head: &Head, hits: &Hits, depth_mm: f64) -> Vec<f64> {
+    let field = head.field();
+    let size = hits.projection().size();
+    let towards_viewer = hits.projection().towards_viewer_in_patient();
+    let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| [x, y]));
+    let off = |[x, y]: [u32; 2]| {
+        let position = hits.position_in_patient(x, y)?;
+        let place = field.grid().voxel_from_patient().transform_point3(position);
+        let outward = -field
+            .gradient(place.as_vec3())
+            .as_dvec3()
+            .normalize_or_zero();
+        let off = (f64::from(field.depth_mm(place.as_vec3())) - depth_mm).abs();
+        (outward.dot(towards_viewer) > 0.1).then_some(off)
+    };
+    pixels.filter_map(off).collect()
+}
+
+#[test]
+fn points_of_colin27_are_at_their_depth() {
+    let Some(head) = Head::colin27() else { return };
+    let pool = device();
+    for depth_mm in [5.0, 10.0, 20.0, 30.0] {
+        for view in NamedView::ALL {
+            let request = head.request(view, depth_mm, 512);
+            let mut found = vec![
+                ("splat", 1.0, splat_hits(&head.scene(), &request)),
+                ("trace", 0.02, trace_hits(&head.scene(), &request)),
+            ];
+            if let Some(pool) = &pool {
+                let job = GpuJob {
+                    case: Arc::clone(&head) as Arc<dyn GpuCase>,
+                    request,
+                    surface: GpuSurface::Trace,
+                };
+                found.push(("trace on the device", 0.02, pool.hits(job).expect("hits")));
+            }
+            for (name, allowed, hits) in found {
+                let off = off_depth(&head, &hits, depth_mm);
+                assert!(off.len() > 10_000, "{name}: {} pixels", off.len());
+                let most = off.into_iter().fold(0.0, f64::max);
+                assert!(
+                    most <= allowed,
+                    "{name}, {view:?}, {depth_mm} mm: {most} mm off"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn splats_of_colin27_agree_with_the_exact_pictures() {
     let Some(head) = Head::colin27() else { return };
@@ -81,6 +135,57 @@ fn a_fine_mesh_of_colin27_agrees_with_the_exact_pictures() {
     }
 }
 
+/// Writes `docs/renderers.png`: all four back ends side by side.
+#[test]
+#[ignore = "it makes a picture of the documentation"]
+fn four_back_ends_side_by_side() {
+    let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
+        return;
+    };
+    let case = Arc::clone(&head) as Arc<dyn GpuCase>;
+    let table = head.table([200, 200]);
+    let depths_mm = [0.0, 8.0];
+    let columns = ["splat", "trace", "mesh, device", "trace, device"].map(str::to_owned);
+    let rows = depths_mm.map(|depth_mm| format!("{depth_mm} mm"));
+    let cell = FrameSize::new(224, 224).expect("a size within range");
+    let plan = SheetPlan::new(cell, rows.to_vec(), columns.to_vec()).expect("a sheet");
+    let mut sheet = plan.begin(PixelFormat::Grey8);
+    for (row, depth_mm) in depths_mm.into_iter().enumerate() {
+        let request = head.request(NamedView::Left, depth_mm, cell.width());
+        let request = RenderParameters {
+            background: Background::Black,
+            ..*request.parameters()
+        };
+        let request = RenderRequest::new(request).expect("a checked request");
+        let mesh = GpuSurface::Mesh {
+            size: table.size,
+            mesh: table.shrink(depth_mm as f32),
+        };
+        let job = GpuJob {
+            case: Arc::clone(&case),
+            request,
+            surface: mesh,
+        };
+        let frames = [
+            draw_splat(&head.scene(), &request),
+            draw_trace(&head.scene(), &request),
+            pool.draw(job).expect("a picture").frame,
+            traced_on(&pool, &case, &request),
+        ];
+        for (column, frame) in frames.iter().enumerate() {
+            sheet.put(frame, row, column);
+        }
+    }
+    let png = encode_png(&sheet.finish(), &[]).expect("a PNG");
+    std::fs::write(docs().join("renderers.png"), png).expect("a written picture");
+}
+
+fn docs() -> PathBuf {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    std::fs::create_dir_all(&docs).expect("a folder");
+    docs
+}
+
 /// Writes `docs/agreement.svg` and prints the table of `docs/renderers.md`.
 #[test]
 #[ignore = "it makes a figure of the documentation"]
@@ -100,7 +205,5 @@ fn ten_meshes_of_colin27_against_the_exact_pictures() {
         DepthLine { depth_mm, meshes }
     });
     println!("{}", markdown_table(&lines));
-    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
-    std::fs::create_dir_all(&docs).expect("a folder");
-    std::fs::write(docs.join("agreement.svg"), svg_plot(&lines)).expect("a written plot");
+    std::fs::write(docs().join("agreement.svg"), svg_plot(&lines)).expect("a written plot");
 }

@@ -2,6 +2,7 @@
 
 mod agreement;
 mod bad_input;
+mod faults;
 mod golden;
 mod head;
 mod heads;

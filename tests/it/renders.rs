@@ -95,6 +95,59 @@ async fn a_sheet_has_each_picture_in_its_cell() {
     assert!(bright(0..80) > bright(80..160), "left is left");
 }
 
+#[tokio::test]
+async fn a_sheet_holds_the_state_of_each_of_its_pictures() {
+    let (server, case) = server_and_case().await;
+    let renders = [
+        picture(2.0, "left"),
+        picture(2.0, "right"),
+        picture(8.5, "left"),
+    ];
+    let answer = ask(&server, &case, &json!({"sheet": true, "renders": renders})).await;
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    let reader = png::Decoder::new(Cursor::new(&answer.body))
+        .read_info()
+        .unwrap();
+    let state = |name: &str| -> Value {
+        let texts = &reader.info().uncompressed_latin1_text;
+        let text = texts.iter().find(|text| text.keyword == name).unwrap();
+        serde_json::from_str(&text.text).unwrap()
+    };
+    for (name, depth) in [
+        ("row 1 column 1", "2"),
+        ("row 1 column 2", "2"),
+        ("row 2 column 1", "8.5"),
+    ] {
+        assert_eq!(state(name)["depth_mm"], depth, "{name}");
+        assert_eq!(state(name)["renderer"], "splat", "{name}");
+    }
+    let orientation = |name| state(name)["orientation"].clone();
+    assert_ne!(orientation("row 1 column 1"), orientation("row 1 column 2"));
+}
+
+#[tokio::test]
+async fn the_same_pictures_have_the_same_tag_and_others_another() {
+    let (server, case) = server_and_case().await;
+    let tag = async |body: &Value| {
+        let answer = ask(&server, &case, body).await;
+        assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+        answer.header("etag").to_owned()
+    };
+    let one = json!({"renders": [picture(2.0, "left")]});
+    let first = tag(&one).await;
+    assert!(first.len() > 10);
+    let mut spelled = picture(2.0, "left");
+    spelled["zoom"] = json!(1.0);
+    assert_eq!(tag(&json!({"renders": [spelled]})).await, first);
+    let others = [
+        json!({"renders": [picture(2.5, "left")]}),
+        json!({"sheet": true, "renders": [picture(2.0, "left")]}),
+    ];
+    for other in others {
+        assert_ne!(tag(&other).await, first);
+    }
+}
+
 /// The pictures of an animated PNG.
 fn frames(answer: &Answer) -> Vec<Vec<u8>> {
     assert_eq!(answer.status, StatusCode::OK, "{answer:?}");

@@ -69,6 +69,11 @@ impl Head {
         ))
     }
 
+    /// The depth below its envelope.
+    pub(crate) fn field(&self) -> &DepthField {
+        &self.field
+    }
+
     /// A square picture of `side` pixels on nothing, in the head's own window.
     pub(crate) fn request(&self, view: NamedView, depth_mm: f64, side: u32) -> RenderRequest {
         let parameters = RenderParameters {

@@ -1,106 +1,73 @@
 //! Text and rectangles on a picture.
 
-use std::convert::Infallible;
-
-use embedded_graphics::Drawable as _;
-use embedded_graphics::draw_target::DrawTarget;
-use embedded_graphics::geometry::{OriginDimensions, Point, Size};
-use embedded_graphics::mono_font::iso_8859_1::{FONT_6X10, FONT_9X15, FONT_10X20};
-use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
-use embedded_graphics::pixelcolor::Gray8;
-use embedded_graphics::prelude::{GrayColor as _, Pixel};
-use embedded_graphics::text::{Baseline, Text};
-
+use crate::lettering::{Coverage, Lettering};
 use crate::{Frame, FrameSize, PixelFormat};
 
 const BLACK: u8 = 0;
 const WHITE: u8 = 255;
 
-/// The font for a picture whose smaller side is `side` pixels, and the pixels along the edge of a dot of it.
-fn font_for(side: u32) -> (&'static MonoFont<'static>, u32) {
-    match side {
-        0..320 => (&FONT_6X10, 1),
-        320..640 => (&FONT_9X15, 1),
-        _ => (&FONT_10X20, side.div_ceil(1280)),
-    }
-}
-
-/// Width and height of a letter in a picture whose smaller side is `side` pixels.
+/// Width, for labels that are not written yet, and height of a letter in a picture whose smaller side is `side` pixels.
 pub(crate) fn letter_size(side: u32) -> [u32; 2] {
-    let (font, dot) = font_for(side);
-    [
-        font.character_size.width * dot,
-        font.character_size.height * dot,
-    ]
+    let lettering = Lettering::for_side(side);
+    [lettering.width("0"), lettering.line_height()]
 }
 
-/// A picture that is written on. Letters are of a bitmap font, so they are the same pixels on every machine.
+/// A picture that is written on.
 #[derive(Debug)]
 pub(crate) struct Canvas {
     size: FrameSize,
     format: PixelFormat,
     bytes: Vec<u8>,
-    font: &'static MonoFont<'static>,
-    /// Pixels along the edge of a dot of the font.
-    dot: u32,
+    lettering: Lettering,
 }
 
 impl Canvas {
     /// A picture to write on, with letters that fit a picture whose smaller side is `side` pixels.
     pub(crate) fn new(frame: Frame, side: u32) -> Self {
-        let (font, dot) = font_for(side);
         Self {
             size: frame.size(),
             format: frame.format(),
             bytes: frame.bytes().to_vec(),
-            font,
-            dot,
+            lettering: Lettering::for_side(side),
         }
     }
 
     /// Pixels from one line to the next.
     pub(crate) fn line_height(&self) -> i32 {
-        (self.font.character_size.height * self.dot) as i32
+        self.lettering.line_height() as i32
     }
 
     /// Pixels of a line of text.
     pub(crate) fn text_width(&self, text: &str) -> i32 {
-        text.chars().count() as i32 * (self.font.character_size.width * self.dot) as i32
+        self.lettering.width(text) as i32
+    }
+
+    /// The width of the rim around what is written, in pixels.
+    fn rim(&self) -> usize {
+        (self.lettering.line_height() as usize / 14).max(1)
     }
 
     /// Writes a line in white with a black rim; `left` and `top` are pixels, what lies outside is left away.
     pub(crate) fn write(&mut self, text: &str, left: i32, top: i32) {
-        let dot = self.dot as i32;
-        for [right, down] in [
-            [-1, -1],
-            [0, -1],
-            [1, -1],
-            [-1, 0],
-            [1, 0],
-            [-1, 1],
-            [0, 1],
-            [1, 1],
-        ] {
-            self.write_in(text, [left + right * dot, top + down * dot], Gray8::BLACK);
+        let letters = self.lettering.coverage(text);
+        let rim = self.rim();
+        let offset = rim as i32;
+        self.paint(&letters.spread(rim), [left - offset, top - offset], BLACK);
+        self.paint(&letters, [left, top], WHITE);
+    }
+
+    /// Lays a level of grey over the pixels from a corner on, as much as each is covered.
+    fn paint(&mut self, coverage: &Coverage, [left, top]: [i32; 2], level: u8) {
+        let width = coverage.size[0].max(1);
+        for (index, &share) in coverage.shares.iter().enumerate() {
+            let [x, y] = [index % width, index / width].map(|place| place as i32);
+            self.blend(left + x, top + y, (level, share));
         }
-        self.write_in(text, [left, top], Gray8::WHITE);
     }
 
-    fn write_in(&mut self, text: &str, [left, top]: [i32; 2], color: Gray8) {
-        let font = self.font;
-        let mut dots = Dots {
-            canvas: self,
-            left,
-            top,
-        };
-        let style = MonoTextStyle::new(font, color);
-        let Ok(_end) =
-            Text::with_baseline(text, Point::zero(), style, Baseline::Top).draw(&mut dots);
-    }
-
-    /// Fills a rectangle in white with a black rim of a dot.
+    /// Fills a rectangle in white with a black rim.
     pub(crate) fn bar(&mut self, left: i32, top: i32, width: i32, height: i32) {
-        let rim = self.dot as i32;
+        let rim = self.rim() as i32;
         self.fill(
             left - rim,
             top - rim,
@@ -126,10 +93,10 @@ impl Canvas {
         }
     }
 
-    fn fill(&mut self, left: i32, top: i32, [width, height]: [i32; 2], value: u8) {
+    fn fill(&mut self, left: i32, top: i32, [width, height]: [i32; 2], level: u8) {
         for y in top..top + height {
             for x in left..left + width {
-                self.set(x, y, value);
+                self.blend(x, y, (level, 1.0));
             }
         }
     }
@@ -145,16 +112,31 @@ impl Canvas {
         self.bytes.get_mut(start..start + length)
     }
 
-    fn set(&mut self, x: i32, y: i32, value: u8) {
+    /// Lays a share of a level of grey over a pixel.
+    fn blend(&mut self, x: i32, y: i32, (level, share): (u8, f32)) {
         let format = self.format;
-        let Some(pixel) = self.pixel(x, y) else {
+        let Some(pixel) = self.pixel(x, y).filter(|_| share > 0.0) else {
             return;
         };
-        pixel.fill(value);
-        if let (PixelFormat::GreyAlpha8 | PixelFormat::Rgba8, Some(alpha)) =
-            (format, pixel.last_mut())
-        {
-            *alpha = 255;
+        let (colors, alpha) = match format {
+            PixelFormat::Grey8 | PixelFormat::Rgb8 => (pixel, None),
+            PixelFormat::GreyAlpha8 | PixelFormat::Rgba8 => {
+                let (colors, alpha) = pixel.split_at_mut(format.bytes_per_pixel() - 1);
+                (colors, alpha.first_mut())
+            }
+        };
+        let before = alpha
+            .as_deref()
+            .map_or(1.0, |&alpha| f32::from(alpha) / 255.0);
+        let after = share + (1.0 - share) * before;
+        // Colours are not multiplied by alpha.
+        let new = share / after;
+        for color in colors {
+            let mixed = f32::from(*color) * (1.0 - new) + f32::from(level) * new;
+            *color = (mixed + 0.5) as u8;
+        }
+        if let Some(alpha) = alpha {
+            *alpha = (after * 255.0 + 0.5) as u8;
         }
     }
 
@@ -174,32 +156,29 @@ impl Canvas {
     }
 }
 
-/// The canvas as the text library sees it: dots from a corner.
-struct Dots<'a> {
-    canvas: &'a mut Canvas,
-    left: i32,
-    top: i32,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-impl OriginDimensions for Dots<'_> {
-    fn size(&self) -> Size {
-        Size::new(self.canvas.size.width(), self.canvas.size.height())
+    #[test]
+    fn what_is_written_on_nothing_is_as_opaque_as_it_covers() {
+        let size = FrameSize::new(2, 1).unwrap();
+        let empty = Frame::new(size, PixelFormat::GreyAlpha8, vec![0, 0, 100, 255]);
+        let mut canvas = Canvas::new(empty, 512);
+        let half = Coverage {
+            size: [2, 1],
+            shares: vec![0.5, 0.5],
+        };
+        canvas.paint(&half, [0, 0], WHITE);
+        assert_eq!(canvas.into_frame().bytes(), [255, 128, 178, 255]);
     }
-}
 
-impl DrawTarget for Dots<'_> {
-    type Color = Gray8;
-    type Error = Infallible;
-
-    fn draw_iter<I: IntoIterator<Item = Pixel<Gray8>>>(
-        &mut self,
-        pixels: I,
-    ) -> Result<(), Infallible> {
-        let edge = self.canvas.dot as i32;
-        for Pixel(place, color) in pixels {
-            let (left, top) = (self.left + place.x * edge, self.top + place.y * edge);
-            self.canvas.fill(left, top, [edge, edge], color.luma());
-        }
-        Ok(())
+    #[test]
+    fn colours_are_painted_in_all_their_parts() {
+        let size = FrameSize::new(1, 1).unwrap();
+        let red = Frame::new(size, PixelFormat::Rgb8, vec![200, 0, 0]);
+        let mut canvas = Canvas::new(red, 512);
+        canvas.fill(-3, -3, [9, 9], WHITE);
+        assert_eq!(canvas.into_frame().bytes(), [255; 3]);
     }
 }

@@ -104,11 +104,11 @@ fn aligned() -> DAffine3 {
     }
 }
 
-fn bright() -> Phantom {
+pub(crate) fn bright() -> Phantom {
     Phantom::new(aligned(), |_| 200)
 }
 
-fn parameters() -> RenderParameters {
+pub(crate) fn parameters() -> RenderParameters {
     RenderParameters {
         size: FrameSize::new(96, 96).unwrap(),
         light: Light::new(1.0).unwrap(),

@@ -84,4 +84,23 @@ mod tests {
         };
         check(&Trace, limits);
     }
+
+    #[test]
+    fn a_picture_that_is_not_wanted_any_more_is_given_up() {
+        use std::sync::atomic::{AtomicUsize, Ordering};
+
+        let case = crate::conformance::bright();
+        let request = RenderRequest::new(crate::conformance::parameters()).unwrap();
+        let scene = case.scene();
+        for draw in [crate::draw_splat_while, crate::draw_trace_while] {
+            let asked = AtomicUsize::new(0);
+            let few_times = || asked.fetch_add(1, Ordering::Relaxed) < 3;
+            assert_eq!(draw(&scene, &request, &few_times), None);
+            assert!(asked.load(Ordering::Relaxed) > 3);
+        }
+        let wanted = crate::draw_splat_while(&scene, &request, &|| true);
+        assert_eq!(wanted, Some(draw_splat(&scene, &request)));
+        let wanted = crate::draw_trace_while(&scene, &request, &|| true);
+        assert_eq!(wanted, Some(draw_trace(&scene, &request)));
+    }
 }

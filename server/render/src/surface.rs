@@ -79,6 +79,35 @@ pub(crate) fn draw(
     Frame::new(size, shade.format(), bytes)
 }
 
+/// Whether a picture is still wanted. Asked again and again while it is drawn, from any thread.
+pub type Wanted<'a> = dyn Fn() -> bool + Sync + 'a;
+
+/// The picture of a surface; `None` where it was no longer wanted before it was finished, which then is soon.
+pub(crate) fn draw_while(
+    surface: &impl Surface,
+    scene: &Scene<'_>,
+    request: &RenderRequest,
+    is_wanted: &Wanted<'_>,
+) -> Option<Frame> {
+    let surface = WhileWanted { surface, is_wanted };
+    let frame = draw(&surface, scene, request, &request.projection(scene));
+    is_wanted().then_some(frame)
+}
+
+/// A surface that shows nothing any more once it is not wanted.
+struct WhileWanted<'a, S> {
+    surface: &'a S,
+    is_wanted: &'a Wanted<'a>,
+}
+
+impl<S: Surface> Surface for WhileWanted<'_, S> {
+    fn find_rows(&self, first: usize, rows: &mut [PointRow]) {
+        if (self.is_wanted)() {
+            self.surface.find_rows(first, rows);
+        }
+    }
+}
+
 /// What each pixel of a surface's picture shows.
 pub(crate) fn hits(surface: &impl Surface, scene: &Scene<'_>, projection: &Projection) -> Hits {
     let voxel_mm = voxel_mm(scene) as f32;

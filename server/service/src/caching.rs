@@ -47,6 +47,11 @@ impl EntityTag {
         Self::from_digest(&hasher.finalize())
     }
 
+    /// Its header's value.
+    pub fn header(&self) -> HeaderValue {
+        self.0.clone()
+    }
+
     /// The tag of bytes that belong to the program, such as a file of the page.
     pub fn of_bytes(bytes: &[u8], coding: Coding) -> Self {
         let mut hasher = blake3::Hasher::new();

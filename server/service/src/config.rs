@@ -41,6 +41,8 @@ pub struct Config {
     pub prepare_workers: usize,
     /// Whether pictures may be drawn by a graphics device.
     pub gpu: GpuUse,
+    /// Memory of the graphics device for cases, in bytes.
+    pub gpu_case_bytes: u64,
     /// Threads that render.
     pub render_threads: usize,
     /// Renders that may wait for a thread.
@@ -78,6 +80,7 @@ impl Default for Config {
             max_queued_cases: 64,
             prepare_workers: 1,
             gpu: GpuUse::default(),
+            gpu_case_bytes: 1 << 30,
             render_threads: processors,
             max_queued_renders: 64,
             model_cache_bytes: 512 << 20,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use geometry::{MeshSize, ShrunkMesh};
 use render::gpu::{AdapterSummary, GpuCase, GpuError, GpuJob, GpuPool, GpuSurface};
-use render::{Frame, RenderRequest};
+use render::{Frame, RenderRequest, Wanted};
 
 use crate::graphics::{Graphics, problem_of};
 use crate::problem::AppError;
@@ -42,11 +42,11 @@ impl Drawer {
                 }
             },
             Renderer::Trace => graphics
-                .hardware()
+                .preferred()
                 .await
                 .map_or(Self::Trace, Self::GpuTrace),
             Renderer::Auto => graphics
-                .hardware()
+                .preferred()
                 .await
                 .map_or(Self::Splat, Self::GpuTrace),
         })
@@ -128,10 +128,11 @@ impl Drawing {
     /// Draws. Where a graphics device fails, `auto` falls back to splatting and `trace` to the processor.
     ///
     /// # Errors
-    /// [`AppError::GraphicsFailed`] and its like when the device fails and `mesh` was asked for.
-    pub fn draw(self) -> Result<Drawn, AppError> {
+    /// [`AppError::GraphicsFailed`] and its like when the device fails and `mesh` was asked for, [`AppError::Unavailable`] soon
+    /// after the picture is no longer wanted.
+    pub fn draw(self, is_wanted: &Wanted<'_>) -> Result<Drawn, AppError> {
         let (pool, surface) = match &self.drawer {
-            Drawer::Splat | Drawer::Trace => return Ok(self.draw_in_software()),
+            Drawer::Splat | Drawer::Trace => return self.draw_in_software(is_wanted),
             Drawer::GpuTrace(pool) => (pool, GpuSurface::Trace),
             Drawer::GpuMesh(pool) => {
                 let (size, mesh) = self.mesh.clone().ok_or(AppError::Internal)?;
@@ -143,17 +144,25 @@ impl Drawing {
             request: self.request,
             surface,
         };
-        match pool.draw(job) {
+        let drawn = pool.begin_draw(job).map_or_else(
+            |error| Some(Err(error)),
+            |ticket| ticket.wait_while(is_wanted),
+        );
+        match drawn.ok_or(AppError::Unavailable)? {
             Ok(drawn) => Ok(Drawn {
                 frame: drawn.frame,
                 drawer: self.drawer,
                 reduction: drawn.reduction,
             }),
-            Err(error) => self.without_device(&error),
+            Err(error) => self.without_device(&error, is_wanted),
         }
     }
 
-    fn without_device(mut self, error: &GpuError) -> Result<Drawn, AppError> {
+    fn without_device(
+        mut self,
+        error: &GpuError,
+        is_wanted: &Wanted<'_>,
+    ) -> Result<Drawn, AppError> {
         self.drawer = match self.asked {
             Renderer::Auto => Drawer::Splat,
             Renderer::Trace => Drawer::Trace,
@@ -163,19 +172,25 @@ impl Drawing {
             }
         };
         tracing::warn!(%error, "the graphics device did not draw: the processor does");
-        Ok(self.draw_in_software())
+        self.draw_in_software(is_wanted)
     }
 
-    fn draw_in_software(self) -> Drawn {
+    fn draw_in_software(self, is_wanted: &Wanted<'_>) -> Result<Drawn, AppError> {
         let scene = self.case.scene();
         let (frame, drawer) = match self.drawer {
-            Drawer::Trace => (render::draw_trace(&scene, &self.request), Drawer::Trace),
-            _ => (render::draw_splat(&scene, &self.request), Drawer::Splat),
+            Drawer::Trace => (
+                render::draw_trace_while(&scene, &self.request, is_wanted),
+                Drawer::Trace,
+            ),
+            _ => (
+                render::draw_splat_while(&scene, &self.request, is_wanted),
+                Drawer::Splat,
+            ),
         };
-        Drawn {
-            frame,
+        Ok(Drawn {
+            frame: frame.ok_or(AppError::Unavailable)?,
             drawer,
             reduction: None,
-        }
+        })
     }
 }

@@ -21,8 +21,32 @@ pub enum GpuUse {
     /// Where there is one.
     #[default]
     Auto,
+    /// Where there is one, and for `auto` and `trace` even if it is a program, which is slower than the processor's own renderers.
+    Always,
     /// Never: no driver is loaded.
     Off,
+}
+
+/// What the graphics device may be used for, and how much of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GraphicsOptions {
+    /// Whether at all.
+    pub use_of: GpuUse,
+    /// How many threads will ask for pictures at a time.
+    pub drawers: usize,
+    /// Bytes of the textures of cases.
+    pub case_bytes: u64,
+}
+
+impl GraphicsOptions {
+    /// For one who draws a picture now and then.
+    pub fn of_one(use_of: GpuUse) -> Self {
+        Self {
+            use_of,
+            drawers: 1,
+            case_bytes: GpuOptions::default().case_bytes,
+        }
+    }
 }
 
 /// The graphics device, once it is known whether there is one. Cheap to clone.
@@ -31,6 +55,8 @@ pub struct Graphics {
     found: watch::Receiver<Option<Found>>,
     /// The search, until it begins. Held for moments.
     search: Arc<Mutex<Option<Search>>>,
+    /// Whether `auto` and `trace` are drawn by a device that is a program.
+    takes_software: bool,
 }
 
 /// A search for a graphics device that has not begun.
@@ -65,27 +91,32 @@ impl Graphics {
     /// Looks for a graphics device in a thread of its own and says once in the log what it found.
     ///
     /// On a machine without graphics hardware it waits with that until a picture needs a device: the driver in software
-    /// takes more memory than everything else together.
-    ///
-    /// `drawers` is how many threads will ask for pictures at a time.
-    pub fn start(use_of: GpuUse, drawers: usize) -> Self {
+    /// takes more memory than everything else together. With [`GpuUse::Always`] it does not wait.
+    pub fn start(options: GraphicsOptions) -> Self {
         let (sender, found) = watch::channel(None);
-        if use_of == GpuUse::Off {
+        let takes_software = options.use_of == GpuUse::Always;
+        if options.use_of == GpuUse::Off {
             tracing::info!("graphics are turned off: pictures are drawn in software");
             sender.send_replace(Some(Found::Nothing("the configuration turns graphics off")));
             return Self {
                 found,
                 search: Arc::default(),
+                takes_software,
             };
         }
         let options = GpuOptions {
             // Each drawer waits for its picture, so no more than these can be queued.
-            queue: drawers.max(1),
+            queue: options.drawers.max(1),
+            case_bytes: options.case_bytes,
             ..GpuOptions::default()
         };
         let search = Arc::new(Mutex::new(Some(Search { options, sender })));
-        let graphics = Self { found, search };
-        if may_be_hardware() {
+        let graphics = Self {
+            found,
+            search,
+            takes_software,
+        };
+        if takes_software || may_be_hardware() {
             graphics.begin();
         } else {
             tracing::info!("no graphics device in hardware: pictures are drawn in software");
@@ -129,15 +160,23 @@ impl Graphics {
         }
     }
 
-    /// The device, if it is hardware, once its driver has answered.
-    pub(crate) async fn hardware(&self) -> Option<Arc<GpuPool>> {
+    /// The device, if one is known by now.
+    pub fn device(&self) -> Option<Arc<GpuPool>> {
+        match &*self.found.borrow() {
+            Some(Found::Pool(pool)) => Some(Arc::clone(pool)),
+            _ => None,
+        }
+    }
+
+    /// The device for what the processor can draw as well, once its driver has answered: one in hardware, if not told otherwise.
+    pub(crate) async fn preferred(&self) -> Option<Arc<GpuPool>> {
         if self.is_resting() {
             return None;
         }
         self.pool()
             .await
             .ok()
-            .filter(|pool| !pool.adapter().is_software)
+            .filter(|pool| self.takes_software || !pool.adapter().is_software)
     }
 
     /// The device, once its driver has answered; `Err` with the reason where there is none.
@@ -229,7 +268,7 @@ mod tests {
 
     #[tokio::test]
     async fn graphics_that_are_off_are_known_at_once() {
-        let graphics = Graphics::start(GpuUse::Off, 2);
+        let graphics = Graphics::start(GraphicsOptions::of_one(GpuUse::Off));
         assert!(matches!(graphics.state(), GraphicsState::Absent(_)));
         assert!(graphics.pool().await.unwrap_err().contains("off"));
     }

@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
+use render::Wanted;
 use tokio::sync::oneshot;
 
 use crate::problem::AppError;
@@ -62,7 +63,7 @@ struct Task<F, T> {
 
 impl<F, T> Work for Task<F, T>
 where
-    F: FnOnce() -> T + Send,
+    F: FnOnce(&Wanted<'_>) -> T + Send,
     T: Send,
 {
     fn is_wanted(&self) -> bool {
@@ -70,10 +71,12 @@ where
     }
 
     fn run(self: Box<Self>) {
+        let Self { work, answer } = *self;
+        let is_wanted = || !answer.is_closed();
         // What the closure holds is dropped with it, so nothing half-changed is seen afterwards.
-        let result = catch_unwind(AssertUnwindSafe(self.work));
+        let result = catch_unwind(AssertUnwindSafe(|| work(&is_wanted)));
         // The client may have gone meanwhile: then nobody wants the result.
-        drop(self.answer.send(result));
+        drop(answer.send(result));
     }
 }
 
@@ -108,6 +111,17 @@ impl RenderPool {
     pub async fn run<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, AppError> {
+        self.run_while(|_| work()).await
+    }
+
+    /// As [`RenderPool::run`], for work that asks now and then whether it is still wanted: not once the future is dropped.
+    ///
+    /// # Errors
+    /// As [`RenderPool::run`].
+    pub async fn run_while<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Wanted<'_>) -> T + Send + 'static,
     ) -> Result<T, AppError> {
         let (answer, result) = oneshot::channel();
         self.shared.push(Box::new(Task { work, answer }))?;
@@ -242,6 +256,29 @@ mod tests {
         drop(release);
         kept.await.unwrap().unwrap();
         assert_eq!(runs.load(Ordering::SeqCst), 1);
+    }
+
+    #[tokio::test]
+    async fn work_that_runs_learns_that_its_client_went_away() {
+        let pool = RenderPool::start(1, 8).unwrap();
+        let (begun, has_begun) = oneshot::channel();
+        let (left, learned) = oneshot::channel();
+        let gone = tokio::spawn({
+            let pool = pool.clone();
+            async move {
+                pool.run_while(move |is_wanted| {
+                    begun.send(is_wanted()).unwrap();
+                    while is_wanted() {
+                        thread::yield_now();
+                    }
+                    left.send(()).unwrap();
+                })
+                .await
+            }
+        });
+        assert!(has_begun.await.unwrap());
+        gone.abort();
+        learned.await.unwrap();
     }
 
     #[tokio::test]

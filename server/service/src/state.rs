@@ -10,7 +10,7 @@ use tokio::sync::watch;
 use crate::auth::Access;
 use crate::case::{CaseFacts, CaseId, CaseState};
 use crate::config::{Config, ConfigError};
-use crate::graphics::Graphics;
+use crate::graphics::{Graphics, GraphicsOptions};
 use crate::metrics::Metrics;
 use crate::models::{Model, Models};
 use crate::prepare::Limits;
@@ -113,7 +113,11 @@ impl AppState {
             models: Models::new(store.clone(), config.model_cache_bytes),
             store,
             bodies: Bodies::new(pool.clone(), config.body_cache_bytes),
-            graphics: Graphics::start(config.gpu, config.render_threads),
+            graphics: Graphics::start(GraphicsOptions {
+                use_of: config.gpu,
+                drawers: config.render_threads,
+                case_bytes: config.gpu_case_bytes,
+            }),
             pool,
             turnstile,
             upload_limits,

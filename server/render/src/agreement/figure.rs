@@ -97,12 +97,7 @@ pub fn svg_plot(lines: &[DepthLine]) -> String {
         "middle",
         "triangles of the mesh",
     );
-    text(
-        left + 4.0,
-        top + 8.0,
-        "start",
-        "mean difference, levels of 255",
-    );
+    text(right, top + 8.0, "end", "mean difference, levels of 255");
     for levels in ticks {
         let height = y(levels);
         writeln!(

@@ -66,6 +66,12 @@ impl OpenDevice {
         })
     }
 
+    /// As if the driver had said that there is no memory.
+    #[cfg(feature = "faults")]
+    pub(super) fn run_short(&self) {
+        self.faults.note(GpuError::OutOfMemory);
+    }
+
     /// What has gone wrong since this was last asked; a lost device stays lost.
     pub(super) fn fault(&self) -> Option<GpuError> {
         self.faults.take()

@@ -8,6 +8,7 @@
 //! A device that is lost is opened anew and the picture drawn again. Textures of cases stay on the device, bounded
 //! by bytes. A volume that is too large for a texture is drawn from a copy of fewer voxels, and the answer says so.
 
+mod block;
 mod cache;
 mod case;
 mod device;
@@ -32,4 +33,6 @@ mod uniforms;
 pub use error::GpuError;
 pub use host::AdapterSummary;
 pub use job::{CaseKey, GpuCase, GpuFrame, GpuJob, GpuSurface};
+#[cfg(feature = "faults")]
+pub use pool::Fault;
 pub use pool::{GpuOptions, GpuPool, GpuTicket};

@@ -14,6 +14,9 @@ pub(super) struct Painter {
     limits: StudioLimits,
     studio: Option<Studio>,
     reopened: u64,
+    /// Attempts that are to find no memory.
+    #[cfg(feature = "faults")]
+    shortages: u32,
 }
 
 impl Painter {
@@ -25,6 +28,8 @@ impl Painter {
             limits,
             studio: Some(studio),
             reopened: 0,
+            #[cfg(feature = "faults")]
+            shortages: 0,
         })
     }
 
@@ -41,6 +46,8 @@ impl Painter {
     ) -> Result<T, GpuError> {
         let mut result = Err(GpuError::Closed);
         for _ in 0..ATTEMPTS {
+            #[cfg(feature = "faults")]
+            self.run_short();
             result = self.studio().and_then(&mut draw);
             match &result {
                 Err(GpuError::Lost { .. }) => self.studio = None,
@@ -49,6 +56,25 @@ impl Painter {
             }
         }
         result
+    }
+
+    /// Breaks the device.
+    #[cfg(feature = "faults")]
+    pub(super) fn meet(&mut self, fault: super::pool::Fault) {
+        match (fault, &self.studio) {
+            (super::pool::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
+            (super::pool::Fault::Loss, Some(studio)) => studio.open.device.destroy(),
+            (super::pool::Fault::Loss, None) => {}
+        }
+    }
+
+    /// Lets the driver say that there is no memory, if it is to.
+    #[cfg(feature = "faults")]
+    fn run_short(&mut self) {
+        if let (Some(studio), 1..) = (&self.studio, self.shortages) {
+            self.shortages -= 1;
+            studio.open.run_short();
+        }
     }
 
     /// Gives the device up: the next picture opens another.

@@ -1,15 +1,19 @@
 //! Threads that own a device each, behind a bounded queue.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{self, Receiver, Sender, SyncSender, TrySendError};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use super::host::Host;
 use super::painter::Painter;
 use super::studio::StudioLimits;
 use super::{AdapterSummary, GpuError, GpuFrame, GpuJob};
-use crate::Hits;
+use crate::{Hits, Wanted};
+
+/// How often who waits for a picture asks whether it is still wanted.
+const LOOK_UP: Duration = Duration::from_millis(10);
 
 /// How much of the machine drawing may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +54,18 @@ type Reply<T> = Sender<Result<T, GpuError>>;
 enum Task {
     Frame(GpuJob, Reply<GpuFrame>, Waiting),
     Hits(GpuJob, Reply<Hits>, Waiting),
+    #[cfg(feature = "faults")]
+    Break(Fault),
+}
+
+/// What can happen to a graphics device.
+#[cfg(feature = "faults")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// It is lost.
+    Loss,
+    /// It has no memory for the next attempts, so many, at a picture.
+    OutOfMemory(u32),
 }
 
 /// Whether anyone still waits for an answer.
@@ -69,6 +85,21 @@ impl<T> GpuTicket<T> {
     /// What the device's thread met.
     pub fn wait(self) -> Result<T, GpuError> {
         self.answer.recv().unwrap_or(Err(GpuError::Closed))
+    }
+
+    /// Waits for the picture as long as it is wanted; `None` soon after it is not.
+    ///
+    /// # Errors
+    /// What the device's thread met.
+    pub fn wait_while(self, is_wanted: &Wanted<'_>) -> Option<Result<T, GpuError>> {
+        loop {
+            match self.answer.recv_timeout(LOOK_UP) {
+                Ok(answer) => return Some(answer),
+                Err(RecvTimeoutError::Disconnected) => return Some(Err(GpuError::Closed)),
+                Err(RecvTimeoutError::Timeout) if is_wanted() => {}
+                Err(RecvTimeoutError::Timeout) => return None,
+            }
+        }
     }
 }
 
@@ -141,6 +172,15 @@ impl GpuPool {
         Ok(ticket)
     }
 
+    /// Breaks a device, for tests: what is drawn next meets it.
+    ///
+    /// # Errors
+    /// [`GpuError::Busy`] when too many pictures wait.
+    #[cfg(feature = "faults")]
+    pub fn break_device(&self, fault: Fault) -> Result<(), GpuError> {
+        self.enqueue(Task::Break(fault))
+    }
+
     fn enqueue(&self, task: Task) -> Result<(), GpuError> {
         let tasks = self.tasks.as_ref().ok_or(GpuError::Closed)?;
         tasks.try_send(task).map_err(|error| match error {
@@ -196,6 +236,8 @@ fn work(
                     painter.attempt(|studio| studio.hits(&job))
                 });
             }
+            #[cfg(feature = "faults")]
+            Ok(Task::Break(fault)) => painter.meet(fault),
             Err(_) => return,
         }
     }

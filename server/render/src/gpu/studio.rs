@@ -8,6 +8,7 @@ use wgpu::{
     Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, RenderPass, TextureView,
 };
 
+use super::block::Block;
 use super::cache::Cache;
 use super::case::{CasePlan, CaseTextures};
 use super::device::OpenDevice;
@@ -155,6 +156,7 @@ impl Studio {
         let case = self.cases.get(call.key).ok_or(GpuError::OutOfMemory)?;
         let picture = uniforms::picture(&call.scene, call.request, &case.maps);
         let bindings = case.bindings.clone();
+        let block = Block::around(call);
         let queue = &self.open.queue;
         queue.write_buffer(&self.picture, 0, bytemuck::bytes_of(&picture));
         let mut encoder = self
@@ -168,6 +170,11 @@ impl Studio {
         }
         let mut pass = target.begin_picture(&mut encoder);
         pass.set_bind_group(0, &bindings, &[]);
+        let Block {
+            corner: [x, y],
+            size: [width, height],
+        } = block;
+        pass.set_scissor_rect(x, y, width, height);
         if let Some(depth) = target.multisampled_depth() {
             pass.set_bind_group(1, depth, &[]);
             self.fill(&mut pass, Pass::MeshResolved, None);

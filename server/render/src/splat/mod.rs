@@ -12,7 +12,7 @@ mod pixels;
 
 use crate::isosurface::Isosurface;
 use crate::seeds::Seeds;
-use crate::surface::{self, bottom, working_rays};
+use crate::surface::{self, Wanted, bottom, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 use nodes::Nodes;
 use pixels::Pixels;
@@ -28,6 +28,16 @@ pub fn draw_splat(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
         request,
         &projection,
     )
+}
+
+/// As [`draw_splat`], but given up, with `None`, soon after it is no longer wanted.
+pub fn draw_splat_while(
+    scene: &Scene<'_>,
+    request: &RenderRequest,
+    is_wanted: &Wanted<'_>,
+) -> Option<Frame> {
+    let surface = pixels(scene, request, &request.projection(scene));
+    surface::draw_while(&surface, scene, request, is_wanted)
 }
 
 /// Finds what each pixel of [`draw_splat`] shows, without drawing it: points at most 1 voxel off the isosurface.

@@ -10,7 +10,7 @@ use std::ops::Range;
 use crate::isosurface::Isosurface;
 use crate::rays::Rays;
 use crate::seeds::{Lattice, Seeds};
-use crate::surface::{self, PointRow, Surface, working_rays};
+use crate::surface::{self, PointRow, Surface, Wanted, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 use march::{Sight, first_hits};
 
@@ -23,6 +23,16 @@ pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
         request,
         &projection,
     )
+}
+
+/// As [`draw_trace`], but given up, with `None`, soon after it is no longer wanted.
+pub fn draw_trace_while(
+    scene: &Scene<'_>,
+    request: &RenderRequest,
+    is_wanted: &Wanted<'_>,
+) -> Option<Frame> {
+    let surface = Traced::new(scene, request, &request.projection(scene));
+    surface::draw_while(&surface, scene, request, is_wanted)
 }
 
 /// Finds what each pixel of [`draw_trace`] shows, without drawing it: points within 0.01 voxel of depth of the isosurface.

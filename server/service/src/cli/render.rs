@@ -12,7 +12,7 @@ use super::{VolumeOptions, read_input, write_output};
 use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawing};
 use crate::finish::{Story, finish};
-use crate::graphics::{GpuUse, Graphics};
+use crate::graphics::{GpuUse, Graphics, GraphicsOptions};
 use crate::models::{Models, PathKind};
 use crate::prepare::Source;
 use crate::problem::AppError;
@@ -141,7 +141,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
         } else {
             args.gpu
         };
-        let graphics = Graphics::start(use_of, 1);
+        let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
         match case_id(&args.input) {
             Some(id) => of_case(args, id, &query, &graphics).await,
             None => of_file(args, &query, &graphics).await,
@@ -204,7 +204,7 @@ fn finished(
     query: &RenderQuery,
 ) -> Result<Vec<u8>, CliError> {
     let story = Story::of(id, &drawing.request, &drawing.case.scene());
-    Ok(finish(drawing.draw()?, &story, query.annotate)?.png)
+    Ok(finish(drawing.draw(&|| true)?, &story, query.annotate)?.png)
 }
 
 async fn of_file(

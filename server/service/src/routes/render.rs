@@ -10,7 +10,7 @@ use geometry::MeshSize;
 use render::gpu::GpuCase;
 use render::{
     Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, NamedView, RenderError,
-    RenderParameters, RenderRequest, Window,
+    RenderParameters, RenderRequest, Wanted, Window,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -371,12 +371,12 @@ pub async fn get_render(
     let drawing = drawing(&state, &model, &query, drawer).await?;
     let story = Story::of(Some(&id), &drawing.request, &model.scene());
     let annotate = query.annotate;
-    let work = move || {
+    let work = move |is_wanted: &Wanted<'_>| {
         drawing
-            .draw()
+            .draw(is_wanted)
             .and_then(|drawn| finish(drawn, &story, annotate))
     };
-    let finished = state.pool.run(work).await??;
+    let finished = state.pool.run_while(work).await??;
     let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
     finished.describe(&mut headers);
     Representation {

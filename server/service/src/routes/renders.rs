@@ -11,18 +11,18 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use render::gpu::GpuCase as _;
-use render::{AnimatedPng, Sheet, SheetPlan};
+use render::{AnimatedPng, Sheet, SheetPlan, Wanted};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::query::{ApiQuery, CasePath, Checked as _, NoQuery, Numbers};
 use super::render::{PNG, RenderQuery, drawing};
-use crate::caching;
+use crate::caching::{self, EntityTag};
 use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawn};
 use crate::finish::{Story, borrowed, dressed, finish};
 use crate::models::Model;
-use crate::negotiate::media_type;
+use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 
@@ -112,6 +112,17 @@ enum Form {
     },
 }
 
+impl Form {
+    /// What makes a form another: its name and the time that each picture is shown.
+    fn parameters(&self) -> (&'static str, u16) {
+        match self {
+            Self::Zip => ("zip", 0),
+            Self::Sheet { .. } => ("sheet", 0),
+            Self::Animation { delay_ms } => ("animation", *delay_ms),
+        }
+    }
+}
+
 /// Many pictures at once
 ///
 /// A JSON object with `renders` (a zip of PNGs, or with `"sheet": true` one contact sheet), `swivel` or `sweep` (animated PNG). At most
@@ -121,7 +132,10 @@ enum Form {
     params(("id" = String, Path, description = "The case")),
     request_body = RendersBody,
     responses(
-        (status = 200, description = "The pictures", content((Vec<u8> = "application/zip"), (Vec<u8> = "image/png"), (Vec<u8> = "image/apng"))),
+        (status = 200, description = "The pictures; a sheet holds the state of each as the PNG text `row 1 column 1` and so on, a JSON object", content((Vec<u8> = "application/zip"), (Vec<u8> = "image/png"), (Vec<u8> = "image/apng")), headers(
+            ("X-Isocortex-Renderer" = String, description = "Who drew on what, each once: `splat on cpu; trace on cpu`"),
+            ("ETag" = String, description = "The same for the same pictures, whoever asks"),
+        )),
         (status = 400, description = "The body is wrong; `parameter` is the path of what is", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "The form is not accepted", body = Problem, content_type = "application/problem+json"),
@@ -151,6 +165,7 @@ pub async fn create_renders(
     state.ready(&id).await?;
     let model = state.model(&id).await?;
     let count = plan.pictures.len();
+    let asked = (plan.pictures.clone(), plan.form.parameters());
     let collector = Arc::new(Mutex::new(Collector::new(plan.form, count)));
     let mut drawers = Vec::new();
     for (number, query) in plan.pictures.iter().enumerate() {
@@ -169,7 +184,10 @@ pub async fn create_renders(
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     let name = HeaderName::from_static("x-isocortex-renderer");
-    caching::insert(headers, name, &drawers.join("; "));
+    let drawers = drawers.join("; ");
+    caching::insert(headers, name, &drawers);
+    let tag = EntityTag::of_answer(&id, "renders", &asked, (&drawers, Coding::Identity));
+    headers.insert(header::ETAG, tag.header());
     Ok(response)
 }
 
@@ -187,11 +205,11 @@ async fn draw_one(
     loop {
         let (drawing, story) = (drawing.clone(), story.clone());
         let (query, collector) = (query.clone(), Arc::clone(collector));
-        let work = move || {
-            let drawn = drawing.draw()?;
+        let work = move |is_wanted: &Wanted<'_>| {
+            let drawn = drawing.draw(is_wanted)?;
             lock(&collector).add(number, drawn, &story, &query)
         };
-        match state.pool.run(work).await {
+        match state.pool.run_while(work).await {
             // A single picture is refused then; these have begun, and their time is bounded.
             Err(AppError::Busy) if number > 0 => tokio::time::sleep(BACK_OFF).await,
             answer => return answer?,
@@ -414,6 +432,16 @@ impl Sweep {
     }
 }
 
+/// The state of a picture of a sheet as one PNG text: `row 1 column 2`, counted from 1, and a JSON object.
+fn state_of_cell([row, column]: [usize; 2], texts: &[(&'static str, String)]) -> (String, String) {
+    let state: serde_json::Map<String, serde_json::Value> = texts
+        .iter()
+        .map(|(name, text)| ((*name).to_owned(), text.as_str().into()))
+        .collect();
+    let name = format!("row {} column {}", row + 1, column + 1);
+    (name, serde_json::Value::Object(state).to_string())
+}
+
 /// Pictures on their way into one file.
 enum Collector {
     Zip(Box<zip::ZipWriter<Cursor<Vec<u8>>>>),
@@ -421,6 +449,8 @@ enum Collector {
         plan: Option<SheetPlan>,
         sheet: Option<Box<Sheet>>,
         cells: Vec<[usize; 2]>,
+        /// A PNG text for each picture.
+        states: Vec<(String, String)>,
     },
     Animation {
         animation: Option<AnimatedPng>,
@@ -438,6 +468,7 @@ impl Collector {
                 plan: Some(plan),
                 sheet: None,
                 cells,
+                states: Vec::new(),
             },
             Form::Animation { delay_ms } => Self::Animation {
                 animation: None,
@@ -473,7 +504,12 @@ impl Collector {
                 started.map_err(|_| AppError::Internal)?;
                 zip.write_all(&png).map_err(|_| AppError::Internal)?;
             }
-            Self::Sheet { plan, sheet, cells } => {
+            Self::Sheet {
+                plan,
+                sheet,
+                cells,
+                states,
+            } => {
                 let frame = dressed(drawn.frame, story, query.annotate);
                 if let Some(plan) = plan.take() {
                     *sheet = Some(Box::new(plan.begin(frame.format())));
@@ -481,6 +517,7 @@ impl Collector {
                 let [row, column] = cells[number];
                 let sheet = sheet.as_mut().ok_or(AppError::Internal)?;
                 sheet.put(&frame, row, column);
+                states.push(state_of_cell([row, column], &story.texts(&drawer)));
             }
             Self::Animation {
                 animation,
@@ -513,9 +550,14 @@ impl Collector {
                 let finished = zip.finish().map_err(|_| AppError::Internal)?;
                 Ok(finished.into_inner())
             }
-            Self::Sheet { sheet, .. } => {
+            Self::Sheet { sheet, states, .. } => {
                 let frame = sheet.ok_or(AppError::Internal)?.finish();
-                let texts = [("Software", super::render::SOFTWARE)];
+                let mut texts = vec![("Software", super::render::SOFTWARE)];
+                texts.extend(
+                    states
+                        .iter()
+                        .map(|(name, state)| (name.as_str(), state.as_str())),
+                );
                 Ok(render::encode_png(&frame, &texts)?)
             }
             Self::Animation { animation, .. } => {
