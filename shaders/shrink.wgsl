@@ -89,7 +89,24 @@ fn shrunk(vertex: u32) -> vec3<f32> {
     return position;
 }
 
+// How often a vertex near the envelope is moved, and how far at once, in voxels: `render::settle`.
+const MOVES: i32 = 4;
+const FARTHEST: f32 = 1.0;
+
+// A vertex of the mesh as it is drawn: near the envelope it goes along the gradient to the isosurface without terraces.
+fn settled(position_in_patient: vec3<f32>) -> vec3<f32> {
+    if picture.smooth_share == 0.0 {
+        return position_in_patient;
+    }
+    let start = (picture.field_from_patient * vec4<f32>(position_in_patient, 1.0)).xyz;
+    var place = start;
+    for (var move_ = 0; move_ < MOVES; move_++) {
+        place -= inward_at(place) * clamp(below(place), -FARTHEST, FARTHEST);
+    }
+    return position_in_patient + picture.voxel_mm * (place - start);
+}
+
 @vertex
 fn shrunk_vertex(@builtin(vertex_index) vertex: u32) -> OnFacet {
-    return on_facet(paths.origin_in_patient + paths.step_mm * shrunk(vertex));
+    return on_facet(settled(paths.origin_in_patient + paths.step_mm * shrunk(vertex)));
 }

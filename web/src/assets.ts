@@ -28,6 +28,7 @@ export class ByteCount {
   begin(total: number): { total(bytes: number): void; add(bytes: number): void } {
     const count = { loaded: 0, total };
     this.#counts.push(count);
+    this.#tell();
     return {
       total: (bytes) => {
         count.total = bytes;

@@ -321,6 +321,8 @@ class Cortex implements Surface {
     this.#showServer(false);
     this.#canvas.style.visibility = "visible";
     this.#way = way;
+    this.#canvas.dataset.frames = String(this.#timer.times.frames);
+    this.#canvas.dataset.complete = String(this.#known !== null);
     this.#canvas.dataset.quality = quality === FULL_QUALITY ? "full" : "less";
     this.#complain(null);
     this.#options.onDrawn(state);

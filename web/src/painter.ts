@@ -218,7 +218,7 @@ export class Painter {
     this.#bind(UNITS.volume, volume.texture);
     this.#bind(UNITS.normals, field.normals);
     if (way === "exact") this.#trace(field);
-    else this.#drawMesh(look.depth_mm);
+    else this.#drawMesh(look.depth_mm, field);
   }
 
   #trace({ depths }: FieldTextures): void {
@@ -232,21 +232,25 @@ export class Painter {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  #drawMesh(depth_mm: number): void {
+  #drawMesh(depth_mm: number, { depths }: FieldTextures): void {
     const gl = this.#gl;
     const indices = this.#indices;
     if (!indices) throw new GlError("The mesh is not there yet.");
     gl.enable(gl.DEPTH_TEST);
-    if (this.#positions?.depth_mm === depth_mm) {
-      gl.useProgram(this.#programs.mesh);
-      gl.bindVertexArray(this.#positions.array);
-    } else if (this.#shrinking) {
+    if (this.#shrinking) {
       const { table, rows, pieces } = this.#shrinking;
       this.#paths.write(pathsFields(table, depth_mm), WHOLES);
       this.#bind(UNITS.rows, rows, gl.TEXTURE_2D);
       this.#bind(UNITS.pieces, pieces, gl.TEXTURE_2D);
+      if (depths) {
+        this.#bind(UNITS.field, depths[0]);
+        this.#bind(UNITS.smoothed, depths[1]);
+      }
       gl.useProgram(this.#programs.shrink);
       gl.bindVertexArray(indices.bare);
+    } else if (this.#positions?.depth_mm === depth_mm) {
+      gl.useProgram(this.#programs.mesh);
+      gl.bindVertexArray(this.#positions.array);
     } else throw new GlError("The mesh of another depth is there.");
     gl.drawElements(gl.TRIANGLES, indices.count, gl.UNSIGNED_INT, 0);
   }

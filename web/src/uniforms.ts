@@ -23,7 +23,7 @@ export interface TexelGrid {
 export interface Maps {
   readonly volume: TexelGrid;
   readonly field: TexelGrid;
-  /** The box around the border voxels' centres, in voxel coordinates of the field; null where it is not known. */
+  /** The box around the border voxels' centres, in voxel coordinates of the field; null where the field is for light alone. */
   readonly border_box: readonly [Vec3, Vec3] | null;
   readonly sphere: Sphere;
   /** The least edge of a native voxel, in mm. */
@@ -132,7 +132,8 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
     slab_step: slab.length > 1 ? (slab[1] ?? 0) - (slab[0] ?? 0) : 0,
     clip_reach: reach_mm / voxel_mm,
     clip_piece: 0,
-    smooth_share: smoothShare(depth),
+    // Where there is light alone, nothing is known of the isosurface.
+    smooth_share: maps.border_box ? smoothShare(depth) : 0,
   };
 }
 
