@@ -40,7 +40,7 @@ const FLAGS = [
 ];
 
 /** The head to test with: Colin27 of the test data or of Debian's mricron-data, as the demo finds it; else a phantom. */
-function headOfDemo(): Record<string, string> {
+export function headOfDemo(): Record<string, string> {
   const head = process.env.ISOCORTEX_DEMO_VOLUME;
   const mask = process.env.ISOCORTEX_DEMO_MASK;
   if (head) return { ISOCORTEX_DEMO_VOLUME: head, ...(mask ? { ISOCORTEX_DEMO_MASK: mask } : {}) };

@@ -423,7 +423,7 @@ export class Viewer {
     const voxel = voxelAt(this.shown, position);
     const profile = this.#surface.profile(position);
     this.panel.point({
-      position: `${positionWords(position)} mm`,
+      position: positionWords(position),
       voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
       depth: depth === undefined ? "–" : `${number(depth, 1)} mm`,
       intensity: intensityWords(this.#picked?.intensity ?? probed?.intensity),
