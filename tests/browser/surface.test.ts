@@ -12,8 +12,8 @@ const VIEWS = ["left", "right", "anterior", "posterior", "superior", "inferior"]
 const DEPTHS_MM = [0, 2, 8, 15, 30] as const;
 /** The page's mesh. */
 const MESH = "contours=80&points=50";
-/** So that the surface's pane is about 600 × 550 pixels. */
-const VIEWPORT = { width: 1060, height: 640 };
+/** So that the surface's pane is about 1000 × 560 pixels. */
+const VIEWPORT = { width: 1000, height: 800 };
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
 let server: Server;

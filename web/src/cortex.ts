@@ -249,16 +249,14 @@ class Cortex implements Surface {
     const volume = async (): Promise<Voxels8Or16> => {
       const whole = await assets.volume(16, 2 * voxels);
       this.#fetched.volume = whole;
-      if (this.#painter) await patiently(this.#painter.setVolume(whole), signal);
-      this.#schedule();
+      await this.#bring((painter) => painter.setVolume(whole), signal);
       return whole;
     };
     const maps = async (): Promise<FieldMaps> => {
       const field = await assets.distance("all", 2 * voxels);
       const made = await patiently(fieldMaps(field), signal);
       this.#fetched.field = made;
-      if (this.#painter) await patiently(this.#painter.setField(made), signal);
-      this.#schedule();
+      await this.#bring((painter) => painter.setField(made), signal);
       return made;
     };
     const [whole, made] = await Promise.all([volume(), maps(), table()]);
@@ -269,9 +267,21 @@ class Cortex implements Surface {
     this.#schedule();
   }
 
+  /** Brings something to the device, if there is one; after a lost context it is brought with all the rest. */
+  async #bring(work: (painter: Painter) => Generator<void, void>, signal: AbortSignal): Promise<void> {
+    const painter = this.#painter;
+    if (!painter) return;
+    try {
+      await patiently(work(painter), signal);
+    } catch (error) {
+      if (!this.#gl?.isContextLost()) throw error;
+    }
+    this.#schedule();
+  }
+
   /** Brings all that has been fetched to the device. */
-  async #fill(painter: Painter, signal: AbortSignal): Promise<void> {
-    const { triangles, positions, paths, volume, field } = this.#fetched;
+  async #fill(painter: Painter, fetched: Fetched, signal: AbortSignal): Promise<void> {
+    const { triangles, positions, paths, volume, field } = fetched;
     if (triangles) painter.setTriangles(triangles);
     if (positions) painter.setPositions(positions.positions, positions.depth_mm);
     if (paths) painter.setPaths(paths);
@@ -460,14 +470,16 @@ class Cortex implements Surface {
 
   /** Brings all that has been fetched to the device, at first or after a lost context. */
   async #restore(signal: AbortSignal): Promise<void> {
-    const [gl, { shaders, field }] = [this.#gl, this.#fetched];
+    const [gl, { shaders }] = [this.#gl, this.#fetched];
     if (!gl || !shaders || gl.isContextLost() || this.#fallback === "too-large") return;
     const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
     const painter = new Painter(gl, shaders, { sphere: this.#case.envelope_sphere, native_spacing_mm });
-    if (field?.smoothed && field.gradients.length === 0) {
-      this.#fetched.field = { ...field, gradients: await patiently(gradients(field.smoothed, field.field.size), signal) };
-    }
-    await this.#fill(painter, signal);
+    let fetched: Fetched;
+    do {
+      fetched = { ...this.#fetched };
+      await this.#fill(painter, { ...fetched, field: await withGradients(fetched.field, signal) }, signal);
+      // What came meanwhile is brought as well.
+    } while (fetched.paths !== this.#fetched.paths || fetched.volume !== this.#fetched.volume || fetched.field !== this.#fetched.field);
     if (gl.isContextLost()) return;
     this.#painter = painter;
     this.#fallback = null;
@@ -514,6 +526,12 @@ function* fieldMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, Fiel
   const smooth = yield* smoothed(field.voxels, field.size);
   const slopes = yield* gradients(smooth, field.size);
   return { field, smoothed: smooth, gradients: slopes, border_box: borderBox(field.voxels, field.size) };
+}
+
+/** The maps with their gradients, which are not kept once they are on the device. */
+async function withGradients(maps: FieldMaps | null, signal: AbortSignal): Promise<FieldMaps | null> {
+  if (!maps?.smoothed || maps.gradients.length > 0) return maps;
+  return { ...maps, gradients: await patiently(gradients(maps.smoothed, maps.field.size), signal) };
 }
 
 function rendererOf(gl: Gl): string {

@@ -2,14 +2,14 @@
 
 import type { Gl } from "./gl.ts";
 
-/** The mean of the last frames. */
+/** Of the last frames, the one in the middle by duration: the first ones, for which shaders are compiled, do not count for much. */
 export interface FrameTimes {
   readonly script_ms: number;
   readonly frame_ms: number;
   readonly frames: number;
 }
 
-/** Frames that the means are of. */
+/** Frames that are remembered. */
 const REMEMBERED = 30;
 
 export class FrameTimer {
@@ -45,7 +45,7 @@ export class FrameTimer {
   }
 
   get times(): FrameTimes {
-    return { script_ms: mean(this.#script), frame_ms: mean(this.#frame), frames: this.#frames };
+    return { script_ms: middle(this.#script), frame_ms: middle(this.#frame), frames: this.#frames };
   }
 }
 
@@ -54,4 +54,4 @@ function remember(list: number[], value: number): void {
   if (list.length > REMEMBERED) list.shift();
 }
 
-const mean = (list: readonly number[]): number => (list.length ? list.reduce((sum, value) => sum + value, 0) / list.length : 0);
+const middle = (list: readonly number[]): number => [...list].sort((a, b) => a - b)[list.length >> 1] ?? 0;
