@@ -95,11 +95,16 @@ test("a mark on the patient's right is on the right side of every pane", { skip 
     return found.x;
   };
   const letters = (selector: string): Promise<string[]> => page.locator(`${selector} .overlay:not(.other) .edge`).allInnerTexts();
-  // The mark alone is white. 14 mm is as deep as its middle.
+  // The mark alone is white.
   const id = await readyCase(server.address);
   const open = async (rest: string): Promise<void> => {
     await page.goto(`${origin}/?renderer=server#${id}&d=9&w=700,300&a=1&${rest}`);
-    await page.waitForTimeout(700);
+    // The letters come with the picture.
+    const view = /v=(\w+)/.exec(rest)?.[1] ?? "";
+    await page.waitForFunction((name) => {
+      const pane = document.querySelector<HTMLElement>("#surface");
+      return pane?.dataset.depth === "9" && pane.querySelector(".pane-title")?.textContent?.toLowerCase().includes(name);
+    }, view, { timeout: 20_000 });
   };
   for (const [view, right_at_left] of [["anterior", true], ["posterior", false], ["superior", false], ["inferior", true]] as const) {
     await open(`v=${view}`);
