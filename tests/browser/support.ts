@@ -40,7 +40,7 @@ const FLAGS = [
 ];
 
 /** The head to test with: Colin27 of the test data or of Debian's mricron-data, as the demo finds it; else a phantom. */
-function headOfDemo(): Record<string, string> {
+export function headOfDemo(): Record<string, string> {
   const head = process.env.ISOCORTEX_DEMO_VOLUME;
   const mask = process.env.ISOCORTEX_DEMO_MASK;
   if (head) return { ISOCORTEX_DEMO_VOLUME: head, ...(mask ? { ISOCORTEX_DEMO_MASK: mask } : {}) };
@@ -156,4 +156,51 @@ export async function readyCase(address: string, seconds = 240): Promise<string>
     assert.ok(Date.now() < deadline, "no case is ready");
     await new Promise((resolve) => setTimeout(resolve, 200));
   }
+}
+
+/** Uploads a volume and its mask, and resolves to the case's id. */
+export async function upload(address: string, parts: Readonly<Record<string, Buffer>>, parameters: object = {}): Promise<string> {
+  const form = new FormData();
+  form.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
+  for (const [name, bytes] of Object.entries(parts)) form.append(name, new Blob([new Uint8Array(bytes)]), `${name}.nii`);
+  const response = await fetch(new URL("v1/cases", address), { method: "POST", body: form });
+  assert.ok(response.ok, `${response.status} ${await response.clone().text()}`);
+  return ((await response.json()) as { id: string }).id;
+}
+
+/** The mean column and row, as shares of the picture, of the pixels that are at least so bright; null where none is. */
+export async function brightest(page: Page, png: Buffer, least: number): Promise<{ x: number; y: number; count: number } | null> {
+  return page.evaluate(async ([base64, threshold]) => {
+    const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+    const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
+    const canvas = new OffscreenCanvas(image.width, image.height);
+    const context = canvas.getContext("2d");
+    if (!context) return null;
+    context.drawImage(image, 0, 0);
+    const { data } = context.getImageData(0, 0, image.width, image.height);
+    let [count, x, y] = [0, 0, 0];
+    for (let at = 0; at < data.length; at += 4) {
+      // Grey alone: letters, lines and contours are coloured.
+      const [red = 0, green = 0, blue = 0] = data.subarray(at, at + 3);
+      if (red < threshold || Math.abs(red - blue) > 4 || Math.abs(red - green) > 4) continue;
+      count += 1;
+      x += ((at / 4) % image.width) + 0.5;
+      y += Math.floor(at / 4 / image.width) + 0.5;
+    }
+    return count > 0 ? { x: x / count / image.width, y: y / count / image.height, count } : null;
+  }, [png.toString("base64"), least] as const);
+}
+
+/** Waits until the surface's first picture stands, and everything of the case has come. */
+export async function shown(page: Page): Promise<void> {
+  await page.waitForSelector("#surface[data-drawn=true]", { timeout: 60_000 });
+  await page.waitForSelector(".viewer[data-loaded=true]", { timeout: 60_000 });
+}
+
+/** The parts of the address's fragment: `id` and the rest by key. */
+export async function fragment(page: Page): Promise<Record<string, string>> {
+  // The address follows the state when that has rested.
+  await page.waitForTimeout(450);
+  const [id = "", ...pairs] = new URL(page.url()).hash.slice(1).split("&");
+  return { id, ...Object.fromEntries(pairs.map((pair) => pair.split("=", 2) as [string, string])) };
 }

@@ -39,9 +39,9 @@ export interface FailedCase extends AnyCase {
   readonly error?: ProblemBody;
 }
 
-/** How far a mask that was found automatically is to be trusted. */
+/** How far a mask is to be trusted. */
 export interface Quality {
-  readonly verdict: "ok" | "review" | "failed";
+  readonly state: "ok" | "review" | "failed";
   /** In the server's words. */
   readonly reasons: readonly string[];
 }

@@ -208,10 +208,10 @@ class Row {
     setText(this.#title, caseTitle(one));
     setText(this.#status, caseStatus(one));
     const quality = one.state === "ready" ? qualityOf(one) : null;
-    this.#badge.hidden = !quality || quality.verdict === "ok";
-    if (quality && quality.verdict !== "ok") {
-      setText(this.#badge, t(`quality.${quality.verdict}`));
-      this.#badge.dataset.verdict = quality.verdict;
+    this.#badge.hidden = !quality || quality.state === "ok";
+    if (quality && quality.state !== "ok") {
+      setText(this.#badge, t(`quality.${quality.state}`));
+      this.#badge.dataset.verdict = quality.state;
     }
     this.#bar.hidden = one.state !== "preparing";
     if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;

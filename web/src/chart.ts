@@ -8,6 +8,18 @@ const WIDTH = 268;
 const HEIGHT = 150;
 const MARGIN = { left: 40, right: 8, top: 8, bottom: 30 } as const;
 
+/** What is drawn: the cortex and the white matter below it; deeper down, a way in crosses other folds. */
+const SHALLOW_MM = 30;
+
+function shallowPart(profile: Profile): Profile {
+  const count = profile.depth_mm.filter((depth) => depth <= SHALLOW_MM).length;
+  return {
+    depth_mm: profile.depth_mm.slice(0, count),
+    intensity: profile.intensity.slice(0, count),
+    mirrored: profile.mirrored.slice(0, count),
+  };
+}
+
 /** About `count` round numbers from `low` to `high`. */
 export function ticks(low: number, high: number, count: number): number[] {
   const raw = (high - low) / count;
@@ -36,25 +48,26 @@ export function pathOf(xs: readonly number[], ys: readonly number[]): string {
 
 /** The chart and, for those who do not see it, its table. */
 export function profileChart(profile: Profile, depth_mm: number): HTMLElement {
-  const deepest = profile.depth_mm.at(-1) ?? 1;
-  const values = [...profile.intensity, ...profile.mirrored].filter(Number.isFinite);
+  const shallow = shallowPart(profile);
+  const deepest = shallow.depth_mm.at(-1) ?? 1;
+  const values = [...shallow.intensity, ...shallow.mirrored].filter(Number.isFinite);
   const [low, high] = [Math.min(...values, 0), Math.max(...values, 1e-9)];
   const x = (depth: number): number => MARGIN.left + (depth / deepest) * (WIDTH - MARGIN.left - MARGIN.right);
   const y = (value: number): number => HEIGHT - MARGIN.bottom - ((value - low) / (high - low)) * (HEIGHT - MARGIN.top - MARGIN.bottom);
   const curve = (name: string, ys: readonly number[]): SVGElement =>
-    svg("path", { class: `curve ${name}`, d: pathOf(profile.depth_mm.map(x), ys.map(y)) });
+    svg("path", { class: `curve ${name}`, d: pathOf(shallow.depth_mm.map(x), ys.map(y)) });
   const picture = svg("svg", { class: "chart", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": t("profile.alt") },
     ...ticks(low, high, 4).flatMap((value) => [
       svg("line", { class: "grid", x1: MARGIN.left, x2: WIDTH - MARGIN.right, y1: y(value), y2: y(value) }),
-      svg("text", { class: "tick end", x: MARGIN.left - 5, y: y(value) + 3.5 }, intensity(value)),
+      svg("text", { class: "tick end", x: MARGIN.left - 5, y: y(value) + 3.5 }, Number.isInteger(value) ? number(value) : intensity(value)),
     ]),
     ...ticks(0, deepest, 5).map((depth) => svg("text", { class: "tick middle", x: x(depth), y: HEIGHT - MARGIN.bottom + 13 }, number(depth))),
     svg("text", { class: "tick middle", x: (MARGIN.left + WIDTH - MARGIN.right) / 2, y: HEIGHT - 3 }, t("profile.axis")),
-    svg("line", { class: "here", x1: x(depth_mm), x2: x(depth_mm), y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom }),
-    curve("other", profile.mirrored), curve("own", profile.intensity));
+    depth_mm <= deepest ? svg("line", { class: "here", x1: x(depth_mm), x2: x(depth_mm), y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom }) : null,
+    curve("other", shallow.mirrored), curve("own", shallow.intensity));
   const legend = h("p", { class: "legend" },
     h("span", { class: "own" }, t("profile.own")), h("span", { class: "other" }, t("profile.mirrored")));
-  return h("div", { class: "profile" }, picture, legend, tableOf(profile));
+  return h("div", { class: "profile" }, picture, legend, tableOf(shallow));
 }
 
 /** The profile at whole millimetres. */

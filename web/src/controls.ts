@@ -90,6 +90,8 @@ export class Notches {
   #moved = 0;
 
   take(delta: number, in_pixels: boolean): number {
+    // What is left over from the other direction is forgotten.
+    if (this.#moved * delta < 0) this.#moved = 0;
     this.#moved += in_pixels ? delta : delta * Notches.PIXELS;
     const whole = Math.trunc(this.#moved / Notches.PIXELS);
     this.#moved -= whole * Notches.PIXELS;

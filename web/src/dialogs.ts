@@ -97,11 +97,23 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
   open(t("server.title", { depth: number(state.depth_mm, 1) }), "server-picture", place, h("div", { class: "line" }, field,
     h("button", { type: "button", click: () => void copy() }, t("server.copy"))), said,
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })));
-  getPicture(path).then(decoded).then(
-    (image) => {
-      image.alt = t("server.alt", { depth: number(state.depth_mm, 1) });
-      place.replaceChildren(image);
-    },
-    (problem: unknown) => place.replaceChildren(h("p", { class: "bad" }, problemWords(problem))),
-  );
+  void fill(place, path, t("server.alt", { depth: number(state.depth_mm, 1) }));
+}
+
+/** Nine slices with the mask's outline, to judge it by. */
+export function maskDialog(id: string): void {
+  const place = h("div", { class: "server-shot" }, h("p", { class: "quiet" }, t("server.waiting")));
+  open(t("quality.look"), "mask", place, h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })));
+  void fill(place, `${id}/quality`, t("quality.alt"));
+}
+
+/** Puts a picture of the server into its place, or says why there is none. */
+async function fill(place: HTMLElement, path: string, alt: string): Promise<void> {
+  try {
+    const image = await decoded(await getPicture(path));
+    image.alt = alt;
+    place.replaceChildren(image);
+  } catch (problem) {
+    place.replaceChildren(h("p", { class: "bad" }, problemWords(problem)));
+  }
 }

@@ -4,13 +4,13 @@ import { deleteCase, getCase, onReach, onTokenWanted } from "./api.ts";
 import type { Case } from "./case.ts";
 import { CaseList, caseStatus, caseTitle } from "./cases.ts";
 import { commandOf } from "./controls.ts";
-import { askToken, confirmDelete, helpDialog } from "./dialogs.ts";
+import { askToken, confirmDelete, helpDialog, maskDialog } from "./dialogs.ts";
 import { h, iconButton, setText } from "./dom.ts";
 import { readAddress } from "./fragment.ts";
 import { LANGUAGES, isLanguage, learn, t } from "./i18n.ts";
 import { press } from "./panel.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
-import { problemWords } from "./problem-words.ts";
+import { problemWords, sentence } from "./problem-words.ts";
 import { qualityOf } from "./quality.ts";
 import { LAYOUTS } from "./state.ts";
 import { UploadForm, hearDrops } from "./upload.ts";
@@ -135,13 +135,14 @@ class App {
   /** A warning before a picture whose mask is doubtful. */
   #showQuality(ready: (Case & { state: "ready" }) | null): void {
     const quality = ready && qualityOf(ready);
-    this.#quality.hidden = !quality || quality.verdict === "ok";
-    if (!quality || quality.verdict === "ok") return;
-    this.#quality.dataset.verdict = quality.verdict;
+    this.#quality.hidden = !quality || quality.state === "ok";
+    if (!ready || !quality || quality.state === "ok") return;
+    this.#quality.dataset.verdict = quality.state;
     this.#quality.replaceChildren(
-      h("strong", { class: "quality-badge", "data-verdict": quality.verdict }, t(`quality.${quality.verdict}`)),
-      h("span", {}, t(`quality.${quality.verdict}.text`)),
-      h("ul", {}, ...quality.reasons.map((reason) => h("li", {}, reason))));
+      h("strong", { class: "quality-badge", "data-verdict": quality.state }, t(`quality.${quality.state}`)),
+      h("span", {}, t(`quality.${quality.state}.text`)),
+      h("button", { type: "button", click: () => maskDialog(ready.id) }, t("quality.look")),
+      h("ul", {}, ...quality.reasons.map((reason) => h("li", {}, sentence(reason)))));
   }
 
   #header(): HTMLElement {

@@ -165,10 +165,17 @@ export class Panel {
     this.#point.hidden = !words;
     this.#pointTools.hidden = !words;
     this.#pointHint.hidden = words !== null;
+    setText(this.#pointHint, t("point.hint"));
     const open = this.#profile.querySelector("details")?.open ?? false;
     this.#profile.replaceChildren(...(profile ? [profile] : []));
     const table = this.#profile.querySelector("details");
     if (table) table.open = open;
+  }
+
+  /** Says why no point was marked. */
+  hint(words: string): void {
+    setText(this.#pointHint, words);
+    this.#pointHint.hidden = false;
   }
 
   note(words: string): void {

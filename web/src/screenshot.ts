@@ -57,11 +57,16 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
     if (!line.checkVisibility()) continue;
     const frame = within(panes, line.ownerSVGElement ?? line);
     const at = (name: "x1" | "y1" | "x2" | "y2"): number => line[name].baseVal.value;
+    context.save();
+    context.beginPath();
+    context.rect(frame.x, frame.y, frame.width, frame.height);
+    context.clip();
     context.strokeStyle = getComputedStyle(line).stroke;
     context.beginPath();
     context.moveTo(frame.x + at("x1"), frame.y + at("y1"));
     context.lineTo(frame.x + at("x2"), frame.y + at("y2"));
     context.stroke();
+    context.restore();
   }
 }
 

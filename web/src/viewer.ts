@@ -124,6 +124,7 @@ export class Viewer {
       if (this.#loadAbort.signal.aborted) this.#host.announce(t("load.cancelled"));
       else this.#complain(error);
     }
+    this.element.dataset.loaded = "true";
     this.#showPoint();
     this.#schedule();
   }
@@ -391,7 +392,12 @@ export class Viewer {
   /** Puts the cross where the surface is seen at a place of the pane. */
   #pick(place: Vec2): void {
     const picked = this.#surface.pick(this.#state, place[0], place[1]);
-    if (!picked) return this.#host.announce(t("point.none"));
+    if (!picked) {
+      // Until the depths are here nothing knows where the surface is.
+      const words = t(this.element.dataset.loaded ? "point.none" : "point.loading");
+      this.panel.hint(words);
+      return this.#host.announce(words);
+    }
     this.#picked = picked;
     this.#change({ crosshair_mm: picked.position_in_patient }, true);
     this.#host.announce(t("point.said", { position: positionWords(picked.position_in_patient) }));
@@ -417,7 +423,7 @@ export class Viewer {
     const voxel = voxelAt(this.shown, position);
     const profile = this.#surface.profile(position);
     this.panel.point({
-      position: `${positionWords(position)} mm`,
+      position: positionWords(position),
       voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
       depth: depth === undefined ? "–" : `${number(depth, 1)} mm`,
       intensity: intensityWords(this.#picked?.intensity ?? probed?.intensity),

@@ -49,7 +49,8 @@ test("every word is used, and no word that is used is missing", () => {
 test("no type is any", () => {
   const folder = path.join(import.meta.dirname, "../../src");
   for (const name of readdirSync(folder).filter((file) => file.endsWith(".ts"))) {
-    assert.doesNotMatch(readFileSync(path.join(folder, name), "utf8"), /(:|\bas|<|,)\s*any\b(?! (of|more|other|one|case))/, name);
+    const code = readFileSync(path.join(folder, name), "utf8").replace(/\/\*[\s\S]*?\*\/|\/\/.*$/gm, "");
+    assert.doesNotMatch(code, /(:|\bas|<|,)\s*any\b/, name);
   }
 });
 

@@ -1,5 +1,6 @@
 //! The page, the interface's description and its manual: static documents, all from this program.
 
+use std::future::{Ready, ready};
 use std::sync::Arc;
 
 use axum::Router;
@@ -7,9 +8,11 @@ use axum::http::{HeaderMap, HeaderValue};
 use axum::response::Response;
 use axum::routing::get;
 use bytes::Bytes;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use utoipa::openapi::OpenApi;
 
-use super::query::{ApiQuery, NoQuery};
+use super::query::{ApiQuery, Checked, NoQuery};
 use crate::caching::{EntityTag, Representation, coding_for, compress};
 use crate::negotiate::Coding;
 use crate::problem::AppError;
@@ -79,6 +82,39 @@ impl Document {
     }
 }
 
+/// What the page reads of its own address; the server answers the same whatever it is.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PageQuery {
+    /// `server` keeps the page from drawing by itself.
+    #[serde(default, rename = "renderer")]
+    _renderer: Option<PageRenderer>,
+}
+
+/// Who draws the page's pictures, where it is not left to the page.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum PageRenderer {
+    Server,
+}
+
+impl Checked for PageQuery {
+    fn check(&self) -> Result<(), AppError> {
+        Ok(())
+    }
+}
+
+/// The handler of a document.
+fn answering<Query: DeserializeOwned + Checked>(
+    document: Arc<Document>,
+) -> impl Fn(ApiQuery<Query>, HeaderMap) -> Ready<Result<Response, AppError>>
++ Clone
++ Send
++ Sync
++ 'static {
+    move |_query, request| ready(document.answer(&request))
+}
+
 /// The routes of the documents.
 pub fn routes(openapi: &OpenApi) -> Router<AppState> {
     let description = serde_json::to_value(openapi).unwrap_or_default();
@@ -100,11 +136,11 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
         .into_iter()
         .fold(Router::new(), |router, (address, kind, bytes)| {
             let document = Arc::new(Document::new(kind, bytes));
-            let answer = move |_no_query: ApiQuery<NoQuery>, request: HeaderMap| {
-                let document = Arc::clone(&document);
-                async move { document.answer(&request) }
-            };
-            router.route(address, get(answer))
+            if address == "/" {
+                router.route(address, get(answering::<PageQuery>(document)))
+            } else {
+                router.route(address, get(answering::<NoQuery>(document)))
+            }
         })
 }
 

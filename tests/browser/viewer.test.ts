@@ -1,0 +1,462 @@
+// The viewer on a real head: hands, panes, letters, address, words. The server draws the surface here, for what draws it
+// is another test's matter and WebGL2 in software is slow.
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import { type Server, type Watched, fragment, keep, launchBrowser, openPage, readyCase, scratchFolder, shown, skip, startServer } from "./support.ts";
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+let watched: Watched;
+let page: Page;
+let id: string;
+let origin: string;
+
+before(async () => {
+  if (skip) return;
+  scratch = await scratchFolder();
+  server = await startServer({ command: "demo", data: scratch.folder });
+  id = await readyCase(server.address);
+  browser = await launchBrowser();
+  watched = await openPage(browser);
+  page = watched.page;
+  origin = `${new URL(server.address).origin}/?renderer=server`;
+  await page.goto(origin);
+  await shown(page);
+}, { timeout: 300_000 });
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+const text = (selector: string): Promise<string> => page.locator(selector).innerText();
+const depth = async (): Promise<number> => Number(await page.locator("#depth-number").inputValue());
+const reset = async (): Promise<void> => {
+  await page.goto(`${origin}#${id}`);
+  await page.locator(".layouts button[value=single]").click();
+  await page.getByRole("button", { name: "Reset the view" }).click();
+  await page.waitForTimeout(100);
+};
+const surface = async (): Promise<{ x: number; y: number; width: number; height: number }> => {
+  const box = await page.locator("#surface").boundingBox();
+  assert.ok(box);
+  return box;
+};
+const letters = (pane: string): Promise<string> =>
+  page.locator(`${pane} .overlay:not(.other) .edge`).allInnerTexts().then((all) => all.join(" "));
+
+/** A drag by the mouse from the middle of the surface. */
+async function drag(right: number, down: number, button: "left" | "right" | "middle" = "left"): Promise<void> {
+  const { x, y, width, height } = await surface();
+  await page.mouse.move(x + width / 2, y + height / 2);
+  await page.mouse.down({ button });
+  await page.mouse.move(x + width / 2 + right, y + height / 2 + down, { steps: 4 });
+  await page.mouse.up({ button });
+}
+
+test("the first ready case is shown at once", { skip }, async () => {
+  assert.equal(await page.locator("#case-list [aria-current=true]").count(), 1);
+  await keep(page, "desktop-surface");
+});
+
+test("a left drag turns, and a second one over the top finds no pole", { skip }, async () => {
+  await reset();
+  await drag(120, 0);
+  const turned = await fragment(page);
+  assert.match(turned.q ?? "", /,/);
+  assert.match(await letters("#surface"), /^\w+ \w+ S I$/);
+  for (let time = 0; time < 4; time += 1) await drag(0, 300);
+  assert.notEqual((await fragment(page)).q, turned.q);
+});
+
+test("the wheel zooms, with alt it peels by half a millimetre, with shift as well by a tenth", { skip }, async () => {
+  await reset();
+  const { x, y, width, height } = await surface();
+  await page.mouse.move(x + width / 2, y + height / 2);
+  await page.mouse.wheel(0, -200);
+  assert.ok(Number((await fragment(page)).z) > 1.2);
+  const before = await depth();
+  await page.keyboard.down("Alt");
+  await page.mouse.wheel(0, 60);
+  await page.waitForTimeout(100);
+  assert.equal(await depth(), before + 0.5);
+  await page.keyboard.down("Shift");
+  await page.mouse.wheel(0, 60);
+  await page.waitForTimeout(100);
+  await page.keyboard.up("Shift");
+  await page.keyboard.up("Alt");
+  assert.ok(Math.abs((await depth()) - before - 0.6) < 1e-6);
+});
+
+test("shift or the middle button moves, the right button changes the window", { skip }, async () => {
+  await reset();
+  await page.keyboard.down("Shift");
+  await drag(60, 0);
+  await page.keyboard.up("Shift");
+  const [moved = 0] = (await fragment(page)).p?.split(",").map(Number) ?? [];
+  assert.ok(moved > 5);
+  await drag(-60, 0, "middle");
+  assert.ok(Math.abs(Number((await fragment(page)).p?.split(",")[0] ?? 0)) < 0.2);
+  await drag(100, 0, "right");
+  const wider = Number((await fragment(page)).w?.split(",")[1]);
+  await drag(0, 100, "right");
+  const [level, width] = (await fragment(page)).w?.split(",").map(Number) ?? [];
+  assert.equal(width, wider);
+  assert.ok((level ?? 0) !== 0);
+});
+
+test("every key of the help does what it says", { skip }, async () => {
+  await reset();
+  await page.locator("#surface").focus();
+  const press = async (key: string): Promise<Record<string, string>> => {
+    await page.keyboard.press(key);
+    return fragment(page);
+  };
+  const start = await depth();
+  await press("]");
+  await press("]");
+  await press("[");
+  assert.equal(await depth(), start + 0.5);
+  for (const [key, view] of [["A", "anterior"], ["P", "posterior"], ["R", "right"], ["S", "superior"], ["I", "inferior"]]) {
+    assert.equal((await press(`Shift+${key}`)).v, view);
+  }
+  assert.equal((await press("Shift+L")).v, undefined, "left is the view at first");
+  assert.ok((await press("ArrowRight")).q);
+  assert.ok((await press("Shift+ArrowRight")).p);
+  assert.ok(Number((await press("+")).z) > 1);
+  const windows = new Set<string | undefined>();
+  for (const key of ["1", "2", "3", "4", "5", "6"]) windows.add((await press(key)).w);
+  assert.equal(windows.size, 6);
+  assert.equal((await press("i")).m, "inverted");
+  assert.equal((await press("i")).m, undefined);
+  await press("h");
+  assert.equal(await page.locator("dialog.help").count(), 1);
+  await page.keyboard.press("Escape");
+  await press("Enter");
+  assert.ok((await fragment(page)).x, "the middle is marked");
+  await page.keyboard.press(" ");
+  const playing = await depth();
+  await page.waitForFunction((from) => Number(document.querySelector<HTMLInputElement>("#depth-number")?.value) > from + 1, playing);
+  await page.keyboard.press(" ");
+  const paused = await depth();
+  await page.waitForTimeout(400);
+  assert.equal(await depth(), paused);
+  const { d, x, p, z, w } = await press("r");
+  assert.deepEqual([d, x, p, z, w], [undefined, undefined, undefined, undefined, undefined]);
+});
+
+test("single letters can be switched off", { skip }, async () => {
+  await reset();
+  await page.locator(".bar .icon-button").last().click();
+  await page.locator("#shortcuts").uncheck();
+  await page.locator("dialog.help button[value=close]").click();
+  await page.locator("#stage").focus();
+  await page.keyboard.press("Shift+S");
+  assert.equal((await fragment(page)).v, undefined);
+  await page.locator(".bar .icon-button").last().click();
+  await page.locator("#shortcuts").check();
+  await page.keyboard.press("Escape");
+});
+
+test("everything that a drag does a button does as well", { skip }, async () => {
+  await reset();
+  const click = (name: string): Promise<void> => page.getByRole("button", { name, exact: true }).click();
+  await click("Turn left");
+  assert.ok((await fragment(page)).q);
+  await click("Move up");
+  assert.ok((await fragment(page)).p);
+  await click("Deeper");
+  await click("Deeper");
+  await click("Shallower");
+  assert.equal(await depth(), 8.5);
+  await click("Superior");
+  assert.equal((await fragment(page)).v, "superior");
+  await click("Narrow");
+  assert.ok((await fragment(page)).w);
+  await page.locator("#zoom").fill("1");
+  assert.equal((await fragment(page)).z, "2");
+  await page.locator("#depth").fill("12");
+  assert.equal(await depth(), 12);
+});
+
+test("two fingers zoom and move; a touch that is taken away ends the gesture", { skip }, async () => {
+  await reset();
+  const { x, y, width, height } = await surface();
+  const [cx, cy] = [x + width / 2, y + height / 2];
+  const session = await watched.context.newCDPSession(page);
+  const touch = (type: "touchStart" | "touchMove" | "touchEnd" | "touchCancel", ...points: [number, number][]): Promise<unknown> =>
+    session.send("Input.dispatchTouchEvent", { type, touchPoints: points.map(([px, py], index) => ({ x: px, y: py, id: index })) });
+  await touch("touchStart", [cx, cy]);
+  await touch("touchMove", [cx + 80, cy]);
+  await touch("touchEnd");
+  const turned = await fragment(page);
+  assert.ok(turned.q, "one finger turns");
+  await touch("touchStart", [cx - 50, cy], [cx + 50, cy]);
+  await touch("touchMove", [cx - 100, cy + 30], [cx + 100, cy + 30]);
+  await touch("touchEnd");
+  const pinched = await fragment(page);
+  assert.equal(pinched.q, turned.q, "two fingers do not turn");
+  assert.ok(Math.abs(Number(pinched.z) - 2) < 0.05, pinched.z);
+  await touch("touchStart", [cx, cy]);
+  await touch("touchCancel");
+  await page.mouse.move(cx + 200, cy + 100);
+  assert.equal((await fragment(page)).q, turned.q, "nothing is held any more");
+});
+
+test("a double click marks a point: slices, numbers and the depth profile follow", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  const { x, y, width, height } = await surface();
+  await page.mouse.dblclick(x + width * 0.45, y + height * 0.45);
+  const { x: marked = "" } = await fragment(page);
+  const [left = 0] = marked.split(",").map(Number);
+  assert.ok(left > 20, "the left view shows the left side: LPS counts to the left");
+  assert.match(await text(".point .position"), /^L \d+\.\d · [AP] \d+\.\d · [SI] \d+\.\d$/);
+  assert.match(await text(".point .voxel"), /^\d+, \d+, \d+$/);
+  assert.equal(await text(".point .depth"), "8.0 mm");
+  assert.match(await text(".point .intensity"), /^\d/);
+  await page.waitForFunction((position) => Math.abs(Number(document.querySelector<HTMLElement>(".slice.sagittal")?.dataset.position) - position) < 0.2, left);
+  for (const plane of ["axial", "coronal", "sagittal"]) {
+    assert.equal(await page.locator(`.slice.${plane} .cursor line`).count(), 4, plane);
+  }
+  // Both curves, and the same as a table.
+  for (const curve of ["own", "other"]) {
+    const path = (await page.locator(`.chart .curve.${curve}`).getAttribute("d")) ?? "";
+    assert.ok(path.split("L").length > 20, `${curve}: ${path.slice(0, 60)}`);
+  }
+  await page.locator(".as-table summary").click();
+  assert.ok((await page.locator(".as-table tbody tr").count()) > 10);
+  await page.locator(".as-table summary").click();
+  await keep(page, "desktop-slices");
+});
+
+test("a click in a slice turns the surface to that point", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  const box = await page.locator(".slice.coronal").boundingBox();
+  assert.ok(box);
+  // At the picture's left is the patient's right.
+  await page.mouse.click(box.x + box.width * 0.3, box.y + box.height * 0.4);
+  const { x: marked = "", q, v } = await fragment(page);
+  assert.ok(Number(marked.split(",")[0]) < -15, marked);
+  assert.ok(q || v);
+  const cube = page.locator("#surface .cube [data-view=right]");
+  await cube.waitFor({ state: "attached" });
+  assert.ok(Number(await cube.getAttribute("opacity")) > 0.6, "the right side is in front");
+  const range = page.locator(".slice.axial .slice-range");
+  await range.fill("20");
+  assert.equal((await fragment(page)).x?.split(",")[2], "20");
+});
+
+test("slices are radiological until the other convention is chosen, and say which", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  await page.waitForSelector(".slice.axial img");
+  assert.equal(await letters(".slice.axial"), "R L A P");
+  assert.equal(await letters(".slice.coronal"), "R L S I");
+  assert.equal(await letters(".slice.sagittal"), "A P S I");
+  assert.equal(await text(".slice.axial .badge"), "Radiological");
+  await page.locator(".group", { hasText: "Drawing" }).locator("summary").first().click();
+  await page.locator("#convention").selectOption("neurological");
+  assert.equal(await letters(".slice.axial"), "L R A P");
+  assert.equal(await text(".slice.coronal .badge"), "Neurological");
+  assert.equal(await page.locator(".slice.sagittal .badge").isVisible(), false);
+  assert.equal(await page.locator(".slice.axial .slice-image.flipped").count(), 1);
+  await page.locator("#convention").selectOption("radiological");
+});
+
+test("a late answer never stands over a newer one", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  await page.waitForSelector(".slice.axial img");
+  let held = 0;
+  await page.route("**/slices/axial?*", async (route) => {
+    // The first answer is the last to come.
+    if ((held += 1) === 1) await new Promise((resolve) => setTimeout(resolve, 1200));
+    await route.continue();
+  });
+  for (const value of ["9", "10", "11.5"]) await page.locator("#depth").fill(value);
+  await page.waitForSelector(".slice.axial[data-depth='11.5']", { timeout: 10_000 });
+  await page.waitForTimeout(600);
+  assert.equal(await page.locator(".slice.axial").getAttribute("data-depth"), "11.5");
+  assert.ok(held <= 2, `${held} requests: wishes in between are not asked for`);
+  await page.unroute("**/slices/axial?*");
+});
+
+test("the mirror shows the other hemisphere flipped, with one cursor in both halves", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=mirror]").click();
+  await page.waitForSelector("#surface.halved");
+  const halves = page.locator("#surface > .overlay");
+  assert.deepEqual(await halves.nth(0).locator(".edge").allInnerTexts(), ["A", "P", "S", "I"]);
+  assert.deepEqual(await halves.nth(1).locator(".edge").allInnerTexts(), ["A", "P", "S", "I"], "the right side, flipped");
+  assert.match(await halves.nth(1).innerText(), /Right\s+mirrored/);
+  const { x, y, width, height } = await surface();
+  const cursor = (half: number): Promise<(string | null)[]> =>
+    halves.nth(half).locator(".cursor circle").evaluateAll((all) => all.map((one) => `${one.getAttribute("cx")} ${one.getAttribute("cy")}`));
+  await page.mouse.move(x + width * 0.2, y + height * 0.5);
+  assert.equal((await cursor(0)).length, 1, "the pointer's ghost");
+  assert.deepEqual(await cursor(0), await cursor(1));
+  // A point of the right half is a point of the right hemisphere.
+  await page.mouse.dblclick(x + width * 0.72, y + height * 0.45);
+  const { x: marked = "" } = await fragment(page);
+  assert.ok(Number(marked.split(",")[0]) < -15, marked);
+  assert.equal((await cursor(0)).length, 1);
+  assert.deepEqual(await cursor(0), await cursor(1));
+  const [cx] = ((await cursor(1))[0] ?? "").split(" ").map(Number);
+  assert.ok(Math.abs((cx ?? 0) - 0.22 * width) < 3, `${cx} of ${width}`);
+  await keep(page, "desktop-mirror");
+});
+
+test("letters, cube, colour bar, scale, depth and notice are those of the picture", { skip }, async () => {
+  await reset();
+  const expected = { Left: "A P S I", Right: "P A S I", Anterior: "R L S I", Posterior: "L R S I", Superior: "L R A P", Inferior: "R L A P" };
+  for (const [name, edges] of Object.entries(expected)) {
+    await page.getByRole("button", { name, exact: true }).click();
+    await page.waitForFunction((title) => document.querySelector("#surface .pane-title")?.textContent?.includes(title), name);
+    assert.equal(await letters("#surface"), edges, name);
+    const front = page.locator(`#surface .cube [data-view=${name.toLowerCase()}]`);
+    assert.equal(await front.getAttribute("opacity"), "1.00");
+  }
+  await page.locator("#surface .cube [data-view=inferior]").click();
+  const { level, width } = await page.evaluate(() => ({
+    level: Number(document.querySelector<HTMLInputElement>("#window-center-number")?.value),
+    width: Number(document.querySelector<HTMLInputElement>("#window-width-number")?.value),
+  }));
+  const [white = NaN, black = NaN] = (await page.locator(".colour-bar span").allInnerTexts()).map(Number);
+  assert.ok(Math.abs(white - level - width / 2) < 1 && Math.abs(black - level + width / 2) < 1);
+  const bar = await page.locator("#surface .overlay:not(.other) .scale-line").boundingBox();
+  const pane = await surface();
+  const sphere = await page.evaluate(async (one) => (await (await fetch(`v1/cases/${one}`)).json()).envelope_sphere.radius_mm as number, id);
+  const mm = parseFloat(await text("#surface .overlay:not(.other) .scale-text"));
+  assert.ok(Math.abs((bar?.width ?? 0) - (mm * Math.min(pane.width, pane.height)) / (2 * sphere)) < 1.5, "the scale bar is as long as it says");
+  assert.match(await text("#surface .overlay:not(.other) .pane-title"), /^8\.0 mm/);
+  assert.equal(await text(".research"), "For research use only. Not for diagnosis.");
+  assert.match(await text("#surface .overlay:not(.other) .pane-notice"), /research use only/i);
+});
+
+test("the address holds the state: a reload restores it, Back goes back, nonsense is passed over", { skip }, async () => {
+  await reset();
+  await page.goto(`${origin}#${id}&d=11.2&v=superior&z=1.5&l=slices&c=n`);
+  await page.reload();
+  await page.waitForSelector("#surface[data-drawn=true]");
+  assert.equal(await depth(), 11.2);
+  assert.equal(await letters("#surface"), "L R A P");
+  assert.equal(await text(".slice.axial .badge"), "Neurological");
+  await page.getByRole("button", { name: "Right", exact: true }).click();
+  await page.locator(".layouts button[value=single]").click();
+  assert.equal((await fragment(page)).v, "right");
+  await page.goBack();
+  await page.waitForSelector("body[data-layout=slices]");
+  await page.goBack();
+  await page.waitForFunction(() => document.querySelector("#surface .pane-title")?.textContent?.includes("Superior"));
+  assert.equal(await depth(), 11.2);
+  for (const nonsense of [`#${id}&d=x&q=0,0,0,0&l=&&%E0%A4%A&w=1`, "#%%%", "#<img src=x>", "#&&&"]) {
+    await page.goto(`${origin}${nonsense}`);
+    await page.waitForSelector("#surface[data-drawn=true]");
+    assert.equal(await page.locator("#surface").isVisible(), true, nonsense);
+  }
+  await page.goto(`${origin}#${"0".repeat(32)}`);
+  await page.waitForFunction(() => document.querySelector("#case-note")?.textContent?.includes("Choose a case"));
+  await page.goto(`${origin}#${id}`);
+  await shown(page);
+  watched.troubles.splice(0, watched.troubles.length, ...watched.troubles.filter((one) => !one.includes(`${"0".repeat(32)}`)));
+});
+
+test("the screenshot is a PNG of the panes, and the server's picture has an address to copy", { skip }, async () => {
+  await reset();
+  await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
+  const waiting = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Screenshot" }).click();
+  const download = await waiting;
+  assert.equal(download.suggestedFilename(), "isocortex-8.0mm.png");
+  const png = readFileSync(await download.path());
+  const box = await page.locator(".panes").boundingBox();
+  assert.equal(png.readUInt32BE(16), Math.round(box?.width ?? 0));
+  assert.ok(png.length > 50_000, "a picture, not a black pane");
+  await page.getByRole("button", { name: "Picture from the server" }).click();
+  await page.waitForSelector("dialog.server-picture img");
+  const address = await page.locator("#server-address").inputValue();
+  const answer = await fetch(address);
+  assert.equal(answer.headers.get("content-type"), "image/png");
+  assert.match(address, /depth_mm=8&view=left/);
+  await page.locator("dialog.server-picture button[value=close]").click();
+});
+
+test("a change of depth is announced", { skip }, async () => {
+  await reset();
+  await page.locator("#depth").fill("14.5");
+  await page.waitForFunction(() => document.querySelector("#live")?.textContent?.includes("Depth 14.5 millimetres"));
+});
+
+test("Portuguese and the light theme are chosen once and kept, and nothing of the case is stored", { skip }, async () => {
+  await page.locator("#language").selectOption("pt-BR");
+  await page.waitForSelector(".layouts >> text=Espelho");
+  assert.equal(await page.locator("html").getAttribute("lang"), "pt-BR");
+  assert.equal(await text(".research"), "Somente para pesquisa. Não se destina a diagnóstico.");
+  await page.getByRole("button", { name: "Claro ou escuro" }).click();
+  await page.reload();
+  await page.waitForSelector("html[data-theme=light] .layouts >> text=Com cortes");
+  const stored = await page.evaluate(() => JSON.stringify(localStorage));
+  assert.ok(!stored.includes(id) && !stored.includes("Demo"), stored);
+});
+
+test("axe finds nothing, in both themes and languages, in every layout and dialog", { skip, timeout: 240_000 }, async () => {
+  const axe = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
+  const source = readFileSync(axe, "utf8");
+  const check = async (where: string): Promise<void> => {
+    // The page's own policy forbids scripts from elsewhere, so axe comes in from outside of it.
+    await page.evaluate(source);
+    const violations = await page.evaluate(async () => {
+      const { axe: runner } = globalThis as unknown as { axe: { run(options: object): Promise<{ violations: { id: string; nodes: { html: string; failureSummary?: string }[] }[] }> } };
+      const result = await runner.run({ runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
+      return result.violations.map(({ id: rule, nodes }) => `${rule}: ${nodes.map((node) => `${node.html.slice(0, 160)} ${node.failureSummary ?? ""}`).join(" | ").slice(0, 600)}`);
+    });
+    assert.deepEqual(violations, [], where);
+  };
+  for (const language of ["pt-BR", "en"]) {
+    await page.locator("#language").selectOption(language);
+    await page.waitForSelector(`html[lang=${language}]`);
+    await page.waitForSelector("#surface[data-drawn=true]");
+    for (const theme of ["light", "dark"]) {
+      if ((await page.locator("html").getAttribute("data-theme")) !== theme) await page.locator(".bar .icon-button").nth(1).click();
+      await page.locator("#surface").focus();
+      await page.locator(".layouts button[value=slices]").click();
+      for (const group of await page.locator(".panel > details, .sidebar > details").all()) {
+        if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
+      }
+      await check(`${language} ${theme}`);
+      if (theme === "light") await keep(page, `light-${language}`);
+    }
+    await page.locator(".bar .icon-button").last().click();
+    await check(`${language} help`);
+    await keep(page, `help-${language}`);
+    await page.keyboard.press("Escape");
+  }
+});
+
+test("a tablet shows every view without scrolling sideways", { skip }, async () => {
+  await page.setViewportSize({ width: 820, height: 1180 });
+  await page.reload();
+  for (const layout of ["single", "slices", "mirror"]) {
+    await page.waitForSelector("#surface[data-drawn=true]");
+    await page.locator(`.layouts button[value=${layout}]`).click();
+    await page.waitForTimeout(800);
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= 820), layout);
+    assert.ok((await surface()).height > 350, layout);
+    await keep(page, `tablet-${layout}`);
+  }
+  await page.setViewportSize({ width: 1440, height: 900 });
+});
+
+test("nothing failed, and nothing broke the content security policy", { skip }, () => {
+  assert.deepEqual(watched.troubles, []);
+});
