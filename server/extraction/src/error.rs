@@ -1,0 +1,28 @@
+//! Why no brain could be extracted.
+
+/// Why an extraction, or what it needs, failed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExtractionError {
+    /// The bytes are not the published weights.
+    #[error("this is not the wheel of deepbet 1.0.2 with the network's weights: {what}")]
+    Weights {
+        /// What is wrong with them.
+        what: String,
+    },
+    /// Nothing in the volume looks like a brain.
+    #[error("no brain was found in the volume: {what}")]
+    NoBrain {
+        /// What there was instead.
+        what: &'static str,
+    },
+    /// There is no network to find it with.
+    #[error("the network's weights are not there, and nothing else can find a brain")]
+    NoMethod,
+    /// It was asked to stop.
+    #[error("the extraction was cancelled")]
+    Cancelled,
+    /// A grid or a mask was refused.
+    #[error(transparent)]
+    Geometry(#[from] geometry::GeometryError),
+}
