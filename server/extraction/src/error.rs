@@ -16,9 +16,6 @@ pub enum ExtractionError {
         /// What there was instead.
         what: &'static str,
     },
-    /// There is no network to find it with.
-    #[error("the network's weights are not there, and nothing else can find a brain")]
-    NoMethod,
     /// It was asked to stop.
     #[error("the extraction was cancelled")]
     Cancelled,

@@ -12,12 +12,13 @@ mod error;
 mod extract;
 mod network;
 mod probability;
+mod pruning;
 mod quality;
 
 use std::ops::ControlFlow;
 
 pub use error::ExtractionError;
-pub use extract::{Extraction, Method, extract};
+pub use extract::{Extraction, Method, extract, predict, prune};
 pub use network::{Network, Prediction};
 pub use probability::Probability;
 pub use quality::{Face, Quality, Verdict};

@@ -20,6 +20,7 @@ mod error;
 mod forest;
 mod grid;
 mod mask;
+mod morphology;
 mod nearest_core;
 mod paths;
 pub mod phantom;

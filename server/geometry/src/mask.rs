@@ -75,6 +75,12 @@ impl Mask {
         }
     }
 
+    /// The component with most voxels (6-neighbourhood); of two equal ones, the first.
+    pub fn largest_component_by_faces(mut self) -> Self {
+        keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Faces);
+        self
+    }
+
     /// Volume of the set, in millilitres.
     pub fn volume_ml(&self) -> f64 {
         let voxels = self.voxels.par_iter().filter(|&&voxel| voxel).count();
