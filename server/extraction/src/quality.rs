@@ -243,6 +243,13 @@ impl Quality {
         }
     }
 
+    /// What was found without a network is never simply ok: nothing says how sure the method was.
+    pub(crate) fn put_to_review(&mut self) {
+        self.say(Verdict::Review, || {
+            "the brain was found by tree pruning, which does not know how sure it is".to_owned()
+        });
+    }
+
     fn say(&mut self, verdict: Verdict, reason: impl FnOnce() -> String) {
         if verdict > Verdict::Ok {
             self.reasons.push(reason());
