@@ -10,6 +10,7 @@ mod immutable;
 mod interface;
 mod kill;
 mod layers;
+mod masks;
 mod nifti;
 mod openapi;
 mod renderers;
