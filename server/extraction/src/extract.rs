@@ -32,7 +32,8 @@ const FIRST_SHARE: f32 = 0.9;
 
 /// Finds the brain in a T1-weighted head, in any orientation and at any spacing.
 ///
-/// With the network, where there is one; by [`prune`] where there is none, or where what the network found is
+/// With the network, where there is one, as the places whose probability is above `threshold` (0.5 is the surface that it was
+/// trained for; less makes the brain larger); by [`prune`] where there is none, or where what the network found is
 /// [`Verdict::Failed`] and pruning does better. `observe` is told the share of the work that is done, several times a second,
 /// and can stop it. The result is the same bytes for any number of threads.
 ///
@@ -43,12 +44,15 @@ const FIRST_SHARE: f32 = 0.9;
 pub fn extract(
     volume: &Volume,
     network: Option<&Network>,
+    threshold: f32,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
     let Some(network) = network else {
         return prune(volume, observe);
     };
-    let first = predict(volume, network, &|done| observe(FIRST_SHARE * done));
+    let first = predict(volume, network, threshold, &|done| {
+        observe(FIRST_SHARE * done)
+    });
     let is_in_doubt = match &first {
         Ok(found) => found.quality.verdict == Verdict::Failed,
         Err(error) => *error != ExtractionError::Cancelled,
@@ -75,10 +79,11 @@ pub fn extract(
 pub fn predict(
     volume: &Volume,
     network: &Network,
+    threshold: f32,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
     let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
-    let brain = prediction.fine.brain(volume.grid())?;
+    let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
     let quality = Quality::of_predicted(&prediction, &brain, volume)?;
     Ok(Extraction {
