@@ -99,6 +99,26 @@ impl Mask {
         }
     }
 
+    /// The component with most voxels (6-neighbourhood); of two equal ones, the first.
+    pub fn largest_component_by_faces(mut self) -> Self {
+        keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Faces);
+        self
+    }
+
+    /// The component with most voxels (26-neighbourhood); of two equal ones, the first.
+    pub fn largest_component(mut self) -> Self {
+        keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Corners);
+        self
+    }
+
+    /// The working grid of a volume around this set: that of [`BrainMask::from_mask`].
+    ///
+    /// # Errors
+    /// When the set is empty.
+    pub fn working_grid(&self, volume_grid: &Grid) -> Result<Grid, GeometryError> {
+        working_grid(self, volume_grid)
+    }
+
     /// The set inside of a block of `size` voxels that starts at voxel `first`, which may lie outside of the grid.
     pub(crate) fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
         let grid = self.grid.block(first, size)?;
@@ -114,7 +134,7 @@ impl Mask {
     }
 
     /// First and last voxel of the smallest block around the set; `None` when it is empty.
-    pub(crate) fn bounds(&self) -> Option<[[usize; 3]; 2]> {
+    pub fn bounds(&self) -> Option<[[usize; 3]; 2]> {
         let [nx, ny, _] = self.grid.size();
         let mut first = [usize::MAX; 3];
         let mut last = [0; 3];
