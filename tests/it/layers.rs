@@ -57,6 +57,21 @@ fn geometry_needs_no_files_no_server_and_no_gpu() {
 }
 
 #[test]
+fn extraction_stands_on_geometry_alone() {
+    let beside_or_above = [
+        "tokio",
+        "axum",
+        "sqlx",
+        "object_store",
+        "wgpu",
+        "isocortex-imaging",
+        "isocortex-render",
+        "isocortex-service",
+    ];
+    assert_needs_none_of("isocortex-extraction", &beside_or_above);
+}
+
+#[test]
 fn imaging_and_render_do_not_know_each_other_or_the_server() {
     let above = ["tokio", "axum", "sqlx", "object_store", "isocortex-service"];
     assert_needs_none_of(

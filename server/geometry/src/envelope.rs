@@ -97,7 +97,7 @@ pub fn check_closing(grid: &Grid, closing_radius_mm: f64) -> Result<(), Geometry
 /// The closing of a set of voxels by a ball of `radius` voxels.
 ///
 /// A closing stays within the convex hull of the set, so that the result needs no more room than the set.
-fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
+pub(crate) fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
     if radius < 1.0 {
         return voxels.to_vec();
     }

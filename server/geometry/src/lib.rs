@@ -21,6 +21,7 @@ mod forest;
 mod grid;
 mod mask;
 mod measures;
+mod morphology;
 mod nearest_core;
 mod offset;
 mod paths;

@@ -45,13 +45,6 @@ impl Mask {
         &self.voxels
     }
 
-    /// Volume of the set, in millilitres.
-    pub fn volume_ml(&self) -> f64 {
-        let voxels = self.voxels.iter().filter(|&&voxel| voxel).count();
-        let voxel_mm3 = self.grid.patient_from_voxel().matrix3.determinant().abs();
-        voxels as f64 * voxel_mm3 / 1000.0
-    }
-
     /// Whether the set can be one on a working grid: not empty, on an isotropic grid along the patient axes, not on its faces.
     pub(crate) fn check_working(&self) -> Result<(), GeometryError> {
         let [first, last] = self.bounds().ok_or(GeometryError::EmptyMask)?;
@@ -113,8 +106,35 @@ impl Mask {
         Ok(Self { grid, voxels })
     }
 
+    /// The component with most voxels (6-neighbourhood); of two equal ones, the first.
+    pub fn largest_component_by_faces(mut self) -> Self {
+        keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Faces);
+        self
+    }
+
+    /// Volume of the set, in millilitres.
+    pub fn volume_ml(&self) -> f64 {
+        let voxels = self.voxels.par_iter().filter(|&&voxel| voxel).count();
+        let voxel_mm3 = self.grid.patient_from_voxel().matrix3.determinant().abs();
+        voxels as f64 * voxel_mm3 / 1000.0
+    }
+
+    /// The component with most voxels (26-neighbourhood); of two equal ones, the first.
+    pub fn largest_component(mut self) -> Self {
+        keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Corners);
+        self
+    }
+
+    /// The working grid of a volume around this set: that of [`BrainMask::from_mask`].
+    ///
+    /// # Errors
+    /// When the set is empty.
+    pub fn working_grid(&self, volume_grid: &Grid) -> Result<Grid, GeometryError> {
+        working_grid(self, volume_grid)
+    }
+
     /// First and last voxel of the smallest block around the set; `None` when it is empty.
-    pub(crate) fn bounds(&self) -> Option<[[usize; 3]; 2]> {
+    pub fn bounds(&self) -> Option<[[usize; 3]; 2]> {
         let [nx, ny, _] = self.grid.size();
         let mut first = [usize::MAX; 3];
         let mut last = [0; 3];

@@ -1,0 +1,25 @@
+//! Why no brain could be extracted.
+
+/// Why an extraction, or what it needs, failed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExtractionError {
+    /// The bytes are not the published weights.
+    #[error("this is not the wheel of deepbet 1.0.2 with the network's weights: {what}")]
+    Weights {
+        /// What is wrong with them.
+        what: String,
+    },
+    /// Nothing in the volume looks like a brain.
+    #[error("no brain was found in the volume: {what}")]
+    NoBrain {
+        /// What there was instead.
+        what: &'static str,
+    },
+    /// It was asked to stop.
+    #[error("the extraction was cancelled")]
+    Cancelled,
+    /// A grid or a mask was refused.
+    #[error(transparent)]
+    Geometry(#[from] geometry::GeometryError),
+}

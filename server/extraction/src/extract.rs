@@ -1,0 +1,113 @@
+//! The two methods behind one function.
+
+use std::ops::ControlFlow;
+
+use geometry::{BrainMask, Volume};
+
+use crate::quality::{Quality, Verdict};
+use crate::{ExtractionError, Network, Observe, pruning};
+
+/// How a brain was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// By the network of deepbet.
+    Network,
+    /// By tree pruning.
+    TreePruning,
+}
+
+/// The brain of a volume.
+#[derive(Debug, Clone)]
+pub struct Extraction {
+    /// Its voxels on the working grid of the volume.
+    pub brain: BrainMask,
+    /// How they were found.
+    pub method: Method,
+    /// Whether they can be believed.
+    pub quality: Quality,
+}
+
+/// The share of the work that the first method takes, in which the second is rarely needed.
+const FIRST_SHARE: f32 = 0.9;
+
+/// Finds the brain in a T1-weighted head, in any orientation and at any spacing.
+///
+/// With the network, where there is one; by [`prune`] where there is none, or where what the network found is
+/// [`Verdict::Failed`] and pruning does better. `observe` is told the share of the work that is done, several times a second,
+/// and can stop it. The result is the same bytes for any number of threads.
+///
+/// An extraction whose quality is [`Verdict::Failed`] is returned as well: it is for the caller to say so.
+///
+/// # Errors
+/// When nothing in the volume can be a brain, or when `observe` said stop.
+pub fn extract(
+    volume: &Volume,
+    network: Option<&Network>,
+    observe: Observe<'_>,
+) -> Result<Extraction, ExtractionError> {
+    let Some(network) = network else {
+        return prune(volume, observe);
+    };
+    let first = predict(volume, network, &|done| observe(FIRST_SHARE * done));
+    let is_in_doubt = match &first {
+        Ok(found) => found.quality.verdict == Verdict::Failed,
+        Err(error) => *error != ExtractionError::Cancelled,
+    };
+    if !is_in_doubt {
+        return first;
+    }
+    let second = prune(volume, &|done| {
+        observe(FIRST_SHARE + (1.0 - FIRST_SHARE) * done)
+    });
+    match (first, second) {
+        (_, Err(ExtractionError::Cancelled)) => Err(ExtractionError::Cancelled),
+        (first, Ok(second)) if second.quality.verdict < Verdict::Failed || first.is_err() => {
+            Ok(second)
+        }
+        (first, _) => first,
+    }
+}
+
+/// Finds the brain with the network alone.
+///
+/// # Errors
+/// As [`extract`].
+pub fn predict(
+    volume: &Volume,
+    network: &Network,
+    observe: Observe<'_>,
+) -> Result<Extraction, ExtractionError> {
+    let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
+    let brain = prediction.fine.brain(volume.grid())?;
+    go_on(observe, 0.95)?;
+    let quality = Quality::of_predicted(&prediction, &brain, volume)?;
+    Ok(Extraction {
+        brain,
+        method: Method::Network,
+        quality,
+    })
+}
+
+/// Finds the brain by tree pruning alone: it needs no weights, but a healthy contrast of grey and white matter.
+///
+/// # Errors
+/// As [`extract`].
+pub fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Extraction, ExtractionError> {
+    let pruned = pruning::prune(volume, &|done| observe(0.9 * done))?;
+    let brain = BrainMask::from_mask(&pruned, volume.grid())?;
+    go_on(observe, 0.95)?;
+    let quality = Quality::of_found(&pruned, &brain, volume)?;
+    Ok(Extraction {
+        brain,
+        method: Method::TreePruning,
+        quality,
+    })
+}
+
+/// Tells the share that is done and stops where that is wanted.
+pub(crate) fn go_on(observe: Observe<'_>, done: f32) -> Result<(), ExtractionError> {
+    match observe(done) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(ExtractionError::Cancelled),
+    }
+}

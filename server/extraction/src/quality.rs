@@ -1,0 +1,447 @@
+//! Whether a mask can be believed, in numbers and in words.
+
+use geometry::{BrainMask, DistanceMap, Grid, Mask, Volume, distance_map, envelope};
+use glam::DVec3;
+
+use crate::{ExtractionError, Prediction};
+
+/// How much trust a mask deserves. The greater one is the worse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// Nothing speaks against it.
+    Ok,
+    /// Something is unusual: a person should look before the case is read.
+    Review,
+    /// This is not the mask of a brain.
+    Failed,
+}
+
+/// A face of a volume, by the direction in the patient in which it looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Face {
+    /// To the patient's left.
+    Left,
+    /// To the patient's right.
+    Right,
+    /// To the nose.
+    Anterior,
+    /// To the back of the head.
+    Posterior,
+    /// To the feet.
+    Inferior,
+    /// To the top of the head.
+    Superior,
+}
+
+/// What was measured of a mask, and what follows from it.
+///
+/// A number that could not be measured, or that has no meaning for the way in which the mask was made, is `None`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quality {
+    /// The worst of what the numbers say.
+    pub verdict: Verdict,
+    /// Each number that is not as it should be, in a sentence without a full stop; empty when the verdict is [`Verdict::Ok`].
+    pub reasons: Vec<String>,
+    /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
+    pub volume_ml: f64,
+    /// Size of the mask from left to right, front to back and bottom to top, in mm.
+    pub extents_mm: [f64; 3],
+    /// Share of what was found that hangs together, 0 to 1: ok from 0.98.
+    pub largest_component: f64,
+    /// What the mask touches of each face of the volume that it touches, in mm².
+    pub faces_mm2: Vec<(Face, f64)>,
+    /// By how much of the mask's volume a closing by 10 mm makes it larger: ok up to 0.05.
+    pub closing_added: f64,
+    /// How far the mask is its own mirror image (Dice) from left to right, front to back and bottom to top: ok where the
+    /// first is the greatest.
+    pub symmetry: [f64; 3],
+    /// Where between front (0) and back (1) the centre of the mask lies: ok from 0.5, for brains are wider behind.
+    pub centre_from_front: f64,
+    /// How much brighter the inside of the brain is than its rim, as a share of the range of intensities: positive in T1.
+    pub contrast: Option<f64>,
+    /// How well the network's first, coarse look and the mask agree (Dice): ok from 0.97, failed below 0.90.
+    pub agreement: Option<f64>,
+    /// Voxels of which the network is unsure (0.05 < p < 0.95), as a share of those of the brain: ok up to 0.035, failed from 0.1.
+    pub uncertain: Option<f64>,
+}
+
+/// Radius of the closing by which a mask is judged, in mm: that of the envelope.
+const CLOSING_RADIUS_MM: f64 = 10.0;
+
+/// What of a face may be touched, in mm²: less than a square centimetre is noise of the mask.
+const LEAST_TOUCHED_MM2: f64 = 100.0;
+
+/// Depths below the envelope that are the brain's rim, and that are its inside, in mm.
+const RIM_MM: f32 = 8.0;
+const INSIDE_MM: f32 = 18.0;
+
+impl Quality {
+    /// Judges a mask that a person or another program made: by its volume, its parts, the faces that it touches, and how
+    /// ragged it is.
+    ///
+    /// `supplied` is the mask as it came, `brain` what became of it.
+    ///
+    /// # Errors
+    /// When the closing does not fit a grid so fine.
+    pub fn of_supplied(
+        supplied: &Mask,
+        brain: &BrainMask,
+        volume: &Volume,
+    ) -> Result<Self, ExtractionError> {
+        Ok(Self::measure(brain, volume, connected_share(supplied))?.0)
+    }
+
+    /// Judges a mask that was found in a volume, also by its shape and by what the volume shows in it.
+    pub(crate) fn of_found(
+        found: &Mask,
+        brain: &BrainMask,
+        volume: &Volume,
+    ) -> Result<Self, ExtractionError> {
+        let (mut quality, distance) = Self::measure(brain, volume, connected_share(found))?;
+        quality.contrast = contrast(volume, &distance);
+        quality.judge_shape();
+        quality.judge_contrast();
+        Ok(quality)
+    }
+
+    /// Judges a mask that the network found.
+    pub(crate) fn of_predicted(
+        prediction: &Prediction,
+        brain: &BrainMask,
+        volume: &Volume,
+    ) -> Result<Self, ExtractionError> {
+        let mut quality = Self::of_found(&prediction.fine.thresholded()?, brain, volume)?;
+        quality.agreement = Some(agreement(prediction, brain)?);
+        quality.uncertain = Some(uncertain_share(prediction));
+        quality.judge_prediction();
+        Ok(quality)
+    }
+
+    fn measure(
+        brain: &BrainMask,
+        volume: &Volume,
+        largest_component: f64,
+    ) -> Result<(Self, DistanceMap), ExtractionError> {
+        let mask = brain.mask();
+        let volume_ml = mask.volume_ml();
+        let envelope = envelope(brain, CLOSING_RADIUS_MM)?;
+        let [first, last] = mask.bounds().unwrap_or_default();
+        let centre = centre(mask);
+        let spacing_mm = mask.grid().spacing_mm()[0];
+        let mut quality = Self {
+            verdict: Verdict::Ok,
+            reasons: Vec::new(),
+            volume_ml,
+            extents_mm: [0, 1, 2].map(|axis| (last[axis] + 1 - first[axis]) as f64 * spacing_mm),
+            largest_component,
+            faces_mm2: touched_faces(mask, volume.grid()),
+            closing_added: envelope.volume_ml() / volume_ml - 1.0,
+            symmetry: symmetry(mask, centre),
+            centre_from_front: (centre.y + 0.5 - first[1] as f64) / (last[1] + 1 - first[1]) as f64,
+            contrast: None,
+            agreement: None,
+            uncertain: None,
+        };
+        quality.judge_mask();
+        Ok((quality, distance_map(&envelope)))
+    }
+
+    fn judge_mask(&mut self) {
+        let volume_ml = self.volume_ml;
+        let verdict = if !(700.0..=2500.0).contains(&volume_ml) {
+            Verdict::Failed
+        } else if !(900.0..=2200.0).contains(&volume_ml) {
+            Verdict::Review
+        } else {
+            Verdict::Ok
+        };
+        self.say(verdict, || {
+            format!("the mask has {volume_ml:.0} ml, where a brain has 900 to 2200 ml")
+        });
+        let connected = self.largest_component;
+        self.say(review_if(connected < 0.98), || {
+            format!(
+                "only {:.1} % of what was marked hangs together",
+                connected * 100.0
+            )
+        });
+        for (face, area_mm2) in self.faces_mm2.clone() {
+            let is_cut = face != Face::Inferior && area_mm2 >= LEAST_TOUCHED_MM2;
+            self.say(review_if(is_cut), || {
+                format!(
+                    "the mask is cut by the {} face of the volume, on {:.0} cm²",
+                    face.name(),
+                    (area_mm2 / 100.0).ceil()
+                )
+            });
+        }
+        let added = self.closing_added;
+        self.say(review_if(added > 0.05), || {
+            format!(
+                "closing the mask by 10 mm adds {:.1} % to it, where a mask up to the dura gains less than 5 %",
+                added * 100.0
+            )
+        });
+    }
+
+    fn judge_shape(&mut self) {
+        let [width, length, height] = self.extents_mm;
+        let usual = [
+            (100.0..=175.0, width),
+            (130.0..=215.0, length),
+            (85.0..=185.0, height),
+        ];
+        let is_unusual = usual.iter().any(|(range, extent)| !range.contains(extent));
+        self.say(review_if(is_unusual), || {
+            format!("the mask is {width:.0} mm wide, {length:.0} mm long and {height:.0} mm high, which is unusual for a brain")
+        });
+        self.say(review_if(length < width || length < height), || {
+            format!(
+                "from front to back the mask has {length:.0} mm, less than across ({width:.0} mm) or from bottom to top \
+                 ({height:.0} mm); do the axes of the volume tell the truth?"
+            )
+        });
+        let [across, along, upwards] = self.symmetry;
+        self.say(review_if(across < along || across < upwards), || {
+            "the mask is not most symmetric from left to right; do the axes of the volume tell the truth?"
+                .to_owned()
+        });
+        self.say(review_if(self.centre_from_front < 0.5), || {
+            "the mask is wider in front than behind; do the axes of the volume tell the truth?"
+                .to_owned()
+        });
+    }
+
+    fn judge_contrast(&mut self) {
+        match self.contrast {
+            None => self.say(Verdict::Review, || {
+                "the mask is too thin to have an inside".to_owned()
+            }),
+            Some(contrast) => self.say(review_if(contrast < 0.05), || {
+                "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?".to_owned()
+            }),
+        }
+    }
+
+    fn judge_prediction(&mut self) {
+        if let Some(agreement) = self.agreement {
+            let verdict = graded(agreement < 0.97, agreement < 0.90);
+            self.say(verdict, || {
+                format!(
+                    "the network's coarse and fine looks agree to {agreement:.3}, where sound heads reach 0.97"
+                )
+            });
+        }
+        if let Some(uncertain) = self.uncertain {
+            let verdict = graded(uncertain > 0.035, uncertain > 0.1);
+            self.say(verdict, || {
+                format!(
+                    "the network is unsure of {:.1} % of the voxels, where it is of 2 % in sound heads",
+                    uncertain * 100.0
+                )
+            });
+        }
+    }
+
+    fn say(&mut self, verdict: Verdict, reason: impl FnOnce() -> String) {
+        if verdict > Verdict::Ok {
+            self.reasons.push(reason());
+        }
+        self.verdict = self.verdict.max(verdict);
+    }
+}
+
+impl Face {
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+            Self::Anterior => "anterior",
+            Self::Posterior => "posterior",
+            Self::Inferior => "inferior",
+            Self::Superior => "superior",
+        }
+    }
+
+    /// The face that looks along a direction in the patient, most nearly.
+    fn towards(direction: DVec3) -> Self {
+        let most = direction.abs().max_element();
+        match direction {
+            d if d.x == most => Self::Left,
+            d if d.x == -most => Self::Right,
+            d if d.y == most => Self::Posterior,
+            d if d.y == -most => Self::Anterior,
+            d if d.z == most => Self::Superior,
+            _ => Self::Inferior,
+        }
+    }
+}
+
+fn review_if(is_unusual: bool) -> Verdict {
+    graded(is_unusual, false)
+}
+
+fn graded(is_unusual: bool, is_impossible: bool) -> Verdict {
+    match (is_unusual, is_impossible) {
+        (_, true) => Verdict::Failed,
+        (true, _) => Verdict::Review,
+        _ => Verdict::Ok,
+    }
+}
+
+/// The share of a set's voxels that its largest component has; 1 for an empty set.
+fn connected_share(mask: &Mask) -> f64 {
+    let all = mask.volume_ml();
+    if all > 0.0 {
+        mask.clone().largest_component().volume_ml() / all
+    } else {
+        1.0
+    }
+}
+
+/// What a mask touches of each face of a volume, in mm²; faces that it does not touch are left out.
+fn touched_faces(mask: &Mask, volume_grid: &Grid) -> Vec<(Face, f64)> {
+    let size = volume_grid.size();
+    let axes = volume_grid.patient_from_voxel().matrix3;
+    let mut touched = Vec::new();
+    for axis in 0..3 {
+        let (across, along) = ((axis + 1) % 3, (axis + 2) % 3);
+        let voxel_mm2 = axes.col(across).cross(axes.col(along)).length();
+        for (place, sign) in [(0, -1.0), (size[axis] - 1, 1.0)] {
+            let mut count = 0;
+            for a in 0..size[across] {
+                for b in 0..size[along] {
+                    let mut voxel = [0; 3];
+                    (voxel[axis], voxel[across], voxel[along]) = (place, a, b);
+                    count += usize::from(is_marked_at(mask, volume_grid, voxel));
+                }
+            }
+            if count > 0 {
+                let face = Face::towards(axes.col(axis) * sign);
+                touched.push((face, count as f64 * voxel_mm2));
+            }
+        }
+    }
+    touched
+}
+
+/// Whether a voxel of another grid has its centre in a set.
+fn is_marked_at(mask: &Mask, grid: &Grid, voxel: [usize; 3]) -> bool {
+    let position = grid
+        .patient_from_voxel()
+        .transform_point3(as_position(voxel));
+    let here = mask.grid().voxel_from_patient().transform_point3(position);
+    nearest_voxel(mask.grid(), here).is_some_and(|index| mask.voxels()[index])
+}
+
+/// The voxel in which a position in voxel coordinates lies.
+fn nearest_voxel(grid: &Grid, position: DVec3) -> Option<usize> {
+    let place = position.round();
+    let last = as_position(grid.size().map(|side| side - 1));
+    let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmple(last).all();
+    is_inside.then(|| grid.index(place.to_array().map(|along| along as usize)))
+}
+
+fn as_position(voxel: [usize; 3]) -> DVec3 {
+    DVec3::from_array(voxel.map(|place| place as f64))
+}
+
+/// The mean of a set's places, in voxels.
+fn centre(mask: &Mask) -> DVec3 {
+    let [nx, ny, _] = mask.grid().size();
+    let (mut sum, mut count) = ([0usize; 3], 0usize);
+    for (row, voxels) in mask.voxels().chunks_exact(nx).enumerate() {
+        let marked = (0..nx).filter(|&x| voxels[x]);
+        let (places, number) = marked.fold((0, 0), |(places, number), x| (places + x, number + 1));
+        count += number;
+        sum = [
+            sum[0] + places,
+            sum[1] + number * (row % ny),
+            sum[2] + number * (row / ny),
+        ];
+    }
+    DVec3::from_array(sum.map(|sum| sum as f64)) / count.max(1) as f64
+}
+
+/// The Dice coefficients of a set and its mirror images in the planes through its centre, which is rounded to half a voxel.
+fn symmetry(mask: &Mask, centre: DVec3) -> [f64; 3] {
+    let grid = mask.grid();
+    let size = grid.size();
+    let twice = (centre * 2.0)
+        .round()
+        .to_array()
+        .map(|place| place as usize);
+    let (mut marked, mut mirrored) = (0usize, [0usize; 3]);
+    for (row, voxels) in mask.voxels().chunks_exact(size[0]).enumerate() {
+        let [y, z] = [row % size[1], row / size[1]];
+        for x in (0..size[0]).filter(|&x| voxels[x]) {
+            marked += 1;
+            for axis in 0..3 {
+                let mut voxel = [x, y, z];
+                voxel[axis] = twice[axis].wrapping_sub(voxel[axis]);
+                let is_marked = voxel[axis] < size[axis] && mask.voxels()[grid.index(voxel)];
+                mirrored[axis] += usize::from(is_marked);
+            }
+        }
+    }
+    mirrored.map(|mirrored| mirrored as f64 / marked.max(1) as f64)
+}
+
+/// How much brighter the inside of the brain is than its rim: the difference of medians, as a share of the range from the
+/// fifth to the ninety-fifth percentile of both. `None` where there is no inside.
+fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
+    let grid = distance.grid();
+    let native_from_working = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
+    let (mut rim, mut inside) = (Vec::new(), Vec::new());
+    for index in 0..grid.voxel_count() {
+        let Some(depth_mm) = distance.depth_mm(index) else {
+            continue;
+        };
+        let position = native_from_working.transform_point3(as_position(grid.voxel(index)));
+        let Some(native) = nearest_voxel(volume.grid(), position) else {
+            continue;
+        };
+        let intensity = volume.intensity(f32::from(volume.voxels()[native]));
+        if depth_mm <= RIM_MM {
+            rim.push(intensity);
+        } else if depth_mm >= INSIDE_MM {
+            inside.push(intensity);
+        }
+    }
+    let difference = quantile(&mut inside, 0.5)? - quantile(&mut rim, 0.5)?;
+    rim.append(&mut inside);
+    let range = quantile(&mut rim, 0.95)? - quantile(&mut rim, 0.05)?;
+    (range > 0.0).then(|| f64::from(difference / range))
+}
+
+fn quantile(values: &mut [f32], fraction: f64) -> Option<f32> {
+    let rank = (fraction * values.len().checked_sub(1)? as f64).round() as usize;
+    Some(*values.select_nth_unstable_by(rank, f32::total_cmp).1)
+}
+
+/// The Dice coefficient of the coarse look's largest part and the mask.
+fn agreement(prediction: &Prediction, brain: &BrainMask) -> Result<f64, ExtractionError> {
+    let mask = brain.mask();
+    let coarse_ml = prediction
+        .coarse
+        .thresholded()?
+        .largest_component()
+        .volume_ml();
+    let coarse = prediction
+        .coarse
+        .thresholded_on(mask.grid())?
+        .largest_component();
+    let pairs = mask.voxels().iter().zip(coarse.voxels());
+    let both = pairs.map(|(&a, &b)| a && b).collect();
+    let both_ml = Mask::new(mask.grid().clone(), both)?.volume_ml();
+    Ok(2.0 * both_ml / (mask.volume_ml() + coarse_ml))
+}
+
+fn uncertain_share(prediction: &Prediction) -> f64 {
+    let values = prediction.fine.values();
+    let is_uncertain = |&&value: &&f32| 0.05 < value && value < 0.95;
+    let uncertain = values.iter().filter(is_uncertain).count();
+    let brain = values.iter().filter(|&&value| value > 0.5).count();
+    uncertain as f64 / brain.max(1) as f64
+}
