@@ -25,6 +25,12 @@ graphics() {
     say "the tests of the graphics renderers need the Debian packages libvulkan1 and mesa-vulkan-drivers; without them these tests are skipped (on CI they fail)."
 }
 
+# The weights of the network that finds the brain.
+network() {
+  scripts/network.sh >/dev/null ||
+    say "the network's weights are not to be had here; brains will be found by tree pruning, and the network's tests are skipped."
+}
+
 head_of_demo() {
   [ -n "${ISOCORTEX_DEMO_VOLUME:-}" ] || scripts/head.sh >/dev/null ||
     say "no real head is to be had here; the demo will take a phantom head instead."
@@ -32,7 +38,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics ;;
-  all) compiler; browser; graphics; head_of_demo ;;
+  test) compiler; browser; graphics; network ;;
+  all) compiler; browser; graphics; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

@@ -90,13 +90,16 @@ pub fn predict(
 
 /// Finds the brain by tree pruning alone: it needs no weights, but a healthy contrast of grey and white matter.
 ///
+/// The verdict is [`Verdict::Review`] at best.
+///
 /// # Errors
 /// As [`extract`].
 pub fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Extraction, ExtractionError> {
     let pruned = pruning::prune(volume, &|done| observe(0.9 * done))?;
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
-    let quality = Quality::of_found(&pruned, &brain, volume)?;
+    let mut quality = Quality::of_found(&pruned, &brain, volume)?;
+    quality.put_to_review();
     Ok(Extraction {
         brain,
         method: Method::TreePruning,

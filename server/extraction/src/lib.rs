@@ -21,7 +21,7 @@ pub use error::ExtractionError;
 pub use extract::{Extraction, Method, extract, predict, prune};
 pub use network::{Network, Prediction};
 pub use probability::Probability;
-pub use quality::{Face, Quality, Verdict};
+pub use quality::{Quality, Verdict};
 
 /// Is told the share of the work that is done, from 0 to 1, and says whether to go on.
 pub type Observe<'a> = &'a dyn Fn(f32) -> ControlFlow<()>;

@@ -1,6 +1,6 @@
 //! Whether a mask can be believed, in numbers and in words.
 
-use geometry::{BrainMask, DistanceMap, Grid, Mask, Volume, distance_map, envelope};
+use geometry::{BrainMask, DistanceMap, Face, Grid, Mask, Volume, distance_map, envelope};
 use glam::DVec3;
 
 use crate::{ExtractionError, Prediction};
@@ -14,23 +14,6 @@ pub enum Verdict {
     Review,
     /// This is not the mask of a brain.
     Failed,
-}
-
-/// A face of a volume, by the direction in the patient in which it looks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Face {
-    /// To the patient's left.
-    Left,
-    /// To the patient's right.
-    Right,
-    /// To the nose.
-    Anterior,
-    /// To the back of the head.
-    Posterior,
-    /// To the feet.
-    Inferior,
-    /// To the top of the head.
-    Superior,
 }
 
 /// What was measured of a mask, and what follows from it.
@@ -48,8 +31,8 @@ pub struct Quality {
     pub extents_mm: [f64; 3],
     /// Share of what was found that hangs together, 0 to 1: ok from 0.98.
     pub largest_component: f64,
-    /// What the mask touches of each face of the volume that it touches, in mm².
-    pub faces_mm2: Vec<(Face, f64)>,
+    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, but for the inferior one.
+    pub cut_area_cm2: [f64; 6],
     /// By how much of the mask's volume a closing by 10 mm makes it larger: ok up to 0.05.
     pub closing_added: f64,
     /// How far the mask is its own mirror image (Dice) from left to right, front to back and bottom to top: ok where the
@@ -68,36 +51,24 @@ pub struct Quality {
 /// Radius of the closing by which a mask is judged, in mm: that of the envelope.
 const CLOSING_RADIUS_MM: f64 = 10.0;
 
-/// What of a face may be touched, in mm²: less than a square centimetre is noise of the mask.
-const LEAST_TOUCHED_MM2: f64 = 100.0;
+/// What of a face may be touched, in cm².
+const MOST_ON_A_FACE_CM2: f64 = 1.0;
 
 /// Depths below the envelope that are the brain's rim, and that are its inside, in mm.
 const RIM_MM: f32 = 8.0;
 const INSIDE_MM: f32 = 18.0;
 
 impl Quality {
-    /// Judges a mask that a person or another program made: by its volume, its parts, the faces that it touches, and how
-    /// ragged it is.
+    /// Judges a mask that was found in a volume by its size, its parts, its shape, and by what the volume shows in it.
     ///
-    /// `supplied` is the mask as it came, `brain` what became of it.
-    ///
-    /// # Errors
-    /// When the closing does not fit a grid so fine.
-    pub fn of_supplied(
-        supplied: &Mask,
-        brain: &BrainMask,
-        volume: &Volume,
-    ) -> Result<Self, ExtractionError> {
-        Ok(Self::measure(brain, volume, connected_share(supplied))?.0)
-    }
-
-    /// Judges a mask that was found in a volume, also by its shape and by what the volume shows in it.
+    /// `found` is what was marked, `brain` what became of it.
     pub(crate) fn of_found(
         found: &Mask,
         brain: &BrainMask,
         volume: &Volume,
     ) -> Result<Self, ExtractionError> {
-        let (mut quality, distance) = Self::measure(brain, volume, connected_share(found))?;
+        let (mut quality, distance) =
+            Self::measure(brain, volume, found.largest_component_share())?;
         quality.contrast = contrast(volume, &distance);
         quality.judge_shape();
         quality.judge_contrast();
@@ -127,14 +98,13 @@ impl Quality {
         let envelope = envelope(brain, CLOSING_RADIUS_MM)?;
         let [first, last] = mask.bounds().unwrap_or_default();
         let centre = centre(mask);
-        let spacing_mm = mask.grid().spacing_mm()[0];
         let mut quality = Self {
             verdict: Verdict::Ok,
             reasons: Vec::new(),
             volume_ml,
-            extents_mm: [0, 1, 2].map(|axis| (last[axis] + 1 - first[axis]) as f64 * spacing_mm),
+            extents_mm: brain.extents_mm(),
             largest_component,
-            faces_mm2: touched_faces(mask, volume.grid()),
+            cut_area_cm2: brain.cut_area_cm2(volume.grid()),
             closing_added: envelope.volume_ml() / volume_ml - 1.0,
             symmetry: symmetry(mask, centre),
             centre_from_front: (centre.y + 0.5 - first[1] as f64) / (last[1] + 1 - first[1]) as f64,
@@ -165,13 +135,13 @@ impl Quality {
                 connected * 100.0
             )
         });
-        for (face, area_mm2) in self.faces_mm2.clone() {
-            let is_cut = face != Face::Inferior && area_mm2 >= LEAST_TOUCHED_MM2;
+        for (face, area_cm2) in Face::ALL.into_iter().zip(self.cut_area_cm2) {
+            // The brain stem leaves the volume below.
+            let is_cut = face != Face::Inferior && area_cm2 > MOST_ON_A_FACE_CM2;
             self.say(review_if(is_cut), || {
                 format!(
-                    "the mask is cut by the {} face of the volume, on {:.0} cm²",
-                    face.name(),
-                    (area_mm2 / 100.0).ceil()
+                    "the mask reaches the {} face of the volume over {area_cm2:.0} cm²; is it cut there?",
+                    face.name()
                 )
             });
         }
@@ -243,38 +213,18 @@ impl Quality {
         }
     }
 
+    /// What was found without a network is never simply ok: nothing says how sure the method was.
+    pub(crate) fn put_to_review(&mut self) {
+        self.say(Verdict::Review, || {
+            "the brain was found by tree pruning, which does not know how sure it is".to_owned()
+        });
+    }
+
     fn say(&mut self, verdict: Verdict, reason: impl FnOnce() -> String) {
         if verdict > Verdict::Ok {
             self.reasons.push(reason());
         }
         self.verdict = self.verdict.max(verdict);
-    }
-}
-
-impl Face {
-    /// The word for it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-            Self::Anterior => "anterior",
-            Self::Posterior => "posterior",
-            Self::Inferior => "inferior",
-            Self::Superior => "superior",
-        }
-    }
-
-    /// The face that looks along a direction in the patient, most nearly.
-    fn towards(direction: DVec3) -> Self {
-        let most = direction.abs().max_element();
-        match direction {
-            d if d.x == most => Self::Left,
-            d if d.x == -most => Self::Right,
-            d if d.y == most => Self::Posterior,
-            d if d.y == -most => Self::Anterior,
-            d if d.z == most => Self::Superior,
-            _ => Self::Inferior,
-        }
     }
 }
 
@@ -288,51 +238,6 @@ fn graded(is_unusual: bool, is_impossible: bool) -> Verdict {
         (true, _) => Verdict::Review,
         _ => Verdict::Ok,
     }
-}
-
-/// The share of a set's voxels that its largest component has; 1 for an empty set.
-fn connected_share(mask: &Mask) -> f64 {
-    let all = mask.volume_ml();
-    if all > 0.0 {
-        mask.clone().largest_component().volume_ml() / all
-    } else {
-        1.0
-    }
-}
-
-/// What a mask touches of each face of a volume, in mm²; faces that it does not touch are left out.
-fn touched_faces(mask: &Mask, volume_grid: &Grid) -> Vec<(Face, f64)> {
-    let size = volume_grid.size();
-    let axes = volume_grid.patient_from_voxel().matrix3;
-    let mut touched = Vec::new();
-    for axis in 0..3 {
-        let (across, along) = ((axis + 1) % 3, (axis + 2) % 3);
-        let voxel_mm2 = axes.col(across).cross(axes.col(along)).length();
-        for (place, sign) in [(0, -1.0), (size[axis] - 1, 1.0)] {
-            let mut count = 0;
-            for a in 0..size[across] {
-                for b in 0..size[along] {
-                    let mut voxel = [0; 3];
-                    (voxel[axis], voxel[across], voxel[along]) = (place, a, b);
-                    count += usize::from(is_marked_at(mask, volume_grid, voxel));
-                }
-            }
-            if count > 0 {
-                let face = Face::towards(axes.col(axis) * sign);
-                touched.push((face, count as f64 * voxel_mm2));
-            }
-        }
-    }
-    touched
-}
-
-/// Whether a voxel of another grid has its centre in a set.
-fn is_marked_at(mask: &Mask, grid: &Grid, voxel: [usize; 3]) -> bool {
-    let position = grid
-        .patient_from_voxel()
-        .transform_point3(as_position(voxel));
-    let here = mask.grid().voxel_from_patient().transform_point3(position);
-    nearest_voxel(mask.grid(), here).is_some_and(|index| mask.voxels()[index])
 }
 
 /// The voxel in which a position in voxel coordinates lies.

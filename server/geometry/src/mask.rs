@@ -45,6 +45,13 @@ impl Mask {
         &self.voxels
     }
 
+    /// Volume of the set, in millilitres.
+    pub fn volume_ml(&self) -> f64 {
+        let voxels = self.voxels.iter().filter(|&&voxel| voxel).count();
+        let voxel_mm3 = self.grid.patient_from_voxel().matrix3.determinant().abs();
+        voxels as f64 * voxel_mm3 / 1000.0
+    }
+
     /// Whether the set can be one on a working grid: not empty, on an isotropic grid along the patient axes, not on its faces.
     pub(crate) fn check_working(&self) -> Result<(), GeometryError> {
         let [first, last] = self.bounds().ok_or(GeometryError::EmptyMask)?;
@@ -92,31 +99,10 @@ impl Mask {
         }
     }
 
-    /// The set inside of a block of `size` voxels that starts at voxel `first`, which may lie outside of the grid.
-    pub(crate) fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
-        let grid = self.grid.block(first, size)?;
-        let marked = |index| {
-            let voxel = grid.voxel(index);
-            self.is_marked([0, 1, 2].map(|axis| voxel[axis] as i64 + first[axis]))
-        };
-        let voxels = (0..grid.voxel_count())
-            .into_par_iter()
-            .map(marked)
-            .collect();
-        Ok(Self { grid, voxels })
-    }
-
     /// The component with most voxels (6-neighbourhood); of two equal ones, the first.
     pub fn largest_component_by_faces(mut self) -> Self {
         keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Faces);
         self
-    }
-
-    /// Volume of the set, in millilitres.
-    pub fn volume_ml(&self) -> f64 {
-        let voxels = self.voxels.par_iter().filter(|&&voxel| voxel).count();
-        let voxel_mm3 = self.grid.patient_from_voxel().matrix3.determinant().abs();
-        voxels as f64 * voxel_mm3 / 1000.0
     }
 
     /// The component with most voxels (26-neighbourhood); of two equal ones, the first.
@@ -131,6 +117,20 @@ impl Mask {
     /// When the set is empty.
     pub fn working_grid(&self, volume_grid: &Grid) -> Result<Grid, GeometryError> {
         working_grid(self, volume_grid)
+    }
+
+    /// The set inside of a block of `size` voxels that starts at voxel `first`, which may lie outside of the grid.
+    pub(crate) fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
+        let grid = self.grid.block(first, size)?;
+        let marked = |index| {
+            let voxel = grid.voxel(index);
+            self.is_marked([0, 1, 2].map(|axis| voxel[axis] as i64 + first[axis]))
+        };
+        let voxels = (0..grid.voxel_count())
+            .into_par_iter()
+            .map(marked)
+            .collect();
+        Ok(Self { grid, voxels })
     }
 
     /// First and last voxel of the smallest block around the set; `None` when it is empty.

