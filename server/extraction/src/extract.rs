@@ -45,10 +45,25 @@ pub fn extract(
     network: Option<&Network>,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
+    extract_above(volume, network, 0.5, observe)
+}
+
+/// As [`extract`], where a place is brain when the network's probability is above `threshold`, instead of a half.
+///
+/// # Errors
+/// As [`extract`].
+pub fn extract_above(
+    volume: &Volume,
+    network: Option<&Network>,
+    threshold: f32,
+    observe: Observe<'_>,
+) -> Result<Extraction, ExtractionError> {
     let Some(network) = network else {
         return prune(volume, observe);
     };
-    let first = predict(volume, network, &|done| observe(FIRST_SHARE * done));
+    let first = predict_above(volume, network, threshold, &|done| {
+        observe(FIRST_SHARE * done)
+    });
     let is_in_doubt = match &first {
         Ok(found) => found.quality.verdict == Verdict::Failed,
         Err(error) => *error != ExtractionError::Cancelled,
@@ -77,7 +92,17 @@ pub fn predict(
     network: &Network,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
-    let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
+    predict_above(volume, network, 0.5, observe)
+}
+
+fn predict_above(
+    volume: &Volume,
+    network: &Network,
+    threshold: f32,
+    observe: Observe<'_>,
+) -> Result<Extraction, ExtractionError> {
+    let mut prediction = network.predict(volume, &|done| observe(0.9 * done))?;
+    prediction.fine = prediction.fine.with_threshold(threshold);
     let brain = prediction.fine.brain(volume.grid())?;
     go_on(observe, 0.95)?;
     let quality = Quality::of_predicted(&prediction, &brain, volume)?;

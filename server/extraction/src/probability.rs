@@ -9,13 +9,24 @@ use rayon::prelude::*;
 pub struct Probability {
     grid: Grid,
     values: Vec<f32>,
+    /// Above it a place counts as brain.
+    threshold: f32,
 }
 
 impl Probability {
     /// One value for each voxel of a grid.
     pub(crate) fn new(grid: Grid, values: Vec<f32>) -> Self {
         assert_eq!(values.len(), grid.voxel_count(), "one value for each voxel");
-        Self { grid, values }
+        Self {
+            grid,
+            values,
+            threshold: 0.5,
+        }
+    }
+
+    /// The same with another threshold than a half.
+    pub(crate) fn with_threshold(self, threshold: f32) -> Self {
+        Self { threshold, ..self }
     }
 
     /// Where the values are.
@@ -28,16 +39,20 @@ impl Probability {
         &self.values
     }
 
-    /// The voxels that are more likely brain than not, on the grid of the probabilities.
+    /// The voxels that count as brain, on the grid of the probabilities.
     pub(crate) fn thresholded(&self) -> Result<Mask, GeometryError> {
-        let voxels = self.values.iter().map(|&value| value > 0.5).collect();
+        let voxels = self
+            .values
+            .iter()
+            .map(|&value| value > self.threshold)
+            .collect();
         Mask::new(self.grid.clone(), voxels)
     }
 
     /// The brain on the working grid of a volume.
     ///
     /// # Errors
-    /// When no place is more likely brain than not.
+    /// When no place counts as brain.
     pub fn brain(&self, volume_grid: &Grid) -> Result<BrainMask, GeometryError> {
         let working = self
             .thresholded()?
@@ -46,7 +61,7 @@ impl Probability {
         BrainMask::from_mask(&self.thresholded_on(&working)?, volume_grid)
     }
 
-    /// The voxels of another grid that are more likely brain than not: trilinear between the places, 0 outside.
+    /// The voxels of another grid that count as brain: trilinear between the places, 0 outside.
     pub fn thresholded_on(&self, grid: &Grid) -> Result<Mask, GeometryError> {
         let [nx, ny, _] = grid.size();
         let here_from_there = self.grid.voxel_from_patient() * grid.patient_from_voxel();
@@ -57,7 +72,7 @@ impl Probability {
             let start = DVec3::new(0.0, (row % ny) as f64, (row / ny) as f64);
             let start = here_from_there.transform_point3(start);
             for (x, voxel) in voxels.iter_mut().enumerate() {
-                *voxel = self.at(start + step * x as f64) > 0.5;
+                *voxel = self.at(start + step * x as f64) > self.threshold;
             }
         });
         Mask::new(grid.clone(), voxels)

@@ -39,6 +39,8 @@ pub struct Config {
     pub max_queued_cases: usize,
     /// Cases prepared at a time.
     pub prepare_workers: usize,
+    /// The file with the weights of the network that extracts brains; by default the one beside the program, if there is one.
+    pub network: Option<PathBuf>,
     /// Whether pictures may be drawn by a graphics device.
     pub gpu: GpuUse,
     /// Threads that render.
@@ -77,6 +79,7 @@ impl Default for Config {
             max_voxels: 256 << 20,
             max_queued_cases: 64,
             prepare_workers: 1,
+            network: None,
             gpu: GpuUse::default(),
             render_threads: processors,
             max_queued_renders: 64,
