@@ -128,14 +128,17 @@ async fn the_mask_of_another_head() {
 }
 
 #[tokio::test]
-async fn a_head_with_its_skull_and_no_mask() {
+async fn a_head_with_its_skull_that_is_to_be_its_own_mask() {
     let mut head = plain_head();
     let Data::I16(values) = &mut head.data else {
         unreachable!()
     };
     values.iter_mut().for_each(|value| *value += 10);
     let server = Server::start().await;
-    let answer = server.upload(&[("volume", &head.bytes())]).await;
+    let parameters: Part<'_> = ("parameters", br#"{"mask": "volume"}"#);
+    let answer = server
+        .upload(&[("volume", &head.bytes()), parameters])
+        .await;
     assert_eq!(answer.problem(), "mask-missing");
     assert!(answer.json()["detail"].as_str().unwrap().contains("`mask`"));
     server.is_empty_and_well().await;

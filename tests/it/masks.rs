@@ -394,3 +394,64 @@ async fn an_upload_can_say_that_its_mask_is_an_envelope_or_that_the_volume_is_it
         .await;
     assert_eq!(server.get(&own).await.json()["quality"]["method"], "volume");
 }
+
+#[tokio::test]
+async fn a_raw_head_goes_in_and_its_cortex_can_be_peeled() {
+    let server = Server::start().await;
+    let raw = geometry::phantom::head(2.0).volume;
+    let raw = imaging::nifti::write_volume(&raw).unwrap();
+    let case = server.prepared(&[("volume", &raw)]).await;
+    let ready = server.get(&case).await.json();
+    assert_eq!(ready["quality"]["method"], "tree_pruning");
+    let envelope_ml = ready["envelope_ml"].as_f64().unwrap();
+    // The phantom's brain is an ellipsoid of 1,664 ml.
+    assert!((1500.0..1900.0).contains(&envelope_ml), "{envelope_ml}");
+    let steps = ready["timings"].as_array().unwrap();
+    assert!(steps.iter().any(|step| step["stage"] == "extracting"));
+    let picture = server
+        .get(&format!("{case}/render?depth_mm=8&width=64&height=64"))
+        .await;
+    let verdict = ready["quality"]["state"].as_str().unwrap();
+    assert_eq!(picture.header("x-isocortex-quality"), verdict);
+    let mask = server.get(&format!("{case}/mask")).await.body;
+    let (edited, _) = version(&server, &case, "", &mask).await;
+    assert_eq!(
+        positions(&server, &case).await,
+        positions(&server, &edited).await
+    );
+}
+
+#[tokio::test]
+async fn what_holds_no_brain_fails_in_words() {
+    let server = Server::start().await;
+    let mut noise = plain_head();
+    let mut state = 1u32;
+    noise.data = Data::I16(
+        (0..45 * 45 * 45)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 22) as i16 + 1
+            })
+            .collect(),
+    );
+    let answer = server.upload(&[("volume", &noise.bytes())]).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED);
+    let address = answer.header("location").to_owned();
+    for _ in 0..600 {
+        let case = server.get(&address).await.json();
+        match case["state"].as_str().unwrap() {
+            "failed" => {
+                let detail = case["error"]["detail"].as_str().unwrap();
+                assert!(detail.contains("mask"), "{detail}");
+                return;
+            }
+            "ready" => {
+                assert_ne!(case["quality"]["state"], "ok");
+                assert!(!case["quality"]["reasons"].as_array().unwrap().is_empty());
+                return;
+            }
+            _ => tokio::time::sleep(std::time::Duration::from_millis(50)).await,
+        }
+    }
+    panic!("the noise never settled");
+}

@@ -135,3 +135,28 @@ async fn a_document_is_asked_for_again_with_its_tag() {
         .await;
     assert_eq!(again.status, 304);
 }
+
+#[tokio::test]
+async fn whatever_wants_a_token_says_so() {
+    let server = Server::start().await;
+    let description = server.get("/openapi.json").await.json();
+    let scheme = &description["components"]["securitySchemes"]["bearer"];
+    assert_eq!(
+        (&scheme["type"], &scheme["scheme"]),
+        (&"http".into(), &"bearer".into())
+    );
+    for (path, item) in description["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let is_guarded = path.starts_with("/v1/");
+            let wants_token = operation["security"][0]["bearer"].is_array();
+            let can_refuse = operation["responses"]["401"].is_object();
+            assert_eq!(
+                [wants_token, can_refuse],
+                [is_guarded; 2],
+                "{method} {path}"
+            );
+        }
+    }
+    let mesh = &description["paths"]["/v1/cases/{id}/mesh"]["get"]["responses"];
+    assert!(mesh["406"].is_object());
+}

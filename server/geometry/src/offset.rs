@@ -2,7 +2,6 @@
 
 use crate::mask::MARGIN;
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
-use crate::transform::squared_distances;
 use crate::{BrainMask, GeometryError, MAX_WORKING_SIZE, Mask};
 
 /// The largest offset either way, in mm.
@@ -42,7 +41,12 @@ pub fn offset(brain: &BrainMask, offset_mm: f64) -> Result<BrainMask, GeometryEr
         return Err(refused("smaller for voxels as fine as these"));
     }
     let wide = mask.block([-(pad as i64); 3], size)?;
-    let mut voxels = within(&wide, radius, offset_mm > 0.0);
+    let moved = if offset_mm > 0.0 {
+        wide.dilated(offset_mm)?
+    } else {
+        wide.eroded(-offset_mm)?
+    };
+    let mut voxels = moved.voxels().to_vec();
     keep_largest_component(size, &mut voxels, Connectivity::Corners);
     fill_holes(size, &mut voxels);
     let moved = Mask::new(wide.grid().clone(), voxels)?;
@@ -53,18 +57,6 @@ pub fn offset(brain: &BrainMask, offset_mm: f64) -> Result<BrainMask, GeometryEr
         return Err(refused("smaller for a brain as large as this"));
     }
     BrainMask::from_stored(moved.block(first_kept, size)?)
-}
-
-/// Outwards, the voxels at most `radius` voxels from the set; inwards, those further than that from the rest.
-fn within(mask: &Mask, radius: f64, outwards: bool) -> Vec<bool> {
-    let bound = radius.floor() as u8 + 1;
-    let limit = (radius * radius).floor() as u16;
-    let to_seed = |&belongs: &bool| if belongs == outwards { 0 } else { bound };
-    let bounds: Vec<u8> = mask.voxels().iter().map(to_seed).collect();
-    squared_distances(mask.grid().size(), &bounds)
-        .into_iter()
-        .map(|squared| (squared <= limit) == outwards)
-        .collect()
 }
 
 #[cfg(test)]

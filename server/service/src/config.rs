@@ -39,6 +39,8 @@ pub struct Config {
     pub max_queued_cases: usize,
     /// Cases prepared at a time.
     pub prepare_workers: usize,
+    /// The file with the weights of the network that extracts brains; by default the one beside the program, if there is one.
+    pub network: Option<PathBuf>,
     /// Whether pictures may be drawn by a graphics device.
     pub gpu: GpuUse,
     /// Memory of the graphics device for cases, in bytes.
@@ -79,6 +81,7 @@ impl Default for Config {
             max_voxels: 256 << 20,
             max_queued_cases: 64,
             prepare_workers: 1,
+            network: None,
             gpu: GpuUse::default(),
             gpu_case_bytes: 1 << 30,
             render_threads: processors,

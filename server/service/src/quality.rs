@@ -1,5 +1,6 @@
 //! How far a mask can be trusted: what was measured of it, and what that means.
 
+use extraction::{Method, Verdict};
 use geometry::{BrainMask, Envelope, Face, Grid};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -93,6 +94,15 @@ pub struct QualityNumbers {
     pub extents_mm: [f64; 3],
     /// The brain's area on the faces of the volume at left, right, posterior, anterior, superior and inferior.
     pub cut_area_cm2: [f64; 6],
+    /// How well the network's first, coarse look and its mask agree (Dice), where it extracted the brain.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agreement: Option<f64>,
+    /// Voxels of which the network is unsure, as a share of those of the brain.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncertain: Option<f64>,
+    /// How much brighter the inside of an extracted brain is than its rim, as a share of the range of intensities.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contrast: Option<f64>,
 }
 
 /// Measures a supplied mask and judges it.
@@ -141,6 +151,38 @@ pub fn of_supplied(measured: QualityNumbers, method: MaskMethod) -> Quality {
     }
 }
 
+/// Joins what the extraction says of its mask with what was measured of the mask as it is used.
+pub fn of_extracted(
+    measured: QualityNumbers,
+    method: MaskMethod,
+    found: &extraction::Quality,
+) -> Quality {
+    Quality {
+        state: match found.verdict {
+            Verdict::Ok => QualityState::Ok,
+            Verdict::Review => QualityState::Review,
+            Verdict::Failed => QualityState::Failed,
+        },
+        method,
+        numbers: QualityNumbers {
+            agreement: found.agreement,
+            uncertain: found.uncertain,
+            contrast: found.contrast,
+            ..measured
+        },
+        reasons: found.reasons.clone(),
+    }
+}
+
+impl From<Method> for MaskMethod {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::Network => Self::Network,
+            Method::TreePruning => Self::TreePruning,
+        }
+    }
+}
+
 /// Measures a brain mask and its envelope.
 pub fn measure(
     brain: &BrainMask,
@@ -155,6 +197,9 @@ pub fn measure(
         largest_component,
         extents_mm: brain.extents_mm(),
         cut_area_cm2: brain.cut_area_cm2(volume_grid),
+        agreement: None,
+        uncertain: None,
+        contrast: None,
     }
 }
 
@@ -169,6 +214,9 @@ mod tests {
             largest_component: 1.0,
             extents_mm: [130.0, 170.0, 140.0],
             cut_area_cm2: [0.0, 0.0, 0.0, 0.0, 0.0, 9.0],
+            agreement: None,
+            uncertain: None,
+            contrast: None,
         }
     }
 

@@ -13,7 +13,7 @@ use crate::config::{Config, ConfigError};
 use crate::graphics::{Graphics, GraphicsOptions};
 use crate::metrics::Metrics;
 use crate::models::{Model, Models};
-use crate::prepare::Limits;
+use crate::prepare::{Extractor, Limits, NoNetwork, Pipeline};
 use crate::problem::AppError;
 use crate::quality::QualityState;
 use crate::render_pool::RenderPool;
@@ -80,6 +80,9 @@ pub enum StartError {
     /// The configuration is not right.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// The network's weights cannot be used.
+    #[error(transparent)]
+    Network(#[from] NoNetwork),
     /// The store cannot be opened.
     #[error("the store cannot be opened: {0}")]
     Store(#[from] StoreError),
@@ -96,7 +99,10 @@ impl AppState {
     pub async fn open(config: &Config) -> Result<Self, StartError> {
         config.check()?;
         let access = config.access()?;
+        let extractor = Extractor::open(config.network.as_deref())?;
+        tracing::info!("brains are extracted {}", extractor.words());
         let options = Options {
+            preparation: Arc::new(Pipeline::new(extractor)),
             queue_limit: config.max_queued_cases,
             limits: Limits {
                 max_voxels: config.max_voxels,

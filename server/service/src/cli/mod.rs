@@ -15,6 +15,7 @@ use clap::{Args, Parser, Subcommand};
 
 use self::status::{CliError, ExitStatus};
 use crate::case::{MaskKind, MaskSource, Parameters};
+use crate::prepare::{Extractor, Pipeline};
 
 /// What `--help` says at its end.
 const EXAMPLES: &str = "\
@@ -74,6 +75,9 @@ struct VolumeOptions {
     /// What the mask shows: an envelope is not closed.
     #[arg(long, value_name = "KIND", value_enum, default_value_t)]
     mask_kind: MaskKind,
+    /// The weights of the network that extracts the brain. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    network: Option<PathBuf>,
     /// The probability above which a voxel is brain where the brain is extracted, 0.05 to 0.95.
     #[arg(long, value_name = "P", default_value_t = 0.5)]
     threshold: f64,
@@ -88,6 +92,13 @@ struct VolumeOptions {
 }
 
 impl VolumeOptions {
+    /// What prepares it.
+    fn pipeline(&self) -> Result<Pipeline, CliError> {
+        let extractor = Extractor::open(self.network.as_deref());
+        let extractor = extractor.map_err(|error| CliError::new(ExitStatus::NoInput, error))?;
+        Ok(Pipeline::new(extractor))
+    }
+
     /// The parameters of the preparation, checked.
     fn parameters(&self, name: Option<String>) -> Result<Parameters, CliError> {
         let parameters = Parameters {

@@ -1,6 +1,7 @@
 //! `isocortex prepare`.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -9,10 +10,10 @@ use clap::Args;
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, case_file, read_input, write_output};
-use crate::case::{CaseId, CaseState, Parameters};
+use crate::case::{CaseFacts, CaseId, CaseState, Parameters};
 use crate::jobs::Workers;
-use crate::prepare::{Limits, Prepared, Source};
-use crate::store::Store;
+use crate::prepare::{Limits, Pipeline, Prepared, Source};
+use crate::store::{Options, Store};
 
 /// How long the worker may take to put its things away.
 const GRACE: Duration = Duration::from_secs(5);
@@ -42,15 +43,16 @@ pub(super) struct PrepareArgs {
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let source = source(&args.volume, args.options.mask.as_deref())?;
     let parameters = args.options.parameters(args.name.clone())?;
+    let pipeline = args.options.pipeline()?;
     match &args.output {
         Some(output) => {
-            let prepared = prepare_here(&source, &parameters)?;
+            let prepared = prepare_here(&source, &parameters, &pipeline)?;
             write_output(output, &case_file::write(prepared)?)
         }
         None => {
             let data = args.data.clone();
             let data = data.unwrap_or_else(|| crate::config::Config::default().data);
-            super::block_on(into_store(&data, source, parameters))
+            super::block_on(into_store(&data, (source, parameters), pipeline))
         }
     }
 }
@@ -65,23 +67,49 @@ pub(super) fn source(volume: &Path, mask: Option<&Path>) -> Result<Source, CliEr
 }
 
 /// Prepares an input in this process, showing the progress.
-pub(super) fn prepare_here(source: &Source, parameters: &Parameters) -> Result<Prepared, CliError> {
+pub(super) fn prepare_here(
+    source: &Source,
+    parameters: &Parameters,
+    pipeline: &Pipeline,
+) -> Result<Prepared, CliError> {
     let display = ProgressDisplay::new();
     let observe = |progress| display.show(progress);
     let never = AtomicBool::new(false);
     let limits = Limits::default();
-    Ok(crate::prepare::prepare(
-        source, parameters, &limits, &observe, &never,
-    )?)
+    let prepared = pipeline.prepare(source, parameters, &limits, &observe, &never)?;
+    warn_of_doubts(&prepared.facts);
+    Ok(prepared)
 }
 
-async fn into_store(data: &Path, source: Source, parameters: Parameters) -> Result<(), CliError> {
-    let store = Store::open(data).await?;
+/// Says on standard error what is unusual about a mask.
+fn warn_of_doubts(facts: &CaseFacts) {
+    if let Some(quality) = &facts.quality {
+        for reason in &quality.reasons {
+            eprintln!("isocortex: {}: {reason}", quality.state.name());
+        }
+    }
+}
+
+async fn into_store(
+    data: &Path,
+    (source, parameters): (Source, Parameters),
+    pipeline: Pipeline,
+) -> Result<(), CliError> {
+    let options = Options {
+        preparation: Arc::new(pipeline),
+        ..Options::default()
+    };
+    let store = Store::open_with(data, options).await?;
     let submitted = store.submit(source, parameters).await?;
     let workers = Workers::start(store.clone(), 1);
     let ready = wait_until_ready(&store, &submitted.case.id).await;
     workers.shut_down(GRACE).await;
     ready?;
+    if let Some(case) = store.case(&submitted.case.id).await?
+        && let Some(facts) = &case.facts
+    {
+        warn_of_doubts(facts);
+    }
     println!("{}", submitted.case.id);
     Ok(())
 }

@@ -223,7 +223,11 @@ async fn of_file(
             mask,
             ..Source::default()
         };
-        Picturable::of(prepare_here(&source, &parameters)?)
+        Picturable::of(prepare_here(
+            &source,
+            &parameters,
+            &args.options.pipeline()?,
+        )?)
     };
     let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
     let drawer = Drawer::choose(query.renderer, graphics).await?;

@@ -37,6 +37,9 @@ pub(super) struct ServeArgs {
     /// A file that holds the bearer token.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKEN_FILE")]
     pub(super) token_file: Option<PathBuf>,
+    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    pub(super) network: Option<PathBuf>,
     /// Whether pictures may be drawn by a graphics device. [default: auto]
     #[arg(long, value_enum, env = "ISOCORTEX_GPU")]
     pub(super) gpu: Option<GpuUse>,
@@ -62,6 +65,9 @@ impl ServeArgs {
         }
         set(&mut config.data, self.data.as_ref());
         set(&mut config.listen, self.listen.as_ref());
+        if self.network.is_some() {
+            config.network.clone_from(&self.network);
+        }
         set(&mut config.gpu, self.gpu.as_ref());
         set(&mut config.log_format, self.log_format.as_ref());
         set(&mut config.log, self.log.as_ref());

@@ -92,6 +92,7 @@ impl From<StartError> for CliError {
                 let message = format!("the store cannot be opened: {}", error.message);
                 Self { message, ..error }
             }
+            error @ StartError::Network(_) => Self::new(ExitStatus::Config, error),
             error @ StartError::Threads(_) => Self::new(ExitStatus::Unavailable, error),
         }
     }

@@ -8,7 +8,7 @@ use geometry::MeshSize;
 use super::*;
 use crate::case::Parameters;
 use crate::jobs::Workers;
-use crate::prepare::{Limits, prepare};
+use crate::prepare::{Limits, Pipeline};
 use crate::store::Options;
 use crate::store::testing::{files_below, settled_state};
 use crate::testing::{phantom, upload};
@@ -60,7 +60,7 @@ impl Ready {
 async fn a_model_is_what_was_prepared() {
     let ready = ready().await;
     let never = std::sync::atomic::AtomicBool::new(false);
-    let prepared = prepare(
+    let prepared = Pipeline::default().prepare(
         &upload(&phantom()),
         &Parameters::default(),
         &Limits::default(),

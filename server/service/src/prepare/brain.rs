@@ -5,7 +5,7 @@ use geometry::{BrainMask, Envelope, GeometryError, Grid, Mask, Volume};
 use super::failure::{from_geometry, from_imaging};
 use super::own_mask::own_mask;
 use super::steps::Steps;
-use super::{Limits, Source, StoredBrain};
+use super::{Extractor, Limits, Source, StoredBrain};
 use crate::case::{Failure, MaskKind, MaskSource, Parameters, Stage};
 use crate::quality::{self, MaskMethod, Quality};
 use crate::store::codec::decode_brain;
@@ -26,6 +26,7 @@ enum Verdict {
         method: MaskMethod,
         largest_component: f64,
     },
+    Extracted(extraction::Method, Box<extraction::Quality>),
     /// From an earlier preparation.
     Known(Quality),
 }
@@ -35,6 +36,11 @@ impl Found {
     pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
         match &self.verdict {
             Verdict::Known(quality) => quality.clone(),
+            Verdict::Extracted(method, found) => {
+                let measured =
+                    quality::measure(&self.brain, envelope, found.largest_component, volume_grid);
+                quality::of_extracted(measured, (*method).into(), found)
+            }
             Verdict::Measured {
                 method,
                 largest_component,
@@ -51,7 +57,7 @@ impl Found {
 pub(super) fn find_brain(
     source: &Source,
     volume: &Volume,
-    (parameters, limits): (&Parameters, &Limits),
+    (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
     steps: &mut Steps<'_>,
 ) -> Result<Found, Failure> {
     if let Some(stored) = &source.brain
@@ -61,7 +67,8 @@ pub(super) fn find_brain(
         return Ok(found);
     }
     let Some((mask, method)) = given_mask(source, volume, (parameters, limits))? else {
-        return Err(mask_missing());
+        steps.begin(Stage::Extracting)?;
+        return extracted(volume, (parameters, extractor), steps);
     };
     steps.begin(Stage::Mask)?;
     Ok(Found {
@@ -70,6 +77,26 @@ pub(super) fn find_brain(
             method,
             largest_component: mask.largest_component_share(),
         },
+    })
+}
+
+/// Extracts the brain of a volume that shows more than that.
+fn extracted(
+    volume: &Volume,
+    (parameters, extractor): (&Parameters, &Extractor),
+    steps: &mut Steps<'_>,
+) -> Result<Found, Failure> {
+    let found = extractor.extract(
+        volume,
+        parameters.threshold,
+        &|done| steps.extracted(done),
+        steps.cancelled(),
+    )?;
+    steps.begin(Stage::Mask)?;
+    refuse_absurd(&found.brain)?;
+    Ok(Found {
+        brain: moved(found.brain, parameters.offset_mm)?,
+        verdict: Verdict::Extracted(found.method, Box::new(found.quality)),
     })
 }
 
@@ -121,16 +148,18 @@ pub(super) fn to_working_grid(
 ) -> Result<BrainMask, Failure> {
     let brain = BrainMask::from_mask(mask, volume_grid).map_err(from_geometry)?;
     refuse_absurd(&brain)?;
-    if parameters.offset_mm == 0.0 {
+    moved(brain, parameters.offset_mm)
+}
+
+/// A mask moved by an offset.
+fn moved(brain: BrainMask, offset_mm: f64) -> Result<BrainMask, Failure> {
+    if offset_mm == 0.0 {
         return Ok(brain);
     }
-    let moved = geometry::offset(&brain, parameters.offset_mm).map_err(|error| match error {
+    let moved = geometry::offset(&brain, offset_mm).map_err(|error| match error {
         GeometryError::EmptyMask => Failure::unprocessable(
             "offset-out-of-range",
-            format!(
-                "offset_mm is {}; nothing is left of the mask then",
-                parameters.offset_mm
-            ),
+            format!("offset_mm is {offset_mm}; nothing is left of the mask then"),
         ),
         other => from_geometry(other),
     })?;
@@ -162,11 +191,11 @@ pub(super) fn closing_radius_mm(parameters: &Parameters) -> f64 {
     }
 }
 
-pub(super) fn mask_missing() -> Failure {
+fn mask_missing() -> Failure {
     Failure::unprocessable(
         "mask-missing",
-        "the volume shows more than a brain, so a mask of the brain is needed: supply one as the part `mask` of the upload \
-         (NIfTI, brain voxels above 0), or upload a volume that is already skull-stripped (background exactly 0)"
+        "the volume shows more than a brain, so it cannot be its own mask: leave the parameter `mask` away to have the brain \
+         extracted, or supply a mask as the part `mask` of the upload (NIfTI, brain voxels above 0)"
             .to_owned(),
     )
 }

@@ -1,6 +1,6 @@
 //! What can be told of an upload at once, before it is queued.
 
-use super::brain::{closing_radius_mm, given_mask, mask_missing, to_working_grid};
+use super::brain::{closing_radius_mm, given_mask, to_working_grid};
 use super::{Limits, Source, from_geometry, read_volume};
 use crate::case::{Failure, Parameters};
 
@@ -19,7 +19,8 @@ pub fn check(source: &Source, parameters: &Parameters, limits: &Limits) -> Resul
         return Err(super::constant(least));
     }
     let Some((mask, _)) = given else {
-        return Err(mask_missing());
+        // Whether there is a brain in the volume, the extraction tells.
+        return Ok(());
     };
     let brain = to_working_grid(&mask, parameters, volume.grid())?;
     let radius_mm = closing_radius_mm(parameters);

@@ -5,6 +5,7 @@
 
 mod brain;
 mod check;
+mod extractor;
 mod failure;
 mod own_mask;
 mod steps;
@@ -12,6 +13,7 @@ mod steps;
 mod tests;
 
 use std::fmt;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bytes::Bytes;
@@ -33,6 +35,7 @@ use crate::store::codec::{
 };
 
 pub use self::check::check;
+pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
 pub use imaging::Limits;
 
 /// N_F and N_P of the mesh whose paths are stored.
@@ -85,25 +88,16 @@ impl Prepared {
     }
 }
 
-/// Computes everything of a case.
-///
-/// `observe` is told each step as it begins. Where `cancelled` is raised the next step is not begun.
-///
-/// # Errors
-/// A [`Failure`] that names what is wrong with the input; `cancelled` when it was cancelled.
-pub fn prepare(
+/// Computes everything of a case, as [`Pipeline::prepare`] says.
+fn prepare(
     source: &Source,
-    parameters: &Parameters,
-    limits: &Limits,
-    observe: &(dyn Fn(Progress) + Sync),
-    cancelled: &AtomicBool,
+    (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
+    mut steps: Steps<'_>,
 ) -> Result<Prepared, Failure> {
     parameters.check()?;
-    let mut steps = Steps::new(observe, cancelled);
-
     steps.begin(Stage::Reading)?;
     let native = read_volume(source, limits)?;
-    let found = find_brain(source, &native, (parameters, limits), &mut steps)?;
+    let found = find_brain(source, &native, (parameters, limits, extractor), &mut steps)?;
 
     steps.begin(Stage::Closing)?;
     let radius_mm = closing_radius_mm(parameters);
@@ -270,10 +264,10 @@ impl Derived {
 
 /// What a worker does with an upload: [`Pipeline`], or a test's stand-in.
 pub trait Preparation: fmt::Debug + Send + Sync {
-    /// As [`prepare`], up to the bytes to be stored.
+    /// As [`Pipeline::prepare`], up to the bytes to be stored.
     ///
     /// # Errors
-    /// As [`prepare`].
+    /// As [`Pipeline::prepare`].
     fn run(
         &self,
         source: &Source,
@@ -284,9 +278,39 @@ pub trait Preparation: fmt::Debug + Send + Sync {
     ) -> Result<Derived, Failure>;
 }
 
-/// [`prepare`], as a [`Preparation`].
-#[derive(Debug, Clone, Copy)]
-pub struct Pipeline;
+/// The preparation of real heads.
+#[derive(Debug, Clone, Default)]
+pub struct Pipeline {
+    extractor: Arc<Extractor>,
+}
+
+impl Pipeline {
+    /// A pipeline that extracts brains so.
+    pub fn new(extractor: Extractor) -> Self {
+        Self {
+            extractor: Arc::new(extractor),
+        }
+    }
+
+    /// Computes everything of a case.
+    ///
+    /// `observe` is told each step as it begins, and how far an extraction has come. Where `cancelled` is raised the next step
+    /// is not begun, and an extraction ends at once.
+    ///
+    /// # Errors
+    /// A [`Failure`] that names what is wrong with the input; `cancelled` when it was cancelled.
+    pub fn prepare(
+        &self,
+        source: &Source,
+        parameters: &Parameters,
+        limits: &Limits,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Prepared, Failure> {
+        let how = (parameters, limits, &*self.extractor);
+        prepare(source, how, Steps::new(observe, cancelled))
+    }
+}
 
 impl Preparation for Pipeline {
     fn run(
@@ -297,6 +321,7 @@ impl Preparation for Pipeline {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
-        prepare(source, parameters, limits, observe, cancelled).map(Derived::of)
+        self.prepare(source, parameters, limits, observe, cancelled)
+            .map(Derived::of)
     }
 }

@@ -38,6 +38,9 @@ pub(super) struct Steps<'a> {
     begun: Vec<(Stage, Instant)>,
 }
 
+/// How much of a preparation is done when a brain has been extracted: an extraction takes far longer than all else.
+const EXTRACTED: f32 = 0.8;
+
 impl<'a> Steps<'a> {
     pub(super) fn new(observe: &'a (dyn Fn(Progress) + Sync), cancelled: &'a AtomicBool) -> Self {
         Self {
@@ -52,9 +55,41 @@ impl<'a> Steps<'a> {
         if self.cancelled.load(Ordering::Relaxed) {
             return Err(cancelled());
         }
-        (self.observe)(Progress::at(stage));
+        (self.observe)(Progress {
+            stage,
+            fraction: self.fraction(stage),
+        });
         self.begun.push((stage, Instant::now()));
         Ok(())
+    }
+
+    /// How much of the preparation is done when a stage begins.
+    fn fraction(&self, stage: Stage) -> f32 {
+        let has_extracted = self
+            .begun
+            .iter()
+            .any(|&(begun, _)| begun == Stage::Extracting);
+        let at = fraction_at(stage);
+        if !has_extracted {
+            return at;
+        }
+        // What follows shares what the extraction leaves until the results are stored.
+        let [first, last] = [Stage::Mask, Stage::Storing].map(fraction_at);
+        EXTRACTED + (at - first) / (last - first) * (last - EXTRACTED)
+    }
+
+    /// Of the extraction at work, such a share is done.
+    pub(super) fn extracted(&self, share: f32) {
+        let from = fraction_at(Stage::Extracting);
+        (self.observe)(Progress {
+            stage: Stage::Extracting,
+            fraction: from + (EXTRACTED - from) * share.clamp(0.0, 1.0),
+        });
+    }
+
+    /// Raised when the preparation is to end.
+    pub(super) fn cancelled(&self) -> &'a AtomicBool {
+        self.cancelled
     }
 
     /// Wall time of each step in ms; the last one ends now.
@@ -81,6 +116,24 @@ mod tests {
     fn fractions_grow_from_stage_to_stage() {
         let fractions = Stage::ALL.map(fraction_at);
         assert!(fractions.is_sorted() && fractions[0] == 0.0 && fractions[8] < 1.0);
+    }
+
+    #[test]
+    fn an_extraction_takes_most_of_the_time_and_fractions_grow_all_the_same() {
+        let seen = std::sync::Mutex::new(Vec::new());
+        let observe = |progress: Progress| seen.lock().unwrap().push(progress.fraction);
+        let flag = AtomicBool::new(false);
+        let mut steps = Steps::new(&observe, &flag);
+        steps.begin(Stage::Reading).unwrap();
+        steps.begin(Stage::Extracting).unwrap();
+        steps.extracted(0.5);
+        steps.extracted(1.0);
+        for stage in &Stage::ALL[2..] {
+            steps.begin(*stage).unwrap();
+        }
+        let seen = seen.into_inner().unwrap();
+        assert!(seen.is_sorted(), "{seen:?}");
+        assert_eq!(seen.last(), Some(&fraction_at(Stage::Storing)));
     }
 
     #[test]

@@ -7,6 +7,8 @@ use bytes::Bytes;
 use geometry::{Grid, Mask, Volume};
 
 use super::*;
+use crate::case::MaskSource;
+use crate::quality::MaskMethod;
 use crate::store::codec::{
     decode_brain, decode_envelope, decode_forest, decode_paths, decode_volume,
 };
@@ -14,7 +16,7 @@ use crate::testing::{nifti, nifti_mask, phantom, real_heads, stripped, upload};
 
 fn run(source: &Source, parameters: &Parameters) -> Result<Prepared, Failure> {
     let never = AtomicBool::new(false);
-    prepare(source, parameters, &Limits::default(), &|_| {}, &never)
+    Pipeline::default().prepare(source, parameters, &Limits::default(), &|_| {}, &never)
 }
 
 fn kind_and_status(source: &Source) -> (String, u16) {
@@ -101,7 +103,11 @@ fn a_skull_stripped_volume_is_its_own_mask() {
         mask: None,
         ..upload(&head)
     };
-    assert_eq!(kind_and_status(&raw), ("mask-missing".to_owned(), 422));
+    let parameters = Parameters {
+        mask: MaskSource::Volume,
+        ..Parameters::default()
+    };
+    assert_eq!(run(&raw, &parameters).unwrap_err().kind, "mask-missing");
 }
 
 #[test]
@@ -115,7 +121,7 @@ fn each_step_is_told_in_order_and_a_cancellation_ends_it_there() {
             cancelled.store(progress.stage == *stop_at, Ordering::Relaxed);
         };
         let parameters = Parameters::default();
-        let stopped = prepare(
+        let stopped = Pipeline::default().prepare(
             &source,
             &parameters,
             &Limits::default(),
@@ -127,6 +133,53 @@ fn each_step_is_told_in_order_and_a_cancellation_ends_it_there() {
         let up_to = stages.iter().position(|stage| stage == stop_at).unwrap();
         assert_eq!(*seen.lock().unwrap(), stages[..=up_to]);
     }
+}
+
+#[test]
+fn a_raw_head_is_extracted_first_and_a_rebuild_keeps_its_brain() {
+    let head = geometry::phantom::head(2.0);
+    let raw = Source {
+        volume: nifti(&head.volume),
+        ..Source::default()
+    };
+    let seen = Mutex::new(Vec::new());
+    let observe = |progress: Progress| seen.lock().unwrap().push(progress);
+    let never = AtomicBool::new(false);
+    let parameters = Parameters::default();
+    let limits = Limits::default();
+    let pipeline = Pipeline::default();
+    let prepared = pipeline
+        .prepare(&raw, &parameters, &limits, &observe, &never)
+        .unwrap();
+    let seen = seen.into_inner().unwrap();
+    assert!(seen.is_sorted_by_key(|progress| progress.fraction));
+    assert!(
+        seen.iter()
+            .any(|progress| progress.stage == Stage::Extracting)
+    );
+    let quality = prepared.facts.quality.clone().unwrap();
+    assert_eq!(quality.method, MaskMethod::TreePruning);
+    let given = run(&upload(&head), &parameters).unwrap();
+    let share = prepared.facts.envelope_ml / given.facts.envelope_ml;
+    assert!((0.9..1.15).contains(&share), "{share}");
+    let stored = StoredBrain {
+        mask: encode_brain(&prepared.brain).into(),
+        quality,
+    };
+    let again = Source {
+        brain: Some(stored),
+        ..raw.clone()
+    };
+    let rebuilt = run(&again, &parameters).unwrap();
+    assert!(rebuilt.distance == prepared.distance);
+    assert_eq!(rebuilt.facts.quality, prepared.facts.quality);
+    // A cancellation ends an extraction under way.
+    let cancelled = AtomicBool::new(false);
+    let stop = |progress: Progress| {
+        cancelled.store(progress.stage == Stage::Extracting, Ordering::Relaxed);
+    };
+    let stopped = pipeline.prepare(&raw, &parameters, &limits, &stop, &cancelled);
+    assert_eq!(stopped.unwrap_err().kind, "cancelled");
 }
 
 #[test]
@@ -242,7 +295,9 @@ fn limits_hold() {
         ..Limits::default()
     };
     let never = AtomicBool::new(false);
-    let failure = prepare(&source, &Parameters::default(), &limits, &|_| {}, &never).unwrap_err();
+    let failure = Pipeline::default()
+        .prepare(&source, &Parameters::default(), &limits, &|_| {}, &never)
+        .unwrap_err();
     assert_eq!(
         (failure.kind.as_str(), failure.status),
         ("too-many-voxels", 413)
@@ -268,11 +323,8 @@ fn of_real_heads_only_the_stripped_one_is_its_own_mask() {
             volume: read(&folder, &format!("{raw}.nii.gz")),
             ..Source::default()
         };
-        assert_eq!(
-            kind_and_status(&source),
-            ("mask-missing".to_owned(), 422),
-            "{raw}"
-        );
+        let volume = read_volume(&source, &Limits::default()).unwrap();
+        assert_eq!(own_mask::own_mask(&volume), Ok(None), "{raw}");
     }
     let volume =
         imaging::nifti::read_volume(&read(&folder, "colin27/ch2.nii.gz"), &Limits::default())

@@ -4,6 +4,7 @@ pub mod bodies;
 pub mod cases;
 pub mod documents;
 pub mod events;
+mod guarded;
 pub mod health;
 pub mod masks;
 pub mod mesh;
@@ -101,7 +102,10 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(health::readyz))
         .routes(routes!(health::metrics))
         .routes(routes!(health::version));
-    OpenApiRouter::with_openapi(Description::openapi())
+    let (routes, mut description) = guarded.split_for_parts();
+    guarded::describe(&mut description);
+    let guarded = OpenApiRouter::from(routes);
+    OpenApiRouter::with_openapi(Description::openapi().merge_from(description))
         .merge(guarded)
         .merge(open)
         .split_for_parts()

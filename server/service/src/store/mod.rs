@@ -107,7 +107,7 @@ impl Default for Options {
             max_attempts: 30,
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
-            preparation: Arc::new(Pipeline),
+            preparation: Arc::new(Pipeline::default()),
             clock: Clock::system(),
         }
     }

@@ -1,0 +1,54 @@
+//! What the descriptions of all guarded routes have in common.
+
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{Components, Content, OpenApi, Ref, ResponseBuilder};
+
+/// The name of the scheme in the description.
+const BEARER: &str = "bearer";
+
+/// Describes the bearer token, and the answers that any guarded route may give.
+pub(super) fn describe(api: &mut OpenApi) {
+    let scheme = HttpBuilder::new()
+        .scheme(HttpAuthScheme::Bearer)
+        .description(Some("Wanted where the server was given a token."))
+        .build();
+    api.components
+        .get_or_insert_with(Components::default)
+        .add_security_scheme(BEARER, SecurityScheme::Http(scheme));
+    for (path, item) in &mut api.paths.paths {
+        let shows_a_case = path.contains("{id}/") && !path.ends_with("/events");
+        let reads = [&mut item.get, &mut item.head];
+        for operation in reads.into_iter().flatten() {
+            guard(operation);
+            if shows_a_case {
+                add(operation, "406", "Nothing that is accepted is offered");
+            }
+        }
+        let writes = [&mut item.put, &mut item.post, &mut item.delete];
+        writes.into_iter().flatten().for_each(guard);
+    }
+}
+
+fn guard(operation: &mut Operation) {
+    let nothing: [&str; 0] = [];
+    operation.security = Some(vec![
+        SecurityRequirement::new(BEARER, nothing),
+        // Without a token of its own the server wants none.
+        SecurityRequirement::default(),
+    ]);
+    add(operation, "401", "A token is wanted");
+}
+
+/// Adds an answer that is a problem, unless the route describes it itself.
+fn add(operation: &mut Operation, status: &str, description: &str) {
+    let problem = Content::new(Some(Ref::from_schema_name("Problem")));
+    let response = ResponseBuilder::new()
+        .description(description)
+        .content("application/problem+json", problem)
+        .build();
+    let responses = &mut operation.responses.responses;
+    responses
+        .entry(status.to_owned())
+        .or_insert_with(|| response.into());
+}
