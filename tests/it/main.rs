@@ -1,6 +1,7 @@
 //! The integration tests: one program, one module for each subject.
 
 mod bad_input;
+mod dicom;
 mod head;
 mod heads;
 mod hygiene;
@@ -14,6 +15,9 @@ mod renderers;
 mod renders;
 mod restart;
 mod security;
+#[path = "../../server/imaging/tests/it/series_builder.rs"]
+#[allow(dead_code, reason = "the tests of another crate use more of it")]
+mod series_builder;
 mod server;
 mod sides;
 mod sockets;

@@ -7,6 +7,7 @@
 //! [`Limits`] before memory is asked for; nothing here panics on any bytes; and no message holds what a header says of
 //! the patient (its description and file names are never read).
 
+pub mod dicom;
 mod error;
 mod limits;
 pub mod nifti;

@@ -21,7 +21,7 @@ use geometry::{
 use self::failure::{from_geometry, from_imaging};
 use self::own_mask::own_mask;
 use self::steps::Steps;
-use crate::case::{CaseFacts, Failure, Parameters, Progress, Stage, WindowFacts};
+use crate::case::{CaseFacts, DicomFacts, Failure, Parameters, Progress, Stage, WindowFacts};
 use crate::store::ObjectKind;
 use crate::store::codec::{encode_envelope, encode_forest, encode_paths, encode_volume};
 
@@ -35,12 +35,14 @@ pub const DEFAULT_MESH: [usize; 2] = [30, 30];
 const CROP_MARGIN_VOXELS: usize = 1;
 
 /// What was uploaded.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Source {
     /// The volume, as it came.
     pub volume: Bytes,
     /// The mask of the brain, as it came; `None` where the volume is to be its own mask.
     pub mask: Option<Bytes>,
+    /// Whose head it is, as JSON of [`crate::dicom::Attributes`], where the volume was made of DICOM files.
+    pub dicom: Option<Bytes>,
 }
 
 /// A case, computed.
@@ -115,6 +117,7 @@ pub fn prepare(
     let facts = CaseFacts {
         native_size: native_size.map(|side| side as usize),
         native_spacing_mm,
+        dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
         timings: steps.timings(),
         ..facts(&volume, &distance)?
     };
@@ -124,6 +127,13 @@ pub fn prepare(
         forest,
         default_paths,
         facts,
+    })
+}
+
+/// What clients are told of the DICOM files: nothing that says whose they are.
+fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
+    Ok(DicomFacts {
+        interpolated_slices: crate::dicom::attributes(stored)?.interpolated_slices,
     })
 }
 
@@ -200,6 +210,7 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
         intensity_min,
         intensity_max,
         window: window(low, high),
+        dicom: None,
         timings: Vec::new(),
     })
 }

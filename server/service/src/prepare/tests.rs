@@ -82,6 +82,7 @@ fn a_skull_stripped_volume_is_its_own_mask() {
     let stripped = Source {
         volume: nifti(&stripped(&head.volume, &head.brain)),
         mask: None,
+        ..Source::default()
     };
     let own = run(&stripped, &Parameters::default()).unwrap();
     let given = run(&upload(&head), &Parameters::default()).unwrap();
@@ -162,6 +163,7 @@ fn bad_masks_are_named() {
         Source {
             volume: nifti(&head.volume),
             mask: Some(mask),
+            ..Source::default()
         }
     };
     let grid = head.brain.grid().clone();
@@ -205,6 +207,7 @@ fn a_mask_that_touches_every_border_is_taken() {
     let source = Source {
         volume: nifti(&volume),
         mask: Some(nifti_mask(&mask)),
+        ..Source::default()
     };
     let prepared = run(&source, &Parameters::default()).unwrap();
     // Ten voxels from the middle to the nearest border voxel's centre.
@@ -256,6 +259,7 @@ fn of_real_heads_only_the_stripped_one_is_its_own_mask() {
         let source = Source {
             volume: read(&folder, &format!("{raw}.nii.gz")),
             mask: None,
+            ..Source::default()
         };
         assert_eq!(
             kind_and_status(&source),
@@ -272,6 +276,7 @@ fn of_real_heads_only_the_stripped_one_is_its_own_mask() {
     let source = Source {
         volume: nifti(&stripped(&volume, &mask)),
         mask: None,
+        ..Source::default()
     };
     let prepared = run(&source, &Parameters::default()).unwrap();
     assert!(

@@ -9,6 +9,8 @@ pub enum ObjectKind {
     SourceVolume,
     /// The mask as it was uploaded.
     SourceMask,
+    /// Whose head it is, where the volume was made of DICOM files.
+    SourceDicom,
     /// Intensities cropped to the envelope.
     Volume,
     /// The envelope on the working grid.
@@ -21,9 +23,10 @@ pub enum ObjectKind {
 
 impl ObjectKind {
     /// Every kind.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::SourceVolume,
         Self::SourceMask,
+        Self::SourceDicom,
         Self::Volume,
         Self::Envelope,
         Self::Forest,
@@ -38,6 +41,7 @@ impl ObjectKind {
         match self {
             Self::SourceVolume => "source-volume",
             Self::SourceMask => "source-mask",
+            Self::SourceDicom => "source-dicom",
             Self::Volume => "volume",
             Self::Envelope => "envelope",
             Self::Forest => "forest",
@@ -59,12 +63,16 @@ impl ObjectKind {
             Self::Envelope => 4,
             Self::Forest => 5,
             Self::Paths => 6,
+            Self::SourceDicom => 7,
         }
     }
 
     /// Whether it is what a user uploaded, which nothing can replace.
     pub fn is_source(self) -> bool {
-        matches!(self, Self::SourceVolume | Self::SourceMask)
+        matches!(
+            self,
+            Self::SourceVolume | Self::SourceMask | Self::SourceDicom
+        )
     }
 }
 

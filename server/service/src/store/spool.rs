@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use tempfile::TempPath;
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::StoreError;
+use crate::case::{CaseId, Parameters};
 
 /// How much is hashed and written at once.
 const BUFFER_LENGTH: usize = 1 << 20;
@@ -96,6 +97,17 @@ impl Spooled {
         self.length == 0
     }
 
+    /// The first bytes.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub(crate) async fn head(&self, length: u64) -> Result<Vec<u8>, StoreError> {
+        let mut head = Vec::new();
+        let file = tokio::fs::File::open(&self.path).await?;
+        file.take(length).read_to_end(&mut head).await?;
+        Ok(head)
+    }
+
     /// All bytes.
     ///
     /// # Errors
@@ -104,7 +116,7 @@ impl Spooled {
         Ok(tokio::fs::read(&self.path).await?.into())
     }
 
-    pub(super) fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 }
@@ -116,4 +128,23 @@ pub struct Upload {
     pub volume: Spooled,
     /// The mask of the brain.
     pub mask: Option<Spooled>,
+    /// Whose head it is, where the volume was made of DICOM files.
+    pub dicom: Option<Spooled>,
+}
+
+impl Upload {
+    /// The case that this upload is.
+    pub fn case_id(&self, parameters: &Parameters) -> CaseId {
+        let volume = *self.volume.digest();
+        // The same picture of somebody else is another case.
+        let volume = match &self.dicom {
+            Some(dicom) => blake3::Hasher::new()
+                .update(b"isocortex dicom")
+                .update(volume.as_bytes())
+                .update(dicom.digest().as_bytes())
+                .finalize(),
+            None => volume,
+        };
+        CaseId::of(&volume, self.mask.as_ref().map(Spooled::digest), parameters)
+    }
 }

@@ -48,19 +48,21 @@ impl Store {
         source: Source,
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
-        let mut volume = self.spool().await?;
-        volume.write(source.volume).await?;
-        let volume = volume.finish().await?;
+        let volume = self.spool_all(source.volume).await?;
         let mask = match source.mask {
-            Some(bytes) => {
-                let mut mask = self.spool().await?;
-                mask.write(bytes).await?;
-                Some(mask.finish().await?)
-            }
+            Some(bytes) => Some(self.spool_all(bytes).await?),
             None => None,
         };
-        self.submit_upload(Upload { volume, mask }, parameters)
-            .await
+        let dicom = match source.dicom {
+            Some(bytes) => Some(self.spool_all(bytes).await?),
+            None => None,
+        };
+        let upload = Upload {
+            volume,
+            mask,
+            dicom,
+        };
+        self.submit_upload(upload, parameters).await
     }
 
     async fn submit_now(
@@ -68,8 +70,7 @@ impl Store {
         upload: &Upload,
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
-        let mask = upload.mask.as_ref().map(Spooled::digest);
-        let id = CaseId::of(upload.volume.digest(), mask, &parameters);
+        let id = upload.case_id(&parameters);
         for _ in 0..PIN_ATTEMPTS {
             if let Some(name) = &parameters.name {
                 self.rows().rename(&id, name).await?;
@@ -178,7 +179,9 @@ fn source_files(upload: &Upload) -> Vec<(ObjectName, &Spooled)> {
     let volume = named(ObjectKind::SourceVolume, &upload.volume);
     let mask = upload.mask.as_ref();
     let mask = mask.map(|file| named(ObjectKind::SourceMask, file));
-    std::iter::once(volume).chain(mask).collect()
+    let dicom = upload.dicom.as_ref();
+    let dicom = dicom.map(|file| named(ObjectKind::SourceDicom, file));
+    std::iter::once(volume).chain(mask).chain(dicom).collect()
 }
 
 /// A name that no other act of writing has, in whichever process.

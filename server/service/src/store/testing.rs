@@ -35,6 +35,7 @@ pub(crate) fn facts() -> CaseFacts {
             center: 0.5,
             width: 1.0,
         },
+        dicom: None,
         timings: vec![(Stage::Reading, 1.0)],
     }
 }
@@ -161,6 +162,7 @@ pub(crate) fn source(volume: &str) -> Source {
     Source {
         volume: Bytes::copy_from_slice(volume.as_bytes()),
         mask: None,
+        ..Source::default()
     }
 }
 
