@@ -1,7 +1,9 @@
 //! The integration tests: one program, one module for each subject.
 
+mod agreement;
 mod bad_input;
 mod dicom;
+mod golden;
 mod head;
 mod heads;
 mod hygiene;
@@ -14,6 +16,7 @@ mod openapi;
 mod renderers;
 mod renders;
 mod restart;
+mod scenes;
 mod security;
 #[path = "../../server/imaging/tests/it/series_builder.rs"]
 #[allow(dead_code, reason = "the tests of another crate use more of it")]

@@ -219,7 +219,8 @@ fn bad_stacks_are_refused_with_the_slices_named() {
         change(&mut slices);
         refused(&slices)
     };
-    let cases: [(&str, &str, &dyn Fn(&mut Vec<Slice>)); 12] = [
+    type Change<'a> = &'a dyn Fn(&mut Vec<Slice>);
+    let cases: [(&str, &str, Change); 12] = [
         ("dicom-slices-doubled", "instance number 9", &|slices| {
             let double = Slice {
                 instance: 9,
@@ -286,7 +287,7 @@ fn bad_stacks_are_refused_with_the_slices_named() {
             slices[6].orientation = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0];
         }),
         ("dicom-too-few-slices", "2 slices", &|slices| {
-            slices.truncate(2)
+            slices.truncate(2);
         }),
         ("dicom-mosaic", "Siemens mosaic", &|slices| {
             for slice in slices {

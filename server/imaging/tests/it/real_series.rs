@@ -199,11 +199,8 @@ fn what_is_no_volume_is_refused_with_the_slices_named() {
     let failing = failing
         .iter()
         .find(|path| path.to_string_lossy().contains("failing"));
-    let failing = failing.unwrap().ancestors();
-    let failing = failing
-        .skip_while(|path| !path.ends_with("failing"))
-        .next()
-        .unwrap();
+    let mut failing = failing.unwrap().ancestors();
+    let failing = failing.find(|path| path.ends_with("failing")).unwrap();
     for (name, kind) in [
         ("sliceincrement", "dicom-slices-missing"),
         ("sliceorientation", "dicom-mixed-orientations"),

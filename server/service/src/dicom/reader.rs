@@ -289,8 +289,9 @@ mod tests {
         let scratch = tempfile::tempdir().unwrap();
         let input = scratch.path().join("input");
         std::fs::write(&input, b"anything").unwrap();
-        let read = reader.read(&input, &Options::default(), scratch.path());
-        let error = read.await.map(|_| ()).unwrap_err();
+        let options = Options::default();
+        let read = reader.read(&input, &options, scratch.path()).await;
+        let error = read.map(|_| ()).unwrap_err();
         let left = std::fs::read_dir(scratch.path()).unwrap().count();
         assert_eq!(left, 1, "nothing but the input is left");
         error

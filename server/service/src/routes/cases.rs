@@ -80,6 +80,8 @@ pub struct ReadyView {
     max_depth_mm: f32,
     /// Volume enclosed by the envelope.
     envelope_ml: f64,
+    /// The sphere around the envelope that zoom 1 fits into a picture.
+    envelope_sphere: SphereView,
     /// Intensities and how to show them.
     intensity: IntensityView,
     /// Wall time of each step of the preparation, in ms.
@@ -104,9 +106,20 @@ pub struct VolumeView {
     size: [usize; 3],
     /// Edges of a voxel.
     spacing_mm: [f64; 3],
+    /// Rows of the affine from voxel centres to LPS mm.
+    patient_from_voxel: [[f64; 4]; 4],
     /// Numbers of the slices, from 1, that were missing among the DICOM files and are interpolated between their neighbours.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     interpolated_slices: Vec<usize>,
+}
+
+/// A sphere in the patient.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct SphereView {
+    /// Its centre, LPS mm.
+    center_in_patient: [f64; 3],
+    /// Its radius.
+    radius_mm: f64,
 }
 
 /// Intensities and how to show them.
@@ -228,6 +241,7 @@ impl From<CaseFacts> for ReadyView {
             volume: VolumeView {
                 size: facts.native_size,
                 spacing_mm: facts.native_spacing_mm,
+                patient_from_voxel: facts.native_patient_from_voxel,
                 interpolated_slices: facts
                     .dicom
                     .map(|dicom| dicom.interpolated_slices)
@@ -235,6 +249,10 @@ impl From<CaseFacts> for ReadyView {
             },
             max_depth_mm: facts.max_depth_mm,
             envelope_ml: facts.envelope_ml,
+            envelope_sphere: SphereView {
+                center_in_patient: facts.envelope_sphere.center_in_patient,
+                radius_mm: facts.envelope_sphere.radius_mm,
+            },
             intensity: IntensityView {
                 min: facts.intensity_min,
                 max: facts.intensity_max,
