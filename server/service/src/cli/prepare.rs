@@ -51,13 +51,7 @@ pub(super) struct PrepareArgs {
 /// Prepares a volume.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let source = super::block_on(source(&args.volume, &args.options))?;
-    let parameters = Parameters {
-        closing_radius_mm: args.options.closing_radius_mm,
-        name: args.name.clone(),
-    };
-    parameters
-        .check()
-        .map_err(|failure| CliError::new(ExitStatus::Usage, failure.detail))?;
+    let parameters = args.options.parameters(args.name.clone())?;
     match &args.output {
         Some(output) => {
             let prepared = prepare_here(&source, &parameters)?;
@@ -95,6 +89,7 @@ pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Sou
         volume: reading.volume,
         mask,
         dicom: Some(reading.attributes),
+        ..Source::default()
     })
 }
 

@@ -9,7 +9,7 @@ use super::case_file::{self, Picturable};
 use super::prepare::{head_of, prepare_here, source};
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, read_input, write_output};
-use crate::case::{CaseId, Parameters};
+use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawing};
 use crate::finish::{Story, finish};
 use crate::graphics::{GpuUse, Graphics};
@@ -216,10 +216,7 @@ async fn of_file(
         case_file::read(&read_input(&args.input)?)?
     } else {
         let source = source(&args.input, &args.options).await?;
-        let parameters = Parameters {
-            closing_radius_mm: args.options.closing_radius_mm,
-            name: None,
-        };
+        let parameters = args.options.parameters(None)?;
         Picturable::of(prepare_here(&source, &parameters)?)
     };
     let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);

@@ -11,6 +11,8 @@ pub enum ObjectKind {
     SourceMask,
     /// Whose head it is, where the volume was made of DICOM files.
     SourceDicom,
+    /// The brain mask on the working grid.
+    Mask,
     /// Intensities cropped to the envelope.
     Volume,
     /// The envelope on the working grid.
@@ -23,10 +25,11 @@ pub enum ObjectKind {
 
 impl ObjectKind {
     /// Every kind.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::SourceVolume,
         Self::SourceMask,
         Self::SourceDicom,
+        Self::Mask,
         Self::Volume,
         Self::Envelope,
         Self::Forest,
@@ -34,7 +37,13 @@ impl ObjectKind {
     ];
 
     /// The kinds that are computed from the source.
-    pub const DERIVED: [Self; 4] = [Self::Volume, Self::Envelope, Self::Forest, Self::Paths];
+    pub const DERIVED: [Self; 5] = [
+        Self::Mask,
+        Self::Volume,
+        Self::Envelope,
+        Self::Forest,
+        Self::Paths,
+    ];
 
     /// The name in rows and addresses.
     pub fn name(self) -> &'static str {
@@ -42,6 +51,7 @@ impl ObjectKind {
             Self::SourceVolume => "source-volume",
             Self::SourceMask => "source-mask",
             Self::SourceDicom => "source-dicom",
+            Self::Mask => "mask",
             Self::Volume => "volume",
             Self::Envelope => "envelope",
             Self::Forest => "forest",
@@ -63,7 +73,8 @@ impl ObjectKind {
             Self::Envelope => 4,
             Self::Forest => 5,
             Self::Paths => 6,
-            Self::SourceDicom => 7,
+            Self::Mask => 7,
+            Self::SourceDicom => 8,
         }
     }
 

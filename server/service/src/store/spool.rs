@@ -7,7 +7,6 @@ use tempfile::TempPath;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::StoreError;
-use crate::case::{CaseId, Parameters};
 
 /// How much is hashed and written at once.
 const BUFFER_LENGTH: usize = 1 << 20;
@@ -130,21 +129,4 @@ pub struct Upload {
     pub mask: Option<Spooled>,
     /// Whose head it is, where the volume was made of DICOM files.
     pub dicom: Option<Spooled>,
-}
-
-impl Upload {
-    /// The case that this upload is.
-    pub fn case_id(&self, parameters: &Parameters) -> CaseId {
-        let volume = *self.volume.digest();
-        // The same picture of somebody else is another case.
-        let volume = match &self.dicom {
-            Some(dicom) => blake3::Hasher::new()
-                .update(b"isocortex dicom")
-                .update(volume.as_bytes())
-                .update(dicom.digest().as_bytes())
-                .finalize(),
-            None => volume,
-        };
-        CaseId::of(&volume, self.mask.as_ref().map(Spooled::digest), parameters)
-    }
 }
