@@ -2,6 +2,7 @@
 
 mod agreement;
 mod bad_input;
+mod dicom;
 mod faults;
 mod golden;
 mod head;
@@ -19,6 +20,9 @@ mod renders;
 mod restart;
 mod scenes;
 mod security;
+#[path = "../../server/imaging/tests/it/series_builder.rs"]
+#[allow(dead_code, reason = "the tests of another crate use more of it")]
+mod series_builder;
 mod server;
 mod sides;
 mod sockets;

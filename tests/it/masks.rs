@@ -16,7 +16,12 @@ async fn put(server: &Server, case: &str, query: &str, mask: &[u8]) -> Answer {
 }
 
 /// Puts a mask and waits for the version; its address and what it says.
-async fn version(server: &Server, case: &str, query: &str, mask: &[u8]) -> (String, Value) {
+pub(crate) async fn version(
+    server: &Server,
+    case: &str,
+    query: &str,
+    mask: &[u8],
+) -> (String, Value) {
     let answer = put(server, case, query, mask).await;
     assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
     assert!(answer.headers.contains_key("retry-after"));

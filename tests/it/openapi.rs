@@ -28,6 +28,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "post /v1/cases",
         "get /v1/cases/{id}",
         "delete /v1/cases/{id}",
+        "get /v1/cases/{id}/dicom",
         "get /v1/cases/{id}/events",
         "get /v1/cases/{id}/mesh",
         "get /v1/cases/{id}/mesh/triangles",

@@ -394,8 +394,18 @@ pub struct CaseFacts {
     /// How far the mask can be trusted; `None` for a case that was prepared before that was measured.
     #[serde(default)]
     pub quality: Option<Quality>,
+    /// Of a volume that was made of DICOM files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dicom: Option<DicomFacts>,
     /// Wall time of each step of the preparation, in ms.
     pub timings: Vec<(Stage, f64)>,
+}
+
+/// What is told of DICOM files that a volume was made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DicomFacts {
+    /// Numbers of the slices, from 1, that were missing and are interpolated between their neighbours.
+    pub interpolated_slices: Vec<usize>,
 }
 
 /// A case as its row tells it.

@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::auth::{Access, BadToken};
+use crate::dicom::Program;
 use crate::graphics::GpuUse;
 use crate::listen::ConnectionLimits;
 use crate::logs::LogFormat;
@@ -65,6 +66,9 @@ pub struct Config {
     pub upload_timeout_secs: u64,
     /// Time for work to finish when the server is stopped, in seconds.
     pub shutdown_grace_secs: u64,
+    /// The program that reads DICOM files: this one.
+    #[serde(skip)]
+    pub dicom_program: Program,
 }
 
 impl Default for Config {
@@ -94,6 +98,7 @@ impl Default for Config {
             upload_idle_secs: 30,
             upload_timeout_secs: 3600,
             shutdown_grace_secs: 20,
+            dicom_program: Program::default(),
         }
     }
 }

@@ -6,6 +6,7 @@ pub mod caching;
 pub mod case;
 pub mod cli;
 pub mod config;
+pub mod dicom;
 pub mod drawing;
 pub mod finish;
 pub mod graphics;

@@ -45,6 +45,9 @@ pub enum AppError {
     /// The path holds no case id.
     #[error("a case is named by 32 lower-case hexadecimal digits")]
     NotACaseId,
+    /// The case was not made of DICOM files.
+    #[error("the case was not made of DICOM files, so nothing is known of whose it is")]
+    NotDicom,
     /// The case is still on its way.
     #[error("the case is not ready yet: it is {}", state_name(*.state))]
     NotReady {
@@ -210,6 +213,7 @@ impl AppError {
             Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
             Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
             Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
+            Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
             Self::NoSuchRoute => (StatusCode::NOT_FOUND, "no-such-address"),
             Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
             Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),

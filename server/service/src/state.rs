@@ -10,6 +10,7 @@ use tokio::sync::watch;
 use crate::auth::Access;
 use crate::case::{CaseFacts, CaseId, CaseState};
 use crate::config::{Config, ConfigError};
+use crate::dicom::DicomReader;
 use crate::graphics::{Graphics, GraphicsOptions};
 use crate::metrics::Metrics;
 use crate::models::{Model, Models};
@@ -26,6 +27,9 @@ const REMEMBERED_CASES: usize = 4096;
 
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
+
+/// How much more than an upload the DICOM files in it may take when they are unpacked.
+const DICOM_UNPACKING: u64 = 4;
 
 /// What handlers share. Cheap to clone: everything is behind one `Arc`.
 ///
@@ -46,6 +50,8 @@ pub struct Shared {
     pub graphics: Graphics,
     /// Bodies that are made once, compressed.
     pub bodies: Bodies,
+    /// Where DICOM files are read.
+    pub dicom: DicomReader,
     /// Counts for Prometheus.
     pub metrics: Metrics,
     /// Who may ask.
@@ -124,6 +130,11 @@ impl AppState {
                 drawers: config.render_threads,
                 case_bytes: config.gpu_case_bytes,
             }),
+            dicom: DicomReader::new(
+                config.dicom_program.clone(),
+                upload_limits,
+                config.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
+            ),
             pool,
             turnstile,
             upload_limits,

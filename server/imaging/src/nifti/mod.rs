@@ -25,4 +25,5 @@ pub(crate) use source::GZIP_MAGIC;
 
 pub use mask::read_mask;
 pub use stored::read_volume;
+pub(crate) use write::write_samples;
 pub use write::{write_depth_map, write_mask, write_volume};

@@ -24,6 +24,7 @@ const OUTSIDE_MM: f32 = -1.0;
 /// Codes of the data types written, and their bytes.
 const UINT8: (i16, i16) = (2, 1);
 const FLOAT32: (i16, i16) = (16, 4);
+const INT16: (i16, i16) = (4, 2);
 const UINT16: (i16, i16) = (512, 2);
 
 const UNSCALED: Rescale = Rescale {
@@ -56,6 +57,37 @@ pub fn write_volume(volume: &Volume) -> Result<Vec<u8>, ImagingError> {
     pack(&header, volume.voxels(), |stored, bytes| {
         bytes.extend_from_slice(&stored.to_le_bytes());
     })
+}
+
+/// Samples as `.nii.gz`, with slope and intercept: in 16 bits where all are whole and fit, else in single precision.
+///
+/// # Errors
+/// When a side has more than 32,767 voxels.
+pub(crate) fn write_samples(
+    grid: &Grid,
+    samples: &[f32],
+    rescale: Rescale,
+) -> Result<Vec<u8>, ImagingError> {
+    let all = |[least, greatest]: [f32; 2]| {
+        let fits = |&sample: &f32| (least..=greatest).contains(&sample) && sample.fract() == 0.0;
+        samples.iter().all(fits)
+    };
+    if all([0.0, 65535.0]) {
+        let header = header(grid, UINT16, rescale)?;
+        pack(&header, samples, |sample, bytes| {
+            bytes.extend_from_slice(&(sample as u16).to_le_bytes());
+        })
+    } else if all([-32768.0, 32767.0]) {
+        let header = header(grid, INT16, rescale)?;
+        pack(&header, samples, |sample, bytes| {
+            bytes.extend_from_slice(&(sample as i16).to_le_bytes());
+        })
+    } else {
+        let header = header(grid, FLOAT32, rescale)?;
+        pack(&header, samples, |sample, bytes| {
+            bytes.extend_from_slice(&sample.to_le_bytes());
+        })
+    }
 }
 
 /// A map of depths as `.nii.gz`: millimetres in single precision, −1 where `depths_mm` is `None` (outside).

@@ -1,11 +1,14 @@
-//! The reader and the writers of NIfTI, by files built by hand, damaged files, another reader and real heads.
+//! The reader and the writers of NIfTI and the reader of DICOM, by files built by hand, damaged files, other readers and real heads.
 
 mod bad_input;
 mod builder;
+mod dicom;
 mod hostile;
 mod masks;
 mod oracle;
 mod placement;
 mod real_heads;
+mod real_series;
+mod series_builder;
 mod voxels;
 mod writing;

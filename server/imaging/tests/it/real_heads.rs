@@ -8,7 +8,7 @@ use glam::DVec3;
 use imaging::{Format, Limits, nifti, sniff};
 
 /// The folder of test data: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout.
-fn test_data() -> Option<PathBuf> {
+pub(crate) fn test_data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);
     if folder.is_dir() {

@@ -15,6 +15,7 @@ use clap::{Args, Parser, Subcommand};
 
 use self::status::{CliError, ExitStatus};
 use crate::case::{MaskKind, MaskSource, Parameters};
+use crate::dicom::SeriesName;
 use crate::prepare::{Extractor, Pipeline};
 
 /// What `--help` says at its end.
@@ -23,12 +24,13 @@ Examples:
   isocortex demo                                    serve a sample head and print the address to open
   isocortex serve --data /srv/isocortex             serve the cases of a directory on 127.0.0.1:8640
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
+  isocortex prepare dicom-folder --mask brain.nii.gz --series 3
   isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
 
 Exit status:
    0  done
    2  the command line is not right
-  65  the input cannot be used (not NIfTI, damaged, a mask is missing …)
+  65  the input cannot be used (not NIfTI or DICOM, damaged, a mask is missing …)
   66  the input is not there or cannot be read
   69  the server's address is taken, or its store is busy
   70  a fault of the program
@@ -58,6 +60,9 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case, a volume or a prepared file as PNG.
     Render(render::RenderArgs),
+    /// Reads DICOM files with limits on what it may take; started by the others.
+    #[command(hide = true)]
+    ReadDicom,
 }
 
 /// An input: a volume and what is needed to prepare it.
@@ -89,6 +94,12 @@ struct VolumeOptions {
         allow_negative_numbers = true
     )]
     offset_mm: f64,
+    /// Of DICOM files, the series to take: its number, instance UID or token.
+    #[arg(long, value_name = "SERIES", value_parser = series_name)]
+    series: Option<SeriesName>,
+    /// Interpolate single slices that are missing among DICOM files, and say which.
+    #[arg(long)]
+    allow_gaps: bool,
 }
 
 impl VolumeOptions {
@@ -116,9 +127,16 @@ impl VolumeOptions {
     }
 }
 
+fn series_name(text: &str) -> Result<SeriesName, &'static str> {
+    SeriesName::parse(text).ok_or("a series is named by its number, instance UID or token")
+}
+
 /// Runs the command of this process and says how it ended.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
+    if matches!(cli.command, Command::ReadDicom) {
+        return crate::dicom::run_child();
+    }
     match run(cli.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -134,6 +152,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::ReadDicom => unreachable!("it has its own way out"),
     }
 }
 

@@ -1,19 +1,29 @@
 //! `isocortex prepare`.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::Args;
+use imaging::{Format, sniff};
 
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, case_file, read_input, write_output};
 use crate::case::{CaseFacts, CaseId, CaseState, Parameters};
+use crate::dicom::{Choice, DicomReader, Options, Program};
 use crate::jobs::Workers;
 use crate::prepare::{Limits, Pipeline, Prepared, Source};
 use crate::store::{Options, Store};
+
+/// The most bytes of DICOM files, unpacked.
+const MAX_DICOM_BYTES: u64 = 16 << 30;
+
+/// What tells the kind of a file, packed or not.
+const SNIFFED_BYTES: u64 = 64 << 10;
 
 /// How long the worker may take to put its things away.
 const GRACE: Duration = Duration::from_secs(5);
@@ -24,7 +34,7 @@ const GRACE: Duration = Duration::from_secs(5);
 /// file, which `isocortex render` reads.
 #[derive(Debug, Args)]
 pub(super) struct PrepareArgs {
-    /// An MR volume: NIfTI-1 or NIfTI-2, .nii or .nii.gz.
+    /// An MR volume: NIfTI-1 or NIfTI-2, .nii or .nii.gz; or DICOM: a folder, a zip, or one file.
     volume: PathBuf,
     #[command(flatten)]
     options: VolumeOptions,
@@ -41,7 +51,7 @@ pub(super) struct PrepareArgs {
 
 /// Prepares a volume.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
-    let source = source(&args.volume, args.options.mask.as_deref())?;
+    let source = super::block_on(source(&args.volume, &args.options))?;
     let parameters = args.options.parameters(args.name.clone())?;
     let pipeline = args.options.pipeline()?;
     match &args.output {
@@ -57,13 +67,62 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     }
 }
 
-/// Reads the files of an input.
-pub(super) fn source(volume: &Path, mask: Option<&Path>) -> Result<Source, CliError> {
+/// Reads the files of an input. DICOM files, which content tells, become a volume.
+pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Source, CliError> {
+    let mask = options.mask.as_deref().map(read_input).transpose()?;
+    let is_dicom =
+        volume.is_dir() || matches!(sniff(&head_of(volume)?), Format::Zip | Format::Dicom);
+    if !is_dicom {
+        return Ok(Source {
+            volume: read_input(volume)?,
+            mask,
+            ..Source::default()
+        });
+    }
+    let chosen = Options {
+        series: options.series.clone(),
+        allow_gaps: options.allow_gaps,
+    };
+    let reader = DicomReader::new(Program::default(), Limits::default(), MAX_DICOM_BYTES);
+    let scratch = std::env::temp_dir();
+    let reading = reader.read(volume, &chosen, &scratch).await?;
+    tell(&reading.choice);
     Ok(Source {
-        volume: read_input(volume)?,
-        mask: mask.map(read_input).transpose()?,
+        volume: reading.volume,
+        mask,
+        dicom: Some(reading.attributes),
         ..Source::default()
     })
+}
+
+/// The first bytes of an input, which tell what it is; none of a folder.
+pub(super) fn head_of(input: &Path) -> Result<Vec<u8>, CliError> {
+    let mut head = Vec::new();
+    if input.is_dir() {
+        return Ok(head);
+    }
+    let read = File::open(input).and_then(|file| file.take(SNIFFED_BYTES).read_to_end(&mut head));
+    read.map(|_| head).map_err(|error| {
+        let message = format!("{} cannot be read: {error}", input.display());
+        CliError::new(ExitStatus::NoInput, message)
+    })
+}
+
+/// Says what was chosen among the files.
+fn tell(choice: &Choice) {
+    let [columns, rows, slices] = choice.series.size;
+    let number = choice.series.number.map(|number| format!(" {number}"));
+    let modality = &choice.series.modality;
+    eprintln!(
+        "DICOM series{}: {modality}, {columns} × {rows} × {slices}; {} other series, {} other files",
+        number.unwrap_or_default(),
+        choice.others.len(),
+        choice.ignored_files
+    );
+    let filled = &choice.interpolated_slices;
+    if !filled.is_empty() {
+        eprintln!("slices that were missing and are interpolated: {filled:?}");
+    }
 }
 
 /// Prepares an input in this process, showing the progress.

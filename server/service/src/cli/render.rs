@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use super::case_file::{self, Picturable};
-use super::prepare::prepare_here;
+use super::prepare::{head_of, prepare_here, source};
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, read_input, write_output};
 use crate::case::CaseId;
@@ -14,7 +14,6 @@ use crate::drawing::{Drawer, Drawing};
 use crate::finish::{Story, finish};
 use crate::graphics::{GpuUse, Graphics, GraphicsOptions};
 use crate::models::{Models, PathKind};
-use crate::prepare::Source;
 use crate::problem::AppError;
 use crate::routes::mesh::Paths;
 use crate::routes::query::{Checked as _, Numbers};
@@ -26,7 +25,7 @@ use crate::store::Store;
 /// A depth beyond the deepest point is drawn at the deepest point.
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    /// A case of the store by its id, a NIfTI volume, or a file of `isocortex prepare --output`.
+    /// A case of the store by its id, a NIfTI volume, DICOM (a folder, a zip, one file), or a file of `isocortex prepare --output`.
     #[arg(value_name = "CASE|VOLUME")]
     input: PathBuf,
     #[command(flatten)]
@@ -212,17 +211,12 @@ async fn of_file(
     query: &RenderQuery,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
-    let volume = read_input(&args.input)?;
-    let case = if volume.starts_with(case_file::MAGIC) {
-        case_file::read(&volume)?
+    let is_case = head_of(&args.input)?.starts_with(case_file::MAGIC);
+    let case = if is_case {
+        case_file::read(&read_input(&args.input)?)?
     } else {
-        let mask = args.options.mask.as_deref().map(read_input).transpose()?;
+        let source = source(&args.input, &args.options).await?;
         let parameters = args.options.parameters(None)?;
-        let source = Source {
-            volume,
-            mask,
-            ..Source::default()
-        };
         Picturable::of(prepare_here(
             &source,
             &parameters,

@@ -27,7 +27,9 @@ use self::failure::{from_geometry, from_imaging};
 use self::steps::Steps;
 use render::BoundingSphere;
 
-use crate::case::{CaseFacts, Failure, Parameters, Progress, SphereFacts, Stage, WindowFacts};
+use crate::case::{
+    CaseFacts, DicomFacts, Failure, Parameters, Progress, SphereFacts, Stage, WindowFacts,
+};
 use crate::quality::Quality;
 use crate::store::ObjectKind;
 use crate::store::codec::{
@@ -51,6 +53,8 @@ pub struct Source {
     pub volume: Bytes,
     /// The mask of the brain, as it came; `None` where none was supplied.
     pub mask: Option<Bytes>,
+    /// Whose head it is, as JSON of [`crate::dicom::Attributes`], where the volume was made of DICOM files.
+    pub dicom: Option<Bytes>,
     /// The brain as it was extracted before: a case that is made again keeps it.
     pub brain: Option<StoredBrain>,
 }
@@ -124,6 +128,7 @@ fn prepare(
         native_spacing_mm: native_grid.spacing_mm(),
         native_patient_from_voxel: rows_of(&native_grid),
         quality: Some(quality),
+        dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
         timings: steps.timings(),
         ..facts(&volume, &distance)?
     };
@@ -134,6 +139,13 @@ fn prepare(
         forest,
         default_paths,
         facts,
+    })
+}
+
+/// What clients are told of the DICOM files: nothing that says whose they are.
+fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
+    Ok(DicomFacts {
+        interpolated_slices: crate::dicom::attributes(stored)?.interpolated_slices,
     })
 }
 
@@ -206,6 +218,7 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
         intensity_min,
         intensity_max,
         window: window(low, high),
+        dicom: None,
         quality: None,
         timings: Vec::new(),
     })

@@ -10,6 +10,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::query::{ApiQuery, CasePath, Checked, NoQuery, check_count};
 use super::render::window_of;
 use crate::case::{Case, CaseFacts, CaseId, CaseState, MaskKind};
+use crate::dicom::Choice;
 use crate::problem::{AppError, Problem};
 use crate::quality::Quality;
 use crate::state::AppState;
@@ -56,8 +57,21 @@ pub struct CaseView {
     /// Once it is ready.
     #[serde(flatten)]
     ready: Option<ReadyView>,
+    /// What was chosen among the DICOM files; in the answer to their upload alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dicom: Option<Choice>,
     /// Addresses of what there is of it.
     links: Links,
+}
+
+impl CaseView {
+    /// A case as it is answered to the upload of DICOM files.
+    pub(super) fn choosing(self, choice: Option<Choice>) -> Self {
+        Self {
+            dicom: choice,
+            ..self
+        }
+    }
 }
 
 /// How far a preparation has come.
@@ -112,6 +126,9 @@ pub struct VolumeView {
     spacing_mm: [f64; 3],
     /// Rows of the affine from voxel centres to LPS mm.
     patient_from_voxel: [[f64; 4]; 4],
+    /// Numbers of the slices, from 1, that were missing among the DICOM files and are interpolated between their neighbours.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    interpolated_slices: Vec<usize>,
 }
 
 /// A sphere in the patient.
@@ -180,10 +197,13 @@ pub struct Links {
     quality: String,
     /// Slices: append `/axial`, `/coronal` or `/sagittal`.
     slices: String,
+    /// Whose head it is, of a ready case that was made of DICOM files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dicom: Option<String>,
 }
 
 impl Links {
-    fn of(id: &CaseId) -> Self {
+    fn of(id: &CaseId, is_dicom: bool) -> Self {
         let this = address_of(id);
         let below = |name: &str| format!("{this}/{name}");
         Self {
@@ -198,6 +218,7 @@ impl Links {
             envelope: below("envelope"),
             quality: below("quality"),
             slices: below("slices"),
+            dicom: is_dicom.then(|| below("dicom")),
             this,
         }
     }
@@ -212,7 +233,13 @@ impl From<Case> for CaseView {
     fn from(case: Case) -> Self {
         Self {
             id: case.id,
-            links: Links::of(&case.id),
+            links: Links::of(
+                &case.id,
+                case.facts
+                    .as_ref()
+                    .is_some_and(|facts| facts.dicom.is_some()),
+            ),
+            dicom: None,
             name: case.parameters.name,
             closing_radius_mm: case.parameters.closing_radius_mm,
             mask_kind: case.parameters.mask_kind,
@@ -247,6 +274,10 @@ impl From<CaseFacts> for ReadyView {
                 size: facts.native_size,
                 spacing_mm: facts.native_spacing_mm,
                 patient_from_voxel: facts.native_patient_from_voxel,
+                interpolated_slices: facts
+                    .dicom
+                    .map(|dicom| dicom.interpolated_slices)
+                    .unwrap_or_default(),
             },
             max_depth_mm: facts.max_depth_mm,
             envelope_ml: facts.envelope_ml,

@@ -242,7 +242,7 @@ pub async fn put_mask(
     let version = query.version(id, case.parameters, body)?;
     check_version(&state, &version).await?;
     let made = state.store.submit_version(version).await?;
-    Ok(submitted(made.ok_or(AppError::NoSuchCase)?))
+    Ok(submitted(made.ok_or(AppError::NoSuchCase)?, None))
 }
 
 /// Streams the body to the store's disk; `None` where it is empty.

@@ -2,6 +2,7 @@
 
 pub mod bodies;
 pub mod cases;
+pub mod dicom;
 pub mod documents;
 pub mod events;
 mod guarded;
@@ -63,6 +64,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let answers = OpenApiRouter::new()
         .routes(routes!(cases::list_cases))
         .routes(routes!(cases::get_case, cases::delete_case))
+        .routes(routes!(dicom::get_dicom))
         .routes(routes!(mesh::get_mesh))
         .routes(routes!(mesh::get_triangles))
         .routes(routes!(mesh::get_paths))

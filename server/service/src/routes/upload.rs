@@ -1,5 +1,6 @@
 //! Uploads: streamed to the store's disk, checked, queued.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use axum::body::Body;
@@ -7,19 +8,32 @@ use axum::extract::multipart::{Field, Multipart, MultipartError};
 use axum::extract::{FromRequest, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
+use imaging::{Format, sniff};
+use tempfile::TempDir;
+use tokio::io::AsyncWriteExt as _;
 use utoipa::ToSchema;
 
 use super::cases::{CaseView, address_of, fresh_json};
 use super::query::{ApiQuery, NoQuery};
 use crate::caching;
 use crate::case::{CaseId, CaseState, Parameters};
+use crate::dicom::{Choice, Options, Reading, SeriesName};
 use crate::prepare::{Source, check};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
-use crate::store::{Spooled, Submitted, Upload};
+use crate::store::{Spooled, StoreError, Submitted, Upload};
 
 /// The most bytes of the part `parameters`.
 const MAX_PARAMETERS_BYTES: usize = 64 << 10;
+
+/// The most parts named `dicom`: a series has a few hundred.
+const MAX_DICOM_PARTS: usize = 20_000;
+
+/// What tells the kind of a file, packed or not.
+const SNIFFED_BYTES: u64 = 64 << 10;
+
+/// How much of a DICOM file is written at once.
+const WRITE_BUFFER_BYTES: usize = 256 << 10;
 
 /// Seconds after which it is worth asking for a new case.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
@@ -27,16 +41,22 @@ const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 /// The parts of an upload.
 #[derive(Debug, ToSchema)]
 pub struct UploadForm {
-    /// The MR volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`.
+    /// The MR volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM file.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
-    volume: String,
+    volume: Option<String>,
+    /// DICOM files of a series, one a part, or zips of them, instead of `volume`.
+    #[schema(format = Binary, content_media_type = "application/dicom")]
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    dicom: Vec<String>,
     /// The brain mask, in NIfTI, on any grid. Not needed where the volume holds nothing but the brain.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     mask: Option<String>,
     /// JSON: `closing_radius_mm` (0 to 50), `mask` (where none is supplied: `auto` or `volume`), `mask_kind` (`brain` or
-    /// `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label.
+    /// `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label. Of DICOM
+    /// files also `series`, the series to take by its number, instance UID or token, and `allow_gaps`: true interpolates
+    /// single missing slices, and says which.
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
@@ -69,23 +89,25 @@ pub async fn create_case(
     let form = Multipart::from_request(request, &state)
         .await
         .map_err(|_| AppError::UnsupportedMediaType)?;
-    let (upload, parameters) = read_form(&state, form).await?;
+    let form = read_form(&state, form).await?;
+    let parameters = form.parameters.clone();
     parameters.check()?;
+    let (upload, choice) = form.into_upload(&state).await?;
     check_unless_known(&state, &upload, &parameters).await?;
-    Ok(submitted(
-        state.store.submit_upload(upload, parameters).await?,
-    ))
+    let accepted = state.store.submit_upload(upload, parameters).await?;
+    Ok(submitted(accepted, choice))
 }
 
-/// The answer that names a case: 202 where it is new.
-pub(super) fn submitted(submitted: Submitted) -> Response {
+/// The answer that names a case, and what was chosen among DICOM files: 202 where it is new.
+pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Response {
     let status = if submitted.created {
         StatusCode::ACCEPTED
     } else {
         StatusCode::OK
     };
     let address = address_of(&submitted.case.id);
-    let mut response: Response<Body> = fresh_json(status, &CaseView::from(submitted.case));
+    let mut response: Response<Body> =
+        fresh_json(status, &CaseView::from(submitted.case).choosing(choice));
     let headers = response.headers_mut();
     caching::insert(headers, header::LOCATION, &address);
     if submitted.created {
@@ -100,8 +122,7 @@ async fn check_unless_known(
     upload: &Upload,
     parameters: &Parameters,
 ) -> Result<(), AppError> {
-    let mask = upload.mask.as_ref().map(Spooled::digest);
-    let id = CaseId::of(upload.volume.digest(), mask, parameters);
+    let id = upload.case_id(parameters);
     if is_known(state, &id).await? {
         return Ok(());
     }
@@ -163,12 +184,10 @@ pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<
 }
 
 /// Reads the parts in whatever order they come.
-async fn read_form(
-    state: &AppState,
-    mut form: Multipart,
-) -> Result<(Upload, Parameters), AppError> {
+async fn read_form(state: &AppState, mut form: Multipart) -> Result<Form, AppError> {
     let limits = PartLimits::of(state);
     let (mut volume, mut mask, mut parameters) = (None, None, None);
+    let mut dicom = DicomParts::default();
     while let Some(field) = in_time(limits, form.next_field()).await? {
         let name = field.name().unwrap_or_default().to_owned();
         match name.as_str() {
@@ -181,26 +200,144 @@ async fn read_form(
                     read_parameters(limits, field).await?,
                 )?;
             }
-            "dicom" => {
-                return Err(AppError::NotImplemented {
-                    what: "reading DICOM",
-                });
-            }
+            "dicom" => dicom.add(state, limits, field).await?,
             _ => return Err(unknown_part()),
         }
     }
-    let volume = volume.ok_or_else(|| AppError::Upload {
-        kind: "volume-missing",
-        detail: "the form has no part named `volume`".to_owned(),
-    })?;
-    Ok((Upload { volume, mask }, parameters.unwrap_or_default()))
+    let volume = match (volume, dicom.directory) {
+        (Some(volume), None) => Volume::File(volume),
+        (None, Some(directory)) => Volume::Dicom(directory),
+        (None, None) => {
+            return Err(AppError::Upload {
+                kind: "volume-missing",
+                detail: "the form has no part named `volume`, and none named `dicom`".to_owned(),
+            });
+        }
+        (Some(_), Some(_)) => {
+            return Err(AppError::Upload {
+                kind: "volume-twice",
+                detail: "the form has parts named `volume` and `dicom`; send one or the other"
+                    .to_owned(),
+            });
+        }
+    };
+    let (parameters, options) = parameters.unwrap_or_default();
+    Ok(Form {
+        volume,
+        mask,
+        parameters,
+        options,
+    })
+}
+
+/// A form, read to its end.
+struct Form {
+    volume: Volume,
+    mask: Option<Spooled>,
+    parameters: Parameters,
+    options: Options,
+}
+
+/// The volume as it was sent.
+enum Volume {
+    /// One file, of any kind.
+    File(Spooled),
+    /// DICOM files in a directory.
+    Dicom(TempDir),
+}
+
+impl Form {
+    /// DICOM files, which content tells, become a volume.
+    async fn into_upload(self, state: &AppState) -> Result<(Upload, Option<Choice>), AppError> {
+        let options = &self.options;
+        let reading = match self.volume {
+            Volume::Dicom(directory) => read_dicom(state, directory.path(), options).await?,
+            Volume::File(file) => match sniff(&file.head(SNIFFED_BYTES).await?) {
+                Format::Zip | Format::Dicom => read_dicom(state, file.path(), options).await?,
+                _ if *options != Options::default() => return Err(not_of_nifti()),
+                _ => {
+                    let upload = Upload {
+                        volume: file,
+                        mask: self.mask,
+                        dicom: None,
+                    };
+                    return Ok((upload, None));
+                }
+            },
+        };
+        let upload = Upload {
+            volume: state.store.spool_all(reading.volume).await?,
+            mask: self.mask,
+            dicom: Some(state.store.spool_all(reading.attributes).await?),
+        };
+        Ok((upload, Some(reading.choice)))
+    }
+}
+
+async fn read_dicom(
+    state: &AppState,
+    input: &Path,
+    options: &Options,
+) -> Result<Reading, AppError> {
+    let scratch = state.store.scratch();
+    state.dicom.read(input, options, &scratch).await
+}
+
+fn not_of_nifti() -> AppError {
+    AppError::Upload {
+        kind: "parameters-unreadable",
+        detail: "`series` and `allow_gaps` are for DICOM files, and `volume` is none".to_owned(),
+    }
+}
+
+/// DICOM files, one after the other, under numbers for names.
+#[derive(Default)]
+struct DicomParts {
+    directory: Option<TempDir>,
+    count: usize,
+    bytes: u64,
+}
+
+impl DicomParts {
+    async fn add(
+        &mut self,
+        state: &AppState,
+        limits: PartLimits,
+        mut field: Field<'_>,
+    ) -> Result<(), AppError> {
+        let full = AppError::TooLarge {
+            limit_bytes: limits.bytes,
+        };
+        if self.count == MAX_DICOM_PARTS {
+            return Err(full);
+        }
+        let directory = match &mut self.directory {
+            Some(directory) => directory,
+            empty => empty.insert(state.store.spool_directory().await?),
+        };
+        let path = directory.path().join(self.count.to_string());
+        self.count += 1;
+        let disk = |error| AppError::from(StoreError::Disk(error));
+        let file = tokio::fs::File::create_new(path).await.map_err(disk)?;
+        let mut file = tokio::io::BufWriter::with_capacity(WRITE_BUFFER_BYTES, file);
+        while let Some(bytes) = in_time(limits, field.chunk()).await? {
+            self.bytes += bytes.len() as u64;
+            if self.bytes > limits.bytes {
+                return Err(full);
+            }
+            state.metrics.uploaded(bytes.len());
+            file.write_all(&bytes).await.map_err(disk)?;
+        }
+        file.flush().await.map_err(disk)
+    }
 }
 
 /// The name is not repeated: it may be anything, such as a patient's.
 fn unknown_part() -> AppError {
     AppError::Upload {
         kind: "unknown-part",
-        detail: "the form has a part that is none of `volume`, `mask` and `parameters`".to_owned(),
+        detail: "the form has a part that is none of `volume`, `dicom`, `mask` and `parameters`"
+            .to_owned(),
     }
 }
 
@@ -302,7 +439,11 @@ async fn spool(
     Ok(spool.finish().await?)
 }
 
-async fn read_parameters(limits: PartLimits, mut field: Field<'_>) -> Result<Parameters, AppError> {
+/// Parameters of the preparation, and what is to be chosen among DICOM files.
+async fn read_parameters(
+    limits: PartLimits,
+    mut field: Field<'_>,
+) -> Result<(Parameters, Options), AppError> {
     let mut text = Vec::new();
     while let Some(bytes) = in_time(limits, field.chunk()).await? {
         if text.len() + bytes.len() > MAX_PARAMETERS_BYTES {
@@ -312,12 +453,40 @@ async fn read_parameters(limits: PartLimits, mut field: Field<'_>) -> Result<Par
         }
         text.extend_from_slice(&bytes);
     }
+    let unreadable = |error: &dyn std::fmt::Display| AppError::Upload {
+        kind: "parameters-unreadable",
+        detail: format!("the part `parameters` cannot be read: {error}"),
+    };
     // By way of an object, because a list of the values in order would be taken as well.
-    let object = serde_json::from_slice(&text).map(serde_json::Value::Object);
-    object
-        .and_then(serde_json::from_value)
-        .map_err(|error| AppError::Upload {
-            kind: "parameters-unreadable",
-            detail: format!("the part `parameters` cannot be read: {error}"),
-        })
+    let mut object: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_slice(&text).map_err(|error| unreadable(&error))?;
+    let options = take_options(&mut object).map_err(|what| unreadable(&what))?;
+    let parameters = serde_json::from_value(serde_json::Value::Object(object));
+    Ok((parameters.map_err(|error| unreadable(&error))?, options))
+}
+
+/// Takes out of the parameters what is no part of the preparation.
+fn take_options(
+    object: &mut serde_json::Map<String, serde_json::Value>,
+) -> Result<Options, &'static str> {
+    use serde_json::Value;
+    let series = match object.remove("series") {
+        None | Some(Value::Null) => None,
+        Some(Value::Number(number)) => Some(number.to_string()),
+        Some(Value::String(text)) => Some(text),
+        Some(_) => return Err("`series` is a number or a text"),
+    };
+    let series = series.map(|text| SeriesName::parse(&text));
+    if series == Some(None) {
+        return Err("`series` is a number, an instance UID or a token of a series");
+    }
+    let allow_gaps = match object.remove("allow_gaps") {
+        None => false,
+        Some(Value::Bool(allowed)) => allowed,
+        Some(_) => return Err("`allow_gaps` is true or false"),
+    };
+    Ok(Options {
+        series: series.flatten(),
+        allow_gaps,
+    })
 }

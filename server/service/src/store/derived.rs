@@ -148,7 +148,34 @@ impl Store {
                 return Ok(None);
             }
         }
+        if names
+            .iter()
+            .any(|name| name.kind == ObjectKind::SourceDicom)
+        {
+            source.dicom = self.read(id, names, ObjectKind::SourceDicom).await?;
+            if source.dicom.is_none() {
+                return Ok(None);
+            }
+        }
         Ok(Some(source))
+    }
+
+    /// Whose head a case is, as it was stored with the volume; `None` where it was not made of DICOM files.
+    ///
+    /// # Errors
+    /// When the store cannot be reached, or what was stored is lost.
+    pub(crate) async fn source_dicom(&self, id: &CaseId) -> Result<Option<Bytes>, StoreError> {
+        let names = self.rows().objects(id).await?;
+        if !names
+            .iter()
+            .any(|name| name.kind == ObjectKind::SourceDicom)
+        {
+            return Ok(None);
+        }
+        let stored = self.read(id, &names, ObjectKind::SourceDicom).await?;
+        stored.map(Some).ok_or_else(|| {
+            StoreError::Objects("the DICOM attributes of a case are missing or damaged".into())
+        })
     }
 
     /// Makes the derived objects of a ready case again, or makes the case failed where that is impossible.

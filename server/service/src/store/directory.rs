@@ -112,17 +112,23 @@ fn remove_if_older(path: &Path, age: Duration) -> io::Result<()> {
         io::ErrorKind::NotFound => Ok(()),
         _ => Err(error),
     };
-    let written = match std::fs::metadata(path).and_then(|metadata| metadata.modified()) {
-        Ok(written) => written,
+    let metadata = match std::fs::symlink_metadata(path) {
+        Ok(metadata) => metadata,
         Err(error) => return gone_is_fine(error),
     };
+    let written = metadata.modified()?;
     let since = SystemTime::now()
         .duration_since(written)
         .unwrap_or_default();
     if since < age {
         return Ok(());
     }
-    std::fs::remove_file(path).or_else(gone_is_fine)
+    let removed = if metadata.is_dir() {
+        std::fs::remove_dir_all(path)
+    } else {
+        std::fs::remove_file(path)
+    };
+    removed.or_else(gone_is_fine)
 }
 
 #[cfg(test)]

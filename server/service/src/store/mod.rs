@@ -6,7 +6,8 @@
 //!
 //! | object | what | why it is stored |
 //! |---|---|---|
-//! | `source-volume`, `source-mask` | the uploaded bytes | everything else comes from them |
+//! | `source-volume`, `source-mask` | the uploaded bytes; of DICOM files, the volume made of them | everything else comes from them |
+//! | `source-dicom` | identifying attributes and UIDs of DICOM files | apart from the pixels, read by nothing but its own route |
 //! | `mask` | runs of the working grid | it can be asked for; and an extracted brain must stay what it was |
 //! | `volume` | 16-bit intensities, cropped to the envelope | reading the source means unpacking and checking the whole head |
 //! | `envelope` | runs of the working grid | the closing costs more than reading 20 kB |
@@ -227,11 +228,39 @@ impl Store {
     /// # Errors
     /// When the disk fails.
     pub async fn spool(&self) -> Result<Spool, StoreError> {
-        let directory = match &self.inner.place {
+        Spool::begin(self.scratch()).await
+    }
+
+    /// Where temporary files may be; what a process that is killed leaves there is swept away.
+    pub(crate) fn scratch(&self) -> std::path::PathBuf {
+        match &self.inner.place {
             Place::Directory(directory) => directory.uploads(),
             Place::Temporary(directory) => directory.path().to_owned(),
-        };
-        Spool::begin(directory).await
+        }
+    }
+
+    /// Spools bytes that are at hand.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub async fn spool_all(&self, bytes: bytes::Bytes) -> Result<Spooled, StoreError> {
+        let mut spool = self.spool().await?;
+        spool.write(bytes).await?;
+        spool.finish().await
+    }
+
+    /// A directory for the files of an upload, which goes with its handle.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub(crate) async fn spool_directory(&self) -> Result<TempDir, StoreError> {
+        let scratch = self.scratch();
+        let made = tokio::task::spawn_blocking(move || {
+            tempfile::Builder::new()
+                .prefix("upload-")
+                .tempdir_in(scratch)
+        });
+        Ok(made.await??)
     }
 
     /// One case.

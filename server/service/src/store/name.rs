@@ -9,6 +9,8 @@ pub enum ObjectKind {
     SourceVolume,
     /// The mask as it was uploaded.
     SourceMask,
+    /// Whose head it is, where the volume was made of DICOM files.
+    SourceDicom,
     /// The brain mask on the working grid.
     Mask,
     /// Intensities cropped to the envelope.
@@ -23,9 +25,10 @@ pub enum ObjectKind {
 
 impl ObjectKind {
     /// Every kind.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::SourceVolume,
         Self::SourceMask,
+        Self::SourceDicom,
         Self::Mask,
         Self::Volume,
         Self::Envelope,
@@ -47,6 +50,7 @@ impl ObjectKind {
         match self {
             Self::SourceVolume => "source-volume",
             Self::SourceMask => "source-mask",
+            Self::SourceDicom => "source-dicom",
             Self::Mask => "mask",
             Self::Volume => "volume",
             Self::Envelope => "envelope",
@@ -70,12 +74,16 @@ impl ObjectKind {
             Self::Forest => 5,
             Self::Paths => 6,
             Self::Mask => 7,
+            Self::SourceDicom => 8,
         }
     }
 
     /// Whether it is what a user uploaded, which nothing can replace.
     pub fn is_source(self) -> bool {
-        matches!(self, Self::SourceVolume | Self::SourceMask)
+        matches!(
+            self,
+            Self::SourceVolume | Self::SourceMask | Self::SourceDicom
+        )
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use tempfile::TempPath;
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::StoreError;
 
@@ -96,6 +96,17 @@ impl Spooled {
         self.length == 0
     }
 
+    /// The first bytes.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub(crate) async fn head(&self, length: u64) -> Result<Vec<u8>, StoreError> {
+        let mut head = Vec::new();
+        let file = tokio::fs::File::open(&self.path).await?;
+        file.take(length).read_to_end(&mut head).await?;
+        Ok(head)
+    }
+
     /// All bytes.
     ///
     /// # Errors
@@ -104,7 +115,7 @@ impl Spooled {
         Ok(tokio::fs::read(&self.path).await?.into())
     }
 
-    pub(super) fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 }
@@ -116,4 +127,6 @@ pub struct Upload {
     pub volume: Spooled,
     /// The mask of the brain.
     pub mask: Option<Spooled>,
+    /// Whose head it is, where the volume was made of DICOM files.
+    pub dicom: Option<Spooled>,
 }

@@ -74,7 +74,22 @@ fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) ->
     };
     let mask = digest(ObjectKind::SourceMask);
     let volume = digest(ObjectKind::SourceVolume)?;
+    // The same picture of somebody else is another case.
+    let volume = digest(ObjectKind::SourceDicom).map_or(volume, |dicom| {
+        blake3::Hasher::new()
+            .update(b"isocortex dicom")
+            .update(volume.as_bytes())
+            .update(dicom.as_bytes())
+            .finalize()
+    });
     Some(CaseId::of(&volume, mask.as_ref(), parameters))
+}
+
+impl Upload {
+    /// The name of the case that this is.
+    pub(crate) fn case_id(&self, parameters: &Parameters) -> CaseId {
+        id_of(&source_files(self), parameters).expect("an upload has a volume")
+    }
 }
 
 /// What a case is made of.
@@ -101,13 +116,8 @@ impl Store {
     ) -> Result<Submitted, StoreError> {
         let store = self.clone();
         let submit = async move {
-            let mask = upload.mask.as_ref();
             let inputs = Inputs {
-                id: CaseId::of(
-                    upload.volume.digest(),
-                    mask.map(Spooled::digest),
-                    &parameters,
-                ),
+                id: upload.case_id(&parameters),
                 sources: source_files(&upload),
                 previous: None,
                 parameters,
@@ -162,19 +172,21 @@ impl Store {
         source: Source,
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
-        let mut volume = self.spool().await?;
-        volume.write(source.volume).await?;
-        let volume = volume.finish().await?;
+        let volume = self.spool_all(source.volume).await?;
         let mask = match source.mask {
-            Some(bytes) => {
-                let mut mask = self.spool().await?;
-                mask.write(bytes).await?;
-                Some(mask.finish().await?)
-            }
+            Some(bytes) => Some(self.spool_all(bytes).await?),
             None => None,
         };
-        self.submit_upload(Upload { volume, mask }, parameters)
-            .await
+        let dicom = match source.dicom {
+            Some(bytes) => Some(self.spool_all(bytes).await?),
+            None => None,
+        };
+        let upload = Upload {
+            volume,
+            mask,
+            dicom,
+        };
+        self.submit_upload(upload, parameters).await
     }
 
     /// `None` where a stored source has gone.
@@ -291,7 +303,9 @@ fn source_files(upload: &Upload) -> Vec<(ObjectName, Option<&Spooled>)> {
     let volume = named(ObjectKind::SourceVolume, &upload.volume);
     let mask = upload.mask.as_ref();
     let mask = mask.map(|file| named(ObjectKind::SourceMask, file));
-    std::iter::once(volume).chain(mask).collect()
+    let dicom = upload.dicom.as_ref();
+    let dicom = dicom.map(|file| named(ObjectKind::SourceDicom, file));
+    std::iter::once(volume).chain(mask).chain(dicom).collect()
 }
 
 /// A name that no other act of writing has, in whichever process.

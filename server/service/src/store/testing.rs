@@ -42,6 +42,7 @@ pub(crate) fn facts() -> CaseFacts {
             width: 1.0,
         },
         quality: None,
+        dicom: None,
         timings: vec![(Stage::Reading, 1.0)],
     }
 }

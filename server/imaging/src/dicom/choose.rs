@@ -1,0 +1,274 @@
+//! Files to series, and the series that is meant.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use serde::{Deserialize, Serialize};
+
+use super::DicomError;
+use super::header::{Hints, Image};
+
+/// Fewer slices are no volume.
+pub(super) const FEWEST_SLICES: usize = 3;
+
+/// A head has at least so many slices where it was acquired in three dimensions.
+const SLICES_OF_A_HEAD: usize = 60;
+
+/// A series as messages tell it: nothing in it says whose it is.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeriesSummary {
+    /// The scanner's number of the series.
+    pub number: Option<i64>,
+    /// `MR` or `CT`.
+    pub modality: String,
+    /// Pixels of a row, rows of a slice, and slices.
+    pub size: [usize; 3],
+    /// Eight hexadecimal digits that name the series among those that came with it.
+    pub token: String,
+}
+
+impl fmt::Display for SeriesSummary {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [columns, rows, slices] = self.size;
+        match self.number {
+            Some(number) => write!(formatter, "series {number}")?,
+            None => write!(formatter, "a series without number")?,
+        }
+        write!(
+            formatter,
+            " ({}, {columns} × {rows} × {slices}, token {})",
+            self.modality, self.token
+        )
+    }
+}
+
+/// Which series is meant: its instance UID, its number, or its token.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SeriesName(String);
+
+impl SeriesName {
+    /// The longest name: that of a UID.
+    pub const MAX_LENGTH: usize = 64;
+
+    /// A name of digits, hexadecimal digits and points; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        let allowed = |c: char| c.is_ascii_hexdigit() || c == '.' || c == '-';
+        let fits = (1..=Self::MAX_LENGTH).contains(&text.len());
+        (fits && text.chars().all(allowed)).then(|| Self(text.to_owned()))
+    }
+
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+
+    fn names(&self, series: &Series) -> bool {
+        let summary = series.summary();
+        let number = summary.number.map(|number| number.to_string());
+        self.0 == series.uid || number.as_ref() == Some(&self.0) || summary.token == self.0
+    }
+}
+
+/// The images of one series.
+#[derive(Debug)]
+pub(super) struct Series {
+    uid: String,
+    pub(super) images: Vec<Image>,
+}
+
+impl Series {
+    pub(super) fn summary(&self) -> SeriesSummary {
+        let first = &self.images[0];
+        let mut token = DefaultHasher::new();
+        self.uid.hash(&mut token);
+        let [columns, rows] = match &first.format {
+            Ok(format) => [format.columns, format.rows],
+            Err(_) => [0, 0],
+        };
+        SeriesSummary {
+            number: first.series_number,
+            modality: first.modality.name().to_owned(),
+            size: [columns, rows, self.slices()],
+            token: format!("{:08x}", token.finish() as u32),
+        }
+    }
+
+    fn slices(&self) -> usize {
+        let frames = |image: &Image| image.frames.as_ref().map_or(1, Vec::len);
+        self.images.iter().map(frames).sum()
+    }
+
+    fn could_be_a_volume(&self) -> bool {
+        let usable = |image: &Image| image.format.is_ok() && image.frames.is_ok() && !image.mosaic;
+        self.slices() >= FEWEST_SLICES
+            && self.images.iter().all(usable)
+            && !self.images[0].hints.is_secondary
+    }
+
+    /// Acquired in three dimensions, or with as many slices as that takes.
+    fn is_3d(&self) -> bool {
+        self.images[0].hints.is_3d || self.slices() >= SLICES_OF_A_HEAD
+    }
+}
+
+/// Groups images by series, in the order of their numbers. The same file given twice counts once.
+pub(super) fn group(images: Vec<Image>) -> Vec<Series> {
+    let mut by_uid: BTreeMap<String, Vec<Image>> = BTreeMap::new();
+    for image in images {
+        by_uid
+            .entry(image.series_uid.clone())
+            .or_default()
+            .push(image);
+    }
+    let series = |(uid, mut images): (String, Vec<Image>)| {
+        let name = |image: &Image| (image.sop_instance_uid.clone(), image.file_digest);
+        images.sort_by_cached_key(name);
+        images.dedup_by_key(|image| name(image));
+        Series { uid, images }
+    };
+    let mut all: Vec<Series> = by_uid.into_iter().map(series).collect();
+    all.sort_by_key(|series| series.images[0].series_number);
+    all
+}
+
+/// The series that is named, or else the one that is meant, and the others.
+///
+/// Meant is the one three-dimensional T1-like series; where none is T1-like, the one three-dimensional series; where
+/// there is none either, the only one.
+pub(super) fn choose(
+    mut all: Vec<Series>,
+    name: Option<&SeriesName>,
+) -> Result<(Series, Vec<SeriesSummary>), DicomError> {
+    let summaries = |all: &[Series]| all.iter().map(Series::summary).collect();
+    let chosen = match name {
+        Some(name) => {
+            let named: Vec<usize> = indices(&all, |series| name.names(series));
+            match named[..] {
+                [only] => only,
+                _ => {
+                    return Err(DicomError::NoSuchSeries {
+                        found: summaries(&all),
+                    });
+                }
+            }
+        }
+        None if all.len() == 1 => 0,
+        None => meant(&all)?,
+    };
+    let chosen = all.remove(chosen);
+    Ok((chosen, summaries(&all)))
+}
+
+fn indices(all: &[Series], holds: impl Fn(&Series) -> bool) -> Vec<usize> {
+    (0..all.len()).filter(|&index| holds(&all[index])).collect()
+}
+
+fn meant(all: &[Series]) -> Result<usize, DicomError> {
+    let volumes = indices(all, Series::could_be_a_volume);
+    if volumes.is_empty() {
+        return Err(DicomError::NoVolume {
+            found: all.iter().map(Series::summary).collect(),
+        });
+    }
+    let narrowed = |among: &[usize], holds: &dyn Fn(&Series) -> bool| -> Vec<usize> {
+        let kept = among.iter().copied().filter(|&index| holds(&all[index]));
+        kept.collect()
+    };
+    let mut candidates = volumes;
+    let preferences: [&dyn Fn(&Series) -> bool; 2] =
+        [&Series::is_3d, &|series| is_t1(&series.images[0].hints)];
+    for prefers in preferences {
+        let preferred = narrowed(&candidates, prefers);
+        if !preferred.is_empty() {
+            candidates = preferred;
+        }
+    }
+    match candidates[..] {
+        [only] => Ok(only),
+        _ => Err(DicomError::SeveralSeries {
+            candidates: candidates
+                .iter()
+                .map(|&index| all[index].summary())
+                .collect(),
+        }),
+    }
+}
+
+/// Whether names or timing are those of a T1-weighted image.
+fn is_t1(hints: &Hints) -> bool {
+    const T1: [&str; 12] = [
+        "t1", "mprage", "mp-rage", "mp2rage", "spgr", "bravo", "tfl", "tfe", "vibe", "flash",
+        "ffe", "ir-fspgr",
+    ];
+    const OTHERS: [&str; 22] = [
+        "t2",
+        "flair",
+        "dwi",
+        "dti",
+        "diff",
+        "adc",
+        "swi",
+        "swan",
+        "tof",
+        "angio",
+        "mra",
+        "phase",
+        "field",
+        "asl",
+        "perf",
+        "bold",
+        "epi",
+        "localizer",
+        "scout",
+        "pd_",
+        "ciss",
+        "mip",
+    ];
+    let named = |words: &[&str]| words.iter().any(|word| hints.names.contains(word));
+    if named(&OTHERS) {
+        return false;
+    }
+    let short = |time: Option<f64>, limit| time.is_some_and(|time| time > 0.0 && time < limit);
+    let inverted = hints
+        .inversion_ms
+        .is_some_and(|time| (300.0..1400.0).contains(&time));
+    let timed = short(hints.echo_ms, 12.0) && (short(hints.repetition_ms, 60.0) || inverted);
+    named(&T1) || timed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hints(names: &str, times: [f64; 3]) -> Hints {
+        let [repetition_ms, echo_ms, inversion_ms] = times.map(Some);
+        Hints {
+            names: names.to_owned(),
+            repetition_ms,
+            echo_ms,
+            inversion_ms,
+            ..Hints::default()
+        }
+    }
+
+    #[test]
+    fn a_t1_is_told_by_its_name_or_its_timing() {
+        assert!(is_t1(&hints("t1_mprage_sag", [2300.0, 2.98, 900.0])));
+        assert!(is_t1(&hints("series 5", [2300.0, 2.98, 900.0])));
+        assert!(is_t1(&hints("ax 3d", [8.0, 3.0, 0.0])));
+        assert!(!is_t1(&hints("t2_space_flair", [5000.0, 390.0, 1800.0])));
+        assert!(!is_t1(&hints("ax", [3000.0, 90.0, 0.0])));
+        assert!(!is_t1(&hints("tof_3d", [22.0, 3.4, 0.0])));
+    }
+
+    #[test]
+    fn a_name_is_digits_and_points() {
+        assert!(SeriesName::parse("1.2.840.113619.2").is_some());
+        assert!(SeriesName::parse("3").is_some());
+        assert!(SeriesName::parse("").is_none());
+        assert!(SeriesName::parse("../../x").is_none());
+        assert!(SeriesName::parse(&"1".repeat(65)).is_none());
+    }
+}

@@ -1,0 +1,275 @@
+//! From files to a volume and whose it is.
+
+use geometry::{Grid, Rescale};
+
+use super::attributes::{kept, wanted};
+use super::choose::{Series, choose, group};
+use super::header::{Image, parse, read_image};
+use super::pixels::for_each_frame;
+use super::scan::scan;
+use super::stack::{FrameIndex, Stack, stack};
+use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary};
+use crate::nifti::write_samples;
+use crate::{Format, Limits, sniff};
+
+/// Where the bytes of files come from: a directory, an archive, memory.
+pub trait Files {
+    /// How many files there are.
+    fn count(&self) -> usize;
+
+    /// All bytes of a file, by its number.
+    ///
+    /// # Errors
+    /// When they cannot be read, or are too many.
+    fn read(&mut self, number: usize) -> Result<Vec<u8>, DicomError>;
+}
+
+impl Files for Vec<Vec<u8>> {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn read(&mut self, number: usize) -> Result<Vec<u8>, DicomError> {
+        Ok(self[number].clone())
+    }
+}
+
+/// What may be chosen.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Options {
+    /// The series to take.
+    pub series: Option<SeriesName>,
+    /// Whether single missing slices are interpolated between their neighbours.
+    pub allow_gaps: bool,
+}
+
+/// A series as a volume.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Converted {
+    /// The volume as packed NIfTI-1, its samples as stored in the files. The same series gives the same bytes, in whatever
+    /// order its files come.
+    pub nifti: Vec<u8>,
+    /// Whose head it is.
+    pub attributes: Attributes,
+    /// The series that was taken.
+    pub series: SeriesSummary,
+    /// The others.
+    pub others: Vec<SeriesSummary>,
+    /// Files that are no MR or CT images.
+    pub ignored_files: usize,
+}
+
+/// Makes a volume of one of the series in `files`.
+///
+/// Intensities are the stored values with slope and intercept; where slices differ in these, they are rescaled to real
+/// numbers. MONOCHROME1, which asks for a negative display, does not change them.
+///
+/// # Errors
+/// When there is no such series, several could be meant, or its slices make no volume: see [`DicomError`].
+pub fn convert(
+    files: &mut dyn Files,
+    options: &Options,
+    limits: &Limits,
+) -> Result<Converted, DicomError> {
+    let (images, ignored_files) = read_images(files)?;
+    let (series, others) = choose(group(images), options.series.as_ref())?;
+    check_series(&series)?;
+    let stack = stack(&series, options.allow_gaps)?;
+    check_limits(&stack, limits)?;
+    let grid = Grid::new(stack.size, stack.patient_from_voxel)?;
+    let rescale = common_rescale(&series)?;
+    let mut samples = read_samples(files, &series, &stack, rescale.is_none())?;
+    let interpolated_slices = fill_gaps(&mut samples, &stack, rescale.is_some());
+    let unscaled = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+    Ok(Converted {
+        nifti: write_samples(&grid, &samples, rescale.unwrap_or(unscaled))?,
+        attributes: Attributes {
+            attributes: kept_attributes(files, &series, &stack)?,
+            instances: instances(&series, &stack),
+            interpolated_slices,
+        },
+        series: series.summary(),
+        others,
+        ignored_files,
+    })
+}
+
+/// The headers of all images, and how many files are none.
+fn read_images(files: &mut dyn Files) -> Result<(Vec<Image>, usize), DicomError> {
+    let wanted = wanted();
+    let (mut images, mut dicom) = (Vec::new(), 0);
+    for number in 0..files.count() {
+        let bytes = files.read(number)?;
+        if sniff(&bytes) != Format::Dicom {
+            continue;
+        }
+        dicom += 1;
+        let scanned = scan(&bytes, &wanted)?;
+        images.extend(read_image(number, &bytes, &scanned)?);
+    }
+    match (dicom, images.len()) {
+        (0, _) => Err(DicomError::NoDicom {
+            files: files.count(),
+        }),
+        (files, 0) => Err(DicomError::NoImages { files }),
+        (_, found) => Ok((images, files.count() - found)),
+    }
+}
+
+fn check_series(series: &Series) -> Result<(), DicomError> {
+    if series.images.iter().any(|image| image.mosaic) {
+        return Err(DicomError::Mosaic);
+    }
+    let owner = &series.images[0].owner;
+    let strangers = series.images.iter().filter(|image| image.owner != *owner);
+    let instances: Vec<i64> = strangers.map(Image::first_instance).collect();
+    if instances.is_empty() {
+        Ok(())
+    } else {
+        Err(DicomError::Mixed {
+            kind: "dicom-mixed-patients",
+            what: "patient or study",
+            instances,
+        })
+    }
+}
+
+fn check_limits(stack: &Stack, limits: &Limits) -> Result<(), DicomError> {
+    let voxels: u64 = stack.size.iter().map(|&side| side as u64).product();
+    let limit = limits.max_voxels.min(geometry::MAX_VOXELS) as u64;
+    if voxels > limit {
+        return Err(DicomError::TooManyVoxels { voxels, limit });
+    }
+    if 4 * voxels > limits.max_bytes {
+        return Err(DicomError::TooManyBytes {
+            limit: limits.max_bytes,
+        });
+    }
+    Ok(())
+}
+
+/// Slope and intercept where all slices have the same.
+fn common_rescale(series: &Series) -> Result<Option<Rescale>, DicomError> {
+    let frames = || {
+        series
+            .images
+            .iter()
+            .flat_map(|image| image.frames.iter().flatten())
+    };
+    let unusable = |&[slope, intercept]: &[f64; 2]| {
+        let [slope, intercept] = [slope as f32, intercept as f32];
+        !slope.is_normal() || !intercept.is_finite()
+    };
+    if frames().any(|frame| unusable(&frame.rescale)) {
+        return Err(DicomError::Damaged {
+            what: "a slice has a rescale slope that is zero or beyond single precision",
+        });
+    }
+    let Some(first) = frames().next().map(|frame| frame.rescale) else {
+        return Ok(None);
+    };
+    let all_same = frames().all(|frame| frame.rescale == first);
+    Ok(all_same.then_some(Rescale {
+        slope: first[0] as f32,
+        intercept: first[1] as f32,
+    }))
+}
+
+/// All samples in the order of the stack, as stored, or rescaled. Single precision holds 16 bits exactly.
+fn read_samples(
+    files: &mut dyn Files,
+    series: &Series,
+    stack: &Stack,
+    rescaled: bool,
+) -> Result<Vec<f32>, DicomError> {
+    let plane = stack.size[0] * stack.size[1];
+    let mut samples = zeros(plane * stack.size[2])?;
+    for (number, image) in series.images.iter().enumerate() {
+        let bytes = files.read(image.file)?;
+        let scanned = scan(&bytes, &[])?;
+        let pixels = scanned.pixels().ok_or(DicomError::Damaged {
+            what: "an image has no pixels",
+        })?;
+        for_each_frame(image, &pixels, |frame, header, values| {
+            let index = FrameIndex {
+                image: number,
+                frame,
+            };
+            let Some(place) = stack.slices.iter().position(|slice| *slice == Some(index)) else {
+                return;
+            };
+            let [slope, intercept] = match rescaled {
+                true => header.rescale,
+                false => [1.0, 0.0],
+            };
+            let samples = &mut samples[place * plane..(place + 1) * plane];
+            for (sample, &value) in samples.iter_mut().zip(values) {
+                *sample = (slope * f64::from(value) + intercept) as f32;
+            }
+        })?;
+    }
+    Ok(samples)
+}
+
+fn zeros(count: usize) -> Result<Vec<f32>, DicomError> {
+    let mut samples = Vec::new();
+    samples
+        .try_reserve_exact(count)
+        .map_err(|_| DicomError::OutOfMemory {
+            bytes: 4 * count as u64,
+        })?;
+    samples.resize(count, 0.0);
+    Ok(samples)
+}
+
+/// Interpolates missing slices between their neighbours; answers their numbers, from 1.
+fn fill_gaps(samples: &mut [f32], stack: &Stack, whole: bool) -> Vec<usize> {
+    let plane = stack.size[0] * stack.size[1];
+    let is_there = |place: &usize| stack.slices[*place].is_some();
+    let missing: Vec<usize> = (0..stack.slices.len())
+        .filter(|place| !is_there(place))
+        .collect();
+    for &place in &missing {
+        let before = (0..place).rev().find(is_there).expect("the first is there");
+        let mut later = place + 1..stack.slices.len();
+        let after = later.find(is_there).expect("the last is there");
+        let share = (place - before) as f32 / (after - before) as f32;
+        for pixel in 0..plane {
+            let [low, high] = [before, after].map(|place| samples[place * plane + pixel]);
+            let value = low + (high - low) * share;
+            samples[place * plane + pixel] = if whole { value.round() } else { value };
+        }
+    }
+    missing.into_iter().map(|place| place + 1).collect()
+}
+
+/// The attributes of the first slice.
+fn kept_attributes(
+    files: &mut dyn Files,
+    series: &Series,
+    stack: &Stack,
+) -> Result<Vec<(String, String)>, DicomError> {
+    let Some(Some(first)) = stack.slices.first() else {
+        return Ok(Vec::new());
+    };
+    let bytes = files.read(series.images[first.image].file)?;
+    Ok(kept(&parse(&scan(&bytes, &wanted())?)?))
+}
+
+fn instances(series: &Series, stack: &Stack) -> Vec<Instance> {
+    let frames = stack.slices.iter().flatten();
+    frames
+        .map(|index| {
+            let image = &series.images[index.image];
+            let several = image.frames.as_ref().is_ok_and(|frames| frames.len() > 1);
+            Instance {
+                sop_class_uid: image.sop_class_uid.clone(),
+                sop_instance_uid: image.sop_instance_uid.clone(),
+                frame: several.then_some(index.frame + 1),
+            }
+        })
+        .collect()
+}

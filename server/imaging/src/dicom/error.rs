@@ -1,0 +1,295 @@
+//! What can be wrong with DICOM files.
+
+use geometry::GeometryError;
+
+use super::SeriesSummary;
+use crate::ImagingError;
+
+/// Why no volume can be made of some DICOM files.
+///
+/// Messages count slices from 1, in their order along the normal; they hold numbers of the headers and words of the
+/// standard, never texts of a file.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DicomError {
+    /// No file is DICOM.
+    #[error("none of the {files} files is DICOM")]
+    NoDicom {
+        /// Files looked at.
+        files: usize,
+    },
+    /// There are DICOM files, but no MR or CT images.
+    #[error("none of the {files} DICOM files is an MR or CT image")]
+    NoImages {
+        /// DICOM files looked at.
+        files: usize,
+    },
+    /// A file cannot be read from where it is.
+    #[error("a file cannot be read: {what}")]
+    Unreadable {
+        /// What is wrong, without names.
+        what: String,
+    },
+    /// More files than allowed.
+    #[error("there are more than {limit} files")]
+    TooManyFiles {
+        /// The limit.
+        limit: usize,
+    },
+    /// More bytes than allowed.
+    #[error("the files take more than the allowed {limit} bytes, unpacked")]
+    TooManyBytes {
+        /// The limit.
+        limit: u64,
+    },
+    /// More voxels than allowed.
+    #[error("the series has {voxels} voxels; the limit is {limit}")]
+    TooManyVoxels {
+        /// Voxels of the series.
+        voxels: u64,
+        /// The limit.
+        limit: u64,
+    },
+    /// Several series could be meant.
+    #[error(
+        "there are {} series that could be meant; name one with `series`: {}",
+        .candidates.len(), list(.candidates)
+    )]
+    SeveralSeries {
+        /// Those.
+        candidates: Vec<SeriesSummary>,
+    },
+    /// No series makes a volume.
+    #[error("no series is a volume of at least 3 slices: {}", list(.found))]
+    NoVolume {
+        /// What there is.
+        found: Vec<SeriesSummary>,
+    },
+    /// The named series is not there.
+    #[error("there is no such series, or not only one; there are: {}", list(.found))]
+    NoSuchSeries {
+        /// What there is.
+        found: Vec<SeriesSummary>,
+    },
+    /// Slices of a Siemens mosaic are tiles of one image.
+    #[error(
+        "the series is a Siemens mosaic, a time series whose slices are tiles of one picture; it is no anatomical volume"
+    )]
+    Mosaic,
+    /// Too few slices for a volume.
+    #[error("the series has {slices} slices; a volume needs at least 3")]
+    TooFewSlices {
+        /// How many there are.
+        slices: usize,
+    },
+    /// Slices are missing.
+    #[error(
+        "{} {} missing ({}); {hint}",
+        count(missing.len(), "slice"), if missing.len() == 1 { "is" } else { "are" }, numbers(missing)
+    )]
+    SlicesMissing {
+        /// Their numbers in the whole volume, from 1.
+        missing: Vec<usize>,
+        /// What could be done.
+        hint: &'static str,
+    },
+    /// Slices lie in one another's place.
+    #[error("{} in the same place as another: {}", count(instances.len(), "slice"), instance_numbers(instances))]
+    SlicesDoubled {
+        /// Instance numbers, or frame numbers, of the slices that are too many.
+        instances: Vec<i64>,
+    },
+    /// The distances between slices differ.
+    #[error(
+        "the slices are unevenly spaced: most are {usual_mm:.3} mm apart, but slices {} and {} are {found_mm:.3} mm apart",
+        .after, .after + 1
+    )]
+    SlicesUneven {
+        /// The median distance.
+        usual_mm: f64,
+        /// A distance that differs.
+        found_mm: f64,
+        /// Number of the slice before it.
+        after: usize,
+    },
+    /// Slices are sheared against each other.
+    #[error(
+        "the slices are shifted against each other: the stack leans by {degrees:.1}° from slice 1 to {slices}, as with a tilted gantry"
+    )]
+    GantryTilt {
+        /// Angle between the stack and the normal of its slices.
+        degrees: f64,
+        /// How many slices there are.
+        slices: usize,
+    },
+    /// Slices are shifted irregularly.
+    #[error("slice {slice} lies {shift_mm:.2} mm beside the line through the others")]
+    SliceShifted {
+        /// Its number.
+        slice: usize,
+        /// How far it is off.
+        shift_mm: f64,
+    },
+    /// Several acquisitions share one series.
+    #[error(
+        "the series holds {acquisitions} acquisitions of {slices} slices each, which differ in {difference}; export one of them by itself"
+    )]
+    SeveralAcquisitions {
+        /// How many.
+        acquisitions: usize,
+        /// Slices of each.
+        slices: usize,
+        /// In what they differ.
+        difference: &'static str,
+    },
+    /// Slices differ in what all of a volume must share.
+    #[error("the slices differ in {what}: {}", instance_numbers(instances))]
+    Mixed {
+        /// Last part of the problem's type.
+        kind: &'static str,
+        /// In what.
+        what: &'static str,
+        /// Instance numbers of those that differ from the most.
+        instances: Vec<i64>,
+    },
+    /// A slice does not say where it is.
+    #[error("{}: {}", what, instance_numbers(instances))]
+    NotPlaced {
+        /// What is missing or unusable.
+        what: &'static str,
+        /// Instance numbers of the slices.
+        instances: Vec<i64>,
+    },
+    /// Something of the standard that is not supported.
+    #[error("{what} cannot be read; convert the series with another program, such as dcm2niix")]
+    Unsupported {
+        /// What.
+        what: &'static str,
+    },
+    /// The structure of a file is damaged.
+    #[error("a DICOM file is damaged: {what}")]
+    Damaged {
+        /// What is wrong with it.
+        what: &'static str,
+    },
+    /// The pixels of a slice cannot be decoded.
+    #[error("the pixels of the slice with the instance number {instance} cannot be read: {what}")]
+    Pixels {
+        /// Its instance number, or the number of its frame.
+        instance: i64,
+        /// What is wrong with them.
+        what: &'static str,
+    },
+    /// There is no memory.
+    #[error("there is not enough memory for {bytes} bytes")]
+    OutOfMemory {
+        /// What was asked for.
+        bytes: u64,
+    },
+    /// The volume cannot be placed.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+    /// The volume cannot be written.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+}
+
+impl DicomError {
+    /// A stable name in kebab case.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::NoDicom { .. } => "dicom-none",
+            Self::NoImages { .. } => "dicom-no-images",
+            Self::Unreadable { .. } => "dicom-unreadable",
+            Self::TooManyFiles { .. } => "too-many-files",
+            Self::TooManyBytes { .. } => "too-many-bytes",
+            Self::TooManyVoxels { .. } => "too-many-voxels",
+            Self::SeveralSeries { .. } => "dicom-several-series",
+            Self::NoVolume { .. } => "dicom-no-volume",
+            Self::NoSuchSeries { .. } => "dicom-series-unknown",
+            Self::Mosaic => "dicom-mosaic",
+            Self::TooFewSlices { .. } => "dicom-too-few-slices",
+            Self::SlicesMissing { .. } => "dicom-slices-missing",
+            Self::SlicesDoubled { .. } => "dicom-slices-doubled",
+            Self::SlicesUneven { .. } => "dicom-slices-uneven",
+            Self::GantryTilt { .. } => "dicom-gantry-tilt",
+            Self::SliceShifted { .. } => "dicom-slice-shifted",
+            Self::SeveralAcquisitions { .. } => "dicom-several-acquisitions",
+            Self::Mixed { kind, .. } => kind,
+            Self::NotPlaced { .. } => "dicom-not-placed",
+            Self::Unsupported { .. } => "dicom-unsupported",
+            Self::Damaged { .. } => "dicom-damaged",
+            Self::Pixels { .. } => "dicom-pixels",
+            Self::OutOfMemory { .. } => "out-of-memory",
+            Self::Geometry(_) => "geometry",
+            Self::Imaging(error) => error.kind(),
+        }
+    }
+
+    /// Whether the files are refused for their size alone.
+    pub fn is_too_large(&self) -> bool {
+        matches!(
+            self,
+            Self::TooManyFiles { .. } | Self::TooManyBytes { .. } | Self::TooManyVoxels { .. }
+        )
+    }
+}
+
+/// How many numbers an error lists.
+const LISTED: usize = 8;
+
+fn list(series: &[SeriesSummary]) -> String {
+    let mut listed: Vec<String> = series
+        .iter()
+        .take(LISTED)
+        .map(ToString::to_string)
+        .collect();
+    if series.len() > LISTED {
+        listed.push(format!("and {} more", series.len() - LISTED));
+    }
+    listed.join("; ")
+}
+
+fn count(number: usize, noun: &str) -> String {
+    let plural = if number == 1 { "" } else { "s" };
+    format!("{number} {noun}{plural}")
+}
+
+/// Numbers, with runs written as such: `3, 5–9`.
+fn numbers(sorted: &[usize]) -> String {
+    let mut runs: Vec<[usize; 2]> = Vec::new();
+    for &number in sorted {
+        match runs.last_mut() {
+            Some(run) if run[1] + 1 == number => run[1] = number,
+            _ => runs.push([number; 2]),
+        }
+    }
+    let more = runs.len().saturating_sub(LISTED);
+    let mut listed: Vec<String> = runs
+        .iter()
+        .take(LISTED)
+        .map(|&[first, last]| match last - first {
+            0 => first.to_string(),
+            _ => format!("{first}–{last}"),
+        })
+        .collect();
+    if more > 0 {
+        listed.push("…".to_owned());
+    }
+    format!("number {}", listed.join(", "))
+}
+
+fn instance_numbers(instances: &[i64]) -> String {
+    let listed: Vec<String> = instances
+        .iter()
+        .take(LISTED)
+        .map(ToString::to_string)
+        .collect();
+    let more = instances.len().saturating_sub(LISTED);
+    let more = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
+    format!("instance number {}{more}", listed.join(", "))
+}

@@ -1,0 +1,425 @@
+//! What the headers of images say, as plain numbers.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use dicom_core::Tag;
+use dicom_dictionary_std::tags;
+use dicom_object::InMemDicomObject;
+use dicom_transfer_syntax_registry::entries;
+use glam::DVec3;
+
+use super::DicomError;
+use super::scan::Scanned;
+use super::syntax::{Encoding, Packing};
+
+/// The most frames of an image.
+const MAX_FRAMES: usize = 1 << 16;
+
+/// How far the axes of an image may be from orthonormal.
+const AXES_TOLERANCE: f64 = 1e-3;
+
+/// An image, which may hold several frames.
+#[derive(Debug, Clone)]
+pub(super) struct Image {
+    /// Its number among the files.
+    pub(super) file: usize,
+    /// A digest of the whole file, to find the same file given twice.
+    pub(super) file_digest: u64,
+    pub(super) sop_class_uid: String,
+    pub(super) sop_instance_uid: String,
+    pub(super) series_uid: String,
+    /// Patient and study: those of one series must agree.
+    pub(super) owner: [String; 2],
+    pub(super) series_number: Option<i64>,
+    pub(super) modality: Modality,
+    pub(super) hints: Hints,
+    /// What is wrong with a series matters when it is taken, not when it lies beside another.
+    pub(super) format: Result<PixelFormat, DicomError>,
+    pub(super) packing: Packing,
+    pub(super) mosaic: bool,
+    pub(super) frames: Result<Vec<Frame>, DicomError>,
+}
+
+impl Image {
+    /// The instance number of its first frame.
+    pub(super) fn first_instance(&self) -> i64 {
+        let frames = self.frames.as_deref().unwrap_or_default();
+        frames.first().map_or(0, |frame| frame.instance)
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(super) enum Modality {
+    Mr,
+    Ct,
+}
+
+impl Modality {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Mr => "MR",
+            Self::Ct => "CT",
+        }
+    }
+}
+
+/// What tells a T1 head from other images.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Hints {
+    /// The acquisition was three-dimensional.
+    pub(super) is_3d: bool,
+    /// A view to plan others on, or one that was computed from others.
+    pub(super) is_secondary: bool,
+    /// Names that the scanner or its user gave, in lower case.
+    pub(super) names: String,
+    pub(super) repetition_ms: Option<f64>,
+    pub(super) echo_ms: Option<f64>,
+    pub(super) inversion_ms: Option<f64>,
+}
+
+/// How the pixels of all frames are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct PixelFormat {
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    pub(super) bits_allocated: u32,
+    pub(super) bits_stored: u32,
+    pub(super) high_bit: u32,
+    pub(super) signed: bool,
+    pub(super) big_endian: bool,
+}
+
+/// One slice of an image.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Frame {
+    /// Its instance number, or its number among the frames.
+    pub(super) instance: i64,
+    /// Centre of the first pixel, in LPS mm.
+    pub(super) position: Option<DVec3>,
+    /// Directions along a row and down a column.
+    pub(super) axes: Option<[DVec3; 2]>,
+    /// Distances between columns and between rows, in mm.
+    pub(super) spacing_mm: Option<[f64; 2]>,
+    /// Slope and intercept.
+    pub(super) rescale: [f64; 2],
+    /// What sets repeated acquisitions apart, in the order of [`DIFFERENCES`].
+    pub(super) acquisition: [Option<i64>; 5],
+}
+
+/// What sets repeated acquisitions apart.
+pub(super) const DIFFERENCES: [&str; 5] = [
+    "echo time",
+    "acquisition number",
+    "time",
+    "diffusion weighting",
+    "image type",
+];
+
+/// MR and CT, classic, Enhanced and legacy-converted (PS3.4 B.5).
+fn modality_of(sop_class_uid: &str) -> Option<Modality> {
+    match sop_class_uid.strip_prefix("1.2.840.10008.5.1.4.1.1.")? {
+        "4" | "4.1" | "4.4" => Some(Modality::Mr),
+        "2" | "2.1" | "2.2" => Some(Modality::Ct),
+        _ => None,
+    }
+}
+
+/// The wanted part of a data set.
+pub(super) fn parse(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
+    let syntax = match scanned.syntax.encoding {
+        Encoding::ImplicitLittle => entries::IMPLICIT_VR_LITTLE_ENDIAN.erased(),
+        Encoding::ExplicitLittle => entries::EXPLICIT_VR_LITTLE_ENDIAN.erased(),
+        Encoding::ExplicitBig => entries::EXPLICIT_VR_BIG_ENDIAN.erased(),
+    };
+    InMemDicomObject::read_dataset_with_ts(&scanned.header[..], &syntax).map_err(|_| {
+        DicomError::Damaged {
+            what: "its header cannot be parsed",
+        }
+    })
+}
+
+/// The image in a file; `None` for what is no MR or CT image.
+pub(super) fn read_image(
+    file: usize,
+    bytes: &[u8],
+    scanned: &Scanned,
+) -> Result<Option<Image>, DicomError> {
+    let object = parse(scanned)?;
+    let sop_class_uid = text(&object, tags::SOP_CLASS_UID).unwrap_or_default();
+    let Some(modality) = modality_of(&sop_class_uid) else {
+        return Ok(None);
+    };
+    if scanned.pixels().is_none() {
+        return Err(DicomError::Damaged {
+            what: "an image has no pixels",
+        });
+    }
+    let series_uid = text(&object, tags::SERIES_INSTANCE_UID).unwrap_or_default();
+    let mut digest = DefaultHasher::new();
+    bytes.hash(&mut digest);
+    Ok(Some(Image {
+        file,
+        file_digest: digest.finish(),
+        sop_class_uid,
+        sop_instance_uid: text(&object, tags::SOP_INSTANCE_UID).unwrap_or_default(),
+        series_uid,
+        owner: [tags::PATIENT_ID, tags::STUDY_INSTANCE_UID]
+            .map(|tag| text(&object, tag).unwrap_or_default()),
+        series_number: integer(&object, tags::SERIES_NUMBER),
+        modality,
+        hints: hints(&object),
+        format: pixel_format(&object, scanned.syntax.encoding),
+        packing: scanned.syntax.packing,
+        mosaic: image_type(&object).split('\\').any(|word| word == "MOSAIC"),
+        frames: frames(&object),
+    }))
+}
+
+/// An attribute's text, without padding.
+pub(super) fn text(object: &InMemDicomObject, tag: Tag) -> Option<String> {
+    let value = object.get(tag)?.to_str().ok()?;
+    let text = value.trim_matches(['\0', ' ']);
+    Some(text.chars().filter(|c| !c.is_control()).collect())
+}
+
+fn reals(object: &InMemDicomObject, tag: Tag) -> Option<Vec<f64>> {
+    let values = object.get(tag)?.to_multi_float64().ok()?;
+    values
+        .iter()
+        .all(|value| value.is_finite())
+        .then_some(values)
+}
+
+fn real(object: &InMemDicomObject, tag: Tag) -> Option<f64> {
+    reals(object, tag)?.first().copied()
+}
+
+fn integer(object: &InMemDicomObject, tag: Tag) -> Option<i64> {
+    object.get(tag)?.to_int().ok()
+}
+
+fn image_type(object: &InMemDicomObject) -> String {
+    text(object, tags::IMAGE_TYPE)
+        .unwrap_or_default()
+        .to_ascii_uppercase()
+}
+
+fn hints(object: &InMemDicomObject) -> Hints {
+    let names = [
+        tags::SERIES_DESCRIPTION,
+        tags::PROTOCOL_NAME,
+        tags::SEQUENCE_NAME,
+    ];
+    let names = names.map(|tag| text(object, tag).unwrap_or_default());
+    let types = image_type(object);
+    let secondary = ["LOCALIZER", "PROJECTION IMAGE", "MIP", "MINIP", "SCOUT"];
+    Hints {
+        is_3d: text(object, tags::MR_ACQUISITION_TYPE).as_deref() == Some("3D"),
+        is_secondary: types
+            .split('\\')
+            .any(|word| secondary.contains(&word.trim())),
+        names: format!("{} {types}", names.join(" ")).to_lowercase(),
+        repetition_ms: real(object, tags::REPETITION_TIME),
+        echo_ms: real(object, tags::ECHO_TIME),
+        inversion_ms: real(object, tags::INVERSION_TIME),
+    }
+}
+
+fn pixel_format(object: &InMemDicomObject, encoding: Encoding) -> Result<PixelFormat, DicomError> {
+    let number = |tag| integer(object, tag).and_then(|number| u32::try_from(number).ok());
+    let needed = |tag| {
+        number(tag).ok_or(DicomError::Damaged {
+            what: "an image does not say how its pixels are stored",
+        })
+    };
+    if number(tags::SAMPLES_PER_PIXEL).unwrap_or(1) != 1 {
+        return Err(DicomError::Unsupported {
+            what: "an image in colour",
+        });
+    }
+    let photometric = text(object, tags::PHOTOMETRIC_INTERPRETATION).unwrap_or_default();
+    if !matches!(photometric.as_str(), "" | "MONOCHROME1" | "MONOCHROME2") {
+        return Err(DicomError::Unsupported {
+            what: "an image in colour",
+        });
+    }
+    if object.get(tags::MODALITY_LUT_SEQUENCE).is_some() {
+        return Err(DicomError::Unsupported {
+            what: "an image whose intensities are in a look-up table",
+        });
+    }
+    let bits_allocated = needed(tags::BITS_ALLOCATED)?;
+    let bits_stored = number(tags::BITS_STORED).unwrap_or(bits_allocated);
+    let format = PixelFormat {
+        rows: needed(tags::ROWS)? as usize,
+        columns: needed(tags::COLUMNS)? as usize,
+        bits_allocated,
+        bits_stored,
+        high_bit: number(tags::HIGH_BIT).unwrap_or(bits_stored.saturating_sub(1)),
+        signed: number(tags::PIXEL_REPRESENTATION).unwrap_or(0) == 1,
+        big_endian: encoding == Encoding::ExplicitBig,
+    };
+    check_format(&format)?;
+    Ok(format)
+}
+
+fn check_format(format: &PixelFormat) -> Result<(), DicomError> {
+    if !matches!(format.bits_allocated, 8 | 16) {
+        return Err(DicomError::Unsupported {
+            what: "an image whose pixels have neither 8 nor 16 bits",
+        });
+    }
+    let bits = 1..=format.bits_allocated;
+    let high = format.bits_stored.saturating_sub(1)..format.bits_allocated;
+    if !bits.contains(&format.bits_stored) || !high.contains(&format.high_bit) {
+        return Err(DicomError::Damaged {
+            what: "an image has more bits stored than allocated",
+        });
+    }
+    let sides = 1..=u16::MAX.into();
+    if !sides.contains(&format.rows) || !sides.contains(&format.columns) {
+        return Err(DicomError::Damaged {
+            what: "an image has no pixels",
+        });
+    }
+    Ok(())
+}
+
+/// The frames of an image, or the one of a classic image.
+fn frames(object: &InMemDicomObject) -> Result<Vec<Frame>, DicomError> {
+    let per_frame = object
+        .get(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE)
+        .and_then(|sequence| sequence.items());
+    let stated = integer(object, tags::NUMBER_OF_FRAMES).unwrap_or(1);
+    let Some(per_frame) = per_frame else {
+        return if stated == 1 {
+            Ok(vec![classic_frame(object)])
+        } else {
+            Err(DicomError::Unsupported {
+                what: "a multi-frame image without per-frame functional groups",
+            })
+        };
+    };
+    if per_frame.len() as i64 != stated || per_frame.len() > MAX_FRAMES {
+        return Err(DicomError::Damaged {
+            what: "an image does not describe as many frames as it has",
+        });
+    }
+    let shared = object
+        .get(tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE)
+        .and_then(|sequence| sequence.items()?.first());
+    let numbered = per_frame.iter().enumerate();
+    Ok(numbered
+        .map(|(index, groups)| grouped_frame(object, shared, groups, index))
+        .collect())
+}
+
+fn vector(values: &[f64]) -> Option<DVec3> {
+    let values: [f64; 3] = values.try_into().ok()?;
+    Some(DVec3::from_array(values))
+}
+
+/// Position, orientation and spacing, each from where it is.
+fn placed(
+    position: Option<&InMemDicomObject>,
+    orientation: Option<&InMemDicomObject>,
+    measures: Option<&InMemDicomObject>,
+) -> (Option<DVec3>, Option<[DVec3; 2]>, Option<[f64; 2]>) {
+    let position = position.and_then(|group| reals(group, tags::IMAGE_POSITION_PATIENT));
+    let orientation = orientation.and_then(|group| reals(group, tags::IMAGE_ORIENTATION_PATIENT));
+    let spacing = measures.and_then(|group| reals(group, tags::PIXEL_SPACING));
+    let axes = orientation.and_then(|cosines| {
+        let [row, column] = [cosines.get(..3)?, cosines.get(3..)?].map(vector);
+        orthonormal(row?, column?)
+    });
+    let spacing = spacing.and_then(|spacing| match spacing[..] {
+        // The distance between rows comes first (PS3.3 §10.7.1.3).
+        [rows, columns] if rows > 0.0 && columns > 0.0 => Some([columns, rows]),
+        _ => None,
+    });
+    (position.as_deref().and_then(vector), axes, spacing)
+}
+
+/// Both directions, of length 1, if they are orthogonal but for rounding.
+fn orthonormal(row: DVec3, column: DVec3) -> Option<[DVec3; 2]> {
+    let lengths = [row.length(), column.length()];
+    let sound = lengths
+        .iter()
+        .all(|length| (length - 1.0).abs() < AXES_TOLERANCE)
+        && row.dot(column).abs() < AXES_TOLERANCE;
+    sound.then(|| [row / lengths[0], column / lengths[1]])
+}
+
+/// In whole thousandths, to be compared.
+fn thousandths(value: f64) -> i64 {
+    (value * 1000.0).round() as i64
+}
+
+fn hash_of(text: &str) -> i64 {
+    let mut hasher = DefaultHasher::new();
+    text.hash(&mut hasher);
+    hasher.finish() as i64
+}
+
+fn classic_frame(object: &InMemDicomObject) -> Frame {
+    let (position, axes, spacing_mm) = placed(Some(object), Some(object), Some(object));
+    Frame {
+        instance: integer(object, tags::INSTANCE_NUMBER).unwrap_or(0),
+        position,
+        axes,
+        spacing_mm,
+        rescale: rescale(object),
+        acquisition: [
+            real(object, tags::ECHO_TIME).map(thousandths),
+            integer(object, tags::ACQUISITION_NUMBER),
+            integer(object, tags::TEMPORAL_POSITION_IDENTIFIER),
+            real(object, tags::DIFFUSION_B_VALUE).map(thousandths),
+            Some(hash_of(&image_type(object))),
+        ],
+    }
+}
+
+fn rescale(object: &InMemDicomObject) -> [f64; 2] {
+    [
+        real(object, tags::RESCALE_SLOPE).unwrap_or(1.0),
+        real(object, tags::RESCALE_INTERCEPT).unwrap_or(0.0),
+    ]
+}
+
+/// A frame of an Enhanced image: what its own groups do not say, the shared ones do.
+fn grouped_frame(
+    object: &InMemDicomObject,
+    shared: Option<&InMemDicomObject>,
+    own: &InMemDicomObject,
+    index: usize,
+) -> Frame {
+    let group = |tag: Tag| {
+        let source = [Some(own), shared].into_iter().flatten();
+        source
+            .filter_map(|groups| groups.get(tag)?.items()?.first())
+            .next()
+    };
+    let (position, axes, spacing_mm) = placed(
+        group(tags::PLANE_POSITION_SEQUENCE),
+        group(tags::PLANE_ORIENTATION_SEQUENCE),
+        group(tags::PIXEL_MEASURES_SEQUENCE),
+    );
+    let content = group(tags::FRAME_CONTENT_SEQUENCE);
+    let echo = group(tags::MR_ECHO_SEQUENCE);
+    Frame {
+        instance: index as i64 + 1,
+        position,
+        axes,
+        spacing_mm,
+        rescale: group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE)
+            .map_or_else(|| rescale(object), rescale),
+        acquisition: [
+            echo.and_then(|group| real(group, tags::EFFECTIVE_ECHO_TIME))
+                .map(thousandths),
+            None,
+            content.and_then(|group| integer(group, tags::TEMPORAL_POSITION_INDEX)),
+            None,
+            None,
+        ],
+    }
+}

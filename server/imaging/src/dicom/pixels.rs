@@ -1,0 +1,231 @@
+//! The pixels of frames, as whole numbers.
+
+use super::header::{Frame, Image, PixelFormat};
+use super::scan::PixelBytes;
+use super::syntax::Packing;
+use super::{DicomError, jpeg_2000, jpeg_lossless, jpeg_ls, rle};
+
+/// Decodes all frames of an image and hands each, with its number from 0, to `take`.
+pub(super) fn for_each_frame(
+    image: &Image,
+    pixels: &PixelBytes,
+    mut take: impl FnMut(usize, &Frame, &[i32]),
+) -> Result<(), DicomError> {
+    let format = image.format.as_ref().map_err(Clone::clone)?;
+    let frames = image.frames.as_ref().map_err(Clone::clone)?;
+    let source = Source {
+        format,
+        packing: image.packing,
+        pixels,
+        frames: frames.len(),
+    };
+    for (number, frame) in frames.iter().enumerate() {
+        let samples = source.decode(number).map_err(|refusal| match refusal {
+            Refusal::Unsupported(what) => DicomError::Unsupported { what },
+            Refusal::Damaged(what) => DicomError::Pixels {
+                instance: frame.instance,
+                what,
+            },
+        })?;
+        take(number, frame, &samples);
+    }
+    Ok(())
+}
+
+/// The pixels of an image.
+struct Source<'a> {
+    format: &'a PixelFormat,
+    packing: Packing,
+    pixels: &'a PixelBytes<'a>,
+    frames: usize,
+}
+
+enum Refusal {
+    Unsupported(&'static str),
+    Damaged(&'static str),
+}
+
+impl From<&'static str> for Refusal {
+    fn from(what: &'static str) -> Self {
+        Self::Damaged(what)
+    }
+}
+
+impl Source<'_> {
+    fn decode(&self, frame: usize) -> Result<Vec<i32>, Refusal> {
+        let format = self.format;
+        let size = [format.columns, format.rows];
+        let count = format.columns * format.rows;
+        let bytes_per_sample = (format.bits_allocated / 8) as usize;
+        let packed = || self.packed(frame);
+        Ok(match self.packing {
+            Packing::Native => native(
+                self.native(frame, count * bytes_per_sample)?,
+                format,
+                format.big_endian,
+            ),
+            Packing::Rle => {
+                let samples = rle::decode(&packed()?, count, bytes_per_sample)?;
+                native(&samples, format, false)
+            }
+            Packing::Jpeg => whole(jpeg_lossless::decode(&packed()?, size)?, count, format)?,
+            Packing::JpegLs => whole(jpeg_ls::decode(&packed()?, size)?, count, format)?,
+            Packing::Jpeg2000 => jpeg_2000_samples(&packed()?, size, format)?,
+            Packing::Unsupported(name) => return Err(Refusal::Unsupported(name)),
+        })
+    }
+
+    /// The bytes of a frame that is not packed.
+    fn native(&self, frame: usize, length: usize) -> Result<&[u8], &'static str> {
+        let PixelBytes::Native(bytes) = self.pixels else {
+            return Err("its pixels are packed, though its header says otherwise");
+        };
+        let range = frame * length..(frame + 1) * length;
+        bytes.get(range).ok_or("its pixels are cut off")
+    }
+
+    /// The bytes of a packed frame.
+    fn packed(&self, frame: usize) -> Result<Vec<u8>, &'static str> {
+        let PixelBytes::Encapsulated { offsets, fragments } = self.pixels else {
+            return Err("its pixels are not packed, though its header says so");
+        };
+        gather(offsets, fragments, frame, self.frames)
+    }
+}
+
+fn whole(samples: Vec<u16>, count: usize, format: &PixelFormat) -> Result<Vec<i32>, &'static str> {
+    if samples.len() != count {
+        return Err("it has another number of pixels than its header says");
+    }
+    let stored = Stored::of(format);
+    Ok(samples.into_iter().map(|raw| stored.value(raw)).collect())
+}
+
+fn jpeg_2000_samples(
+    packed: &[u8],
+    size: [usize; 2],
+    format: &PixelFormat,
+) -> Result<Vec<i32>, &'static str> {
+    let (mut samples, bits, signed) = jpeg_2000::decode(packed, size)?;
+    // Some writers code signed pixels as if they were unsigned: the bits are those of the two's complement.
+    if format.signed && !signed {
+        let unused = 32 - bits;
+        for sample in &mut samples {
+            *sample = *sample << unused >> unused;
+        }
+    }
+    Ok(samples)
+}
+
+/// The packed bytes of a frame: its fragments in a row.
+fn gather(
+    offsets: &[u8],
+    fragments: &[&[u8]],
+    frame: usize,
+    frames: usize,
+) -> Result<Vec<u8>, &'static str> {
+    if frames == 1 {
+        return Ok(fragments.concat());
+    }
+    if fragments.len() == frames {
+        return Ok(fragments[frame].to_vec());
+    }
+    let starts: Vec<usize> = offsets
+        .chunks_exact(4)
+        .map(|bytes| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) as usize)
+        .collect();
+    if starts.len() != frames {
+        return Err("it does not say which fragments belong to which frame");
+    }
+    let end = starts.get(frame + 1).copied().unwrap_or(usize::MAX);
+    let mut at = 0;
+    let mut packed = Vec::new();
+    for fragment in fragments {
+        if (starts[frame]..end).contains(&at) {
+            packed.extend_from_slice(fragment);
+        }
+        // Each fragment has a head of 8 bytes.
+        at += 8 + fragment.len();
+    }
+    Ok(packed)
+}
+
+/// Which bits of a stored sample are its value.
+#[derive(Clone, Copy)]
+struct Stored {
+    above: u32,
+    below: u32,
+    signed: bool,
+}
+
+impl Stored {
+    fn of(format: &PixelFormat) -> Self {
+        Self {
+            above: 31 - format.high_bit,
+            below: 32 - format.bits_stored,
+            signed: format.signed,
+        }
+    }
+
+    /// What lies above the high bit, such as overlays of old, is cut off.
+    fn value(self, raw: u16) -> i32 {
+        let high = u32::from(raw) << self.above;
+        if self.signed {
+            high as i32 >> self.below
+        } else {
+            (high >> self.below) as i32
+        }
+    }
+}
+
+fn native(bytes: &[u8], format: &PixelFormat, big_endian: bool) -> Vec<i32> {
+    let stored = Stored::of(format);
+    match (format.bits_allocated, big_endian) {
+        (8, _) => bytes.iter().map(|&raw| stored.value(raw.into())).collect(),
+        (_, false) => bytes
+            .chunks_exact(2)
+            .map(|raw| stored.value(u16::from_le_bytes([raw[0], raw[1]])))
+            .collect(),
+        (_, true) => bytes
+            .chunks_exact(2)
+            .map(|raw| stored.value(u16::from_be_bytes([raw[0], raw[1]])))
+            .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn format(bits_stored: u32, high_bit: u32, signed: bool) -> PixelFormat {
+        PixelFormat {
+            rows: 1,
+            columns: 1,
+            bits_allocated: 16,
+            bits_stored,
+            high_bit,
+            signed,
+            big_endian: false,
+        }
+    }
+
+    #[test]
+    fn only_the_stored_bits_count_and_the_highest_may_be_a_sign() {
+        let of = |bits, high, signed, raw| Stored::of(&format(bits, high, signed)).value(raw);
+        assert_eq!(of(12, 11, false, 0xF123), 0x123);
+        assert_eq!(of(12, 11, true, 0x0FFF), -1);
+        assert_eq!(of(12, 15, false, 0x1230), 0x123);
+        assert_eq!(of(16, 15, true, 0x8000), -32768);
+        assert_eq!(of(16, 15, false, 0xFFFF), 65535);
+    }
+
+    #[test]
+    fn fragments_are_gathered_by_the_offset_table() {
+        let fragments: [&[u8]; 3] = [b"aa", b"bb", b"cc"];
+        let offsets = [0u32, 10].map(u32::to_le_bytes).concat();
+        assert_eq!(gather(&offsets, &fragments, 0, 2).unwrap(), b"aa");
+        assert_eq!(gather(&offsets, &fragments, 1, 2).unwrap(), b"bbcc");
+        assert_eq!(gather(&[], &fragments, 0, 1).unwrap(), b"aabbcc");
+        assert!(gather(&[], &fragments, 0, 2).is_err());
+    }
+}

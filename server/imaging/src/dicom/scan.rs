@@ -1,0 +1,483 @@
+//! A walk over a file's structure, before anything of it is parsed.
+//!
+//! Every length is compared with the bytes that are left, and nesting has an end. What is handed on is written anew: the
+//! elements that are wanted and no others, with nothing but sequences of undefined length, so that private sequences,
+//! however odd, are seen by nobody.
+
+use std::borrow::Cow;
+use std::io::Read;
+use std::ops::Range;
+
+use dicom_core::Tag;
+use dicom_dictionary_std::tags;
+use flate2::read::DeflateDecoder;
+
+use super::DicomError;
+use super::syntax::{Encoding, Syntax};
+
+/// How deep sequences may lie in each other.
+const MAX_DEPTH: usize = 24;
+
+/// The largest header that is handed to the parser: per-frame groups of some thousand frames take a few megabytes.
+const MAX_HEADER_BYTES: usize = 64 << 20;
+
+/// The largest data set that a deflated file may hold.
+const MAX_INFLATED_BYTES: u64 = 512 << 20;
+
+const ITEM: Tag = Tag(0xFFFE, 0xE000);
+const ITEM_END: Tag = Tag(0xFFFE, 0xE00D);
+const SEQUENCE_END: Tag = Tag(0xFFFE, 0xE0DD);
+const UNDEFINED: u32 = u32::MAX;
+
+/// A file whose structure is sound.
+pub(crate) struct Scanned<'a> {
+    pub(crate) syntax: Syntax,
+    /// The data set, unpacked where it was deflated.
+    dataset: Cow<'a, [u8]>,
+    /// The wanted elements before the pixels, in the data set's encoding.
+    pub(crate) header: Vec<u8>,
+    pixels: Option<PixelRanges>,
+}
+
+/// Where pixels are in the data set.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum PixelRanges {
+    Native(Range<usize>),
+    /// The basic offset table, and the fragments behind it.
+    Encapsulated(Vec<Range<usize>>),
+}
+
+/// The bytes of a file's pixels.
+#[derive(Debug)]
+pub(crate) enum PixelBytes<'a> {
+    Native(&'a [u8]),
+    Encapsulated {
+        offsets: &'a [u8],
+        fragments: Vec<&'a [u8]>,
+    },
+}
+
+impl Scanned<'_> {
+    pub(crate) fn pixels(&self) -> Option<PixelBytes<'_>> {
+        Some(match self.pixels.as_ref()? {
+            PixelRanges::Native(range) => PixelBytes::Native(&self.dataset[range.clone()]),
+            PixelRanges::Encapsulated(ranges) => {
+                let mut items = ranges.iter().map(|range| &self.dataset[range.clone()]);
+                PixelBytes::Encapsulated {
+                    offsets: items.next().unwrap_or_default(),
+                    fragments: items.collect(),
+                }
+            }
+        })
+    }
+}
+
+/// Walks over a file up to its pixels and keeps the elements whose tags are among `wanted`, which are sorted.
+///
+/// # Errors
+/// When a length leads beyond the file or its sequence, or sequences lie too deep.
+pub(crate) fn scan<'a>(file: &'a [u8], wanted: &[Tag]) -> Result<Scanned<'a>, DicomError> {
+    let (syntax, start) = read_meta(file)?;
+    let rest = &file[start..];
+    let dataset = if syntax.deflated {
+        Cow::Owned(inflate(rest)?)
+    } else {
+        Cow::Borrowed(rest)
+    };
+    let mut walk = Walk {
+        bytes: &dataset,
+        encoding: syntax.encoding,
+        wanted,
+        header: Vec::new(),
+    };
+    let pixels = walk.data_set()?;
+    let header = walk.header;
+    Ok(Scanned {
+        syntax,
+        dataset,
+        header,
+        pixels,
+    })
+}
+
+/// Skips preamble and file meta information; says in which syntax the data set is and where it begins.
+fn read_meta(file: &[u8]) -> Result<(Syntax, usize), DicomError> {
+    let mut at = if file.get(128..132) == Some(b"DICM") {
+        132
+    } else {
+        0
+    };
+    let mut stated = None;
+    let reader = Elements {
+        bytes: file,
+        encoding: Encoding::ExplicitLittle,
+    };
+    while file.get(at..at + 2) == Some(&[2, 0]) {
+        let element = reader.element(at, file.len())?;
+        let value = element.value_range(file.len())?;
+        if element.tag == tags::TRANSFER_SYNTAX_UID {
+            stated = Some(Syntax::from_uid(&file[value.clone()]));
+        }
+        at = value.end;
+    }
+    let syntax = stated.unwrap_or_else(|| Syntax::native(guess(&file[at..])));
+    Ok((syntax, at))
+}
+
+/// The encoding of a data set without file meta information, from its first element.
+fn guess(dataset: &[u8]) -> Encoding {
+    let explicit = dataset
+        .get(4..6)
+        .is_some_and(|vr| vr.iter().all(u8::is_ascii_uppercase));
+    match (explicit, dataset) {
+        (false, _) => Encoding::ImplicitLittle,
+        (true, [0, group, ..]) if *group > 0 => Encoding::ExplicitBig,
+        _ => Encoding::ExplicitLittle,
+    }
+}
+
+fn inflate(packed: &[u8]) -> Result<Vec<u8>, DicomError> {
+    let mut bytes = Vec::new();
+    let mut stream = DeflateDecoder::new(packed).take(MAX_INFLATED_BYTES + 1);
+    stream
+        .read_to_end(&mut bytes)
+        .map_err(|_| damaged("its deflated data set does not unpack"))?;
+    if bytes.len() as u64 > MAX_INFLATED_BYTES {
+        return Err(DicomError::TooManyBytes {
+            limit: MAX_INFLATED_BYTES,
+        });
+    }
+    Ok(bytes)
+}
+
+fn damaged(what: &'static str) -> DicomError {
+    DicomError::Damaged { what }
+}
+
+/// The head of an element.
+#[derive(Debug, Clone, Copy)]
+struct Element {
+    tag: Tag,
+    /// `None` where it is not stated.
+    vr: Option<[u8; 2]>,
+    /// `None` where it is undefined.
+    length: Option<usize>,
+    /// Where its value begins.
+    value: usize,
+}
+
+impl Element {
+    /// The value of an element with a length, which must end before `end`.
+    fn value_range(&self, end: usize) -> Result<Range<usize>, DicomError> {
+        let length = self
+            .length
+            .ok_or(damaged("a value that is no sequence has no length"))?;
+        match self.value.checked_add(length) {
+            Some(last) if last <= end => Ok(self.value..last),
+            _ => Err(damaged(
+                "an element is longer than what is left of the file",
+            )),
+        }
+    }
+
+    fn is_sequence(&self) -> bool {
+        self.vr == Some(*b"SQ") || self.length.is_none()
+    }
+}
+
+/// Reads heads of elements.
+#[derive(Clone, Copy)]
+struct Elements<'a> {
+    bytes: &'a [u8],
+    encoding: Encoding,
+}
+
+impl Elements<'_> {
+    fn number<const N: usize>(self, at: usize, end: usize) -> Result<u32, DicomError> {
+        let bytes = (at + N <= end).then(|| &self.bytes[at..at + N]);
+        let bytes = bytes.ok_or(damaged("it ends inside of an element"))?;
+        let fold = |number: u32, &byte: &u8| number << 8 | u32::from(byte);
+        Ok(match self.encoding {
+            Encoding::ExplicitBig => bytes.iter().fold(0, fold),
+            _ => bytes.iter().rev().fold(0, fold),
+        })
+    }
+
+    fn element(self, at: usize, end: usize) -> Result<Element, DicomError> {
+        let tag = Tag(
+            self.number::<2>(at, end)? as u16,
+            self.number::<2>(at + 2, end)? as u16,
+        );
+        let delimiter = tag.0 == ITEM.0;
+        if delimiter || self.encoding == Encoding::ImplicitLittle {
+            let length = self.number::<4>(at + 4, end)?;
+            return Ok(Element {
+                tag,
+                vr: None,
+                length: defined(length),
+                value: at + 8,
+            });
+        }
+        if at + 6 > end {
+            return Err(damaged("it ends inside of an element"));
+        }
+        let vr = [self.bytes[at + 4], self.bytes[at + 5]];
+        if !vr.iter().all(u8::is_ascii_uppercase) {
+            return Err(damaged("an element has no value representation"));
+        }
+        let (length, value) = if is_long(vr) {
+            (self.number::<4>(at + 8, end)?, at + 12)
+        } else {
+            (self.number::<2>(at + 6, end)?, at + 8)
+        };
+        Ok(Element {
+            tag,
+            vr: Some(vr),
+            length: if is_long(vr) {
+                defined(length)
+            } else {
+                Some(length as usize)
+            },
+            value,
+        })
+    }
+}
+
+fn defined(length: u32) -> Option<usize> {
+    (length != UNDEFINED).then_some(length as usize)
+}
+
+/// Value representations whose length takes four bytes (PS3.5 §7.1.2).
+fn is_long(vr: [u8; 2]) -> bool {
+    matches!(
+        &vr,
+        b"OB"
+            | b"OD"
+            | b"OF"
+            | b"OL"
+            | b"OV"
+            | b"OW"
+            | b"SQ"
+            | b"SV"
+            | b"UC"
+            | b"UN"
+            | b"UR"
+            | b"UT"
+            | b"UV"
+    )
+}
+
+struct Walk<'a> {
+    bytes: &'a [u8],
+    encoding: Encoding,
+    wanted: &'a [Tag],
+    header: Vec<u8>,
+}
+
+impl Walk<'_> {
+    fn elements(&self, encoding: Encoding) -> Elements<'_> {
+        Elements {
+            bytes: self.bytes,
+            encoding,
+        }
+    }
+
+    fn wants(&self, tag: Tag) -> bool {
+        self.wanted.binary_search(&tag).is_ok()
+    }
+
+    /// Walks up to the pixels, or to the end.
+    fn data_set(&mut self) -> Result<Option<PixelRanges>, DicomError> {
+        let (mut at, end) = (0, self.bytes.len());
+        while at < end {
+            // Some writers pad their files with zeros.
+            if self.bytes[at..].iter().take(8).all(|&byte| byte == 0) {
+                break;
+            }
+            let element = self.elements(self.encoding).element(at, end)?;
+            match element.tag {
+                tags::PIXEL_DATA => return self.pixels(&element).map(Some),
+                tags::FLOAT_PIXEL_DATA | tags::DOUBLE_FLOAT_PIXEL_DATA => {
+                    return Err(DicomError::Unsupported {
+                        what: "an image of real numbers",
+                    });
+                }
+                _ => {}
+            }
+            let keep = self.wants(element.tag);
+            at = self.element(at, end, keep, 0)?;
+        }
+        Ok(None)
+    }
+
+    /// Walks over one element, and writes it to the header where it is to be kept. Answers where it ends.
+    fn element(
+        &mut self,
+        at: usize,
+        end: usize,
+        keep: bool,
+        depth: usize,
+    ) -> Result<usize, DicomError> {
+        let element = self.elements(self.encoding).element(at, end)?;
+        if element.tag.0 == ITEM.0 {
+            return Err(damaged("a delimiter stands where an element is due"));
+        }
+        if self.header.len() > MAX_HEADER_BYTES {
+            return Err(damaged("its header is too large"));
+        }
+        match (
+            element.is_sequence() || self.is_known_sequence(&element),
+            keep,
+        ) {
+            (false, true) => {
+                let range = element.value_range(end)?;
+                self.header.extend_from_slice(&self.bytes[at..range.end]);
+                Ok(range.end)
+            }
+            // What is not wanted and says how long it is need not be looked into.
+            (_, false) if element.length.is_some() => Ok(element.value_range(end)?.end),
+            (_, keep) => self.sequence(&element, end, keep, depth),
+        }
+    }
+
+    /// A wanted element that is a sequence, though nothing at its place says so.
+    fn is_known_sequence(&self, element: &Element) -> bool {
+        element.vr.is_none() && super::attributes::SEQUENCES.contains(&element.tag)
+    }
+
+    fn sequence(
+        &mut self,
+        head: &Element,
+        end: usize,
+        keep: bool,
+        depth: usize,
+    ) -> Result<usize, DicomError> {
+        if depth >= MAX_DEPTH {
+            return Err(damaged("its sequences lie too deep in each other"));
+        }
+        // What is unknown and of undefined length is written implicitly (PS3.5 §6.2.2).
+        let encoding = self.encoding;
+        let keep = keep && head.vr != Some(*b"UN");
+        if head.vr == Some(*b"UN") {
+            self.encoding = Encoding::ImplicitLittle;
+        }
+        if keep {
+            self.write_sequence_head(head);
+        }
+        let ended = self.items(head, end, keep, depth);
+        self.encoding = encoding;
+        if keep {
+            self.write_delimiter(SEQUENCE_END, 0);
+        }
+        ended
+    }
+
+    fn items(
+        &mut self,
+        head: &Element,
+        end: usize,
+        keep: bool,
+        depth: usize,
+    ) -> Result<usize, DicomError> {
+        let end = match head.length {
+            Some(_) => head.value_range(end)?.end,
+            None => end,
+        };
+        let mut at = head.value;
+        while at < end {
+            let item = self.elements(self.encoding).element(at, end)?;
+            match item.tag {
+                ITEM => {}
+                SEQUENCE_END if head.length.is_none() => return Ok(item.value),
+                _ => return Err(damaged("a sequence holds something else than items")),
+            }
+            if keep {
+                self.write_delimiter(ITEM, UNDEFINED);
+            }
+            at = self.item(&item, end, keep, depth)?;
+            if keep {
+                self.write_delimiter(ITEM_END, 0);
+            }
+        }
+        match head.length {
+            Some(_) => Ok(end),
+            None => Err(damaged("a sequence does not end")),
+        }
+    }
+
+    fn item(
+        &mut self,
+        item: &Element,
+        end: usize,
+        keep: bool,
+        depth: usize,
+    ) -> Result<usize, DicomError> {
+        let item_end = match item.length {
+            Some(_) => item.value_range(end)?.end,
+            None => end,
+        };
+        if !keep && item.length.is_some() {
+            return Ok(item_end);
+        }
+        let mut at = item.value;
+        while at < item_end {
+            let element = self.elements(self.encoding).element(at, item_end)?;
+            if item.length.is_none() && element.tag == ITEM_END {
+                return Ok(element.value);
+            }
+            let keep = keep && self.wants(element.tag);
+            at = self.element(at, item_end, keep, depth + 1)?;
+        }
+        match item.length {
+            Some(_) => Ok(item_end),
+            None => Err(damaged("an item does not end")),
+        }
+    }
+
+    fn pixels(&self, head: &Element) -> Result<PixelRanges, DicomError> {
+        let end = self.bytes.len();
+        if head.length.is_some() {
+            let range = head.value_range(end);
+            let range = range.map_err(|_| damaged("its pixels are cut off"))?;
+            return Ok(PixelRanges::Native(range));
+        }
+        let mut fragments = Vec::new();
+        let mut at = head.value;
+        // Where the last delimiter is missing, the pixels are whole all the same.
+        while at < end {
+            let item = self.elements(self.encoding).element(at, end)?;
+            match item.tag {
+                ITEM => {}
+                SEQUENCE_END => break,
+                _ => return Err(damaged("its packed pixels hold something else than items")),
+            }
+            let range = item.value_range(end);
+            let range = range.map_err(|_| damaged("its packed pixels are cut off"))?;
+            at = range.end;
+            fragments.push(range);
+        }
+        Ok(PixelRanges::Encapsulated(fragments))
+    }
+
+    fn write_sequence_head(&mut self, head: &Element) {
+        self.write_tag(head.tag);
+        if self.encoding != Encoding::ImplicitLittle {
+            self.header.extend_from_slice(b"SQ\0\0");
+        }
+        self.header.extend_from_slice(&UNDEFINED.to_le_bytes());
+    }
+
+    fn write_delimiter(&mut self, tag: Tag, length: u32) {
+        self.write_tag(tag);
+        self.header.extend_from_slice(&length.to_le_bytes());
+    }
+
+    fn write_tag(&mut self, tag: Tag) {
+        for half in [tag.0, tag.1] {
+            self.header.extend_from_slice(&match self.encoding {
+                Encoding::ExplicitBig => half.to_be_bytes(),
+                _ => half.to_le_bytes(),
+            });
+        }
+    }
+}

@@ -1,0 +1,322 @@
+//! Slices in space: sorted along their normal, evenly spaced, or refused with the slices named.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::DicomError;
+use super::choose::{FEWEST_SLICES, Series};
+use super::header::{DIFFERENCES, Frame, Image, PixelFormat};
+
+/// How far directions may differ within a volume: a component of a unit vector, about 0.06°.
+const DIRECTION_TOLERANCE: f64 = 1e-3;
+
+/// How far pixel spacings may differ within a volume, as a share.
+const SPACING_TOLERANCE: f64 = 1e-3;
+
+/// Slices that are nearer than this lie in the same place.
+const SAME_PLACE_MM: f64 = 0.01;
+
+/// How far the distance between two slices may differ from the usual one: a share of it, and some for rounded texts.
+const STEP_TOLERANCE: [f64; 2] = [0.02, 0.005];
+
+/// How far a slice may be from its even place, as a share of the distance between two.
+const DRIFT_TOLERANCE: f64 = 0.1;
+
+/// How far the stack may lean.
+const TILT_TOLERANCE_DEGREES: f64 = 0.5;
+
+/// How far a slice may lie beside the line through the first and the last.
+const SHIFT_TOLERANCE_MM: f64 = 0.1;
+
+/// What may be interpolated: so many slices in a row, between neighbours so far apart, and such a share of all.
+const MOST_MISSING_IN_A_ROW: usize = 2;
+const WIDEST_GAP_MM: f64 = 6.0;
+const LARGEST_SHARE_MISSING: f64 = 0.1;
+
+/// A frame by the numbers of its image and in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct FrameIndex {
+    pub(super) image: usize,
+    pub(super) frame: usize,
+}
+
+/// Slices in the order of their position along the normal.
+#[derive(Debug)]
+pub(super) struct Stack {
+    /// Columns, rows and slices, with those that were missing.
+    pub(super) size: [usize; 3],
+    pub(super) patient_from_voxel: DAffine3,
+    /// Each slice: its frame, or `None` where it is missing, which is allowed then.
+    pub(super) slices: Vec<Option<FrameIndex>>,
+}
+
+/// A frame that says where it is.
+#[derive(Clone, Copy)]
+struct Slice<'a> {
+    index: FrameIndex,
+    frame: &'a Frame,
+    format: &'a PixelFormat,
+    position: DVec3,
+    axes: [DVec3; 2],
+    spacing_mm: [f64; 2],
+    /// Along the normal.
+    height_mm: f64,
+}
+
+impl Slice<'_> {
+    fn instance(&self) -> i64 {
+        self.frame.instance
+    }
+}
+
+/// Puts the slices of a series in order.
+pub(super) fn stack(series: &Series, allow_gaps: bool) -> Result<Stack, DicomError> {
+    let mut slices = placed(&series.images)?;
+    check_shared(&slices)?;
+    let normal = slices[0].axes[0].cross(slices[0].axes[1]);
+    for slice in &mut slices {
+        slice.height_mm = slice.position.dot(normal);
+    }
+    slices.sort_by(|a, b| a.height_mm.total_cmp(&b.height_mm));
+    check_doubled(&slices)?;
+    if slices.len() < FEWEST_SLICES {
+        return Err(DicomError::TooFewSlices {
+            slices: slices.len(),
+        });
+    }
+    check_lean(&slices, normal)?;
+    let places = places(&slices, allow_gaps)?;
+    Ok(assemble(&slices, &places))
+}
+
+/// Every frame with its place; those without one are named.
+fn placed(images: &[Image]) -> Result<Vec<Slice<'_>>, DicomError> {
+    let mut slices = Vec::new();
+    let mut unplaced = Vec::new();
+    for (image, of_image) in images.iter().enumerate() {
+        let format = of_image.format.as_ref().map_err(Clone::clone)?;
+        let frames = of_image.frames.as_ref().map_err(Clone::clone)?;
+        for (frame, of_frame) in frames.iter().enumerate() {
+            match (of_frame.position, of_frame.axes, of_frame.spacing_mm) {
+                (Some(position), Some(axes), Some(spacing_mm)) => slices.push(Slice {
+                    index: FrameIndex { image, frame },
+                    frame: of_frame,
+                    format,
+                    position,
+                    axes,
+                    spacing_mm,
+                    height_mm: 0.0,
+                }),
+                _ => unplaced.push(of_frame.instance),
+            }
+        }
+    }
+    if unplaced.is_empty() && !slices.is_empty() {
+        return Ok(slices);
+    }
+    unplaced.sort_unstable();
+    Err(DicomError::NotPlaced {
+        what: "some slices do not say where they are (Image Position, Image Orientation or Pixel Spacing)",
+        instances: unplaced,
+    })
+}
+
+/// Size, spacing and orientation must be one.
+fn check_shared(slices: &[Slice]) -> Result<(), DicomError> {
+    let near = |a: f64, b: f64| (a - b).abs() <= SPACING_TOLERANCE * a.abs();
+    same(slices, "dicom-mixed-sizes", "size", |a, b| {
+        [a.format.columns, a.format.rows] == [b.format.columns, b.format.rows]
+    })?;
+    same(slices, "dicom-mixed-orientations", "orientation", |a, b| {
+        (0..2).all(|axis| {
+            let difference = (a.axes[axis] - b.axes[axis]).abs();
+            difference.max_element() <= DIRECTION_TOLERANCE
+        })
+    })?;
+    same(slices, "dicom-mixed-spacings", "pixel spacing", |a, b| {
+        (0..2).all(|axis| near(a.spacing_mm[axis], b.spacing_mm[axis]))
+    })
+}
+
+/// Whether all slices agree with the first, or else which disagree with the most.
+fn same(
+    slices: &[Slice],
+    kind: &'static str,
+    what: &'static str,
+    agree: impl Fn(&Slice, &Slice) -> bool,
+) -> Result<(), DicomError> {
+    let agrees =
+        |model: &Slice| -> Vec<bool> { slices.iter().map(|slice| agree(model, slice)).collect() };
+    let with_first = agrees(&slices[0]);
+    let Some(other) = with_first.iter().position(|&agrees| !agrees) else {
+        return Ok(());
+    };
+    let with_other = agrees(&slices[other]);
+    let count = |agreeing: &[bool]| agreeing.iter().filter(|&&agrees| agrees).count();
+    let majority = if count(&with_other) > count(&with_first) {
+        with_other
+    } else {
+        with_first
+    };
+    let odd = slices.iter().zip(&majority).filter(|&(_, &agrees)| !agrees);
+    let mut instances: Vec<i64> = odd.map(|(slice, _)| slice.instance()).collect();
+    instances.sort_unstable();
+    Err(DicomError::Mixed {
+        kind,
+        what,
+        instances,
+    })
+}
+
+/// Slices in the same place: a whole acquisition more, or single ones.
+fn check_doubled(slices: &[Slice]) -> Result<(), DicomError> {
+    let together = |a: &Slice, b: &Slice| b.height_mm - a.height_mm < SAME_PLACE_MM;
+    let groups: Vec<&[Slice]> = slices.chunk_by(together).collect();
+    let crowded: Vec<&&[Slice]> = groups.iter().filter(|group| group.len() > 1).collect();
+    if crowded.is_empty() {
+        return Ok(());
+    }
+    if 2 * crowded.len() > groups.len() {
+        return Err(DicomError::SeveralAcquisitions {
+            acquisitions: groups.iter().map(|group| group.len()).max().unwrap_or(0),
+            slices: groups.len(),
+            difference: difference(crowded[0]),
+        });
+    }
+    let mut instances = Vec::new();
+    for group in crowded {
+        let mut numbers: Vec<i64> = group.iter().map(Slice::instance).collect();
+        numbers.sort_unstable();
+        instances.extend(&numbers[1..]);
+    }
+    instances.sort_unstable();
+    Err(DicomError::SlicesDoubled { instances })
+}
+
+fn difference(group: &[Slice]) -> &'static str {
+    let differs = |&which: &usize| {
+        let value = |slice: &Slice| slice.frame.acquisition[which];
+        group.iter().any(|slice| value(slice) != value(&group[0]))
+    };
+    let which = (0..DIFFERENCES.len()).find(differs);
+    which.map_or("nothing that their headers say", |which| DIFFERENCES[which])
+}
+
+/// The stack must stand upright, but for rounding.
+fn check_lean(slices: &[Slice], normal: DVec3) -> Result<(), DicomError> {
+    let (first, last) = (&slices[0], &slices[slices.len() - 1]);
+    let across = |offset: DVec3| offset - normal * offset.dot(normal);
+    let whole = last.position - first.position;
+    let degrees = across(whole).length().atan2(whole.dot(normal)).to_degrees();
+    if degrees > TILT_TOLERANCE_DEGREES {
+        return Err(DicomError::GantryTilt {
+            degrees,
+            slices: slices.len(),
+        });
+    }
+    for (number, slice) in slices.iter().enumerate() {
+        let offset = slice.position - first.position;
+        let share = offset.dot(normal) / whole.dot(normal);
+        let shift_mm = across(offset - whole * share).length();
+        if shift_mm > SHIFT_TOLERANCE_MM {
+            return Err(DicomError::SliceShifted {
+                slice: number + 1,
+                shift_mm,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The number of each slice, from 0, in the volume with those that are missing.
+fn places(slices: &[Slice], allow_gaps: bool) -> Result<Vec<usize>, DicomError> {
+    let steps: Vec<f64> = slices
+        .windows(2)
+        .map(|pair| pair[1].height_mm - pair[0].height_mm)
+        .collect();
+    let mut sorted = steps.clone();
+    sorted.sort_by(f64::total_cmp);
+    let usual_mm = sorted[(sorted.len() - 1) / 2];
+    let [share, rounding] = STEP_TOLERANCE;
+    let mut places = vec![0];
+    for (before, &found_mm) in steps.iter().enumerate() {
+        let slots = (found_mm / usual_mm).round().max(1.0);
+        let off_mm = (found_mm - slots * usual_mm).abs();
+        // A gap of thousands of slices is no gap in a volume.
+        if off_mm > share * usual_mm * slots + rounding || slots > 1e4 {
+            return Err(DicomError::SlicesUneven {
+                usual_mm,
+                found_mm,
+                after: before + 1,
+            });
+        }
+        places.push(places[before] + slots as usize);
+    }
+    check_missing(&places, usual_mm, allow_gaps)?;
+    check_drift(slices, &places)?;
+    Ok(places)
+}
+
+/// Small differences must not add up.
+fn check_drift(slices: &[Slice], places: &[usize]) -> Result<(), DicomError> {
+    let last = slices.len() - 1;
+    let first_mm = slices[0].height_mm;
+    let mean_mm = (slices[last].height_mm - first_mm) / places[last] as f64;
+    let off =
+        |index: usize| (slices[index].height_mm - first_mm - places[index] as f64 * mean_mm).abs();
+    match (1..last).find(|&index| off(index) > DRIFT_TOLERANCE * mean_mm) {
+        None => Ok(()),
+        Some(index) => Err(DicomError::SlicesUneven {
+            usual_mm: mean_mm,
+            found_mm: slices[index].height_mm - slices[index - 1].height_mm,
+            after: index,
+        }),
+    }
+}
+
+fn check_missing(places: &[usize], usual_mm: f64, allow_gaps: bool) -> Result<(), DicomError> {
+    let gaps = || places.windows(2).filter(|pair| pair[1] - pair[0] > 1);
+    let missing: Vec<usize> = gaps()
+        .flat_map(|pair| pair[0] + 2..pair[1] + 1)
+        .take(1 << 16)
+        .collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let narrow = |pair: &[usize]| {
+        let slots = pair[1] - pair[0];
+        slots <= MOST_MISSING_IN_A_ROW + 1 && slots as f64 * usual_mm <= WIDEST_GAP_MM
+    };
+    let total = places[places.len() - 1] + 1;
+    let few = missing.len() as f64 <= LARGEST_SHARE_MISSING * total as f64;
+    let honest = few && gaps().all(narrow);
+    if honest && allow_gaps {
+        return Ok(());
+    }
+    Err(DicomError::SlicesMissing {
+        missing,
+        hint: if honest {
+            "export the series anew, or allow gaps (`allow_gaps`), and they are interpolated between their neighbours"
+        } else {
+            "export the series anew: the gaps are too wide, or too many, to be interpolated"
+        },
+    })
+}
+
+fn assemble(slices: &[Slice], places: &[usize]) -> Stack {
+    let (first, last) = (&slices[0], &slices[slices.len() - 1]);
+    let count = places[places.len() - 1] + 1;
+    let step = (last.position - first.position) / (count - 1) as f64;
+    let [row, column] = [0, 1].map(|axis| first.axes[axis] * first.spacing_mm[axis]);
+    let mut ordered = vec![None; count];
+    for (slice, &place) in slices.iter().zip(places) {
+        ordered[place] = Some(slice.index);
+    }
+    Stack {
+        size: [first.format.columns, first.format.rows, count],
+        patient_from_voxel: DAffine3 {
+            matrix3: DMat3::from_cols(row, column, step),
+            translation: first.position,
+        },
+        slices: ordered,
+    }
+}

@@ -1,0 +1,76 @@
+//! Transfer syntaxes.
+
+/// How the elements of a data set are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    ImplicitLittle,
+    ExplicitLittle,
+    ExplicitBig,
+}
+
+/// How pixels are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Packing {
+    Native,
+    Rle,
+    /// Baseline (8 bits, lossy) and lossless, whose headers tell them apart.
+    Jpeg,
+    JpegLs,
+    Jpeg2000,
+    /// Named in the refusal.
+    Unsupported(&'static str),
+}
+
+/// What a transfer syntax says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Syntax {
+    pub(crate) encoding: Encoding,
+    pub(crate) deflated: bool,
+    pub(crate) packing: Packing,
+}
+
+impl Syntax {
+    pub(crate) fn native(encoding: Encoding) -> Self {
+        Self {
+            encoding,
+            deflated: false,
+            packing: Packing::Native,
+        }
+    }
+
+    fn packed(packing: Packing) -> Self {
+        Self {
+            packing,
+            ..Self::native(Encoding::ExplicitLittle)
+        }
+    }
+
+    /// The syntax of a UID (PS3.6 table A-1), padding included.
+    pub(crate) fn from_uid(uid: &[u8]) -> Self {
+        let text = std::str::from_utf8(uid).unwrap_or_default();
+        let text = text.trim_end_matches(['\0', ' ']);
+        let Some(rest) = text.strip_prefix("1.2.840.10008.1.2") else {
+            return Self::packed(Packing::Unsupported("a private transfer syntax"));
+        };
+        match rest {
+            "" => Self::native(Encoding::ImplicitLittle),
+            ".1" => Self::native(Encoding::ExplicitLittle),
+            ".1.99" => Self {
+                deflated: true,
+                ..Self::native(Encoding::ExplicitLittle)
+            },
+            ".2" => Self::native(Encoding::ExplicitBig),
+            ".5" => Self::packed(Packing::Rle),
+            ".4.50" | ".4.57" | ".4.70" => Self::packed(Packing::Jpeg),
+            ".4.51" => Self::packed(Packing::Unsupported("lossy JPEG of 12 bits")),
+            ".4.80" | ".4.81" => Self::packed(Packing::JpegLs),
+            ".4.90" | ".4.91" => Self::packed(Packing::Jpeg2000),
+            ".4.110" | ".4.111" | ".4.112" => Self::packed(Packing::Unsupported("JPEG XL")),
+            ".4.201" | ".4.202" | ".4.203" => {
+                Self::packed(Packing::Unsupported("High-Throughput JPEG 2000"))
+            }
+            _ if rest.starts_with(".4.10") => Self::packed(Packing::Unsupported("a video")),
+            _ => Self::packed(Packing::Unsupported("this transfer syntax")),
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! The files below a directory, and those in zip archives among them.
+//!
+//! Names are never used: nothing is written by them, and they are in no message. Links are not followed.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use imaging::dicom::{DicomError, Files};
+use imaging::{Format, sniff};
+use zip::ZipArchive;
+
+/// The most files of an upload, those in archives counted.
+const MAX_FILES: usize = 20_000;
+
+/// How deep directories may lie in each other.
+const MAX_DEPTH: usize = 16;
+
+/// What tells the kind of a file.
+const HEAD_BYTES: u64 = 600;
+
+/// Where a file is.
+#[derive(Debug, Clone, Copy)]
+enum Place {
+    /// By its number in `paths`.
+    Path(usize),
+    /// An entry of the archive of that number.
+    Entry { archive: usize, entry: usize },
+}
+
+/// All files, to be read one by one.
+pub(super) struct FilesBelow {
+    paths: Vec<PathBuf>,
+    archives: Vec<ZipArchive<BufReader<File>>>,
+    places: Vec<Place>,
+    /// The most bytes of all files together, unpacked.
+    limit: u64,
+    /// Those of the files that were read for the first time.
+    counted: Vec<bool>,
+    bytes: u64,
+}
+
+impl FilesBelow {
+    /// Looks for files: `input` itself, or those below it.
+    pub(super) fn open(input: &Path, limit: u64) -> Result<Self, DicomError> {
+        let mut files = Self {
+            paths: Vec::new(),
+            archives: Vec::new(),
+            places: Vec::new(),
+            limit,
+            counted: Vec::new(),
+            bytes: 0,
+        };
+        let mut paths = Vec::new();
+        // What the user names may be a link; what is found below may not.
+        let metadata = std::fs::metadata(input).map_err(unreadable)?;
+        if metadata.is_dir() {
+            collect(input, 0, &mut paths)?;
+        } else {
+            paths.push(input.to_owned());
+        }
+        paths.sort();
+        for path in paths {
+            files.add(path)?;
+        }
+        files.counted = vec![false; files.places.len()];
+        Ok(files)
+    }
+
+    fn add(&mut self, path: PathBuf) -> Result<(), DicomError> {
+        let mut head = Vec::new();
+        let mut file = File::open(&path).map_err(unreadable)?;
+        file.by_ref()
+            .take(HEAD_BYTES)
+            .read_to_end(&mut head)
+            .map_err(unreadable)?;
+        if sniff(&head) == Format::Zip {
+            return self.add_archive(file);
+        }
+        self.places.push(Place::Path(self.paths.len()));
+        self.paths.push(path);
+        self.check_count()
+    }
+
+    fn add_archive(&mut self, file: File) -> Result<(), DicomError> {
+        let mut archive = ZipArchive::new(BufReader::new(file)).map_err(bad_zip)?;
+        let number = self.archives.len();
+        for entry in 0..archive.len() {
+            let file = archive.by_index_raw(entry).map_err(bad_zip)?;
+            if file.encrypted() {
+                return Err(DicomError::Unreadable {
+                    what: "the archive is encrypted".to_owned(),
+                });
+            }
+            if file.is_file() {
+                self.places.push(Place::Entry {
+                    archive: number,
+                    entry,
+                });
+                self.check_count()?;
+            }
+        }
+        self.archives.push(archive);
+        if self.archives.len() > MAX_ARCHIVES {
+            return Err(DicomError::Unreadable {
+                what: format!("there are more than {MAX_ARCHIVES} archives"),
+            });
+        }
+        Ok(())
+    }
+
+    fn check_count(&self) -> Result<(), DicomError> {
+        if self.places.len() > MAX_FILES {
+            return Err(DicomError::TooManyFiles { limit: MAX_FILES });
+        }
+        Ok(())
+    }
+}
+
+/// Each keeps a file open.
+const MAX_ARCHIVES: usize = 8;
+
+impl Files for FilesBelow {
+    fn count(&self) -> usize {
+        self.places.len()
+    }
+
+    fn read(&mut self, number: usize) -> Result<Vec<u8>, DicomError> {
+        let spent = if self.counted[number] { 0 } else { self.bytes };
+        let left = self.limit - spent;
+        let bytes = match self.places[number] {
+            Place::Path(path) => {
+                let file = File::open(&self.paths[path]).map_err(unreadable)?;
+                read_at_most(file, left)
+            }
+            Place::Entry { archive, entry } => {
+                let file = self.archives[archive].by_index(entry).map_err(bad_zip)?;
+                read_at_most(file, left)
+            }
+        }?;
+        let bytes = bytes.ok_or(DicomError::TooManyBytes { limit: self.limit })?;
+        if !self.counted[number] {
+            self.counted[number] = true;
+            self.bytes += bytes.len() as u64;
+        }
+        Ok(bytes)
+    }
+}
+
+/// All bytes as they come; `None` where there are more than `limit`. What a header says of the length is not believed.
+fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
+    let mut bytes = Vec::new();
+    let read = source.take(limit.saturating_add(1)).read_to_end(&mut bytes);
+    match read {
+        Ok(read) if read as u64 > limit => Ok(None),
+        Ok(_) => Ok(Some(bytes)),
+        Err(error) => Err(unreadable(error)),
+    }
+}
+
+fn collect(directory: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> Result<(), DicomError> {
+    if depth > MAX_DEPTH {
+        return Err(DicomError::Unreadable {
+            what: "directories lie too deep in each other".to_owned(),
+        });
+    }
+    for entry in std::fs::read_dir(directory).map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        let kind = entry.file_type().map_err(unreadable)?;
+        if kind.is_dir() {
+            collect(&entry.path(), depth + 1, paths)?;
+        } else if kind.is_file() {
+            paths.push(entry.path());
+        }
+        if paths.len() > MAX_FILES {
+            return Err(DicomError::TooManyFiles { limit: MAX_FILES });
+        }
+    }
+    Ok(())
+}
+
+/// What the system says of a file, without its name.
+fn unreadable(error: std::io::Error) -> DicomError {
+    DicomError::Unreadable {
+        what: match error.kind() {
+            std::io::ErrorKind::InvalidData | std::io::ErrorKind::InvalidInput => {
+                "an entry of the archive does not unpack".to_owned()
+            }
+            kind => kind.to_string(),
+        },
+    }
+}
+
+fn bad_zip(error: zip::result::ZipError) -> DicomError {
+    let what = match error {
+        zip::result::ZipError::UnsupportedArchive(_) => {
+            "the archive is packed in a way that is not read (Deflate is)"
+        }
+        _ => "the zip archive is damaged",
+    };
+    DicomError::Unreadable {
+        what: what.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use zip::write::{SimpleFileOptions, ZipWriter};
+
+    use super::*;
+
+    const PLENTY: u64 = 1 << 30;
+
+    fn zipped(entries: &[(&str, &[u8])]) -> Vec<u8> {
+        let mut writer = ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        for (name, bytes) in entries {
+            let options =
+                SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
+            writer.start_file(*name, options).unwrap();
+            writer.write_all(bytes).unwrap();
+        }
+        writer.finish().unwrap().into_inner()
+    }
+
+    fn all(files: &mut FilesBelow) -> Vec<Vec<u8>> {
+        (0..files.count())
+            .map(|number| files.read(number).unwrap())
+            .collect()
+    }
+
+    #[test]
+    fn files_are_found_in_directories_and_archives_and_links_are_not_followed() {
+        let root = tempfile::tempdir().unwrap();
+        let below = root.path().join("a/b");
+        std::fs::create_dir_all(&below).unwrap();
+        std::fs::write(below.join("one"), b"1").unwrap();
+        std::fs::write(
+            root.path().join("z.zip"),
+            zipped(&[("d/two", b"22"), ("d/three", b"333")]),
+        )
+        .unwrap();
+        std::os::unix::fs::symlink("/etc/passwd", root.path().join("link")).unwrap();
+        std::os::unix::fs::symlink(root.path(), root.path().join("loop")).unwrap();
+        let mut files = FilesBelow::open(root.path(), PLENTY).unwrap();
+        assert_eq!(
+            all(&mut files),
+            [b"1".to_vec(), b"22".to_vec(), b"333".to_vec()]
+        );
+        // A second reading counts no second time.
+        assert_eq!(all(&mut files).len(), 3);
+    }
+
+    #[test]
+    fn names_that_lead_elsewhere_are_just_names() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("upload");
+        std::fs::write(&path, zipped(&[("../../../escaped", b"x"), ("/abs", b"y")])).unwrap();
+        let mut files = FilesBelow::open(&path, PLENTY).unwrap();
+        assert_eq!(all(&mut files), [b"x", b"y"]);
+        assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_bomb_is_cut_off_at_the_limit() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("upload");
+        std::fs::write(&path, zipped(&[("zeros", &vec![0; 32 << 20])])).unwrap();
+        assert!(std::fs::metadata(&path).unwrap().len() < 100 << 10);
+        let mut files = FilesBelow::open(&path, 1 << 20).unwrap();
+        assert_eq!(
+            files.read(0),
+            Err(DicomError::TooManyBytes { limit: 1 << 20 })
+        );
+    }
+
+    #[test]
+    fn a_damaged_archive_is_refused() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("upload");
+        let whole = zipped(&[("a", &[7; 3000])]);
+        for length in [4, 40, whole.len() - 10] {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            assert!(FilesBelow::open(&path, PLENTY).is_err());
+        }
+    }
+}

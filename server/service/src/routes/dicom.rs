@@ -1,0 +1,76 @@
+//! Whose head a case is: patient data, asked for by its own address alone.
+
+use std::collections::BTreeMap;
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use imaging::dicom::Instance;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::cases::fresh_json;
+use super::query::{ApiQuery, CasePath, NoQuery};
+use crate::problem::{AppError, Problem};
+use crate::state::AppState;
+
+/// Attributes of the DICOM files that a volume was made of. This is patient data.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct DicomView {
+    /// Values by keyword, of the first slice, such as `PatientID`, `StudyInstanceUID` and `SeriesInstanceUID`.
+    attributes: BTreeMap<String, String>,
+    /// The images, slice by slice along the normal.
+    instances: Vec<InstanceView>,
+}
+
+/// The image of a slice.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = DicomInstance)]
+pub struct InstanceView {
+    /// What kind of image it is.
+    sop_class_uid: String,
+    /// Which image.
+    sop_instance_uid: String,
+    /// Its frame, from 1, where it holds several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame: Option<usize>,
+}
+
+impl From<Instance> for InstanceView {
+    fn from(instance: Instance) -> Self {
+        Self {
+            sop_class_uid: instance.sop_class_uid,
+            sop_instance_uid: instance.sop_instance_uid,
+            frame: instance.frame,
+        }
+    }
+}
+
+/// Whose head it is
+///
+/// The identifying attributes of the DICOM files that the volume was made of, kept apart from the pixels. They are patient
+/// data, in no other answer, and no cache may keep them.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/dicom", tag = "cases",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "The attributes", body = DicomView),
+        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case, or it was not made of DICOM files", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_dicom(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+) -> Result<Response, AppError> {
+    state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
+    let stored = state.store.source_dicom(&id).await?;
+    let stored = stored.ok_or(AppError::NotDicom)?;
+    let attributes = crate::dicom::attributes(&stored)?;
+    let view = DicomView {
+        attributes: attributes.attributes.into_iter().collect(),
+        instances: attributes.instances.into_iter().map(Into::into).collect(),
+    };
+    Ok(fresh_json(StatusCode::OK, &view))
+}
