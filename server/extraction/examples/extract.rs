@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let volume =
             imaging::nifti::read_volume(&std::fs::read(&path)?, &imaging::Limits::default())?;
         let begun = std::time::Instant::now();
-        let found = extract(&volume, Some(&network), &|_| ControlFlow::Continue(()));
+        let found = extract(&volume, Some(&network), 0.5, &|_| ControlFlow::Continue(()));
         println!(
             "{path}: {:.2} s\n{:#?}",
             begun.elapsed().as_secs_f64(),

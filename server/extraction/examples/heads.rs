@@ -44,7 +44,7 @@ fn main() -> Result<(), Failure> {
             &volume,
             silver.as_ref(),
             out.as_deref(),
-            || predict(&volume, &network, &go_on),
+            || predict(&volume, &network, 0.5, &go_on),
         )?;
         report(
             folder,

@@ -32,7 +32,8 @@ const FIRST_SHARE: f32 = 0.9;
 
 /// Finds the brain in a T1-weighted head, in any orientation and at any spacing.
 ///
-/// With the network, where there is one; by [`prune`] where there is none, or where what the network found is
+/// With the network, where there is one, as the places whose probability is above `threshold` (0.5 is the surface that it was
+/// trained for; less makes the brain larger); by [`prune`] where there is none, or where what the network found is
 /// [`Verdict::Failed`] and pruning does better. `observe` is told the share of the work that is done, several times a second,
 /// and can stop it. The result is the same bytes for any number of threads.
 ///
@@ -43,25 +44,13 @@ const FIRST_SHARE: f32 = 0.9;
 pub fn extract(
     volume: &Volume,
     network: Option<&Network>,
-    observe: Observe<'_>,
-) -> Result<Extraction, ExtractionError> {
-    extract_above(volume, network, 0.5, observe)
-}
-
-/// As [`extract`], where a place is brain when the network's probability is above `threshold`, instead of a half.
-///
-/// # Errors
-/// As [`extract`].
-pub fn extract_above(
-    volume: &Volume,
-    network: Option<&Network>,
     threshold: f32,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
     let Some(network) = network else {
         return prune(volume, observe);
     };
-    let first = predict_above(volume, network, threshold, &|done| {
+    let first = predict(volume, network, threshold, &|done| {
         observe(FIRST_SHARE * done)
     });
     let is_in_doubt = match &first {
@@ -90,20 +79,11 @@ pub fn extract_above(
 pub fn predict(
     volume: &Volume,
     network: &Network,
-    observe: Observe<'_>,
-) -> Result<Extraction, ExtractionError> {
-    predict_above(volume, network, 0.5, observe)
-}
-
-fn predict_above(
-    volume: &Volume,
-    network: &Network,
     threshold: f32,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
-    let mut prediction = network.predict(volume, &|done| observe(0.9 * done))?;
-    prediction.fine = prediction.fine.with_threshold(threshold);
-    let brain = prediction.fine.brain(volume.grid())?;
+    let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
+    let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
     let quality = Quality::of_predicted(&prediction, &brain, volume)?;
     Ok(Extraction {

@@ -18,7 +18,7 @@ mod quality;
 use std::ops::ControlFlow;
 
 pub use error::ExtractionError;
-pub use extract::{Extraction, Method, extract, extract_above, predict, prune};
+pub use extract::{Extraction, Method, extract, predict, prune};
 pub use network::{Network, Prediction};
 pub use probability::Probability;
 pub use quality::{Quality, Verdict};

@@ -9,24 +9,13 @@ use rayon::prelude::*;
 pub struct Probability {
     grid: Grid,
     values: Vec<f32>,
-    /// Above it a place counts as brain.
-    threshold: f32,
 }
 
 impl Probability {
     /// One value for each voxel of a grid.
     pub(crate) fn new(grid: Grid, values: Vec<f32>) -> Self {
         assert_eq!(values.len(), grid.voxel_count(), "one value for each voxel");
-        Self {
-            grid,
-            values,
-            threshold: 0.5,
-        }
-    }
-
-    /// The same with another threshold than a half.
-    pub(crate) fn with_threshold(self, threshold: f32) -> Self {
-        Self { threshold, ..self }
+        Self { grid, values }
     }
 
     /// Where the values are.
@@ -39,30 +28,26 @@ impl Probability {
         &self.values
     }
 
-    /// The voxels that count as brain, on the grid of the probabilities.
-    pub(crate) fn thresholded(&self) -> Result<Mask, GeometryError> {
-        let voxels = self
-            .values
-            .iter()
-            .map(|&value| value > self.threshold)
-            .collect();
+    /// The voxels above a threshold, on the grid of the probabilities.
+    pub(crate) fn above(&self, threshold: f32) -> Result<Mask, GeometryError> {
+        let voxels = self.values.iter().map(|&value| value > threshold).collect();
         Mask::new(self.grid.clone(), voxels)
     }
 
-    /// The brain on the working grid of a volume.
+    /// The brain on the working grid of a volume: where the probability is above a threshold.
     ///
     /// # Errors
-    /// When no place counts as brain.
-    pub fn brain(&self, volume_grid: &Grid) -> Result<BrainMask, GeometryError> {
+    /// When it is nowhere.
+    pub fn brain(&self, volume_grid: &Grid, threshold: f32) -> Result<BrainMask, GeometryError> {
         let working = self
-            .thresholded()?
+            .above(threshold)?
             .largest_component()
             .working_grid(volume_grid)?;
-        BrainMask::from_mask(&self.thresholded_on(&working)?, volume_grid)
+        BrainMask::from_mask(&self.above_on(&working, threshold)?, volume_grid)
     }
 
-    /// The voxels of another grid that count as brain: trilinear between the places, 0 outside.
-    pub fn thresholded_on(&self, grid: &Grid) -> Result<Mask, GeometryError> {
+    /// The voxels of another grid above a threshold: trilinear between the places, 0 outside.
+    pub(crate) fn above_on(&self, grid: &Grid, threshold: f32) -> Result<Mask, GeometryError> {
         let [nx, ny, _] = grid.size();
         let here_from_there = self.grid.voxel_from_patient() * grid.patient_from_voxel();
         let step = here_from_there.matrix3.x_axis;
@@ -72,7 +57,7 @@ impl Probability {
             let start = DVec3::new(0.0, (row % ny) as f64, (row / ny) as f64);
             let start = here_from_there.transform_point3(start);
             for (x, voxel) in voxels.iter_mut().enumerate() {
-                *voxel = self.at(start + step * x as f64) > self.threshold;
+                *voxel = self.at(start + step * x as f64) > threshold;
             }
         });
         Mask::new(grid.clone(), voxels)
@@ -115,7 +100,7 @@ mod tests {
         let values = (0..coarse.voxel_count()).map(value).collect();
         let probability = Probability::new(coarse, values);
         let fine = Grid::aligned([40, 1, 1], [0.1, 1.0, 1.0], DVec3::new(1.05, 1.0, 1.0)).unwrap();
-        let mask = probability.thresholded_on(&fine).unwrap();
+        let mask = probability.above_on(&fine, 0.5).unwrap();
         let marked = mask.voxels().iter().filter(|&&voxel| voxel).count();
         assert_eq!(marked, 22);
     }

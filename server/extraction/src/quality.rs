@@ -81,7 +81,7 @@ impl Quality {
         brain: &BrainMask,
         volume: &Volume,
     ) -> Result<Self, ExtractionError> {
-        let mut quality = Self::of_found(&prediction.fine.thresholded()?, brain, volume)?;
+        let mut quality = Self::of_found(&prediction.fine.above(0.5)?, brain, volume)?;
         quality.agreement = Some(agreement(prediction, brain)?);
         quality.uncertain = Some(uncertain_share(prediction));
         quality.judge_prediction();
@@ -330,12 +330,12 @@ fn agreement(prediction: &Prediction, brain: &BrainMask) -> Result<f64, Extracti
     let mask = brain.mask();
     let coarse_ml = prediction
         .coarse
-        .thresholded()?
+        .above(0.5)?
         .largest_component()
         .volume_ml();
     let coarse = prediction
         .coarse
-        .thresholded_on(mask.grid())?
+        .above_on(mask.grid(), 0.5)?
         .largest_component();
     let pairs = mask.voxels().iter().zip(coarse.voxels());
     let both = pairs.map(|(&a, &b)| a && b).collect();

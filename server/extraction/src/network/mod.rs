@@ -110,7 +110,7 @@ fn finished<T>(flow: ControlFlow<(), T>) -> Result<T, ExtractionError> {
 
 /// The box around the largest part of a small cube that is brain, in voxels of the volume, with a margin.
 fn box_around(coarse: &Probability, size: [usize; 3]) -> Result<Box3, ExtractionError> {
-    let brain = coarse.thresholded()?.largest_component();
+    let brain = coarse.above(0.5)?.largest_component();
     let mut covered = [0, 1, 2].map(|_| vec![0u32; SMALL_SIDE]);
     for index in (0..brain.voxels().len()).filter(|&index| brain.voxels()[index]) {
         for (covered, place) in covered.iter_mut().zip(brain.grid().voxel(index)) {

@@ -27,7 +27,7 @@ fn the_network_finds_real_brains() {
         let Some(volume) = head(&format!("{name}.nii.gz")) else {
             continue;
         };
-        let found = predict(&volume, network, &go_on).unwrap();
+        let found = predict(&volume, network, 0.5, &go_on).unwrap();
         assert_eq!(
             found.quality.verdict,
             Verdict::Ok,
@@ -70,7 +70,7 @@ fn the_envelope_of_colin27_holds_its_brain() {
     let Some(ragged) = silver("colin27/ch2bet.nii.gz", &volume) else {
         return;
     };
-    let found = predict(&volume, network, &go_on).unwrap();
+    let found = predict(&volume, network, 0.5, &go_on).unwrap();
     let envelope = envelope(&found.brain, 10.0).unwrap();
     assert!(
         (1900.0..=2020.0).contains(&envelope.volume_ml()),
@@ -88,7 +88,7 @@ fn the_mask_is_stable() {
     let (Some(network), Some(volume)) = (network(), head("colin27/ch2.nii.gz")) else {
         return;
     };
-    let plain = predict(&volume, network, &go_on).unwrap();
+    let plain = predict(&volume, network, 0.5, &go_on).unwrap();
     let grid = volume.grid();
     let size = grid.size();
     let brightest = f64::from(*volume.voxels().iter().max().unwrap());
@@ -127,7 +127,7 @@ fn the_mask_is_stable() {
         ("pitch of 20°", pitched_back, 0.98),
     ];
     for (name, volume, least) in cases {
-        let found = predict(&volume, network, &go_on).unwrap();
+        let found = predict(&volume, network, 0.5, &go_on).unwrap();
         let agreement = dice(plain.brain.mask(), found.brain.mask());
         println!(
             "{name}: {agreement:.4} {:?} {:?}",
@@ -136,7 +136,7 @@ fn the_mask_is_stable() {
         assert!(agreement >= least, "{name}: {agreement}");
     }
     let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
-    let mirrored = predict(&with_axes(&volume, mirror), network, &go_on).unwrap();
+    let mirrored = predict(&with_axes(&volume, mirror), network, 0.5, &go_on).unwrap();
     let back = with_axes_of_mask(mirrored.brain.mask(), grid, mirror);
     let agreement = dice(plain.brain.mask(), &back);
     println!("mirrored: {agreement:.4}");
@@ -160,7 +160,7 @@ fn the_order_of_a_volumes_axes_does_not_matter() {
     let (Some(network), Some(volume)) = (network(), head("ixi012/t1.nii.gz")) else {
         return;
     };
-    let plain = predict(&volume, network, &go_on).unwrap();
+    let plain = predict(&volume, network, 0.5, &go_on).unwrap();
     // What the network sees is the same for all 48, which a test of its own says; here, that the mask comes back.
     for (order, signs) in [
         ([0, 2, 1], 3),
@@ -169,7 +169,7 @@ fn the_order_of_a_volumes_axes_does_not_matter() {
         ([2, 0, 1], 1),
         ([2, 1, 0], 6),
     ] {
-        let found = predict(&reordered(&volume, order, signs), network, &go_on).unwrap();
+        let found = predict(&reordered(&volume, order, signs), network, 0.5, &go_on).unwrap();
         let agreement = dice(plain.brain.mask(), found.brain.mask());
         assert!(agreement >= 0.995, "{order:?} {signs}: {agreement}");
     }

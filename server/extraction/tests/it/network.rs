@@ -12,7 +12,7 @@ use crate::support::{dice, go_on, melon, network, noise, with_axes, with_values}
 fn the_brain_of_a_phantom_head_is_found() {
     let Some(network) = network() else { return };
     let head = phantom::head(1.5);
-    let found = extract(&head.volume, Some(network), &go_on).unwrap();
+    let found = extract(&head.volume, Some(network), 0.5, &go_on).unwrap();
     assert_eq!(found.method, Method::Network);
     // The network's mask follows the dura, the phantom's the sulci: their envelopes are compared.
     let truth = geometry::BrainMask::from_mask(&head.brain, head.volume.grid()).unwrap();
@@ -51,7 +51,7 @@ fn what_is_not_a_t1_head_does_not_end_as_ok() {
         ("a melon", melon()),
     ];
     for (name, volume) in lies {
-        match extract(&volume, Some(network), &go_on) {
+        match extract(&volume, Some(network), 0.5, &go_on) {
             Ok(found) => {
                 println!(
                     "{name}: {:?} {:?} {:?}",
@@ -80,7 +80,7 @@ fn an_extraction_stops_between_layers() {
                 ControlFlow::Continue(())
             }
         };
-        let found = predict(&head, network, &stop);
+        let found = predict(&head, network, 0.5, &stop);
         assert_eq!(found.map(|_| ()).unwrap_err(), ExtractionError::Cancelled);
     }
 }
@@ -93,7 +93,7 @@ fn progress_only_grows() {
         told.borrow_mut().push(done);
         ControlFlow::Continue(())
     };
-    predict(&phantom::head(4.0).volume, network, &observe).unwrap();
+    predict(&phantom::head(4.0).volume, network, 0.5, &observe).unwrap();
     let told = told.into_inner();
     assert!(told.len() > 20 && told.is_sorted(), "{told:?}");
     assert!(told[0] == 0.0 && *told.last().unwrap() <= 1.0);

@@ -9,7 +9,7 @@ use crate::support::{dice, go_on, melon, noise, with_axes, with_values};
 #[test]
 fn the_brain_of_a_folded_phantom_head_is_found_without_weights() {
     let head = phantom::head(1.5);
-    let found = extract(&head.volume, None, &go_on).unwrap();
+    let found = extract(&head.volume, None, 0.5, &go_on).unwrap();
     assert_eq!(found.method, Method::TreePruning);
     let truth = BrainMask::from_mask(&head.brain, head.volume.grid()).unwrap();
     let [found, truth] = [&found.brain, &truth].map(|brain| envelope(brain, 10.0).unwrap());

@@ -102,8 +102,7 @@ impl Extractor {
             }
         };
         let network = self.network.as_ref();
-        extraction::extract_above(volume, network, threshold as f32, &go_on)
-            .map_err(from_extraction)
+        extraction::extract(volume, network, threshold as f32, &go_on).map_err(from_extraction)
     }
 
     fn await_turn(&self, is_cancelled: &AtomicBool) -> Result<MutexGuard<'_, ()>, Failure> {
