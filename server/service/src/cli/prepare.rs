@@ -17,7 +17,7 @@ use crate::case::{CaseFacts, CaseId, CaseState, Parameters};
 use crate::dicom::{Choice, DicomReader, Options, Program};
 use crate::jobs::Workers;
 use crate::prepare::{Limits, Pipeline, Prepared, Source};
-use crate::store::{Options, Store};
+use crate::store::{self, Store};
 
 /// The most bytes of DICOM files, unpacked.
 const MAX_DICOM_BYTES: u64 = 16 << 30;
@@ -154,9 +154,9 @@ async fn into_store(
     (source, parameters): (Source, Parameters),
     pipeline: Pipeline,
 ) -> Result<(), CliError> {
-    let options = Options {
+    let options = store::Options {
         preparation: Arc::new(pipeline),
-        ..Options::default()
+        ..store::Options::default()
     };
     let store = Store::open_with(data, options).await?;
     let submitted = store.submit(source, parameters).await?;
