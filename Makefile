@@ -3,10 +3,13 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench
+.PHONY: help setup web demo test check bench
 
 help: ## list these commands
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z]+:.*## / { printf "  make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+web: ## bundle the page into web/dist, which the server carries
+	@scripts/web.sh
 
 demo: ## build, prepare a real head and serve the page at a printed address
 	@scripts/demo.sh

@@ -5,6 +5,7 @@ set -euo pipefail
 . "$(dirname "$0")/lib.sh"
 
 need_rust
+scripts/web.sh
 if [ -z "${ISOCORTEX_TEST_DATA:-}" ]; then
   say "ISOCORTEX_TEST_DATA is not set: benchmarks on real heads look beside the checkout, and say so if they find none."
 fi

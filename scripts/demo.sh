@@ -13,6 +13,7 @@ if [ -z "${ISOCORTEX_DEMO_VOLUME:-}" ]; then
   fi
 fi
 
+scripts/web.sh
 say "building the server (the first time takes some minutes)"
 cargo build --release --locked --package isocortex-service --bin isocortex
 server=$(target_dir)/release/isocortex

@@ -53,12 +53,15 @@ rust_tests() {
 
 shell_scripts() { git ls-files -z 'scripts/*.sh' .ci/run | xargs -0 shellcheck -x; }
 
+page_tests() { npm test --silent --prefix web; }
 browser_tests() {
-  ISOCORTEX_BINARY=$(target_dir)/debug/isocortex node --test tests/browser/
+  node web/build.mjs tests && ISOCORTEX_BINARY=$(target_dir)/debug/isocortex node --test web/build/browser/
 }
 
 [ -d "${ISOCORTEX_TEST_DATA:-../shared/data}" ] ||
   skip 'tests on real heads' 'set ISOCORTEX_TEST_DATA to their folder'
+# The server carries the page: nothing can be compiled without it.
+scripts/web.sh
 step format cargo fmt --all --check
 step lints cargo clippy --locked --workspace --all-targets -- -D warnings
 if have shellcheck; then step shellcheck shell_scripts; else skip shellcheck "shellcheck is not installed"; fi
@@ -67,7 +70,8 @@ if have cargo-deny; then
 else
   skip licences "cargo-deny is not installed"
 fi
-if have node; then step "page's unit tests" node --test web/test/; else skip "page's unit tests" "Node is not installed"; fi
+step "page's types" npm run types --silent --prefix web
+step "page's unit tests" page_tests
 
 if [ "$mode" = fast ]; then
   step "unit tests" rust_tests --lib --bins
@@ -76,10 +80,10 @@ else
   step build cargo build --locked --workspace --bins --tests
   step tests rust_tests --lib --bins --tests
   step "documentation tests" cargo test --locked --workspace --doc
-  if [ "${CI:-}" = true ] || { have node && scripts/chromium.sh >/dev/null; }; then
+  if [ "${CI:-}" = true ] || scripts/chromium.sh >/dev/null; then
     step "browser test" browser_tests
   else
-    skip "browser test" "it needs Node and chromium"
+    skip "browser test" "it needs chromium"
   fi
 fi
 

@@ -11,7 +11,7 @@ use geometry::{
 use glam::Vec3;
 
 /// The folder of test data: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout.
-fn data() -> Option<PathBuf> {
+pub(crate) fn data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);
     if !folder.is_dir() {

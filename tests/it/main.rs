@@ -1,6 +1,8 @@
 //! The integration tests: one program, one module for each subject.
 
+mod agreement;
 mod bad_input;
+mod golden;
 mod head;
 mod heads;
 mod hygiene;
@@ -13,6 +15,7 @@ mod openapi;
 mod renderers;
 mod renders;
 mod restart;
+mod scenes;
 mod security;
 mod server;
 mod sides;

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, test } from "node:test";
 
-import { getCase, listCases, onTokenWanted, problemFrom } from "../api.js";
+import { getCase, listCases, onTokenWanted, problemFrom } from "../src/api.js";
 
 const realFetch = globalThis.fetch;
 afterEach(() => (globalThis.fetch = realFetch));

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { VIEWS, caseStatus, clampDepth, deepest, pictureSize, renderQuery, sliceRange } from "../scene.js";
+import { VIEWS, caseStatus, clampDepth, deepest, pictureSize, renderQuery, sliceRange } from "../src/scene.js";
 
 const ready = {
   max_depth_mm: 41.3,

@@ -18,6 +18,8 @@ pub struct Limits {
     pub depth_voxels: f64,
     /// Mean difference from the exact renderer over covered pixels, in levels of 255.
     pub mean_difference: f64,
+    /// Whether pixels at the silhouette are covered in part, and darker on black.
+    pub has_soft_edges: bool,
 }
 
 /// A made-up case: an ellipsoid of half axes 30, 38 and 26 mm about (5, −7, 11), at 1.25 mm.
@@ -138,12 +140,12 @@ fn cameras() -> Vec<Camera> {
 /// # Panics
 /// When a check fails: the message says which.
 pub fn check(renderer: &dyn Renderer, limits: Limits) {
-    there_are_no_holes_inside_the_silhouette(renderer);
+    there_are_no_holes_inside_the_silhouette(renderer, &limits);
     hits_lie_on_the_isosurface(renderer, &limits);
     hits_are_those_of_the_ellipsoid_that_face_the_viewer(renderer);
     a_mark_on_the_right_shows_from_the_right_alone(renderer);
     any_number_of_threads_gives_the_same_bytes(renderer);
-    a_pixel_shows_the_native_intensity_at_its_hit(renderer);
+    a_pixel_shows_the_native_intensity_at_its_hit(renderer, &limits);
     a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer);
     outside_of_the_volume_nothing_is_shown(renderer);
     colours_are_those_of_the_map(renderer);
@@ -213,7 +215,7 @@ fn is_at_edge(frame: &Frame, [x, y]: [u32; 2]) -> bool {
     covered.contains(&true) && covered.contains(&false)
 }
 
-fn there_are_no_holes_inside_the_silhouette(renderer: &dyn Renderer) {
+fn there_are_no_holes_inside_the_silhouette(renderer: &dyn Renderer, limits: &Limits) {
     let case = bright();
     for camera in cameras() {
         for zoom in [0.3, 1.0, 2.0, 4.0] {
@@ -228,22 +230,35 @@ fn there_are_no_holes_inside_the_silhouette(renderer: &dyn Renderer) {
                 let width = frame.size().width() as usize;
                 let mut lit = 0;
                 // An ellipsoid's picture is convex: a row's lit pixels stand in one piece.
-                for row in frame.bytes().chunks_exact(width) {
+                for (y, row) in (0..).zip(frame.bytes().chunks_exact(width)) {
                     let first = row.iter().position(|&byte| byte > 0).unwrap_or(width);
                     let last = row
                         .iter()
                         .rposition(|&byte| byte > 0)
                         .map_or(first, |last| last + 1);
-                    assert!(
-                        row[first..last].iter().all(|&byte| byte == 200),
-                        "{camera:?} at {depth_mm} mm"
-                    );
+                    for (x, &byte) in row.iter().enumerate().take(last).skip(first) {
+                        let is_soft =
+                            || limits.has_soft_edges && byte > 0 && is_beside_black(&frame, x, y);
+                        assert!(
+                            byte == 200 || is_soft(),
+                            "{byte} at ({x}, {y}), {depth_mm} mm, {camera:?}"
+                        );
+                    }
                     lit += last - first;
                 }
                 assert!(lit > 20, "{camera:?} at {depth_mm} mm shows {lit} pixels");
             }
         }
     }
+}
+
+/// Whether one of the eight pixels around a pixel of a grey picture is black or outside of the picture.
+fn is_beside_black(frame: &Frame, x: usize, y: usize) -> bool {
+    let [x, y] = [x as u32, y as u32];
+    (0..9).any(|step| {
+        let [x, y] = [x + step % 3, y + step / 3].map(|place| place.wrapping_sub(1));
+        frame.pixel(x, y).is_none_or(|pixel| pixel[0] == 0)
+    })
 }
 
 fn hits_lie_on_the_isosurface(renderer: &dyn Renderer, limits: &Limits) {
@@ -356,7 +371,7 @@ fn any_number_of_threads_gives_the_same_bytes(renderer: &dyn Renderer) {
     }
 }
 
-fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &dyn Renderer) {
+fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &dyn Renderer, limits: &Limits) {
     let case = Phantom::new(aligned(), |position| {
         (3.0 * position.x - 2.0 * position.y + position.z + 200.0) as u16
     });
@@ -370,7 +385,8 @@ fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &dyn Renderer) {
     let hits = hits(renderer, &case.scene(), &request);
     for index in 0..96 * 96 {
         let [x, y] = [index % 96, index / 96];
-        if let Some(at) = hits.position_in_patient(x, y) {
+        let is_soft = limits.has_soft_edges && is_beside_black(&frame, x as usize, y as usize);
+        if let Some(at) = hits.position_in_patient(x, y).filter(|_| !is_soft) {
             let expected = (3.0 * at.x - 2.0 * at.y + at.z + 199.5) / 2.0;
             let found = f64::from(frame.pixel(x, y).unwrap()[0]);
             assert!((found - expected).abs() < 1.6, "{found} for {expected}");
@@ -384,17 +400,15 @@ fn a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer: &dyn R
     let request = request(RenderParameters {
         depth_mm: 5.0,
         light,
+        background: Background::Transparent,
         ..parameters()
     });
     let frame = draw(renderer, &case.scene(), &request);
     assert!(frame.pixel(48, 48).unwrap()[0] >= 198);
-    let least = frame
-        .bytes()
-        .iter()
-        .filter(|&&byte| byte > 0)
-        .min()
-        .unwrap();
-    assert!((40..100).contains(least), "{least} at the edge");
+    let (pixels, _) = frame.bytes().as_chunks::<2>();
+    let covered = pixels.iter().filter(|[_, alpha]| *alpha > 0);
+    let least = covered.map(|[grey, _]| *grey).min().unwrap();
+    assert!((38..100).contains(&least), "{least} at the edge");
 }
 
 fn outside_of_the_volume_nothing_is_shown(renderer: &dyn Renderer) {
@@ -489,13 +503,13 @@ fn one_pixel_and_extreme_zooms_are_drawn(renderer: &dyn Renderer) {
         let request = request(RenderParameters {
             camera,
             size,
+            background: Background::Transparent,
             ..parameters()
         });
         let frame = draw(renderer, &case.scene(), &request);
-        let [x, y] = [side / 2, side / 2];
-        assert!(
-            zoom < 1.0 || frame.pixel(x, y) == Some(&[200][..]),
-            "{side} {zoom}"
-        );
+        let pixel = frame.pixel(side / 2, side / 2).unwrap();
+        // The colour of a pixel that is covered in part was rounded twice.
+        let is_bright = pixel[0].abs_diff(200) <= 1 && pixel[1] > 0;
+        assert!(zoom < 1.0 || is_bright, "{side} {zoom}: {pixel:?}");
     }
 }

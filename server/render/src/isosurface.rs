@@ -41,6 +41,11 @@ impl<'a> Isosurface<'a> {
         }
     }
 
+    /// Whether it is another than that of the field itself.
+    pub(crate) fn is_smoothed(&self) -> bool {
+        self.smooth > 0.0
+    }
+
     /// How far a position in voxel coordinates lies below the isosurface; negative above it.
     #[inline(always)]
     pub(crate) fn below(&self, position: [f32; 3]) -> f32 {
@@ -57,7 +62,7 @@ impl<'a> Isosurface<'a> {
 
     /// The unit vector inwards, across the smoothed field.
     #[inline]
-    fn inward(&self, position: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn inward(&self, position: [f32; 3]) -> [f32; 3] {
         let [x, y, z] = self.normals.gradient(position).unwrap_or_default();
         let length = (x * x + y * y + z * z).sqrt().max(1e-6);
         let factor = 1.0 / length;

@@ -12,6 +12,7 @@
 //! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
 //! camera looks: x to the right of the picture, y up, z towards the viewer.
 
+pub mod agreement;
 mod annotate;
 mod apng;
 mod bounds;
@@ -32,6 +33,7 @@ mod renderer;
 mod sampler;
 mod scene;
 mod seeds;
+mod settle;
 mod shade;
 mod sheet;
 mod slice;

@@ -69,6 +69,7 @@ mod tests {
         let limits = Limits {
             depth_voxels: 0.5,
             mean_difference: 3.0,
+            has_soft_edges: false,
         };
         check(&Splat, limits);
     }
@@ -79,6 +80,7 @@ mod tests {
         let limits = Limits {
             depth_voxels: 0.016,
             mean_difference: 0.0,
+            has_soft_edges: false,
         };
         check(&Trace, limits);
     }

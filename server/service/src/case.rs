@@ -269,6 +269,15 @@ pub struct WindowFacts {
     pub width: f32,
 }
 
+/// A sphere in the patient.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SphereFacts {
+    /// Its centre, LPS mm.
+    pub center_in_patient: [f64; 3],
+    /// Its radius in mm.
+    pub radius_mm: f64,
+}
+
 /// What is known of a case once it is ready.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseFacts {
@@ -282,6 +291,10 @@ pub struct CaseFacts {
     pub native_size: [usize; 3],
     /// Edges of a voxel of the volume as it was acquired, in mm.
     pub native_spacing_mm: [f64; 3],
+    /// Rows of the affine from voxels of the volume as it was acquired to LPS mm.
+    pub native_patient_from_voxel: [[f64; 4]; 4],
+    /// The sphere around the envelope that zoom 1 fits into a picture.
+    pub envelope_sphere: SphereFacts,
     /// Depth of the deepest voxel, in mm.
     pub max_depth_mm: f32,
     /// Volume enclosed by the envelope, in ml.

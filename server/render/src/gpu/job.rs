@@ -45,6 +45,26 @@ pub struct GpuJob {
     pub surface: GpuSurface,
 }
 
+/// A picture that is asked for, of a scene that is at hand.
+#[derive(Clone, Copy)]
+pub(super) struct Call<'a> {
+    pub(super) key: CaseKey,
+    pub(super) scene: Scene<'a>,
+    pub(super) request: &'a RenderRequest,
+    pub(super) surface: &'a GpuSurface,
+}
+
+impl GpuJob {
+    pub(super) fn call(&self) -> Call<'_> {
+        Call {
+            key: self.case.key(),
+            scene: self.case.scene(),
+            request: &self.request,
+            surface: &self.surface,
+        }
+    }
+}
+
 impl fmt::Debug for GpuJob {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter

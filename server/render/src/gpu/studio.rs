@@ -1,5 +1,6 @@
 //! All that one device needs to draw.
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use geometry::{MeshSize, ShrunkMesh};
@@ -11,10 +12,12 @@ use super::cache::Cache;
 use super::case::{CasePlan, CaseTextures};
 use super::device::OpenDevice;
 use super::host::Host;
+use super::job::Call;
 use super::layout::Picture;
 use super::pipelines::{Pass, Pipelines};
 use super::target::{Output, Plan, Surface, Target};
 use super::{CaseKey, GpuError, GpuFrame, GpuJob, GpuSurface, pixels, uniforms};
+use crate::settle::settled;
 use crate::shade::pixel_format;
 use crate::{ColorMap, Hits};
 
@@ -84,16 +87,23 @@ impl Studio {
 
     /// Draws a picture.
     pub(super) fn draw(&mut self, job: &GpuJob) -> Result<GpuFrame, GpuError> {
-        let parameters = job.request.parameters();
+        self.draw_call(&job.call())
+    }
+
+    /// Draws a picture of a scene.
+    pub(super) fn draw_call(&mut self, call: &Call<'_>) -> Result<GpuFrame, GpuError> {
+        let surface = surface_of(call);
+        let call = &Call {
+            surface: &surface,
+            ..*call
+        };
+        let parameters = call.request.parameters();
         let format = pixel_format(parameters);
         let size = parameters.size;
-        let frame = self.run(job, Output::Color, |target, open| {
+        let frame = self.run(call, Output::Color, |target, open| {
             target.read(open, |rows| pixels::frame(size, format, rows))
         })?;
-        let reduction = self
-            .cases
-            .get(job.case.key())
-            .map(|case| case.maps.reduction);
+        let reduction = self.cases.get(call.key).map(|case| case.maps.reduction);
         Ok(GpuFrame {
             frame,
             reduction: reduction.filter(|&factors| factors != [1; 3]),
@@ -102,45 +112,48 @@ impl Studio {
 
     /// Finds what each pixel shows.
     pub(super) fn hits(&mut self, job: &GpuJob) -> Result<Hits, GpuError> {
-        let parameters = job.request.parameters();
-        let bounds = job.case.scene().bounds;
-        let heights_mm = self.heights(job)?;
-        Ok(Hits::new(
-            parameters.camera.projection(&bounds, parameters.size),
-            heights_mm,
-        ))
+        self.hits_call(&job.call())
     }
 
-    /// Heights of what each pixel shows above the plane through the target's centre, in mm; −∞ where there is nothing.
-    pub(super) fn heights(&mut self, job: &GpuJob) -> Result<Vec<f32>, GpuError> {
-        let size = job.request.parameters().size;
-        self.run(job, Output::Height, |target, open| {
+    /// Finds what each pixel of a scene's picture shows.
+    pub(super) fn hits_call(&mut self, call: &Call<'_>) -> Result<Hits, GpuError> {
+        let surface = surface_of(call);
+        let heights_mm = self.heights(&Call {
+            surface: &surface,
+            ..*call
+        })?;
+        let projection = call.request.projection(&call.scene);
+        Ok(Hits::new(projection, heights_mm))
+    }
+
+    /// Heights of what each pixel shows above the plane through the target's centre, in mm; −∞ where there is nothing. A mesh is
+    /// taken as it is.
+    pub(super) fn heights(&mut self, call: &Call<'_>) -> Result<Vec<f32>, GpuError> {
+        let size = call.request.parameters().size;
+        self.run(call, Output::Height, |target, open| {
             target.read(open, |rows| pixels::heights(size, rows))
         })
     }
 
     fn run<T>(
         &mut self,
-        job: &GpuJob,
+        call: &Call<'_>,
         output: Output,
         read: impl FnOnce(&Target, &OpenDevice) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        self.prepare(job)?;
-        let (surface, triangles) = match &job.surface {
+        self.prepare(call)?;
+        let (surface, triangles) = match call.surface {
             GpuSurface::Mesh { size, mesh } => (Surface::Mesh, Some(self.mesh(*size, mesh)?)),
             GpuSurface::Trace => (Surface::Trace, None),
         };
-        let size = job.request.parameters().size;
+        let size = call.request.parameters().size;
         let target = self.target(Plan {
             size,
             surface,
             output,
         });
-        let case = self
-            .cases
-            .get(job.case.key())
-            .ok_or(GpuError::OutOfMemory)?;
-        let picture = uniforms::picture(&job.case.scene(), &job.request, &case.maps);
+        let case = self.cases.get(call.key).ok_or(GpuError::OutOfMemory)?;
+        let picture = uniforms::picture(&call.scene, call.request, &case.maps);
         let bindings = case.bindings.clone();
         let queue = &self.open.queue;
         queue.write_buffer(&self.picture, 0, bytemuck::bytes_of(&picture));
@@ -186,12 +199,11 @@ impl Studio {
     }
 
     /// Makes sure that the textures of the case are on the device.
-    fn prepare(&mut self, job: &GpuJob) -> Result<(), GpuError> {
-        let key = job.case.key();
+    fn prepare(&mut self, call: &Call<'_>) -> Result<(), GpuError> {
+        let Call { key, scene, .. } = *call;
         if self.cases.get(key).is_some() {
             return Ok(());
         }
-        let scene = job.case.scene();
         let max_side = self.open.max_side_3d;
         let max_side = max_side.min(self.limits.max_side_3d.unwrap_or(max_side));
         let plan = CasePlan::new(&scene, max_side, self.cases.limit())?;
@@ -259,6 +271,17 @@ impl Studio {
         known
             .and_then(|place| self.targets.remove(place))
             .unwrap_or_else(|| Target::new(&self.open, &self.pipelines, plan))
+    }
+}
+
+/// What is drawn: of a mesh near the envelope, the one without terraces.
+fn surface_of<'a>(call: &Call<'a>) -> Cow<'a, GpuSurface> {
+    match call.surface {
+        GpuSurface::Mesh { size, mesh } => match settled(mesh, &call.scene) {
+            Cow::Borrowed(_) => Cow::Borrowed(call.surface),
+            Cow::Owned(mesh) => Cow::Owned(GpuSurface::Mesh { size: *size, mesh }),
+        },
+        GpuSurface::Trace => Cow::Borrowed(call.surface),
     }
 }
 

@@ -15,13 +15,16 @@ use std::sync::atomic::AtomicBool;
 
 use bytes::Bytes;
 use geometry::{
-    BrainMask, DepthField, DistanceMap, Envelope, Forest, Mask, MeshSize, PathTable, Paths, Volume,
+    BrainMask, DepthField, DistanceMap, Envelope, Forest, Grid, Mask, MeshSize, PathTable, Paths,
+    ShellIndex, Volume,
 };
 
 use self::failure::{from_geometry, from_imaging};
 use self::own_mask::own_mask;
 use self::steps::Steps;
-use crate::case::{CaseFacts, Failure, Parameters, Progress, Stage, WindowFacts};
+use render::BoundingSphere;
+
+use crate::case::{CaseFacts, Failure, Parameters, Progress, SphereFacts, Stage, WindowFacts};
 use crate::store::ObjectKind;
 use crate::store::codec::{encode_envelope, encode_forest, encode_paths, encode_volume};
 
@@ -93,10 +96,7 @@ pub fn prepare(
     let envelope =
         geometry::envelope(&brain, parameters.closing_radius_mm).map_err(from_geometry)?;
     drop(brain);
-    let [native_size, native_spacing_mm] = [
-        native.grid().size().map(|side| side as f64),
-        native.grid().spacing_mm(),
-    ];
+    let native_grid = native.grid().clone();
     let volume = crop(&native, &envelope)?;
     drop(native);
 
@@ -113,8 +113,9 @@ pub fn prepare(
     let default_paths = default_paths(&distance, &forest)?;
 
     let facts = CaseFacts {
-        native_size: native_size.map(|side| side as usize),
-        native_spacing_mm,
+        native_size: native_grid.size(),
+        native_spacing_mm: native_grid.spacing_mm(),
+        native_patient_from_voxel: rows_of(&native_grid),
         timings: steps.timings(),
         ..facts(&volume, &distance)?
     };
@@ -184,17 +185,18 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
     let [low, high] = volume
         .percentiles_inside(distance.envelope(), [0.02, 0.98])
         .unwrap_or([intensity_min, intensity_max]);
-    let affine = grid.patient_from_voxel();
-    let row = |axis: usize| {
-        let matrix = affine.matrix3.row(axis);
-        [matrix.x, matrix.y, matrix.z, affine.translation[axis]]
-    };
+    let sphere = BoundingSphere::of_envelope(&ShellIndex::new(distance));
     Ok(CaseFacts {
         grid_size: grid.size(),
         spacing_mm: grid.spacing_mm()[0],
-        patient_from_voxel: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+        patient_from_voxel: rows_of(grid),
         native_size: volume.grid().size(),
         native_spacing_mm: volume.grid().spacing_mm(),
+        native_patient_from_voxel: rows_of(volume.grid()),
+        envelope_sphere: SphereFacts {
+            center_in_patient: sphere.centre_in_patient.to_array(),
+            radius_mm: sphere.radius_mm,
+        },
         max_depth_mm: distance.max_depth_mm(),
         envelope_ml: distance.envelope().volume_ml(),
         intensity_min,
@@ -202,6 +204,16 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
         window: window(low, high),
         timings: Vec::new(),
     })
+}
+
+/// The rows of the affine from a grid's voxels to LPS mm.
+fn rows_of(grid: &Grid) -> [[f64; 4]; 4] {
+    let affine = grid.patient_from_voxel();
+    let row = |axis: usize| {
+        let matrix = affine.matrix3.row(axis);
+        [matrix.x, matrix.y, matrix.z, affine.translation[axis]]
+    };
+    [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
 }
 
 /// The window of an interval of intensities. An empty one gets a width all the same, for DICOM wants at least that of a step.

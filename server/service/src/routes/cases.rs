@@ -66,6 +66,8 @@ pub struct ReadyView {
     max_depth_mm: f32,
     /// Volume enclosed by the envelope.
     envelope_ml: f64,
+    /// The sphere around the envelope that zoom 1 fits into a picture.
+    envelope_sphere: SphereView,
     /// Intensities and how to show them.
     intensity: IntensityView,
     /// Wall time of each step of the preparation, in ms.
@@ -90,6 +92,17 @@ pub struct VolumeView {
     size: [usize; 3],
     /// Edges of a voxel.
     spacing_mm: [f64; 3],
+    /// Rows of the affine from voxel centres to LPS mm.
+    patient_from_voxel: [[f64; 4]; 4],
+}
+
+/// A sphere in the patient.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct SphereView {
+    /// Its centre, LPS mm.
+    center_in_patient: [f64; 3],
+    /// Its radius.
+    radius_mm: f64,
 }
 
 /// Intensities and how to show them.
@@ -201,9 +214,14 @@ impl From<CaseFacts> for ReadyView {
             volume: VolumeView {
                 size: facts.native_size,
                 spacing_mm: facts.native_spacing_mm,
+                patient_from_voxel: facts.native_patient_from_voxel,
             },
             max_depth_mm: facts.max_depth_mm,
             envelope_ml: facts.envelope_ml,
+            envelope_sphere: SphereView {
+                center_in_patient: facts.envelope_sphere.center_in_patient,
+                radius_mm: facts.envelope_sphere.radius_mm,
+            },
             intensity: IntensityView {
                 min: facts.intensity_min,
                 max: facts.intensity_max,

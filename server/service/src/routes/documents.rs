@@ -24,13 +24,13 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// A file of the page: its address, media type and bytes.
+/// A file of the page, bundled by `make web`: its address, media type and bytes.
 macro_rules! page_file {
     ($address:literal, $kind:expr, $file:literal) => {
         (
             $address,
             $kind,
-            include_bytes!(concat!("../../../../web/", $file)).as_slice(),
+            include_bytes!(concat!("../../../../web/dist/", $file)).as_slice(),
         )
     };
 }
@@ -39,13 +39,7 @@ macro_rules! page_file {
 const PAGE: &[(&str, &str, &[u8])] = &[
     page_file!("/", HTML, "index.html"),
     page_file!("/style.css", CSS, "style.css"),
-    page_file!("/api.js", JAVASCRIPT, "api.js"),
-    page_file!("/cases.js", JAVASCRIPT, "cases.js"),
     page_file!("/main.js", JAVASCRIPT, "main.js"),
-    page_file!("/picture.js", JAVASCRIPT, "picture.js"),
-    page_file!("/scene.js", JAVASCRIPT, "scene.js"),
-    page_file!("/upload.js", JAVASCRIPT, "upload.js"),
-    page_file!("/viewer.js", JAVASCRIPT, "viewer.js"),
 ];
 
 /// A document in every coding, with its tags.
@@ -119,17 +113,36 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_script_that_the_page_imports_is_served() {
-        for (_, kind, bytes) in PAGE {
-            let text = std::str::from_utf8(bytes).unwrap();
-            let imports = text
-                .match_indices("from \"./")
-                .map(|(at, found)| &text[at + found.len()..]);
-            for import in imports {
-                let file = import.split('"').next().unwrap();
-                let served = PAGE.iter().any(|(address, ..)| address[1..] == *file);
-                assert!(served, "{file} is imported ({kind}) but not served");
-            }
+    fn every_file_that_the_page_names_is_served() {
+        let text = |name: &str| {
+            let found = PAGE.iter().find(|(address, ..)| *address == name);
+            std::str::from_utf8(found.unwrap().2).unwrap()
+        };
+        let named = text("/").split('"').filter(|word| word.starts_with("./"));
+        let named: Vec<_> = named.map(|word| &word[1..]).collect();
+        assert_eq!(named.len(), 2, "a style and a script: {named:?}");
+        for address in named {
+            assert!(!text(address).is_empty());
         }
+    }
+
+    #[test]
+    fn the_page_holds_no_inline_script_or_style() {
+        let (_, _, bytes) = PAGE.iter().find(|(address, ..)| *address == "/").unwrap();
+        let text = std::str::from_utf8(bytes).unwrap();
+        for forbidden in ["<style", " style=", "<script>", " onclick="] {
+            assert!(!text.contains(forbidden), "{forbidden}");
+        }
+    }
+
+    /// The page is to be there at once over a slow line.
+    #[test]
+    fn the_script_is_at_most_40_kb_gzipped() {
+        let (_, _, bytes) = PAGE
+            .iter()
+            .find(|(address, ..)| *address == "/main.js")
+            .unwrap();
+        let gzipped = compress(&Bytes::from_static(bytes), Coding::Gzip).len();
+        assert!(gzipped <= 40_000, "{gzipped} bytes");
     }
 }

@@ -11,7 +11,8 @@ use jiff::Timestamp;
 use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
 use super::{ObjectKind, ObjectName, Options, Store};
 use crate::case::{
-    Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, Stage, WindowFacts,
+    Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, SphereFacts, Stage,
+    WindowFacts,
 };
 use crate::prepare::{Derived, Limits, Preparation, Source};
 
@@ -27,6 +28,11 @@ pub(crate) fn facts() -> CaseFacts {
         patient_from_voxel: [[0.0; 4]; 4],
         native_size: [1, 2, 3],
         native_spacing_mm: [1.0; 3],
+        native_patient_from_voxel: [[0.0; 4]; 4],
+        envelope_sphere: SphereFacts {
+            center_in_patient: [0.0; 3],
+            radius_mm: 1.0,
+        },
         max_depth_mm: 10.0,
         envelope_ml: 100.0,
         intensity_min: 0.0,

@@ -1,5 +1,6 @@
 //! The shaders without a device, and with one, if there is.
 
+mod conformance;
 mod drawing;
 mod faults;
 mod glsl;

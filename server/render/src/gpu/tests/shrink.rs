@@ -253,7 +253,7 @@ fn the_vertex_shader_shrinks_as_the_table_does() {
         };
         let [expected, found] = painter
             .attempt(|studio| {
-                let hits = studio.heights(&job)?;
+                let hits = studio.heights(&job.call())?;
                 Ok([hits, heights(studio, &job, &table)?])
             })
             .unwrap();

@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# Bundles the page into web/dist, which the server carries; fetches the bundler first where it is missing or stale.
+set -euo pipefail
+# shellcheck source=scripts/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+have node && have npm || die "Node and npm are missing (Node 20 or later); the page is bundled with them."
+if ! [ web/node_modules/.package-lock.json -nt web/package-lock.json ]; then
+  [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] ||
+    die "web/node_modules is missing or stale; run npm ci in web/ (ISOCORTEX_NO_INSTALL=1 forbids doing it from here)."
+  say "fetching what bundles and tests the page (npm ci in web/)"
+  npm ci --prefix web --no-audit --no-fund --ignore-scripts --loglevel=error
+fi
+node web/build.mjs

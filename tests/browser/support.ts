@@ -1,0 +1,159 @@
+// What the tests in a real browser share: the program itself on a free port, and Debian's Chromium with WebGL2 in software.
+//
+// Needs the built program (ISOCORTEX_BINARY, else target/debug/isocortex) and Chromium; without the latter the tests are
+// skipped, but on CI (CI=true) they fail. Screenshots are left in target/browser/.
+
+import assert from "node:assert/strict";
+import { type ChildProcess, execFileSync, spawn } from "node:child_process";
+import { once } from "node:events";
+import { existsSync } from "node:fs";
+import { mkdir, mkdtemp, rm } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { createInterface } from "node:readline";
+
+import { type Browser, type BrowserContext, type BrowserContextOptions, type Page, chromium } from "playwright-core";
+
+/** The root of the checkout; the tests run bundled, from web/build/browser/. */
+export const ROOT = path.join(import.meta.dirname, "../../..");
+const PROGRAM = path.resolve(ROOT, process.env.ISOCORTEX_BINARY || "target/debug/isocortex");
+export const PICTURES = path.join(ROOT, "target/browser");
+
+/** The path of a Chromium, or null where none is installed. */
+function findChromium(): string | null {
+  try {
+    return execFileSync(path.join(ROOT, "scripts/chromium.sh"), { encoding: "utf8" }).trim();
+  } catch {
+    return null;
+  }
+}
+
+const executable = findChromium();
+/** Why the tests cannot run here; false where they can. */
+export const skip = !executable && process.env.CI !== "true" ? "no Chromium is installed" : false;
+if (skip) console.error(`SKIPPED: ${skip}; install the package chromium or set CHROMIUM`);
+
+// WebGL2 in software, so that the tests draw the same where there is a graphics card and where there is none.
+const FLAGS = [
+  "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage", "--disable-quic",
+  "--force-color-profile=srgb", "--font-render-hinting=none",
+];
+
+/** The head to test with: Colin27 of the test data or of Debian's mricron-data, as the demo finds it; else a phantom. */
+function headOfDemo(): Record<string, string> {
+  const head = process.env.ISOCORTEX_DEMO_VOLUME;
+  const mask = process.env.ISOCORTEX_DEMO_MASK;
+  if (head) return { ISOCORTEX_DEMO_VOLUME: head, ...(mask ? { ISOCORTEX_DEMO_MASK: mask } : {}) };
+  const folder = folderOfColin();
+  if (folder) {
+    return { ISOCORTEX_DEMO_VOLUME: path.join(folder, "ch2.nii.gz"), ISOCORTEX_DEMO_MASK: path.join(folder, "ch2bet.nii.gz") };
+  }
+  console.error("no real head is to be had here; the tests take the phantom instead");
+  return {};
+}
+
+function folderOfColin(): string | null {
+  const data = process.env.ISOCORTEX_TEST_DATA ?? path.join(ROOT, "../shared/data");
+  if (existsSync(path.join(data, "colin27/ch2bet.nii.gz"))) return path.join(data, "colin27");
+  try {
+    // Finds it, or unpacks it into the checkout; ISOCORTEX_NO_INSTALL=1 or a missing network leave nothing.
+    return execFileSync(path.join(ROOT, "scripts/head.sh"), { encoding: "utf8", stdio: ["ignore", "pipe", "ignore"] }).trim();
+  } catch {
+    return null;
+  }
+}
+
+/** A running server. */
+export interface Server {
+  readonly address: string;
+  readonly child: ChildProcess;
+  stop(signal?: NodeJS.Signals): Promise<void>;
+}
+
+export interface ServerOptions {
+  /** `demo` prepares the demo's head, `serve` starts empty. */
+  readonly command: "demo" | "serve";
+  readonly data: string;
+  /** 0 takes a free one. */
+  readonly port?: number;
+}
+
+/** Starts the program and waits until it says where it listens. */
+export async function startServer({ command, data, port = 0 }: ServerOptions): Promise<Server> {
+  // Nothing of the machine's own configuration: the program as a newcomer sees it.
+  const env = Object.fromEntries(Object.entries(process.env).filter(([name]) => !name.startsWith("ISOCORTEX_")));
+  const head = command === "demo" ? headOfDemo() : {};
+  const child = spawn(PROGRAM, [command], {
+    stdio: ["ignore", "pipe", "pipe"],
+    env: { ...env, ...head, ISOCORTEX_DATA: data, ISOCORTEX_LISTEN: `127.0.0.1:${port}` },
+  });
+  const said: string[] = [];
+  const address = await new Promise<string>((resolve, reject) => {
+    child.on("error", reject);
+    child.on("exit", (code) => reject(new Error(`the server ended with ${code}:\n${said.join("\n")}`)));
+    for (const stream of [child.stdout, child.stderr]) {
+      createInterface({ input: stream }).on("line", (line) => {
+        said.push(line);
+        const found = /http:\/\/[^\s"]+/.exec(line);
+        if (found) resolve(found[0]);
+      });
+    }
+  });
+  return {
+    address,
+    child,
+    async stop(signal = "SIGTERM") {
+      if (child.exitCode !== null || child.signalCode !== null) return;
+      child.kill(signal);
+      await once(child, "exit");
+    },
+  };
+}
+
+/** A folder that is removed by `clean`. */
+export async function scratchFolder(): Promise<{ readonly folder: string; clean(): Promise<void> }> {
+  const folder = await mkdtemp(path.join(tmpdir(), "isocortex-page-"));
+  return { folder, clean: () => rm(folder, { recursive: true, force: true }) };
+}
+
+/** Debian's Chromium, headless. */
+export async function launchBrowser(): Promise<Browser> {
+  assert.ok(executable, "no Chromium is installed, which CI needs");
+  return chromium.launch({ executablePath: executable, headless: true, args: FLAGS });
+}
+
+/** A page of a context of its own, with what went wrong in it: exceptions, console errors, refusals of the policy. */
+export interface Watched {
+  readonly page: Page;
+  readonly context: BrowserContext;
+  readonly troubles: string[];
+}
+
+export async function openPage(browser: Browser, options: BrowserContextOptions = {}): Promise<Watched> {
+  const context = await browser.newContext({ viewport: { width: 1440, height: 900 }, locale: "en-GB", ...options });
+  const page = await context.newPage();
+  const troubles: string[] = [];
+  page.on("pageerror", (error) => troubles.push(error.stack ?? error.message));
+  page.on("console", (message) => {
+    if (message.type() === "error") troubles.push(`${message.text()} ${message.location().url}`);
+  });
+  return { page, context, troubles };
+}
+
+/** Keeps what the page looks like, for people to look at. */
+export async function keep(page: Page, name: string): Promise<void> {
+  await mkdir(PICTURES, { recursive: true });
+  await page.screenshot({ path: path.join(PICTURES, `${name}.png`) });
+}
+
+/** The first ready case's id, waited for. */
+export async function readyCase(address: string, seconds = 240): Promise<string> {
+  const deadline = Date.now() + 1000 * seconds;
+  for (;;) {
+    const { cases } = (await (await fetch(new URL("v1/cases", address))).json()) as { cases: { id: string; state: string }[] };
+    const ready = cases.find((one) => one.state === "ready");
+    if (ready) return ready.id;
+    assert.ok(Date.now() < deadline, "no case is ready");
+    await new Promise((resolve) => setTimeout(resolve, 200));
+  }
+}

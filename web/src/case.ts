@@ -1,0 +1,56 @@
+// A case as the server tells of it.
+
+import type { Affine, Vec3 } from "./space.ts";
+
+/** A DICOM window (PS3.3 C.11.2.1.2, LINEAR), in intensities. */
+export interface Window {
+  readonly center: number;
+  readonly width: number;
+}
+
+/** A sphere in the patient. */
+export interface Sphere {
+  readonly center_in_patient: Vec3;
+  readonly radius_mm: number;
+}
+
+/** A problem of RFC 9457. */
+export interface ProblemBody {
+  readonly type?: string;
+  readonly title?: string;
+  readonly detail?: string;
+}
+
+/** What is known of every case. */
+interface AnyCase {
+  /** 32 hexadecimal digits. */
+  readonly id: string;
+  readonly name: string | null;
+  readonly created_at: string;
+}
+
+export interface WaitingCase extends AnyCase {
+  readonly state: "queued" | "preparing";
+  readonly progress?: { readonly stage: string; readonly fraction: number };
+}
+
+export interface FailedCase extends AnyCase {
+  readonly state: "failed";
+  readonly error?: ProblemBody;
+}
+
+/** A case that can be shown. Lengths are in mm, positions in LPS. */
+export interface ReadyCase extends AnyCase {
+  readonly state: "ready";
+  /** The working grid: isotropic, along the patient's axes. */
+  readonly grid: { readonly size: Vec3; readonly spacing_mm: number; readonly patient_from_voxel: Affine };
+  /** The volume as it was acquired. */
+  readonly volume: { readonly size: Vec3; readonly spacing_mm: Vec3; readonly patient_from_voxel: Affine };
+  readonly max_depth_mm: number;
+  readonly envelope_ml: number;
+  /** What zoom 1 fits into a picture. */
+  readonly envelope_sphere: Sphere;
+  readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
+}
+
+export type Case = WaitingCase | FailedCase | ReadyCase;
