@@ -149,10 +149,7 @@ impl MeasuredCase {
     ///
     /// # Errors
     /// When a file is not sound or the head has no usable envelope.
-    pub fn prepare(
-        head: &Head,
-        closing_radius_mm: f64,
-    ) -> Result<(Self, StepCosts), MeasureError> {
+    pub fn prepare(head: &Head, closing_radius_mm: f64) -> Result<(Self, StepCosts), MeasureError> {
         let mut costs = StepCosts::default();
         let (volume, mask) = costs.time(Step::Reading, || head.read())?;
         let case = Self::of_scan(&Scan { volume, mask }, closing_radius_mm, &mut costs)?;

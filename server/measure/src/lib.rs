@@ -6,6 +6,7 @@
 
 mod case;
 mod clock;
+pub mod counted;
 mod error;
 pub mod growth;
 mod head;

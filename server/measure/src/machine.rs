@@ -96,11 +96,7 @@ fn processor() -> Option<String> {
 
 fn system() -> String {
     let release = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
-    let words = [
-        std::env::consts::OS,
-        release.trim(),
-        std::env::consts::ARCH,
-    ];
+    let words = [std::env::consts::OS, release.trim(), std::env::consts::ARCH];
     let known: Vec<_> = words.into_iter().filter(|word| !word.is_empty()).collect();
     known.join(" ")
 }

@@ -53,7 +53,10 @@ fn figure_5(table: &Table, which: &'static str, what: &str) -> (String, Plot) {
             continue;
         }
         // Without a mesh there is one rate, whatever the triangles.
-        let level = table.rows.iter().find(|row| row[0] == Cell::Text(name.clone()));
+        let level = table
+            .rows
+            .iter()
+            .find(|row| row[0] == Cell::Text(name.clone()));
         let level = level.and_then(|row| number_in(table, row, &y));
         if let Some(level) = level {
             series.push(Series::line(name, vec![(200.0, level), (8000.0, level)]));
@@ -65,7 +68,10 @@ fn figure_5(table: &Table, which: &'static str, what: &str) -> (String, Plot) {
     };
     let paper = TABLE_2.iter();
     let paper = paper.map(|row| (TABLE_2_TRIANGLES as f64, figure(row)));
-    series.push(Series::marks("paper, machines C to I, 2006", paper.collect()));
+    series.push(Series::marks(
+        "paper, machines C to I, 2006",
+        paper.collect(),
+    ));
     let plot = Plot {
         title: format!("Rotation frame rate by mesh size, {what}"),
         x: Axis::linear("triangles"),
@@ -166,7 +172,12 @@ mod tests {
         ];
         let mut table = Table::new("figure_5", "Figure 5", &columns);
         let row = |name: &str, triangles: Option<usize>, fps: f64| {
-            [name.into(), triangles.into(), fps.into(), (2.0 * fps).into()]
+            [
+                name.into(),
+                triangles.into(),
+                fps.into(),
+                (2.0 * fps).into(),
+            ]
         };
         table.push(row("mesh", Some(200), 90.0));
         table.push(row("mesh", Some(8000), 60.0));

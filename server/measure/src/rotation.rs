@@ -29,13 +29,15 @@ pub enum Painter {
 }
 
 impl Painter {
-    /// Its name and, where that is not the processor, its device with its driver.
-    pub fn name(&self) -> String {
+    /// Its name, and whether the graphics device that it draws on is a program.
+    pub fn name(&self) -> &'static str {
+        let is_software = |pool: &GpuPool| pool.adapter().is_software;
         match self {
-            Self::Splat => "splat (voxel projection)".to_owned(),
-            Self::Trace => "trace".to_owned(),
-            Self::Mesh(pool) => format!("mesh on {}", device(pool)),
-            Self::GpuTrace(pool) => format!("trace on {}", device(pool)),
+            Self::Splat => "splat",
+            Self::Trace => "trace",
+            Self::Mesh(pool) if is_software(pool) => "mesh, device in software",
+            Self::Mesh(_) => "mesh, graphics device",
+            Self::GpuTrace(_) => "trace, graphics device",
         }
     }
 
@@ -72,20 +74,6 @@ impl Painter {
     }
 }
 
-/// A graphics device and its driver.
-pub(crate) fn device(pool: &GpuPool) -> String {
-    let adapter = pool.adapter();
-    let kind = if adapter.is_software {
-        ", in software"
-    } else {
-        ""
-    };
-    format!(
-        "{} ({}, {}{kind})",
-        adapter.name, adapter.interface, adapter.driver
-    )
-}
-
 /// A head that turns about its vertical axis, a degree from frame to frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spin {
@@ -117,7 +105,11 @@ impl Spin {
     ///
     /// # Errors
     /// When the depth is out of range.
-    pub fn request(&self, case: &MeasuredCase, frame: usize) -> Result<RenderRequest, MeasureError> {
+    pub fn request(
+        &self,
+        case: &MeasuredCase,
+        frame: usize,
+    ) -> Result<RenderRequest, MeasureError> {
         let turn = DQuat::from_rotation_z((frame as f64 * STEP_DEGREES).to_radians());
         let orientation = NamedView::Left.orientation() * turn;
         Ok(RenderRequest::new(RenderParameters {
@@ -209,7 +201,9 @@ mod tests {
         let towards_viewer = |frame| {
             use render::gpu::GpuCase as _;
             let request = spin.request(&case, frame).unwrap();
-            request.projection(&case.scene()).towards_viewer_in_patient()
+            request
+                .projection(&case.scene())
+                .towards_viewer_in_patient()
         };
         assert!(towards_viewer(0).x > 0.999);
         assert!(towards_viewer(90).y.abs() > 0.999);

@@ -5,6 +5,9 @@ use serde_json::{Map, Value, json};
 /// Digits that a number keeps on a terminal. JSON has all of them.
 const DIGITS: i32 = 3;
 
+/// Letters in a line of a note.
+const LINE: usize = 120;
+
 /// A table of measurements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
@@ -122,7 +125,7 @@ pub fn readable(number: f64) -> String {
         return "0".to_owned();
     }
     let exponent = number.abs().log10().floor() as i32;
-    if exponent < -5 {
+    if exponent < -3 {
         return format!("{number:.2e}");
     }
     let decimals = DIGITS - 1 - exponent;
@@ -230,7 +233,7 @@ impl Table {
             }
         }
         for note in &self.notes {
-            text.push_str(&format!("  {note}\n"));
+            text.push_str(&wrapped(note));
         }
         text
     }
@@ -252,6 +255,27 @@ impl Table {
     }
 }
 
+/// A sentence in lines of at most [`LINE`] letters, where its words allow it.
+fn wrapped(sentence: &str) -> String {
+    let mut text = String::new();
+    let mut length = 0;
+    for word in sentence.split_whitespace() {
+        let letters = word.chars().count();
+        if length == 0 || length + 1 + letters > LINE {
+            let indent = if length == 0 { "  " } else { "\n    " };
+            text.push_str(indent);
+            length = indent.trim_start_matches('\n').len();
+        } else {
+            text.push(' ');
+            length += 1;
+        }
+        text.push_str(word);
+        length += letters;
+    }
+    text.push('\n');
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -269,7 +293,8 @@ mod tests {
     fn numbers_keep_three_digits() {
         let readings = [
             (0.0, "0"),
-            (0.000_123_4, "0.000123"),
+            (0.000_123_4, "1.23e-4"),
+            (0.001_234, "0.00123"),
             (1.234e-9, "1.23e-9"),
             (0.5, "0.500"),
             (12.345, "12.3"),
@@ -295,9 +320,21 @@ mod tests {
     }
 
     #[test]
+    fn notes_are_wrapped_between_words() {
+        let text = wrapped(&["word"; 40].join(" "));
+        assert_eq!(text.matches("word").count(), 40);
+        assert_eq!(text.lines().count(), 2);
+        assert!(text.lines().all(|line| line.chars().count() <= LINE));
+        assert!(text.starts_with("  word") && text.contains("\n    word"));
+    }
+
+    #[test]
     fn json_has_all_digits_by_key() {
         let json = table().json();
-        assert_eq!(json["rows"][0], json!({"step": "closing", "wall_ms": 72.345}));
+        assert_eq!(
+            json["rows"][0],
+            json!({"step": "closing", "wall_ms": 72.345})
+        );
         assert_eq!(json["rows"][1]["wall_ms"], Value::Null);
     }
 

@@ -119,7 +119,10 @@ mod tests {
     use crate::{Cell, column};
 
     fn table(exponent: f64) -> Table {
-        let columns = [column("voxels", "voxels"), column("closing_ms", "closing, ms")];
+        let columns = [
+            column("voxels", "voxels"),
+            column("closing_ms", "closing, ms"),
+        ];
         let mut table = Table::new("growth", "Growth", &columns);
         for voxels in [1000.0_f64, 8000.0, 64_000.0] {
             table.push([Cell::from(voxels), voxels.powf(exponent).into()]);

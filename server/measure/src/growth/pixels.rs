@@ -28,7 +28,7 @@ pub(super) fn table(growth: &Growth<'_>) -> Result<Table, MeasureError> {
                 rows.push(row(growth, painter, side)?);
             }
         }
-        note_exponents(&mut rows, "pixels", &["frame_ms", "frame_cpu_ms", "png_ms"]);
+        note_exponents(&mut rows, "pixels", &["frame_cpu_ms", "png_ms"]);
         for note in rows.notes {
             table.note(format!("{}: {note}", painter.name()));
         }

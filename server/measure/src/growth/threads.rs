@@ -14,10 +14,7 @@ pub(super) fn table(growth: &Growth<'_>) -> Result<Table, MeasureError> {
         column("cpu_more", "× the CPU time"),
     ];
     let threads = rayon::current_num_threads();
-    let title = format!(
-        "Growth with the threads: least of {}",
-        growth.extent.repeat
-    );
+    let title = format!("Growth with the threads: least of {}", growth.extent.repeat);
     let mut table = Table::new("growth_threads", title, &columns);
     let one = on_threads(growth, 1)?;
     let all = on_threads(growth, threads)?;

@@ -89,7 +89,9 @@ fn row(growth: &Growth<'_>, scan: &Scan) -> Result<Vec<Cell>, MeasureError> {
     let steps = Step::ALL
         .into_iter()
         .filter(|step| !matches!(step, Step::Reading | Step::Crop));
-    cells.extend(steps.map(|step| Cell::from(least_ms(runs.iter().map(|run| run.of(step)).collect()))));
+    cells.extend(
+        steps.map(|step| Cell::from(least_ms(runs.iter().map(|run| run.of(step)).collect()))),
+    );
     cells.push(least_ms(crate::case::sums(&runs, |step| step != Step::Reading)).into());
     cells.extend([depth_us.into(), memory.into()]);
     Ok(cells)

@@ -60,11 +60,21 @@ fn derivation(
     let walk = || {
         for depth in depths.clone() {
             let paths = Paths::Forest(&case.forest);
-            std::hint::black_box(shrink_once(&mesh, &case.distance, &case.field, paths, depth));
+            std::hint::black_box(shrink_once(
+                &mesh,
+                &case.distance,
+                &case.field,
+                paths,
+                depth,
+            ));
         }
     };
     let each = |costs: Costs, parts: usize| -> Costs {
-        costs.all().iter().map(|cost| cost.shared_by(parts)).collect()
+        costs
+            .all()
+            .iter()
+            .map(|cost| cost.shared_by(parts))
+            .collect()
     };
     Ok(Derivation {
         size,
@@ -111,7 +121,10 @@ pub(super) fn figure_6(derivations: &[Derivation]) -> Table {
     }
     table.note("New depth: two rows of a table that is made once for a mesh size. Along the paths: without it, as in the paper.");
     table.note("The paper's figure is a plot of machine F; its text gives the number of 1,800 triangles alone, and says: linear.");
-    for (key, what) in [("derivation_s", "New depth"), ("walked_s", "Along the paths")] {
+    for (key, what) in [
+        ("derivation_s", "New depth"),
+        ("walked_s", "Along the paths"),
+    ] {
         if let Some(law) = PowerLaw::fit(&table.pairs("triangles", key)) {
             let exponent = readable(law.exponent);
             table.note(format!("{what}: grows as triangles to the {exponent}."));

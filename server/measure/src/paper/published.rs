@@ -29,7 +29,10 @@ pub struct VoxelRow {
     pub inner_fps: f64,
 }
 
-const fn mesh(machine: char, [setup_s, envelope_fps, inner_fps, derivation_s]: [f64; 4]) -> MeshRow {
+const fn mesh(
+    machine: char,
+    [setup_s, envelope_fps, inner_fps, derivation_s]: [f64; 4],
+) -> MeshRow {
     MeshRow {
         machine,
         setup_s,

@@ -16,7 +16,7 @@ const ONE_TURN: usize = 360;
 #[derive(Debug)]
 pub(super) struct Spun {
     /// Its name.
-    painter: String,
+    painter: &'static str,
     /// The mesh that was drawn, by a painter of meshes.
     size: Option<MeshSize>,
     is_splat: bool,
@@ -178,14 +178,18 @@ pub(super) fn table_2(
             &setup::mesh_setup(experiment),
             times(of(|row| row.setup_s)),
         ),
-        Line::rate("envelope, frames/s", spun.map(|spun| &spun.envelope), envelope),
+        Line::rate(
+            "envelope, frames/s",
+            spun.map(|spun| &spun.envelope),
+            envelope,
+        ),
         Line::rate("inner, frames/s", spun.map(|spun| &spun.inner), inner),
         Line::time("new depth (MDT), s", looked_up, mdt),
         Line::time("new depth without table, s", walked, mdt),
     ];
     let painter = experiment
         .mesh_painter()
-        .map_or_else(|| "no graphics device".to_owned(), Painter::name);
+        .map_or("no graphics device", Painter::name);
     let title = format!("Table 2: a mesh of 1,800 triangles (30 × 30), {painter}");
     let mut table = beside_paper("table_2", title, lines);
     match spun {
@@ -233,7 +237,9 @@ fn frames_note(experiment: &Experiment<'_>) -> String {
     let protocol = &experiment.protocol;
     let (width, height) = (protocol.size.width(), protocol.size.height());
     let inner = protocol.inner_depth_mm(experiment.case);
-    format!("Frames of {width} × {height} pixels, lit; inner is {inner:.1} mm deep. The paper names neither its size nor its depth.")
+    format!(
+        "Frames of {width} × {height} pixels, lit; inner is {inner:.1} mm deep. The paper names neither its size nor its depth."
+    )
 }
 
 /// Figure 5: frame rates by mesh size, and the renderers without a mesh beside them.
@@ -258,7 +264,7 @@ pub(super) fn figure_5(experiment: &Experiment<'_>, spins: &[Spun]) -> Table {
         } = spun;
         let ms = |seconds: f64| Cell::from(seconds * 1e3);
         table.push([
-            spun.painter.as_str().into(),
+            spun.painter.into(),
             spun.size.map(MeshSize::triangle_count).into(),
             envelope.frames_per_s.into(),
             inner.frames_per_s.into(),

@@ -174,7 +174,10 @@ impl Plot {
             }
             svg.push_str(&mark_at((mark, y), number));
             let name = escaped(&series.name);
-            let _ = writeln!(svg, "<text x=\"{text:.1}\" y=\"{baseline:.1}\">{name}</text>");
+            let _ = writeln!(
+                svg,
+                "<text x=\"{text:.1}\" y=\"{baseline:.1}\">{name}</text>"
+            );
         }
     }
 
@@ -186,9 +189,8 @@ impl Plot {
         let hidden = |&(x0, y0): &(f64, f64)| {
             // Lines count by some points along them.
             let lines = self.series.iter().flat_map(|series| series.along(field));
-            let is_below = |(x, y): &(f64, f64)| {
-                (x0..x0 + width).contains(x) && (y0..y0 + height).contains(y)
-            };
+            let is_below =
+                |(x, y): &(f64, f64)| (x0..x0 + width).contains(x) && (y0..y0 + height).contains(y);
             lines.filter(is_below).count()
         };
         corners

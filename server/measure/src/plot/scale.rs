@@ -110,7 +110,11 @@ impl Scale {
         let first = self.low.log10().floor() as i32;
         let last = self.high.log10().ceil() as i32;
         (first..=last)
-            .flat_map(|exponent| factors.iter().map(move |factor| factor * 10_f64.powi(exponent)))
+            .flat_map(|exponent| {
+                factors
+                    .iter()
+                    .map(move |factor| factor * 10_f64.powi(exponent))
+            })
             .filter(|tick| (self.low..=self.high).contains(tick))
             .collect()
     }
@@ -167,7 +171,14 @@ mod tests {
 
     #[test]
     fn ticks_are_short() {
-        let texts = [(0.0, "0"), (0.002, "0.002"), (1500.0, "1500"), (20_000.0, "20 k"), (5e6, "5 M"), (1e-7, "1e-7")];
+        let texts = [
+            (0.0, "0"),
+            (0.002, "0.002"),
+            (1500.0, "1500"),
+            (20_000.0, "20 k"),
+            (5e6, "5 M"),
+            (1e-7, "1e-7"),
+        ];
         for (number, text) in texts {
             assert_eq!(tick_text(number), text);
         }

@@ -15,7 +15,9 @@ const STEPS: usize = 20;
 pub(super) fn points(case: &MeasuredCase, depth_mm: f32, count: usize) -> Vec<Vec3> {
     let spacing_mm = case.field.spacing_mm();
     // A voxel nearer than half of one to the isosurface stands for each piece of it.
-    let shell = case.shell.shell((depth_mm - spacing_mm / 2.0).max(0.0), spacing_mm);
+    let shell = case
+        .shell
+        .shell((depth_mm - spacing_mm / 2.0).max(0.0), spacing_mm);
     let stride = shell.len().div_ceil(count.max(1)).max(1);
     let chosen: Vec<_> = shell.iter().step_by(stride).collect();
     let starts = chosen

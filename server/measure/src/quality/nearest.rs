@@ -55,7 +55,8 @@ impl Nearest {
             let extent = high - low;
             let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b]));
             let axis = axis.unwrap_or(0);
-            let middle = |triangle: &[Vec3; 3]| triangle.iter().map(|corner| corner[axis]).sum::<f32>();
+            let middle =
+                |triangle: &[Vec3; 3]| triangle.iter().map(|corner| corner[axis]).sum::<f32>();
             let half = (end - first) / 2;
             triangles.select_nth_unstable_by(half, |a, b| middle(a).total_cmp(&middle(b)));
             let near = self.split(first, first + half);
@@ -78,9 +79,8 @@ impl Nearest {
         };
         match self.nodes[node].content {
             Content::Leaf(first, end) => {
-                let squared = |triangle: &[Vec3; 3]| {
-                    point.distance_squared(closest_point(triangle, point))
-                };
+                let squared =
+                    |triangle: &[Vec3; 3]| point.distance_squared(closest_point(triangle, point));
                 let triangles = &self.triangles[first..end];
                 triangles.iter().map(squared).fold(best, f32::min)
             }
@@ -150,14 +150,20 @@ mod tests {
             (Vec3::new(9.0, 0.0, 0.0), Vec3::new(4.0, 0.0, 0.0)),
         ];
         for (point, closest) in cases {
-            assert!(closest_point(&TRIANGLE, point).distance(closest) < 1e-6, "{point}");
+            assert!(
+                closest_point(&TRIANGLE, point).distance(closest) < 1e-6,
+                "{point}"
+            );
         }
     }
 
     #[test]
     fn a_triangle_without_area_is_its_longest_edge() {
         let flat = [Vec3::ZERO, Vec3::X, Vec3::X * 3.0];
-        assert_eq!(closest_point(&flat, Vec3::new(2.0, 1.0, 0.0)), Vec3::X * 2.0);
+        assert_eq!(
+            closest_point(&flat, Vec3::new(2.0, 1.0, 0.0)),
+            Vec3::X * 2.0
+        );
         let point = [Vec3::ONE; 3];
         assert_eq!(closest_point(&point, Vec3::ZERO), Vec3::ONE);
     }
@@ -179,7 +185,9 @@ mod tests {
         let tree = Nearest::new(triangles.clone());
         for _ in 0..200 {
             let from = point(24.0);
-            let each = triangles.iter().map(|t| closest_point(t, from).distance(from));
+            let each = triangles
+                .iter()
+                .map(|t| closest_point(t, from).distance(from));
             let least = each.fold(f32::INFINITY, f32::min);
             assert!((tree.distance(from) - least).abs() < 1e-5);
         }
