@@ -24,7 +24,7 @@ async function writeChanged(file, contents) {
 
 async function page() {
   const { outputFiles } = await build({
-    ...common, entryPoints: ["src/main.js", "src/style.css"], outdir: "dist", minify: true, write: false,
+    ...common, entryPoints: ["src/main.ts", "src/style.css"], outdir: "dist", minify: true, write: false,
   });
   await mkdir(path.join(web, "dist"), { recursive: true });
   for (const { path: file, contents } of outputFiles) await writeChanged(file, Buffer.from(contents));

@@ -31,7 +31,7 @@ after(async () => {
 test("the page lists the demo's case and shows it", { skip }, async () => {
   const { page } = watched;
   await page.waitForSelector("#case-list [data-state=ready]");
-  await page.waitForFunction(() => Number(document.querySelector<HTMLElement>("#viewport")?.dataset.naturalWidth) > 0);
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.drawn === "true");
   await keep(page, "desktop");
 });
 

@@ -5,7 +5,7 @@ use bytes::Bytes;
 
 use crate::server::Server;
 
-const ROUTES: [&str; 7] = [
+const ROUTES: [&str; 10] = [
     "mesh?depth_mm=8",
     "mesh/triangles",
     "mesh/paths",
@@ -13,6 +13,9 @@ const ROUTES: [&str; 7] = [
     "distance",
     "render?depth_mm=8&width=64&height=64",
     "slices/axial?width=64&height=64",
+    "mask",
+    "envelope",
+    "quality",
 ];
 
 #[tokio::test]
@@ -84,11 +87,16 @@ async fn head_tells_what_get_would() {
 async fn ranges_are_cut_from_large_bodies() {
     let server = Server::start().await;
     let case = server.plain_case().await;
-    let address = format!("{case}/volume");
-    let whole = server.get(&address).await;
+    for route in ["volume", "mask", "envelope"] {
+        ranges_of(&server, &format!("{case}/{route}")).await;
+    }
+}
+
+async fn ranges_of(server: &Server, address: &str) {
+    let whole = server.get(address).await;
     let range = async |range: &str| {
         let headers = [("range", range), ("accept-encoding", "zstd")];
-        server.get_with(&address, &headers).await
+        server.get_with(address, &headers).await
     };
     let part = range("bytes=100-199").await;
     assert_eq!(part.status, StatusCode::PARTIAL_CONTENT);
@@ -112,7 +120,7 @@ async fn ranges_are_cut_from_large_bodies() {
     );
     let outdated = [("range", "bytes=0-9"), ("if-range", "\"other\"")];
     assert_eq!(
-        server.get_with(&address, &outdated).await.status,
+        server.get_with(address, &outdated).await.status,
         StatusCode::OK
     );
 }

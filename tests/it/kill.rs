@@ -27,6 +27,7 @@ fn upload() -> Source {
     Source {
         volume: imaging::nifti::write_volume(&head.volume).unwrap().into(),
         mask: Some(imaging::nifti::write_mask(&head.brain).unwrap().into()),
+        ..Source::default()
     }
 }
 

@@ -11,6 +11,7 @@ mod immutable;
 mod interface;
 mod kill;
 mod layers;
+mod masks;
 mod nifti;
 mod openapi;
 mod renderers;

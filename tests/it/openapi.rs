@@ -37,6 +37,10 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/cases/{id}/render",
         "post /v1/cases/{id}/renders",
         "get /v1/cases/{id}/slices/{plane}",
+        "get /v1/cases/{id}/mask",
+        "put /v1/cases/{id}/mask",
+        "get /v1/cases/{id}/envelope",
+        "get /v1/cases/{id}/quality",
     ]
     .map(str::to_owned)
     .into();

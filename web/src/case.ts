@@ -39,6 +39,13 @@ export interface FailedCase extends AnyCase {
   readonly error?: ProblemBody;
 }
 
+/** How far a mask that was found automatically is to be trusted. */
+export interface Quality {
+  readonly verdict: "ok" | "review" | "failed";
+  /** In the server's words. */
+  readonly reasons: readonly string[];
+}
+
 /** A case that can be shown. Lengths are in mm, positions in LPS. */
 export interface ReadyCase extends AnyCase {
   readonly state: "ready";
@@ -51,6 +58,7 @@ export interface ReadyCase extends AnyCase {
   /** What zoom 1 fits into a picture. */
   readonly envelope_sphere: Sphere;
   readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
+  readonly quality?: Quality;
 }
 
 export type Case = WaitingCase | FailedCase | ReadyCase;

@@ -110,3 +110,10 @@ export function presetWindow(preset: WindowPreset, shown: ReadyCase): Window {
       return { center: low + 0.9 * width, width };
   }
 }
+
+/** The next depth of a sweep and its direction, which turns round at the envelope and at the deepest whole step. */
+export function sweptDepth(depth_mm: number, direction: number, shown: ReadyCase): readonly [number, number] {
+  const next = stepDepth(depth_mm, direction, DEPTH_STEP_MM);
+  const turned = next < 0 || next > shown.max_depth_mm ? -direction : direction;
+  return [clampDepth(turned === direction ? next : stepDepth(depth_mm, turned, DEPTH_STEP_MM), shown), turned];
+}

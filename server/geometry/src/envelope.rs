@@ -25,18 +25,7 @@ impl Envelope {
     /// When the mask is empty, when its grid is not isotropic along the patient axes, or when the mask reaches
     /// a face of its grid.
     pub fn from_stored(mask: Mask) -> Result<Self, GeometryError> {
-        let [first, last] = mask.bounds().ok_or(GeometryError::EmptyMask)?;
-        let size = mask.grid().size();
-        let is_aligned = mask.grid().is_isotropic()
-            && mask.grid().reordered_to_patient_axes().as_ref() == Some(mask.grid());
-        if !is_aligned {
-            return Err(GeometryError::BadAffine {
-                what: "not that of a working grid",
-            });
-        }
-        if (0..3).any(|axis| first[axis] == 0 || last[axis] + 1 == size[axis]) {
-            return Err(GeometryError::CutEnvelope);
-        }
+        mask.check_working()?;
         Ok(Self(mask))
     }
 
@@ -57,8 +46,7 @@ impl Envelope {
 
     /// Volume enclosed, in millilitres.
     pub fn volume_ml(&self) -> f64 {
-        let voxels = self.0.voxels().iter().filter(|&&voxel| voxel).count();
-        voxels as f64 * self.spacing_mm().powi(3) / 1000.0
+        self.0.volume_ml()
     }
 }
 
@@ -70,6 +58,22 @@ impl Envelope {
 /// # Errors
 /// When the radius is not within 0 to 50 mm, or too large for voxels so fine.
 pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, GeometryError> {
+    check_closing(brain.mask().grid(), closing_radius_mm)?;
+    let mask = brain.mask();
+    let grid = mask.grid();
+    let radius = closing_radius_mm / grid.spacing_mm()[0];
+    let size = grid.size();
+    let mut closed = close(size, mask.voxels(), radius);
+    keep_largest_component(size, &mut closed, Connectivity::Corners);
+    fill_holes(size, &mut closed);
+    Ok(Envelope(Mask::new(grid.clone(), closed)?))
+}
+
+/// Whether a ball of `closing_radius_mm` can close a mask on a working grid.
+///
+/// # Errors
+/// As [`envelope`].
+pub fn check_closing(grid: &Grid, closing_radius_mm: f64) -> Result<(), GeometryError> {
     if !(0.0..=MAX_CLOSING_RADIUS_MM).contains(&closing_radius_mm) {
         return Err(GeometryError::Parameter {
             name: "closing_radius_mm",
@@ -77,8 +81,6 @@ pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, G
             range: "from 0 to 50",
         });
     }
-    let mask = brain.mask();
-    let grid = mask.grid();
     let radius = closing_radius_mm / grid.spacing_mm()[0];
     let padded_sides = grid.size().map(|side| side as f64 + 2.0 * (radius + 1.0));
     if radius >= f64::from(MAX_DISTANCE) || padded_sides.iter().product::<f64>() > MAX_PADDED_VOXELS
@@ -89,11 +91,7 @@ pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, G
             range: "smaller for voxels as fine as these",
         });
     }
-    let size = grid.size();
-    let mut closed = close(size, mask.voxels(), radius);
-    keep_largest_component(size, &mut closed, Connectivity::Corners);
-    fill_holes(size, &mut closed);
-    Ok(Envelope(Mask::new(grid.clone(), closed)?))
+    Ok(())
 }
 
 /// The closing of a set of voxels by a ball of `radius` voxels.

@@ -8,7 +8,7 @@ use crate::runs::{Connectivity, fill_holes, keep_largest_component};
 use crate::{GeometryError, Grid, MAX_WORKING_SIZE};
 
 /// Voxels between the brain and the faces of the working grid, so that depth can be sampled outside too.
-const MARGIN: i64 = 4;
+pub(crate) const MARGIN: i64 = 4;
 
 /// More than any voxel coordinate that occurs, and a power of two so that adding it to a whole number is exact.
 const FLOOR_SHIFT: f64 = (1u64 << 32) as f64;
@@ -45,6 +45,30 @@ impl Mask {
         &self.voxels
     }
 
+    /// Volume of the set, in millilitres.
+    pub fn volume_ml(&self) -> f64 {
+        let voxels = self.voxels.iter().filter(|&&voxel| voxel).count();
+        let voxel_mm3 = self.grid.patient_from_voxel().matrix3.determinant().abs();
+        voxels as f64 * voxel_mm3 / 1000.0
+    }
+
+    /// Whether the set can be one on a working grid: not empty, on an isotropic grid along the patient axes, not on its faces.
+    pub(crate) fn check_working(&self) -> Result<(), GeometryError> {
+        let [first, last] = self.bounds().ok_or(GeometryError::EmptyMask)?;
+        let is_aligned = self.grid.is_isotropic()
+            && self.grid.reordered_to_patient_axes().as_ref() == Some(&self.grid);
+        if !is_aligned {
+            return Err(GeometryError::BadAffine {
+                what: "not that of a working grid",
+            });
+        }
+        let size = self.grid.size();
+        if (0..3).any(|axis| first[axis] == 0 || last[axis] + 1 == size[axis]) {
+            return Err(GeometryError::CutEnvelope);
+        }
+        Ok(())
+    }
+
     /// How much of the set lies inside of another grid, 0 to 1; 1 for an empty set.
     pub fn fraction_inside(&self, grid: &Grid) -> f64 {
         let other_from_voxel = grid.voxel_from_patient() * self.grid.patient_from_voxel();
@@ -73,6 +97,20 @@ impl Mask {
         } else {
             inside as f64 / count as f64
         }
+    }
+
+    /// The set inside of a block of `size` voxels that starts at voxel `first`, which may lie outside of the grid.
+    pub(crate) fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
+        let grid = self.grid.block(first, size)?;
+        let marked = |index| {
+            let voxel = grid.voxel(index);
+            self.is_marked([0, 1, 2].map(|axis| voxel[axis] as i64 + first[axis]))
+        };
+        let voxels = (0..grid.voxel_count())
+            .into_par_iter()
+            .map(marked)
+            .collect();
+        Ok(Self { grid, voxels })
     }
 
     /// First and last voxel of the smallest block around the set; `None` when it is empty.
@@ -224,9 +262,24 @@ impl BrainMask {
         }
     }
 
+    /// A brain mask that [`BrainMask::from_mask`] made before and that was stored.
+    ///
+    /// # Errors
+    /// When the mask is empty, when its grid is not isotropic along the patient axes, or when the mask reaches
+    /// a face of its grid.
+    pub fn from_stored(mask: Mask) -> Result<Self, GeometryError> {
+        mask.check_working()?;
+        Ok(Self(mask))
+    }
+
     /// The mask on the working grid.
     pub fn mask(&self) -> &Mask {
         &self.0
+    }
+
+    /// Volume of the brain, in millilitres.
+    pub fn volume_ml(&self) -> f64 {
+        self.0.volume_ml()
     }
 }
 

@@ -82,6 +82,16 @@ impl Components {
         self.parents[a.max(b) as usize] = a.min(b);
     }
 
+    /// For each run that is a root, how many voxels its component has; 0 for the others.
+    fn voxels(&mut self) -> Vec<u64> {
+        let mut voxels = vec![0; self.runs.len()];
+        for run in 0..self.runs.len() {
+            let root = self.root(run as u32);
+            voxels[root as usize] += u64::from(self.runs[run].end - self.runs[run].start);
+        }
+        voxels
+    }
+
     fn fill(&self, run: usize, mask: &mut [bool], value: bool) {
         let Run { start, end } = self.runs[run];
         mask[start as usize..end as usize].fill(value);
@@ -117,11 +127,7 @@ pub(crate) fn keep_largest_component(
     connectivity: Connectivity,
 ) {
     let mut components = Components::find(size, mask, true, connectivity);
-    let mut voxels = vec![0u64; components.runs.len()];
-    for run in 0..components.runs.len() {
-        let root = components.root(run as u32);
-        voxels[root as usize] += u64::from(components.runs[run].end - components.runs[run].start);
-    }
+    let voxels = components.voxels();
     let Some(largest) = (0..voxels.len()).rev().max_by_key(|&run| voxels[run]) else {
         return;
     };
@@ -129,6 +135,19 @@ pub(crate) fn keep_largest_component(
         if components.root(run as u32) as usize != largest {
             components.fill(run, mask, false);
         }
+    }
+}
+
+/// How much of a mask is in the component with most voxels; 1 where it is empty.
+pub(crate) fn largest_component_share(
+    size: [usize; 3],
+    mask: &[bool],
+    connectivity: Connectivity,
+) -> f64 {
+    let voxels = Components::find(size, mask, true, connectivity).voxels();
+    match voxels.iter().max() {
+        Some(&largest) => largest as f64 / voxels.iter().sum::<u64>() as f64,
+        None => 1.0,
     }
 }
 

@@ -88,7 +88,7 @@ fn scale_bar(canvas: &mut Canvas, mm_per_pixel: f64, [width, foot, margin]: [i32
 }
 
 /// The letters of a patient direction: that of the nearest axis, and a second one where it is oblique.
-fn letters(direction: DVec3) -> String {
+pub(crate) fn letters(direction: DVec3) -> String {
     let mut axes = [0, 1, 2].map(|axis| (direction[axis], LETTERS[axis]));
     axes.sort_by(|(a, _), (b, _)| b.abs().total_cmp(&a.abs()));
     let letter = |(along, [towards, against]): (f64, [char; 2])| {

@@ -110,6 +110,22 @@ impl Canvas {
         self.fill(left, top, [width, height], WHITE);
     }
 
+    /// Fills a rectangle of a picture in [`PixelFormat::Rgb8`] with a colour.
+    pub(crate) fn swatch(
+        &mut self,
+        [left, top]: [i32; 2],
+        [width, height]: [i32; 2],
+        color: [u8; 3],
+    ) {
+        for y in top..top + height {
+            for x in left..left + width {
+                if let Some(pixel) = self.pixel(x, y) {
+                    pixel.copy_from_slice(&color);
+                }
+            }
+        }
+    }
+
     fn fill(&mut self, left: i32, top: i32, [width, height]: [i32; 2], value: u8) {
         for y in top..top + height {
             for x in left..left + width {
@@ -118,19 +134,25 @@ impl Canvas {
         }
     }
 
-    fn set(&mut self, x: i32, y: i32, value: u8) {
-        let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else {
-            return;
-        };
+    /// The bytes of a pixel, if it lies inside.
+    fn pixel(&mut self, x: i32, y: i32) -> Option<&mut [u8]> {
+        let (x, y) = (u32::try_from(x).ok()?, u32::try_from(y).ok()?);
         if x >= self.size.width() || y >= self.size.height() {
-            return;
+            return None;
         }
         let length = self.format.bytes_per_pixel();
         let start = length * (y as usize * self.size.width() as usize + x as usize);
-        let pixel = &mut self.bytes[start..start + length];
+        self.bytes.get_mut(start..start + length)
+    }
+
+    fn set(&mut self, x: i32, y: i32, value: u8) {
+        let format = self.format;
+        let Some(pixel) = self.pixel(x, y) else {
+            return;
+        };
         pixel.fill(value);
         if let (PixelFormat::GreyAlpha8 | PixelFormat::Rgba8, Some(alpha)) =
-            (self.format, pixel.last_mut())
+            (format, pixel.last_mut())
         {
             *alpha = 255;
         }

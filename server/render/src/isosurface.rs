@@ -1,10 +1,11 @@
 //! The isosurface {depth = D} and where a line of sight meets it.
 
 use geometry::DepthField;
+use multiversion::multiversion;
 
-use crate::rays::Ray;
-use crate::sampler::Sampler;
-use crate::surface::Point;
+use crate::rays::{Ray, Rays};
+use crate::sampler::{LANES, Lanes, Sampler};
+use crate::surface::{Point, PointRow};
 
 /// Depths, in voxels, between which the smoothed field gives way to the field.
 const SHALLOW: [f32; 2] = [3.0, 5.0];
@@ -60,6 +61,49 @@ impl<'a> Isosurface<'a> {
         (steps - self.depth) * (1.0 / DepthField::STEPS_PER_VOXEL)
     }
 
+    /// How far each of `count` positions, given by axis, lies below the isosurface; as [`Isosurface::below`].
+    #[inline(always)]
+    pub(crate) fn below_each(&self, positions: &[Lanes; 3], count: usize, below: &mut Lanes) {
+        if self.smooth == 1.0 {
+            self.normals.at_each(positions, count, below);
+        } else {
+            self.field.at_each(positions, count, below);
+        }
+        if self.smooth > 0.0 && self.smooth < 1.0 {
+            let mut smoothed = [0.0; LANES];
+            self.normals.at_each(positions, count, &mut smoothed);
+            for (raw, smoothed) in below.iter_mut().zip(smoothed) {
+                *raw += self.smooth * (smoothed - *raw);
+            }
+        }
+        for steps in below {
+            *steps = (*steps - self.depth) * (1.0 / DepthField::STEPS_PER_VOXEL);
+        }
+    }
+
+    /// Depth of the isosurface, in voxels.
+    pub(crate) fn depth_in_voxels(&self) -> f32 {
+        self.depth / DepthField::STEPS_PER_VOXEL
+    }
+
+    /// Whether only the field itself says where the isosurface is.
+    pub(crate) fn is_raw(&self) -> bool {
+        self.smooth == 0.0
+    }
+
+    /// Writes in which direction the isosurface faces at the heights of a row of pixels.
+    pub(crate) fn face(&self, rays: &Rays, row: usize, points: &mut PointRow) {
+        for first in (0..points.heights.len()).step_by(LANES) {
+            let last = (first + LANES).min(points.heights.len());
+            if points.heights[first..last]
+                .iter()
+                .any(|&height| height > f32::NEG_INFINITY)
+            {
+                face_block(self, rays, row, first, points);
+            }
+        }
+    }
+
     /// The unit vector inwards, across the smoothed field.
     #[inline]
     pub(crate) fn inward(&self, position: [f32; 3]) -> [f32; 3] {
@@ -109,5 +153,44 @@ impl<'a> Isosurface<'a> {
             }
         }
         0.5 * (above.0 + under.0)
+    }
+}
+
+/// Does [`Isosurface::face`] for the pixels from column `first` on.
+#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
+fn face_block(
+    isosurface: &Isosurface<'_>,
+    rays: &Rays,
+    row: usize,
+    first: usize,
+    points: &mut PointRow,
+) {
+    let count = LANES.min(points.heights.len() - first);
+    let mut positions = [[0.0; LANES]; 3];
+    let heights = &points.heights[first..first + count];
+    for (lane, &height) in heights.iter().enumerate() {
+        let column = (first + lane) as u32 as i32 as f32;
+        let position = rays.through(column + 0.5, row as f32 + 0.5).at(height);
+        [positions[0][lane], positions[1][lane], positions[2][lane]] = position;
+    }
+    let mut inward = [[0.0; LANES]; 3];
+    isosurface
+        .normals
+        .gradient_at_each(&positions, count, &mut inward);
+    let [x, y, z] = rays.towards_viewer();
+    let facing = &mut points.facing[first..first + count];
+    for (lane, facing) in facing.iter_mut().enumerate() {
+        let [along_x, along_y, along_z] = [inward[0][lane], inward[1][lane], inward[2][lane]];
+        let squared = along_x * along_x + along_y * along_y + along_z * along_z;
+        let factor = 1.0 / squared.sqrt().max(1e-6);
+        let unit = [along_x * factor, along_y * factor, along_z * factor];
+        [inward[0][lane], inward[1][lane], inward[2][lane]] = unit;
+        *facing = -(unit[0] * x + unit[1] * y + unit[2] * z);
+    }
+    if !points.inward.is_empty() {
+        let directions = &mut points.inward[first..first + count];
+        for (lane, direction) in directions.iter_mut().enumerate() {
+            *direction = [inward[0][lane], inward[1][lane], inward[2][lane]];
+        }
     }
 }

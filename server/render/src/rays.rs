@@ -51,6 +51,12 @@ impl Rays {
         }
     }
 
+    /// Voxel coordinates of a unit of height: the direction to the viewer.
+    #[inline(always)]
+    pub(crate) fn towards_viewer(&self) -> [f32; 3] {
+        self.per_height
+    }
+
     /// Voxel coordinates of a step of one pixel to the right.
     pub(crate) fn per_pixel_right(&self) -> [f32; 3] {
         self.per_column
@@ -58,6 +64,12 @@ impl Rays {
 }
 
 impl Ray {
+    /// Voxel coordinates at height 0.
+    #[inline(always)]
+    pub(crate) fn foot(&self) -> [f32; 3] {
+        self.foot
+    }
+
     /// Voxel coordinates of a unit of height: the direction to the viewer.
     #[inline]
     pub(crate) fn towards_viewer(&self) -> [f32; 3] {

@@ -10,6 +10,8 @@ pub struct SheetPlan {
     cell: FrameSize,
     rows: Vec<String>,
     columns: Vec<String>,
+    /// Where the cells end, from the top.
+    foot: u32,
     size: FrameSize,
 }
 
@@ -46,10 +48,29 @@ impl SheetPlan {
         let height = side("sheet height", top, rows.len(), cell.height())?;
         Ok(Self {
             size: FrameSize::new(width, height)?,
+            foot: height,
             cell,
             rows,
             columns,
         })
+    }
+
+    /// The same with room for so many lines of text below the cells, and half a line around them.
+    ///
+    /// # Errors
+    /// When the sheet would be too high.
+    pub(crate) fn with_footer(self, lines: usize) -> Result<Self, RenderError> {
+        let [_, line] = crate::canvas::letter_size(self.cell.width().min(self.cell.height()));
+        let lines = u32::try_from(lines).unwrap_or(u32::MAX);
+        let height = line.saturating_mul(lines.saturating_add(1));
+        let size = FrameSize::new(self.size.width(), self.foot.saturating_add(height))?;
+        Ok(Self { size, ..self })
+    }
+
+    /// Where the first line below the cells begins, in pixels from the top.
+    pub(crate) fn foot(&self) -> i32 {
+        let [_, line] = crate::canvas::letter_size(self.cell.width().min(self.cell.height()));
+        (self.foot + line / 2) as i32
     }
 
     /// Pixels of the whole sheet.
@@ -90,6 +111,11 @@ impl Sheet {
         let x = left + column as u32 * self.plan.cell.width();
         let y = top + row as u32 * self.plan.cell.height();
         self.canvas.put(frame, x, y);
+    }
+
+    /// To write below the cells.
+    pub(crate) fn canvas(&mut self) -> &mut Canvas {
+        &mut self.canvas
     }
 
     /// The whole sheet.

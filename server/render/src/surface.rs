@@ -7,12 +7,12 @@ use crate::shade::Shade;
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 
 /// Rows that a thread takes at once.
-const BAND: usize = 16;
+pub(crate) const BAND: usize = 16;
 
 /// Finds the point of an isosurface that each pixel shows.
 pub(crate) trait Surface: Sync {
-    /// Writes what each pixel of a row shows; `points` holds nothing before.
-    fn find_row(&self, row: usize, points: &mut PointRow);
+    /// Writes what each pixel of some rows shows, from row `first` on; `rows` hold nothing before.
+    fn find_rows(&self, first: usize, rows: &mut [PointRow]);
 }
 
 /// The points of the isosurface that a row of pixels shows.
@@ -52,10 +52,6 @@ impl PointRow {
         if let Some(inward) = self.inward.get_mut(column) {
             *inward = point.inward;
         }
-    }
-
-    fn clear(&mut self) {
-        self.heights.fill(f32::NEG_INFINITY);
     }
 }
 
@@ -128,13 +124,13 @@ fn for_each_row<T: Send>(
     let per_row = out.len() / size.height() as usize;
     out.par_chunks_mut(per_row * BAND)
         .enumerate()
-        .for_each(|(band, rows)| {
-            let mut points = PointRow::new(size.width() as usize, with_inward);
-            for (row, out) in rows.chunks_exact_mut(per_row).enumerate() {
-                let row = band * BAND + row;
-                points.clear();
-                surface.find_row(row, &mut points);
-                take(row, &points, out);
+        .for_each(|(band, out)| {
+            let first = band * BAND;
+            let mut rows =
+                vec![PointRow::new(size.width() as usize, with_inward); out.len() / per_row];
+            surface.find_rows(first, &mut rows);
+            for (row, out) in out.chunks_exact_mut(per_row).enumerate() {
+                take(first + row, &rows[row], out);
             }
         });
 }

@@ -6,6 +6,8 @@ use std::str::FromStr;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use crate::quality::Quality;
+
 /// Part of every [`CaseId`]: a change of what is computed from the same input makes other cases of it.
 const ID_FORMAT: u8 = 1;
 
@@ -19,7 +21,8 @@ pub struct CaseId([u8; 16]);
 impl CaseId {
     /// The name of the case with these inputs. The digests are BLAKE3 over the bytes as uploaded.
     ///
-    /// [`Parameters::name`] is a label and takes no part: the same upload under another name renames the case.
+    /// [`Parameters::name`] is a label and takes no part: the same upload under another name renames the case. Which case
+    /// it is a version of takes no part either.
     pub fn of(volume: &blake3::Hash, mask: Option<&blake3::Hash>, parameters: &Parameters) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"isocortex case");
@@ -31,9 +34,24 @@ impl CaseId {
         }
         // Adding 0 makes the one zero of the two.
         hasher.update(&(parameters.closing_radius_mm + 0.0).to_le_bytes());
+        // What has its default is not said, so that a new parameter leaves the cases before it their names.
+        let defaults = Self::about_mask(&Parameters::default());
+        let about_mask = Self::about_mask(parameters);
+        if about_mask != defaults {
+            hasher.update(&about_mask);
+        }
         let mut id = [0; 16];
         id.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
         Self(id)
+    }
+
+    fn about_mask(parameters: &Parameters) -> [u8; 18] {
+        let mut bytes = [0; 18];
+        bytes[0] = parameters.mask as u8;
+        bytes[1] = parameters.mask_kind as u8;
+        bytes[2..10].copy_from_slice(&(parameters.threshold + 0.0).to_le_bytes());
+        bytes[10..].copy_from_slice(&(parameters.offset_mm + 0.0).to_le_bytes());
+        bytes
     }
 
     /// Reads 32 lower-case hexadecimal digits; `None` for anything else.
@@ -93,12 +111,66 @@ impl<'de> Deserialize<'de> for CaseId {
     }
 }
 
+/// Where the mask of the brain comes from when none is supplied.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Default,
+    Serialize,
+    Deserialize,
+    utoipa::ToSchema,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+#[clap(rename_all = "snake_case")]
+pub enum MaskSource {
+    /// From the volume where that is skull-stripped already; else the brain is extracted.
+    #[default]
+    Auto,
+    /// From the volume, which must be skull-stripped: its background is exactly 0.
+    Volume,
+}
+
+/// What a supplied mask shows.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Default,
+    Serialize,
+    Deserialize,
+    utoipa::ToSchema,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+#[clap(rename_all = "snake_case")]
+pub enum MaskKind {
+    /// The brain, which is closed to the envelope.
+    #[default]
+    Brain,
+    /// The envelope itself: it is not closed. Its largest component is kept and its holes are filled all the same.
+    Envelope,
+}
+
 /// What a client may choose when it uploads a volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Radius of the ball that closes the brain mask to the envelope, in mm: 0 to 50.
     pub closing_radius_mm: f64,
+    /// Where the mask comes from when none is supplied.
+    pub mask: MaskSource,
+    /// What the mask shows.
+    pub mask_kind: MaskKind,
+    /// The probability above which a voxel is brain where the brain is extracted by the network: 0.05 to 0.95.
+    pub threshold: f64,
+    /// By how much the mask's surface is moved outwards (inwards where negative) before it is closed, in mm: -20 to 20.
+    pub offset_mm: f64,
     /// A label to show in lists; at most [`Parameters::MAX_NAME_LENGTH`] characters, none of them a control character.
     ///
     /// It is no part of the [`CaseId`]: the label of the first upload stays.
@@ -112,16 +184,22 @@ impl Parameters {
     /// Whether the parameters may be used.
     ///
     /// # Errors
-    /// A [`Failure`] with status 422 when the radius is not within 0 to 50 mm, or the name is too long or holds control characters.
+    /// A [`Failure`] with status 422 when a number is out of its range, or the name is too long or holds control characters.
     pub fn check(&self) -> Result<(), Failure> {
-        if !(0.0..=50.0).contains(&self.closing_radius_mm) {
-            return Err(Failure::unprocessable(
-                "closing-radius-out-of-range",
-                format!(
-                    "closing_radius_mm is {}; it must be 0 to 50",
-                    self.closing_radius_mm
-                ),
-            ));
+        for (name, value, range) in [
+            ("closing_radius_mm", self.closing_radius_mm, 0.0..=50.0),
+            ("threshold", self.threshold, 0.05..=0.95),
+            ("offset_mm", self.offset_mm, -20.0..=20.0),
+        ] {
+            if !range.contains(&value) {
+                let (least, most) = range.into_inner();
+                let kind = format!(
+                    "{}-out-of-range",
+                    name.trim_end_matches("_mm").replace('_', "-")
+                );
+                let detail = format!("{name} is {value}; it must be {least} to {most}");
+                return Err(Failure::unprocessable(&kind, detail));
+            }
         }
         let name = self.name.as_deref().unwrap_or_default();
         if name.chars().count() > Self::MAX_NAME_LENGTH {
@@ -147,6 +225,10 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             closing_radius_mm: 10.0,
+            mask: MaskSource::default(),
+            mask_kind: MaskKind::default(),
+            threshold: 0.5,
+            offset_mm: 0.0,
             name: None,
         }
     }
@@ -179,6 +261,8 @@ impl CaseState {
 pub enum Stage {
     /// The uploaded bytes are read.
     Reading,
+    /// The brain is extracted. Only where no mask was supplied and the volume shows more than a brain.
+    Extracting,
     /// The brain mask comes to the working grid.
     Mask,
     /// The mask is closed to the envelope.
@@ -197,8 +281,9 @@ pub enum Stage {
 
 impl Stage {
     /// Every stage, in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Reading,
+        Self::Extracting,
         Self::Mask,
         Self::Closing,
         Self::Distance,
@@ -217,6 +302,7 @@ impl Stage {
     pub fn name(self) -> &'static str {
         match self {
             Self::Reading => "reading",
+            Self::Extracting => "extracting",
             Self::Mask => "mask",
             Self::Closing => "closing",
             Self::Distance => "distance",
@@ -305,6 +391,9 @@ pub struct CaseFacts {
     pub intensity_max: f32,
     /// The default window: 2nd to 98th percentile inside the envelope.
     pub window: WindowFacts,
+    /// How far the mask can be trusted; `None` for a case that was prepared before that was measured.
+    #[serde(default)]
+    pub quality: Option<Quality>,
     /// Wall time of each step of the preparation, in ms.
     pub timings: Vec<(Stage, f64)>,
 }
@@ -324,6 +413,10 @@ pub struct Case {
     pub failure: Option<Failure>,
     /// Once it is ready.
     pub facts: Option<CaseFacts>,
+    /// The case of which it is a version, with another mask or other parameters.
+    pub previous: Option<CaseId>,
+    /// Its own versions, oldest first.
+    pub next: Vec<CaseId>,
     /// When it was first uploaded.
     pub created_at: Timestamp,
 }
@@ -340,6 +433,12 @@ mod tests {
             serde_json::from_str::<CaseId>(&serde_json::to_string(&id).unwrap()).unwrap(),
             id
         );
+    }
+
+    #[test]
+    fn the_names_of_cases_that_are_stored_already_stay() {
+        let id = CaseId::of(&blake3::hash(b"volume"), None, &Parameters::default());
+        assert_eq!(id.to_string(), "c4a2355cd84497c3678626aa8188b7c3");
     }
 
     #[test]
@@ -374,10 +473,30 @@ mod tests {
                 None,
                 &Parameters {
                     closing_radius_mm: 9.0,
-                    name: None
+                    ..Parameters::default()
                 }
             )
         );
+        for other in [
+            Parameters {
+                mask: MaskSource::Volume,
+                ..Parameters::default()
+            },
+            Parameters {
+                mask_kind: MaskKind::Envelope,
+                ..Parameters::default()
+            },
+            Parameters {
+                threshold: 0.4,
+                ..Parameters::default()
+            },
+            Parameters {
+                offset_mm: -1.0,
+                ..Parameters::default()
+            },
+        ] {
+            assert_ne!(id, CaseId::of(&a, None, &other));
+        }
         assert_eq!(
             id,
             CaseId::of(
@@ -402,7 +521,7 @@ mod tests {
     fn bad_parameters_are_named() {
         let radius = Parameters {
             closing_radius_mm: f64::NAN,
-            name: None,
+            ..Parameters::default()
         }
         .check()
         .unwrap_err();

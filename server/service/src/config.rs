@@ -57,6 +57,8 @@ pub struct Config {
     pub answer_timeout_secs: u64,
     /// Time within which the next bytes of an upload must come, or of an answer be taken, in seconds.
     pub upload_idle_secs: u64,
+    /// Time for a whole upload, in seconds.
+    pub upload_timeout_secs: u64,
     /// Time for work to finish when the server is stopped, in seconds.
     pub shutdown_grace_secs: u64,
 }
@@ -84,6 +86,7 @@ impl Default for Config {
             header_timeout_secs: 10,
             answer_timeout_secs: 60,
             upload_idle_secs: 30,
+            upload_timeout_secs: 3600,
             shutdown_grace_secs: 20,
         }
     }
@@ -203,6 +206,7 @@ impl Config {
             ("header_timeout_secs", self.header_timeout_secs),
             ("answer_timeout_secs", self.answer_timeout_secs),
             ("upload_idle_secs", self.upload_idle_secs),
+            ("upload_timeout_secs", self.upload_timeout_secs),
         ];
         match counts.into_iter().find(|&(_, value)| value == 0) {
             Some((key, _)) => Err(ConfigError::Zero { key }),

@@ -17,6 +17,7 @@ pub mod models;
 pub mod negotiate;
 pub mod prepare;
 pub mod problem;
+pub mod quality;
 pub mod render_pool;
 pub mod routes;
 pub mod state;

@@ -15,6 +15,7 @@ use crate::metrics::Metrics;
 use crate::models::{Model, Models};
 use crate::prepare::Limits;
 use crate::problem::AppError;
+use crate::quality::QualityState;
 use crate::render_pool::RenderPool;
 use crate::routes::bodies::Bodies;
 use crate::store::{Options, Store, StoreError};
@@ -59,6 +60,8 @@ pub struct Shared {
     pub answer_timeout: Duration,
     /// Time within which the next bytes of an upload must come.
     pub upload_idle: Duration,
+    /// Time for a whole upload.
+    pub upload_timeout: Duration,
     ready: Cache<CaseId, (Instant, Arc<CaseFacts>)>,
     stopping: watch::Sender<bool>,
 }
@@ -119,6 +122,7 @@ impl AppState {
             max_upload_bytes: config.max_upload_bytes,
             answer_timeout: Duration::from_secs(config.answer_timeout_secs),
             upload_idle: Duration::from_secs(config.upload_idle_secs),
+            upload_timeout: Duration::from_secs(config.upload_timeout_secs),
             ready: Cache::new(REMEMBERED_CASES),
             stopping: watch::Sender::new(false),
         })))
@@ -146,6 +150,12 @@ impl Shared {
             (CaseState::Failed, _, Some(failure)) => Err(failure.into()),
             (state, ..) => Err(AppError::NotReady { state }),
         }
+    }
+
+    /// The verdict on the mask of a case that was asked about a moment ago.
+    pub fn known_quality(&self, id: &CaseId) -> Option<QualityState> {
+        let (_, facts) = self.ready.get(id)?;
+        facts.quality.as_ref().map(|quality| quality.state)
     }
 
     /// The model of a case that is ready.

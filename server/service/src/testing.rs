@@ -26,6 +26,7 @@ pub(crate) fn upload(head: &PhantomHead) -> Source {
     Source {
         volume: nifti(&head.volume),
         mask: Some(nifti_mask(&head.brain)),
+        ..Source::default()
     }
 }
 

@@ -19,6 +19,11 @@ const COLORS: [[u8; 3]; 8] = [
     [255, 255, 255],
 ];
 
+/// The colour of the contour of the n-th depth.
+pub(crate) fn color(number: usize) -> [u8; 3] {
+    COLORS[number % COLORS.len()]
+}
+
 /// Half the width of a contour, in pixels; half a pixel more fades out.
 const HALF_WIDTH: f32 = 0.6;
 
@@ -54,8 +59,8 @@ impl Contours {
             });
         let levels_px = depths_mm
             .iter()
-            .zip(COLORS.into_iter().cycle())
-            .map(|(depth_mm, color)| ((depth_mm * px_per_mm) as f32, color))
+            .enumerate()
+            .map(|(number, depth_mm)| ((depth_mm * px_per_mm) as f32, color(number)))
             .collect();
         Self {
             columns,

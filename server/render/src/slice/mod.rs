@@ -16,6 +16,7 @@ use crate::{
     RenderError, Scene, Window,
 };
 use contour::Contours;
+pub(crate) use contour::color as contour_color;
 
 /// The largest number of contours in a picture.
 pub const MAX_CONTOURS: usize = 16;
@@ -50,7 +51,7 @@ impl SlicePlane {
     }
 
     /// The patient axis across the plane: 0 for L, 1 for P, 2 for S.
-    fn axis(self) -> usize {
+    pub(crate) fn axis(self) -> usize {
         match self {
             Self::Sagittal => 0,
             Self::Coronal => 1,
@@ -158,6 +159,11 @@ impl SliceRequest {
     /// The parameters, which are right.
     pub fn parameters(&self) -> &SliceParameters {
         &self.parameters
+    }
+
+    /// From patient to view space.
+    pub(crate) fn orientation(&self) -> glam::DQuat {
+        self.camera.orientation()
     }
 
     /// How the slice is projected: its pixels lie at frame-space z 0.

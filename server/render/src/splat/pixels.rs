@@ -65,6 +65,14 @@ impl<'a> Pixels<'a> {
 }
 
 impl Surface for Pixels<'_> {
+    fn find_rows(&self, first: usize, rows: &mut [PointRow]) {
+        for (row, points) in rows.iter_mut().enumerate() {
+            self.find_row(first + row, points);
+        }
+    }
+}
+
+impl Pixels<'_> {
     fn find_row(&self, row: usize, points: &mut PointRow) {
         let lattice = &self.nodes.lattice;
         let columns = lattice.columns;

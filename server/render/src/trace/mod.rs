@@ -1,16 +1,18 @@
 //! The exact renderer: every pixel's line of sight is followed to {depth = D} itself, with no mesh and no interpolation between pixels.
 //!
-//! A coarse z-buffer of the shell's voxels ([`crate::seeds`]) says where a line of sight begins; from there it is followed by
-//! sphere tracing ([`march`]).
+//! A coarse z-buffer of the shell's voxels ([`crate::seeds`]) says where a line of sight begins; from there many are followed at
+//! once by sphere tracing ([`march`]).
 
 mod march;
+
+use std::ops::Range;
 
 use crate::isosurface::Isosurface;
 use crate::rays::Rays;
 use crate::seeds::{Lattice, Seeds};
 use crate::surface::{self, PointRow, Surface, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
-use march::first_hit;
+use march::{Sight, first_hits};
 
 /// Draws the isosurface {depth = D} exactly; pixels are as those of [`crate::draw_splat`].
 pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
@@ -41,6 +43,8 @@ struct Traced<'a> {
     isosurface: Isosurface<'a>,
     rays: Rays,
     lattice: Lattice,
+    /// The column of the lattice's cells that each column of pixels lies in.
+    cells: Vec<usize>,
     /// For each cell of the lattice where its lines of sight begin; −∞ where they meet nothing.
     starts: Vec<f32>,
     /// And where they have passed everything.
@@ -50,30 +54,52 @@ struct Traced<'a> {
 impl<'a> Traced<'a> {
     fn new(scene: &Scene<'a>, request: &RenderRequest, projection: &Projection) -> Self {
         let seeds = Seeds::new(scene, request, projection);
+        let columns = 0..projection.size().width() as usize;
         Self {
             isosurface: Isosurface::new(scene.field, scene.normals, request.parameters().depth_mm),
             rays: working_rays(scene, projection),
             lattice: seeds.lattice,
+            cells: columns
+                .map(|column| seeds.lattice.place(column).0)
+                .collect(),
             starts: seeds.starts_in_cells(),
             ends: seeds.ends_in_cells(),
         }
     }
+
+    /// The lines of sight of some rows of pixels that may meet something.
+    fn sights(&self, rows: Range<usize>) -> Vec<Sight> {
+        let columns = self.lattice.columns;
+        let mut sights = Vec::with_capacity(rows.len() * self.cells.len());
+        for row in rows {
+            let (top, _) = self.lattice.place(row);
+            let starts = &self.starts[top * columns..][..columns];
+            let ends = &self.ends[top * columns..][..columns];
+            for (column, &cell) in self.cells.iter().enumerate() {
+                if starts[cell] > f32::NEG_INFINITY {
+                    sights.push(Sight {
+                        pixel: [column as u32, row as u32],
+                        start: starts[cell],
+                        end: ends[cell],
+                    });
+                }
+            }
+        }
+        sights
+    }
 }
 
 impl Surface for Traced<'_> {
-    fn find_row(&self, row: usize, points: &mut PointRow) {
-        let (top, _) = self.lattice.place(row);
-        let starts = &self.starts[top * self.lattice.columns..][..self.lattice.columns];
-        let ends = &self.ends[top * self.lattice.columns..][..self.lattice.columns];
-        for column in 0..points.heights.len() {
-            let (cell, _) = self.lattice.place(column);
-            let start = starts[cell];
-            if start > f32::NEG_INFINITY {
-                let ray = self.rays.through(column as f32 + 0.5, row as f32 + 0.5);
-                if let Some(height) = first_hit(&self.isosurface, &ray, start, ends[cell]) {
-                    points.set(column, self.isosurface.point(&ray, height));
-                }
-            }
+    fn find_rows(&self, first: usize, rows: &mut [PointRow]) {
+        let sights = self.sights(first..first + rows.len());
+        let mut hits = vec![f32::NEG_INFINITY; sights.len()];
+        first_hits(&self.isosurface, &self.rays, &sights, &mut hits);
+        for (sight, height) in sights.iter().zip(hits) {
+            let [column, row] = sight.pixel.map(|place| place as usize);
+            rows[row - first].heights[column] = height;
+        }
+        for (row, points) in rows.iter_mut().enumerate() {
+            self.isosurface.face(&self.rays, first + row, points);
         }
     }
 }

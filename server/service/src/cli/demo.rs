@@ -131,6 +131,7 @@ fn from_files(name: &str, volume: &Path, mask: Option<&Path>) -> Result<Sample, 
         source: Source {
             volume: read_input(volume)?,
             mask: mask.map(read_input).transpose()?,
+            ..Source::default()
         },
     })
 }
@@ -149,6 +150,7 @@ fn phantom() -> Result<Sample, CliError> {
                     .map_err(unwritable)?
                     .into(),
             ),
+            ..Source::default()
         },
     })
 }

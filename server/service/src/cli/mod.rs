@@ -15,6 +15,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 
 use self::status::{CliError, ExitStatus};
+use crate::case::{MaskKind, MaskSource, Parameters};
 
 /// What `--help` says at its end.
 const EXAMPLES: &str = "\
@@ -71,6 +72,41 @@ struct VolumeOptions {
     /// Radius of the ball that closes the brain mask to the envelope, 0 to 50 mm.
     #[arg(long, value_name = "MM", default_value_t = 10.0)]
     closing_radius_mm: f64,
+    /// Where the mask comes from when none is given.
+    #[arg(long, value_name = "SOURCE", value_enum, default_value_t)]
+    mask_source: MaskSource,
+    /// What the mask shows: an envelope is not closed.
+    #[arg(long, value_name = "KIND", value_enum, default_value_t)]
+    mask_kind: MaskKind,
+    /// The probability above which a voxel is brain where the brain is extracted, 0.05 to 0.95.
+    #[arg(long, value_name = "P", default_value_t = 0.5)]
+    threshold: f64,
+    /// By how much the mask is made larger before it is closed, -20 to 20 mm.
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    offset_mm: f64,
+}
+
+impl VolumeOptions {
+    /// The parameters of the preparation, checked.
+    fn parameters(&self, name: Option<String>) -> Result<Parameters, CliError> {
+        let parameters = Parameters {
+            closing_radius_mm: self.closing_radius_mm,
+            mask: self.mask_source,
+            mask_kind: self.mask_kind,
+            threshold: self.threshold,
+            offset_mm: self.offset_mm,
+            name,
+        };
+        parameters
+            .check()
+            .map_err(|failure| CliError::new(ExitStatus::Usage, failure.detail))?;
+        Ok(parameters)
+    }
 }
 
 /// Runs the command of this process and says how it ended.

@@ -41,13 +41,7 @@ pub(super) struct PrepareArgs {
 /// Prepares a volume.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let source = source(&args.volume, args.options.mask.as_deref())?;
-    let parameters = Parameters {
-        closing_radius_mm: args.options.closing_radius_mm,
-        name: args.name.clone(),
-    };
-    parameters
-        .check()
-        .map_err(|failure| CliError::new(ExitStatus::Usage, failure.detail))?;
+    let parameters = args.options.parameters(args.name.clone())?;
     match &args.output {
         Some(output) => {
             let prepared = prepare_here(&source, &parameters)?;
@@ -66,6 +60,7 @@ pub(super) fn source(volume: &Path, mask: Option<&Path>) -> Result<Source, CliEr
     Ok(Source {
         volume: read_input(volume)?,
         mask: mask.map(read_input).transpose()?,
+        ..Source::default()
     })
 }
 

@@ -55,6 +55,7 @@ impl Drop for ProgressDisplay {
 fn words(stage: Stage) -> &'static str {
     match stage {
         Stage::Reading => "reading the volume",
+        Stage::Extracting => "extracting the brain",
         Stage::Mask => "bringing the mask to the working grid",
         Stage::Closing => "closing the mask to the envelope",
         Stage::Distance => "measuring depths",

@@ -9,7 +9,7 @@ use super::case_file::{self, Picturable};
 use super::prepare::prepare_here;
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, read_input, write_output};
-use crate::case::{CaseId, Parameters};
+use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawing};
 use crate::finish::{Story, finish};
 use crate::graphics::{GpuUse, Graphics};
@@ -217,11 +217,13 @@ async fn of_file(
         case_file::read(&volume)?
     } else {
         let mask = args.options.mask.as_deref().map(read_input).transpose()?;
-        let parameters = Parameters {
-            closing_radius_mm: args.options.closing_radius_mm,
-            name: None,
+        let parameters = args.options.parameters(None)?;
+        let source = Source {
+            volume,
+            mask,
+            ..Source::default()
         };
-        Picturable::of(prepare_here(&Source { volume, mask }, &parameters)?)
+        Picturable::of(prepare_here(&source, &parameters)?)
     };
     let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
     let drawer = Drawer::choose(query.renderer, graphics).await?;

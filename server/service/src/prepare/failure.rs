@@ -33,6 +33,9 @@ pub(super) fn from_geometry(error: GeometryError) -> Failure {
             name: "closing_radius_mm",
             ..
         } => ("closing-radius-out-of-range", 422),
+        GeometryError::Parameter {
+            name: "offset_mm", ..
+        } => ("offset-out-of-range", 422),
         GeometryError::Parameter { .. } => ("parameter-out-of-range", 422),
         GeometryError::TooSmall { .. } => ("envelope-too-small", 422),
         _ => ("geometry", 422),

@@ -3,6 +3,7 @@
 //! There is no async in here: it runs on a worker's blocking thread, and directly under the command line. Nothing but the
 //! upload and the parameters has a say in the result, so that a case can be made again at any time.
 
+mod brain;
 mod check;
 mod failure;
 mod own_mask;
@@ -15,18 +16,21 @@ use std::sync::atomic::AtomicBool;
 
 use bytes::Bytes;
 use geometry::{
-    BrainMask, DepthField, DistanceMap, Envelope, Forest, Grid, Mask, MeshSize, PathTable, Paths,
+    BrainMask, DepthField, DistanceMap, Envelope, Forest, Grid, MeshSize, PathTable, Paths,
     ShellIndex, Volume,
 };
 
+use self::brain::{closing_radius_mm, find_brain};
 use self::failure::{from_geometry, from_imaging};
-use self::own_mask::own_mask;
 use self::steps::Steps;
 use render::BoundingSphere;
 
 use crate::case::{CaseFacts, Failure, Parameters, Progress, SphereFacts, Stage, WindowFacts};
+use crate::quality::Quality;
 use crate::store::ObjectKind;
-use crate::store::codec::{encode_envelope, encode_forest, encode_paths, encode_volume};
+use crate::store::codec::{
+    encode_brain, encode_envelope, encode_forest, encode_paths, encode_volume,
+};
 
 pub use self::check::check;
 pub use imaging::Limits;
@@ -38,17 +42,30 @@ pub const DEFAULT_MESH: [usize; 2] = [30, 30];
 const CROP_MARGIN_VOXELS: usize = 1;
 
 /// What was uploaded.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Source {
     /// The volume, as it came.
     pub volume: Bytes,
-    /// The mask of the brain, as it came; `None` where the volume is to be its own mask.
+    /// The mask of the brain, as it came; `None` where none was supplied.
     pub mask: Option<Bytes>,
+    /// The brain as it was extracted before: a case that is made again keeps it.
+    pub brain: Option<StoredBrain>,
+}
+
+/// An extracted brain, as it is stored.
+#[derive(Debug, Clone)]
+pub struct StoredBrain {
+    /// The payload of [`ObjectKind::Mask`].
+    pub mask: Bytes,
+    /// What was found out about it.
+    pub quality: Quality,
 }
 
 /// A case, computed.
 #[derive(Debug)]
 pub struct Prepared {
+    /// The mask of the brain on the working grid, as it was closed.
+    pub brain: BrainMask,
     /// Intensities, cropped to the working grid.
     pub volume: Volume,
     /// The distance map on the working grid, with the envelope.
@@ -85,18 +102,14 @@ pub fn prepare(
     let mut steps = Steps::new(observe, cancelled);
 
     steps.begin(Stage::Reading)?;
-    let native = imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)?;
-    let mask = read_mask(source, &native, limits)?;
-
-    steps.begin(Stage::Mask)?;
-    let brain = BrainMask::from_mask(&mask, native.grid()).map_err(from_geometry)?;
-    drop(mask);
+    let native = read_volume(source, limits)?;
+    let found = find_brain(source, &native, (parameters, limits), &mut steps)?;
 
     steps.begin(Stage::Closing)?;
-    let envelope =
-        geometry::envelope(&brain, parameters.closing_radius_mm).map_err(from_geometry)?;
-    drop(brain);
+    let radius_mm = closing_radius_mm(parameters);
+    let envelope = geometry::envelope(&found.brain, radius_mm).map_err(from_geometry)?;
     let native_grid = native.grid().clone();
+    let quality = found.quality(&envelope, &native_grid);
     let volume = crop(&native, &envelope)?;
     drop(native);
 
@@ -116,10 +129,12 @@ pub fn prepare(
         native_size: native_grid.size(),
         native_spacing_mm: native_grid.spacing_mm(),
         native_patient_from_voxel: rows_of(&native_grid),
+        quality: Some(quality),
         timings: steps.timings(),
         ..facts(&volume, &distance)?
     };
     Ok(Prepared {
+        brain: found.brain,
         volume,
         distance,
         forest,
@@ -128,17 +143,12 @@ pub fn prepare(
     })
 }
 
-fn read_mask(source: &Source, volume: &Volume, limits: &Limits) -> Result<Mask, Failure> {
-    match &source.mask {
-        Some(bytes) => imaging::nifti::read_mask(bytes, limits).map_err(|error| {
-            let failure = from_imaging(error);
-            Failure {
-                detail: format!("the mask: {}", failure.detail),
-                ..failure
-            }
-        }),
-        None => own_mask(volume),
-    }
+/// The volume of an upload, whole, as it was acquired.
+///
+/// # Errors
+/// A [`Failure`] that names what is wrong with it.
+pub fn read_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> {
+    imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)
 }
 
 /// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
@@ -202,6 +212,7 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
         intensity_min,
         intensity_max,
         window: window(low, high),
+        quality: None,
         timings: Vec::new(),
     })
 }
@@ -238,6 +249,7 @@ impl Derived {
     /// The objects of a computed case.
     pub fn of(prepared: Prepared) -> Self {
         let Prepared {
+            brain,
             volume,
             distance,
             forest,
@@ -246,6 +258,7 @@ impl Derived {
         } = prepared;
         let envelope = distance.envelope();
         let objects = vec![
+            (ObjectKind::Mask, encode_brain(&brain).into()),
             (ObjectKind::Envelope, encode_envelope(envelope).into()),
             (ObjectKind::Forest, encode_forest(&forest, envelope).into()),
             (ObjectKind::Paths, encode_paths(&default_paths).into()),

@@ -14,24 +14,17 @@ const MOST_ON_FACES: f64 = 0.05;
 /// The voxels with an intensity, where they can be those of a brain alone.
 ///
 /// That is so where the background is exactly 0 in all eight corners and on all but a twentieth of the voxels on the faces,
-/// and where what is not background encloses no more than 2,200 ml.
-///
-/// # Errors
-/// `mask-missing` for anything else, with words that say how to supply a mask.
-pub(super) fn own_mask(volume: &Volume) -> Result<Mask, Failure> {
+/// and where what is not background encloses no more than 2,200 ml; else `None`.
+pub(super) fn own_mask(volume: &Volume) -> Result<Option<Mask>, Failure> {
     let half_a_step = volume.rescale().slope.abs() / 2.0;
     let is_brain = |&stored: &u16| volume.intensity(f32::from(stored)).abs() > half_a_step;
     let voxels: Vec<bool> = volume.voxels().iter().map(is_brain).collect();
     let grid = volume.grid();
     if has_background_around(grid, &voxels) && enclosed_ml(grid, &voxels) <= LARGEST_BRAIN_ML {
-        return Mask::new(grid.clone(), voxels).map_err(super::from_geometry);
+        let mask = Mask::new(grid.clone(), voxels).map_err(super::from_geometry)?;
+        return Ok(Some(mask));
     }
-    Err(Failure::unprocessable(
-        "mask-missing",
-        "the volume shows more than a brain, so a mask of the brain is needed: supply one as the part `mask` of the upload \
-         (NIfTI, brain voxels above 0), or upload a volume that is already skull-stripped (background exactly 0)"
-            .to_owned(),
-    ))
+    Ok(None)
 }
 
 fn has_background_around(grid: &Grid, voxels: &[bool]) -> bool {
@@ -89,7 +82,7 @@ mod tests {
 
     #[test]
     fn a_brain_over_zeros_is_its_own_mask() {
-        let mask = own_mask(&ball(14.0, 5.0, 0, PLAIN)).unwrap();
+        let mask = own_mask(&ball(14.0, 5.0, 0, PLAIN)).unwrap().unwrap();
         let brain = mask.voxels().iter().filter(|&&voxel| voxel).count();
         assert!(
             (brain as f64 / (4.0 / 3.0 * std::f64::consts::PI * 14f64.powi(3)) - 1.0).abs() < 0.02
@@ -102,25 +95,18 @@ mod tests {
             slope: 0.1,
             intercept: -50.0,
         };
-        assert!(own_mask(&ball(14.0, 5.0, 500, shifted)).is_ok());
-        assert_eq!(
-            own_mask(&ball(14.0, 5.0, 0, shifted)).unwrap_err().kind,
-            "mask-missing"
-        );
+        assert!(own_mask(&ball(14.0, 5.0, 500, shifted)).unwrap().is_some());
+        assert_eq!(own_mask(&ball(14.0, 5.0, 0, shifted)), Ok(None));
     }
 
     #[test]
-    fn a_head_or_a_noisy_background_needs_a_mask() {
+    fn a_head_or_a_noisy_background_is_no_mask() {
         for volume in [
             ball(17.0, 5.0, 0, PLAIN),
             ball(14.0, 5.0, 3, PLAIN),
             ball(24.0, 2.0, 0, PLAIN),
         ] {
-            let failure = own_mask(&volume).unwrap_err();
-            assert_eq!(
-                (failure.kind.as_str(), failure.status),
-                ("mask-missing", 422)
-            );
+            assert_eq!(own_mask(&volume), Ok(None));
         }
     }
 }

@@ -9,8 +9,9 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::query::{ApiQuery, CasePath, Checked, NoQuery, check_count};
 use super::render::window_of;
-use crate::case::{Case, CaseFacts, CaseId, CaseState};
+use crate::case::{Case, CaseFacts, CaseId, CaseState, MaskKind};
 use crate::problem::{AppError, Problem};
+use crate::quality::Quality;
 use crate::state::AppState;
 use crate::store::Cursor;
 
@@ -33,6 +34,19 @@ pub struct CaseView {
     created_at: String,
     /// Radius of the ball that closes the brain mask, in mm.
     closing_radius_mm: f64,
+    /// What the mask shows: `brain`, or `envelope`, which is not closed.
+    mask_kind: MaskKind,
+    /// The probability above which a voxel is brain, where the brain is extracted.
+    threshold: f64,
+    /// By how much the mask was made larger, in mm.
+    offset_mm: f64,
+    /// The case of which it is a version, with another mask or other parameters.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
+    previous: Option<CaseId>,
+    /// Its own versions, oldest first.
+    #[schema(value_type = Vec<String>)]
+    next: Vec<CaseId>,
     /// While it is being prepared.
     #[serde(skip_serializing_if = "Option::is_none")]
     progress: Option<ProgressView>,
@@ -49,7 +63,7 @@ pub struct CaseView {
 /// How far a preparation has come.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ProgressView {
-    /// `reading`, `mask`, `closing`, `distance`, `core`, `forest`, `mesh` or `storing`.
+    /// `reading`, `extracting`, `mask`, `closing`, `distance`, `core`, `forest`, `mesh` or `storing`.
     stage: &'static str,
     /// 0 to 1, of the whole preparation.
     fraction: f32,
@@ -70,6 +84,10 @@ pub struct ReadyView {
     envelope_sphere: SphereView,
     /// Intensities and how to show them.
     intensity: IntensityView,
+    /// How far the mask can be trusted; absent where it was prepared before that was measured. Where it says `review` or
+    /// `failed`, so does the header `X-Isocortex-Quality` of whatever shows the case.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quality: Option<Quality>,
     /// Wall time of each step of the preparation, in ms.
     timings: Vec<TimingView>,
 }
@@ -154,6 +172,12 @@ pub struct Links {
     distance: String,
     /// A picture of the isosurface.
     render: String,
+    /// The brain mask, as a NIfTI file; `PUT` another to make a version.
+    mask: String,
+    /// The envelope, as a NIfTI file.
+    envelope: String,
+    /// Nine slices to judge the mask by.
+    quality: String,
     /// Slices: append `/axial`, `/coronal` or `/sagittal`.
     slices: String,
 }
@@ -170,6 +194,9 @@ impl Links {
             volume: below("volume"),
             distance: below("distance"),
             render: below("render"),
+            mask: below("mask"),
+            envelope: below("envelope"),
+            quality: below("quality"),
             slices: below("slices"),
             this,
         }
@@ -188,6 +215,11 @@ impl From<Case> for CaseView {
             links: Links::of(&case.id),
             name: case.parameters.name,
             closing_radius_mm: case.parameters.closing_radius_mm,
+            mask_kind: case.parameters.mask_kind,
+            threshold: case.parameters.threshold,
+            offset_mm: case.parameters.offset_mm,
+            previous: case.previous,
+            next: case.next,
             state: case.state,
             created_at: case.created_at.to_string(),
             progress: case.progress.map(|progress| ProgressView {
@@ -230,6 +262,7 @@ impl From<CaseFacts> for ReadyView {
                     width: window.width(),
                 },
             },
+            quality: facts.quality,
             timings: facts
                 .timings
                 .into_iter()

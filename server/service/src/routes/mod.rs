@@ -5,6 +5,7 @@ pub mod cases;
 pub mod documents;
 pub mod events;
 pub mod health;
+pub mod masks;
 pub mod mesh;
 pub mod query;
 pub mod render;
@@ -14,9 +15,10 @@ pub mod textures;
 pub mod upload;
 
 use axum::Router;
-use axum::extract::DefaultBodyLimit;
-use axum::http::{HeaderMap, HeaderName};
-use axum::middleware;
+use axum::extract::{DefaultBodyLimit, RawPathParams, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use axum::middleware::{self, Next};
+use axum::response::Response;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -24,7 +26,11 @@ use utoipa_axum::routes;
 use crate::app::answer_in_time;
 use crate::auth;
 use crate::caching;
+use crate::case::CaseId;
 use crate::state::AppState;
+
+/// The header that says how far the mask behind an answer can be trusted.
+const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
 
 /// Room in an upload for what is not file: boundaries, part headers, parameters.
 const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
@@ -43,6 +49,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
     tags(
         (name = "cases", description = "Heads: uploaded, prepared, listed, deleted"),
         (name = "meshes", description = "The mesh at a depth, or at all depths"),
+        (name = "masks", description = "The mask of the brain: had, replaced, judged"),
         (name = "textures", description = "Voxels, for clients that draw"),
         (name = "pictures", description = "PNG pictures made by the server"),
         (name = "service", description = "The server itself"),
@@ -62,20 +69,25 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(textures::get_distance))
         .routes(routes!(render::get_render))
         .routes(routes!(slices::get_slice))
+        .routes(routes!(masks::get_mask))
+        .routes(routes!(masks::get_envelope))
+        .routes(routes!(masks::get_quality))
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))
                 .layer(DefaultBodyLimit::max(renders::MAX_BODY_BYTES)),
         )
+        .route_layer(middleware::from_fn_with_state(state.clone(), say_quality))
         .route_layer(middleware::from_fn_with_state(
             state.clone(),
             answer_in_time,
         ));
     let upload_limit = state.max_upload_bytes.saturating_add(FORM_OVERHEAD_BYTES);
     let upload_limit = usize::try_from(upload_limit).unwrap_or(usize::MAX);
-    // These two may take as long as they go on: an upload has a limit for its pauses, events end with the case.
+    // These may take as long as they go on: an upload has limits of its own, events end with the case.
     let streams = OpenApiRouter::new()
         .routes(routes!(upload::create_case))
+        .routes(routes!(masks::put_mask))
         .layer(DefaultBodyLimit::max(upload_limit))
         .routes(routes!(events::get_events));
     let guarded = answers
@@ -93,6 +105,27 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(guarded)
         .merge(open)
         .split_for_parts()
+}
+
+/// Says in a header of whatever shows a case how far its mask can be trusted.
+async fn say_quality(
+    State(state): State<AppState>,
+    path: RawPathParams,
+    request: Request,
+    next: Next,
+) -> Response {
+    let id = path.iter().find(|(name, _)| *name == "id");
+    let id = id.and_then(|(_, text)| CaseId::parse(text));
+    let mut response = next.run(request).await;
+    let shows = response.status().is_success() || response.status() == StatusCode::NOT_MODIFIED;
+    if let Some(id) = id.filter(|_| shows)
+        && let Some(quality) = state.known_quality(&id)
+    {
+        response
+            .headers_mut()
+            .insert(QUALITY, HeaderValue::from_static(quality.name()));
+    }
+    response
 }
 
 /// Says at which depth an answer is, and whether more was asked for.

@@ -1,6 +1,6 @@
 //! Uploads: streamed to the store's disk, checked, queued.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::body::Body;
 use axum::extract::multipart::{Field, Multipart, MultipartError};
@@ -16,7 +16,7 @@ use crate::case::{CaseId, CaseState, Parameters};
 use crate::prepare::{Source, check};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
-use crate::store::{Spooled, Upload};
+use crate::store::{Spooled, Submitted, Upload};
 
 /// The most bytes of the part `parameters`.
 const MAX_PARAMETERS_BYTES: usize = 64 << 10;
@@ -35,7 +35,8 @@ pub struct UploadForm {
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     mask: Option<String>,
-    /// JSON: `closing_radius_mm`, 0 to 50, and `name`, a label.
+    /// JSON: `closing_radius_mm` (0 to 50), `mask` (where none is supplied: `auto` or `volume`), `mask_kind` (`brain` or
+    /// `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label.
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
@@ -71,7 +72,13 @@ pub async fn create_case(
     let (upload, parameters) = read_form(&state, form).await?;
     parameters.check()?;
     check_unless_known(&state, &upload, &parameters).await?;
-    let submitted = state.store.submit_upload(upload, parameters).await?;
+    Ok(submitted(
+        state.store.submit_upload(upload, parameters).await?,
+    ))
+}
+
+/// The answer that names a case: 202 where it is new.
+pub(super) fn submitted(submitted: Submitted) -> Response {
     let status = if submitted.created {
         StatusCode::ACCEPTED
     } else {
@@ -84,7 +91,7 @@ pub async fn create_case(
     if submitted.created {
         headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
     }
-    Ok(response)
+    response
 }
 
 /// Refuses at once what cannot be prepared, so that nothing of it gets into the store. What is in the store was checked before.
@@ -95,8 +102,7 @@ async fn check_unless_known(
 ) -> Result<(), AppError> {
     let mask = upload.mask.as_ref().map(Spooled::digest);
     let id = CaseId::of(upload.volume.digest(), mask, parameters);
-    let known = state.store.case(&id).await?;
-    if known.is_some_and(|case| case.state != CaseState::Failed) {
+    if is_known(state, &id).await? {
         return Ok(());
     }
     let source = Source {
@@ -105,25 +111,50 @@ async fn check_unless_known(
             Some(mask) => Some(mask.read().await?),
             None => None,
         },
+        ..Source::default()
     };
-    let limits = state.upload_limits;
-    let checked = state.pool.run(move || check(&source, &limits)).await?;
-    Ok(checked?)
+    check_now(state, source, parameters).await
+}
+
+/// Whether a case was accepted before.
+pub(super) async fn is_known(state: &AppState, id: &CaseId) -> Result<bool, AppError> {
+    let known = state.store.case(id).await?;
+    Ok(known.is_some_and(|case| case.state != CaseState::Failed))
+}
+
+/// Refuses what cannot be prepared.
+pub(super) async fn check_now(
+    state: &AppState,
+    source: Source,
+    parameters: &Parameters,
+) -> Result<(), AppError> {
+    let (limits, parameters) = (state.upload_limits, parameters.clone());
+    let check = move || check(&source, &parameters, &limits);
+    Ok(state.pool.run(check).await??)
 }
 
 /// Refuses what can be refused before the body is read.
 fn refuse_early(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
-    let text = |name| {
-        headers
-            .get(name)
-            .and_then(|value: &HeaderValue| value.to_str().ok())
-    };
-    let is_form = text(header::CONTENT_TYPE)
-        .is_some_and(|kind| kind.to_ascii_lowercase().starts_with("multipart/form-data"));
-    if !is_form {
+    if !is_form(headers) {
         return Err(AppError::UnsupportedMediaType);
     }
-    let length: Option<u64> = text(header::CONTENT_LENGTH).and_then(|length| length.parse().ok());
+    refuse_too_large(headers, limit_bytes)
+}
+
+fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+/// Whether a body is said to be a form.
+pub(super) fn is_form(headers: &HeaderMap) -> bool {
+    text(headers, header::CONTENT_TYPE)
+        .is_some_and(|kind| kind.to_ascii_lowercase().starts_with("multipart/form-data"))
+}
+
+/// Refuses a body that is said to be too large.
+pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
+    let length: Option<u64> =
+        text(headers, header::CONTENT_LENGTH).and_then(|length| length.parse().ok());
     let limit_of_form = limit_bytes.saturating_add(super::FORM_OVERHEAD_BYTES);
     if length.is_some_and(|length| length > limit_of_form) {
         return Err(AppError::TooLarge { limit_bytes });
@@ -136,10 +167,7 @@ async fn read_form(
     state: &AppState,
     mut form: Multipart,
 ) -> Result<(Upload, Parameters), AppError> {
-    let limits = PartLimits {
-        bytes: state.max_upload_bytes,
-        idle: state.upload_idle,
-    };
+    let limits = PartLimits::of(state);
     let (mut volume, mut mask, mut parameters) = (None, None, None);
     while let Some(field) = in_time(limits, form.next_field()).await? {
         let name = field.name().unwrap_or_default().to_owned();
@@ -187,32 +215,74 @@ fn set_once<T>(slot: &mut Option<T>, name: &str, value: T) -> Result<(), AppErro
     Ok(())
 }
 
-/// What a part may take.
+/// What an upload may take.
 #[derive(Clone, Copy)]
-struct PartLimits {
-    bytes: u64,
+pub(super) struct PartLimits {
+    /// Bytes of a file.
+    pub(super) bytes: u64,
+    /// Time until the next bytes come.
     idle: Duration,
+    /// Time for the whole upload.
+    whole: Duration,
+    /// When that is over.
+    end: Instant,
 }
 
-/// Waits for the next piece of the form, but not for ever.
+impl PartLimits {
+    /// Those of an upload that begins now.
+    pub(super) fn of(state: &AppState) -> Self {
+        Self {
+            bytes: state.max_upload_bytes,
+            idle: state.upload_idle,
+            whole: state.upload_timeout,
+            end: Instant::now() + state.upload_timeout,
+        }
+    }
+
+    /// Waits for the next piece of an upload, but not for ever.
+    pub(super) async fn await_next<T>(
+        &self,
+        piece: impl Future<Output = T>,
+    ) -> Result<T, AppError> {
+        let left = self.end.saturating_duration_since(Instant::now());
+        let wait = self.idle.min(left);
+        let piece = tokio::time::timeout(wait, piece).await;
+        piece.map_err(|_elapsed| {
+            let detail = if wait < self.idle {
+                format!("the upload took more than {} seconds", self.whole.as_secs())
+            } else {
+                format!("nothing more came for {} seconds", self.idle.as_secs())
+            };
+            AppError::Upload {
+                kind: "upload-stalled",
+                detail,
+            }
+        })
+    }
+
+    /// The answer to a body that cannot be read any further.
+    pub(super) fn too_large(&self) -> AppError {
+        AppError::TooLarge {
+            limit_bytes: self.bytes,
+        }
+    }
+}
+
+/// Waits for the next piece of the form.
 async fn in_time<T>(
     limits: PartLimits,
     piece: impl Future<Output = Result<T, MultipartError>>,
 ) -> Result<T, AppError> {
-    let piece = tokio::time::timeout(limits.idle, piece).await;
-    let piece = piece.map_err(|_elapsed| AppError::Upload {
-        kind: "upload-stalled",
-        detail: format!("nothing more came for {} seconds", limits.idle.as_secs()),
-    })?;
-    piece.map_err(|error| match error.status() {
-        StatusCode::PAYLOAD_TOO_LARGE => AppError::TooLarge {
-            limit_bytes: limits.bytes,
-        },
-        _ => AppError::Upload {
-            kind: "form-unreadable",
-            detail: "the form cannot be read; was the upload cut off?".to_owned(),
-        },
-    })
+    limits
+        .await_next(piece)
+        .await?
+        .map_err(|error| match error.status() {
+            StatusCode::PAYLOAD_TOO_LARGE => limits.too_large(),
+            _ => AppError::Upload {
+                kind: "form-unreadable",
+                detail: "the form cannot be read; was the upload cut off?".to_owned(),
+            },
+        })
 }
 
 /// Streams a part to the store's disk.
@@ -224,9 +294,7 @@ async fn spool(
     let mut spool = state.store.spool().await?;
     while let Some(bytes) = in_time(limits, field.chunk()).await? {
         if spool.len() + bytes.len() as u64 > limits.bytes {
-            return Err(AppError::TooLarge {
-                limit_bytes: limits.bytes,
-            });
+            return Err(limits.too_large());
         }
         state.metrics.uploaded(bytes.len());
         spool.write(bytes).await?;

@@ -119,7 +119,10 @@ async fn a_case_is_inserted_once(rows: &Rows) {
     let mut new = new_case(&**rows, "a", at(5)).await;
     new.parameters = Parameters {
         closing_radius_mm: 7.5,
+        mask_kind: crate::case::MaskKind::Envelope,
+        offset_mm: -0.3,
         name: Some("näme".to_owned()),
+        ..Parameters::default()
     };
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Created);
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Exists);
@@ -308,7 +311,7 @@ async fn a_published_case_is_ready_and_its_job_is_gone(rows: &Rows) {
         (CaseState::Ready, Some(facts()), None)
     );
     let objects = rows.objects(&new.id).await.unwrap();
-    assert_eq!(objects.len(), 5);
+    assert_eq!(objects.len(), 1 + ObjectKind::DERIVED.len());
     assert!(derived.names.iter().all(|name| objects.contains(name)));
     assert_eq!(claim(&**rows, 1000).await, None);
     assert!(rows.expired_pins(at(100_000), 10).await.unwrap().is_empty());
@@ -347,7 +350,7 @@ async fn what_two_cases_need_goes_with_the_second(rows: &Rows) {
     let mut second = new_case(&**rows, "a", at(1)).await;
     let other_radius = Parameters {
         closing_radius_mm: 5.0,
-        name: None,
+        ..Parameters::default()
     };
     second.id = crate::case::CaseId::of(&second.sources.names[0].digest, None, &other_radius);
     assert_eq!(rows.insert(&second).await.unwrap(), Inserted::Created);

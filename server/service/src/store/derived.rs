@@ -10,8 +10,8 @@ use super::objects::Unreadable;
 use super::rows::{Claim, Pinned, Published};
 use super::signals::Count;
 use super::{ObjectKind, ObjectName, Store, StoreError};
-use crate::case::{CaseFacts, CaseId, CaseState, Failure, Parameters};
-use crate::prepare::{Derived, Source};
+use crate::case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters};
+use crate::prepare::{Derived, Source, StoredBrain};
 
 /// How often derived objects are written again because a pin was lost.
 const PUBLISH_ATTEMPTS: usize = 3;
@@ -109,10 +109,11 @@ impl Store {
         names: &[ObjectName],
         kind: ObjectKind,
     ) -> Result<Option<Bytes>, StoreError> {
-        let read = match names.iter().find(|name| name.kind == kind) {
-            Some(name) => self.inner.objects.get(name).await,
-            None => Err(Unreadable::Missing),
+        let Some(name) = names.iter().find(|name| name.kind == kind) else {
+            tracing::info!(case = %id, object = kind.name(), "a case of an earlier version lacks an object");
+            return Ok(None);
         };
+        let read = self.inner.objects.get(name).await;
         match read {
             Ok(payload) => Ok(Some(payload)),
             Err(Unreadable::Store(error)) => Err(error),
@@ -137,7 +138,10 @@ impl Store {
         let Some(volume) = self.read(id, names, ObjectKind::SourceVolume).await? else {
             return Ok(None);
         };
-        let mut source = Source { volume, mask: None };
+        let mut source = Source {
+            volume,
+            ..Source::default()
+        };
         if names.iter().any(|name| name.kind == ObjectKind::SourceMask) {
             source.mask = self.read(id, names, ObjectKind::SourceMask).await?;
             if source.mask.is_none() {
@@ -154,9 +158,20 @@ impl Store {
         };
         let names = self.rows().objects(id).await?;
         let rebuilt = match self.source(id, &names).await? {
-            Some(source) => self.derive(source, case.parameters).await?,
+            Some(mut source) => {
+                source.brain = self.extracted(&case, &names).await?;
+                self.derive(source, case.parameters).await?
+            }
             None => Err(source_damaged()),
         };
+        let rebuilt = rebuilt.and_then(|derived| {
+            let method = |facts: &CaseFacts| facts.quality.as_ref().map(|quality| quality.method);
+            let before = case.facts.as_ref().and_then(method);
+            if before.is_some() && before != method(&derived.facts) {
+                return Err(extracted_otherwise());
+            }
+            Ok(derived)
+        });
         match rebuilt {
             Ok(derived) => {
                 let framed = frame_all(derived.objects).await?;
@@ -172,6 +187,20 @@ impl Store {
         }
         self.signals().changed(id);
         Ok(())
+    }
+
+    /// The brain mask of a case, where it was extracted: it stays what it was, whichever way this server would extract it now.
+    async fn extracted(
+        &self,
+        case: &Case,
+        names: &[ObjectName],
+    ) -> Result<Option<StoredBrain>, StoreError> {
+        let quality = case.facts.as_ref().and_then(|facts| facts.quality.clone());
+        let Some(quality) = quality.filter(|quality| quality.method.is_extraction()) else {
+            return Ok(None);
+        };
+        let mask = self.read(&case.id, names, ObjectKind::Mask).await?;
+        Ok(mask.map(|mask| StoredBrain { mask, quality }))
     }
 
     async fn derive(
@@ -240,6 +269,16 @@ pub(crate) async fn frame_all(
         framed.collect()
     });
     Ok(framed.await?)
+}
+
+/// What a case fails with when its mask was lost and would become another one.
+fn extracted_otherwise() -> Failure {
+    Failure {
+        kind: "mask-damaged".to_owned(),
+        detail: "the stored mask is damaged, and this server would extract the brain in another way; upload the volume again"
+            .to_owned(),
+        status: 500,
+    }
 }
 
 /// What a case fails with when the uploaded files themselves cannot be read back.

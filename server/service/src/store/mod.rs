@@ -7,6 +7,7 @@
 //! | object | what | why it is stored |
 //! |---|---|---|
 //! | `source-volume`, `source-mask` | the uploaded bytes | everything else comes from them |
+//! | `mask` | runs of the working grid | it can be asked for; and an extracted brain must stay what it was |
 //! | `volume` | 16-bit intensities, cropped to the envelope | reading the source means unpacking and checking the whole head |
 //! | `envelope` | runs of the working grid | the closing costs more than reading 20 kB |
 //! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
@@ -66,7 +67,7 @@ pub(crate) use self::signals::Count;
 pub use self::signals::Counters;
 pub use self::spool::{Spool, Spooled, Upload};
 pub use self::sqlite::SqliteRows;
-pub use self::submit::Submitted;
+pub use self::submit::{NewMask, Submitted, Version};
 pub use self::watch::Watch;
 
 /// How many objects are removed in one transaction, during which nobody else can write.

@@ -9,6 +9,8 @@ pub enum ObjectKind {
     SourceVolume,
     /// The mask as it was uploaded.
     SourceMask,
+    /// The brain mask on the working grid.
+    Mask,
     /// Intensities cropped to the envelope.
     Volume,
     /// The envelope on the working grid.
@@ -21,9 +23,10 @@ pub enum ObjectKind {
 
 impl ObjectKind {
     /// Every kind.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::SourceVolume,
         Self::SourceMask,
+        Self::Mask,
         Self::Volume,
         Self::Envelope,
         Self::Forest,
@@ -31,13 +34,20 @@ impl ObjectKind {
     ];
 
     /// The kinds that are computed from the source.
-    pub const DERIVED: [Self; 4] = [Self::Volume, Self::Envelope, Self::Forest, Self::Paths];
+    pub const DERIVED: [Self; 5] = [
+        Self::Mask,
+        Self::Volume,
+        Self::Envelope,
+        Self::Forest,
+        Self::Paths,
+    ];
 
     /// The name in rows and addresses.
     pub fn name(self) -> &'static str {
         match self {
             Self::SourceVolume => "source-volume",
             Self::SourceMask => "source-mask",
+            Self::Mask => "mask",
             Self::Volume => "volume",
             Self::Envelope => "envelope",
             Self::Forest => "forest",
@@ -59,6 +69,7 @@ impl ObjectKind {
             Self::Envelope => 4,
             Self::Forest => 5,
             Self::Paths => 6,
+            Self::Mask => 7,
         }
     }
 

@@ -24,6 +24,8 @@ pub struct NewCase {
     pub id: CaseId,
     /// What was chosen at the upload.
     pub parameters: Parameters,
+    /// The case of which it is a version.
+    pub previous: Option<CaseId>,
     /// Its source objects: durable, and pinned.
     pub sources: Pinned,
     /// Now.
@@ -117,7 +119,8 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Gives a case another label; nothing where there is no such case.
     async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError>;
 
-    /// Removes a case with its job; whether it was there. Its objects are left with expired pins.
+    /// Removes a case with its job; whether it was there. Its objects are left with expired pins; its versions become those
+    /// of the case that it is a version of.
     async fn delete(&self, id: &CaseId, now: Timestamp) -> Result<bool, StoreError>;
 
     /// How many jobs wait for a lease.

@@ -22,6 +22,70 @@ pub struct Submitted {
     pub created: bool,
 }
 
+/// A version of a case: its volume, with another mask or other parameters.
+#[derive(Debug)]
+pub struct Version {
+    /// The case.
+    pub of: CaseId,
+    /// Its mask.
+    pub mask: NewMask,
+    /// How it is to be prepared.
+    pub parameters: Parameters,
+}
+
+/// The mask of a version.
+#[derive(Debug)]
+pub enum NewMask {
+    /// It is supplied.
+    Supplied(Spooled),
+    /// What was supplied with the case, if anything was.
+    Kept,
+    /// None is supplied.
+    None,
+}
+
+impl Version {
+    /// The files from which the version is prepared, given the objects of the case; those that are stored already come
+    /// without a file.
+    fn sources(&self, of: &[ObjectName]) -> Vec<(ObjectName, Option<&Spooled>)> {
+        let keeps_mask = matches!(self.mask, NewMask::Kept);
+        let kept = of.iter().filter(|name| {
+            name.kind.is_source() && (keeps_mask || name.kind != ObjectKind::SourceMask)
+        });
+        let mut sources: Vec<_> = kept.map(|&name| (name, None)).collect();
+        if let NewMask::Supplied(file) = &self.mask {
+            let digest = *file.digest();
+            let kind = ObjectKind::SourceMask;
+            sources.push((ObjectName { kind, digest }, Some(file)));
+        }
+        sources
+    }
+
+    /// The name of the version, given the objects of the case; `None` where there is no volume among them.
+    pub(crate) fn id(&self, of: &[ObjectName]) -> Option<CaseId> {
+        id_of(&self.sources(of), &self.parameters)
+    }
+}
+
+fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) -> Option<CaseId> {
+    let digest = |kind| {
+        let source = sources.iter().find(|(name, _)| name.kind == kind);
+        source.map(|(name, _)| name.digest)
+    };
+    let mask = digest(ObjectKind::SourceMask);
+    let volume = digest(ObjectKind::SourceVolume)?;
+    Some(CaseId::of(&volume, mask.as_ref(), parameters))
+}
+
+/// What a case is made of.
+struct Inputs<'a> {
+    id: CaseId,
+    /// The files; those that are stored already, as objects of `previous`, come without one.
+    sources: Vec<(ObjectName, Option<&'a Spooled>)>,
+    previous: Option<CaseId>,
+    parameters: Parameters,
+}
+
 impl Store {
     /// Makes a case of spooled files and queues its preparation.
     ///
@@ -36,7 +100,57 @@ impl Store {
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
         let store = self.clone();
-        tokio::spawn(async move { store.submit_now(&upload, parameters).await }).await?
+        let submit = async move {
+            let mask = upload.mask.as_ref();
+            let inputs = Inputs {
+                id: CaseId::of(
+                    upload.volume.digest(),
+                    mask.map(Spooled::digest),
+                    &parameters,
+                ),
+                sources: source_files(&upload),
+                previous: None,
+                parameters,
+            };
+            if let Some(name) = &inputs.parameters.name {
+                store.rows().rename(&inputs.id, name).await?;
+            }
+            let submitted = store.submit_now(inputs).await?;
+            submitted.ok_or_else(|| StoreError::Rows("an upload lacks its own files".into()))
+        };
+        tokio::spawn(submit).await?
+    }
+
+    /// Makes a version of a case and queues its preparation; `None` where there is no such case (any more).
+    ///
+    /// It carries the label of the case. Where the same volume, mask and parameters are a case already, that stays as it is,
+    /// but a failed one is queued again. Once begun it is carried through, even when the caller goes away.
+    ///
+    /// # Errors
+    /// As [`Store::submit_upload`].
+    pub async fn submit_version(&self, version: Version) -> Result<Option<Submitted>, StoreError> {
+        let store = self.clone();
+        let submit = async move {
+            let Some(case) = store.rows().case(&version.of).await? else {
+                return Ok(None);
+            };
+            let sources = version.sources(&store.rows().objects(&version.of).await?);
+            let parameters = Parameters {
+                name: case.parameters.name,
+                ..version.parameters.clone()
+            };
+            let Some(id) = id_of(&sources, &parameters) else {
+                return Ok(None);
+            };
+            let inputs = Inputs {
+                id,
+                sources,
+                previous: Some(version.of),
+                parameters,
+            };
+            store.submit_now(inputs).await
+        };
+        tokio::spawn(submit).await?
     }
 
     /// The same, from memory.
@@ -63,40 +177,35 @@ impl Store {
             .await
     }
 
-    async fn submit_now(
-        &self,
-        upload: &Upload,
-        parameters: Parameters,
-    ) -> Result<Submitted, StoreError> {
-        let mask = upload.mask.as_ref().map(Spooled::digest);
-        let id = CaseId::of(upload.volume.digest(), mask, &parameters);
+    /// `None` where a stored source has gone.
+    async fn submit_now(&self, inputs: Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
+        let id = &inputs.id;
         for _ in 0..PIN_ATTEMPTS {
-            if let Some(name) = &parameters.name {
-                self.rows().rename(&id, name).await?;
-            }
-            if let Some(case) = self.case(&id).await?
+            if let Some(case) = self.case(id).await?
                 && case.state != CaseState::Failed
             {
-                return Ok(Submitted {
+                return Ok(Some(Submitted {
                     case,
                     created: false,
-                });
+                }));
             }
             if self.waiting().await? >= self.options().queue_limit {
                 return Err(StoreError::QueueFull);
             }
-            let inserted = self.insert(&id, upload, &parameters).await?;
+            let Some(inserted) = self.insert(&inputs).await? else {
+                return Ok(None);
+            };
             if inserted == Inserted::QueueFull {
                 return Err(StoreError::QueueFull);
             }
-            self.signals().changed(&id);
+            self.signals().changed(id);
             self.signals().queued();
             // Where another process deletes the case at this very moment, it is inserted once more.
             if inserted != Inserted::PinLost
-                && let Some(case) = self.case(&id).await?
+                && let Some(case) = self.case(id).await?
             {
                 let created = inserted == Inserted::Created;
-                return Ok(Submitted { case, created });
+                return Ok(Some(Submitted { case, created }));
             }
         }
         Err(StoreError::Rows(
@@ -104,17 +213,13 @@ impl Store {
         ))
     }
 
-    /// Writes the sources and inserts the case; leaves nothing where that fails.
-    async fn insert(
-        &self,
-        id: &CaseId,
-        upload: &Upload,
-        parameters: &Parameters,
-    ) -> Result<Inserted, StoreError> {
-        let files = source_files(upload);
-        let sources = self.pin(files.iter().map(|(name, _)| *name)).await?;
-        let inserted = self.insert_pinned(id, &files, &sources, parameters).await;
-        if !matches!(inserted, Ok(Inserted::Created | Inserted::Requeued)) {
+    /// Writes the sources and inserts the case; leaves nothing where that fails. `None` where a stored source has gone.
+    async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
+        let sources = self
+            .pin(inputs.sources.iter().map(|(name, _)| *name))
+            .await?;
+        let inserted = self.insert_pinned(inputs, &sources).await;
+        if !matches!(inserted, Ok(Some(Inserted::Created | Inserted::Requeued))) {
             self.abandon(&sources).await;
         }
         inserted
@@ -122,25 +227,33 @@ impl Store {
 
     async fn insert_pinned(
         &self,
-        id: &CaseId,
-        files: &[(ObjectName, &Spooled)],
+        inputs: &Inputs<'_>,
         sources: &Pinned,
-        parameters: &Parameters,
-    ) -> Result<Inserted, StoreError> {
-        for (name, file) in files {
-            self.inner
-                .objects
-                .put_file(name, file.path(), file.len())
-                .await?;
+    ) -> Result<Option<Inserted>, StoreError> {
+        // Now that they are pinned: what the other case still needs will stay.
+        let stored = match &inputs.previous {
+            Some(previous) => self.rows().objects(previous).await?,
+            None => Vec::new(),
+        };
+        for (name, file) in &inputs.sources {
+            match file {
+                Some(file) => {
+                    let put = self.inner.objects.put_file(name, file.path(), file.len());
+                    put.await?;
+                }
+                None if stored.contains(name) => {}
+                None => return Ok(None),
+            }
         }
         let new = NewCase {
-            id: *id,
-            parameters: parameters.clone(),
+            id: inputs.id,
+            parameters: inputs.parameters.clone(),
+            previous: inputs.previous,
             sources: sources.clone(),
             now: self.now(),
             queue_limit: self.options().queue_limit,
         };
-        self.rows().insert(&new).await
+        self.rows().insert(&new).await.map(Some)
     }
 
     /// Pins objects that are about to be written.
@@ -170,10 +283,10 @@ impl Store {
     }
 }
 
-fn source_files(upload: &Upload) -> Vec<(ObjectName, &Spooled)> {
+fn source_files(upload: &Upload) -> Vec<(ObjectName, Option<&Spooled>)> {
     let named = |kind, file| {
         let digest = *Spooled::digest(file);
-        (ObjectName { kind, digest }, file)
+        (ObjectName { kind, digest }, Some(file))
     };
     let volume = named(ObjectKind::SourceVolume, &upload.volume);
     let mask = upload.mask.as_ref();

@@ -41,6 +41,7 @@ pub(crate) fn facts() -> CaseFacts {
             center: 0.5,
             width: 1.0,
         },
+        quality: None,
         timings: vec![(Stage::Reading, 1.0)],
     }
 }
@@ -74,6 +75,7 @@ pub(crate) async fn new_case(rows: &dyn CaseRows, contents: &str, now: Timestamp
     NewCase {
         id: CaseId::of(&source.digest, None, &Parameters::default()),
         parameters: Parameters::default(),
+        previous: None,
         sources: pinned(rows, &[source]).await,
         now,
         queue_limit: 100,
@@ -166,7 +168,7 @@ pub(crate) fn options(fake: &Arc<Fake>) -> Options {
 pub(crate) fn source(volume: &str) -> Source {
     Source {
         volume: Bytes::copy_from_slice(volume.as_bytes()),
-        mask: None,
+        ..Source::default()
     }
 }
 

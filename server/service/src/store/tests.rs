@@ -13,7 +13,7 @@ use super::testing::{
     Fake, assert_nothing_left_over, facts, fake_objects, files_below, options, settled,
     settled_state, source, submit,
 };
-use super::{Clock, ObjectKind, ObjectName, Options, Store, StoreError};
+use super::{Clock, NewMask, ObjectKind, ObjectName, Options, Store, StoreError, Version};
 use crate::case::{CaseFacts, CaseId, CaseState, Parameters};
 use crate::jobs::Workers;
 
@@ -590,4 +590,111 @@ async fn a_watch_tells_each_state_once_and_the_end() {
     );
     assert_eq!(seen.last(), Some(&(CaseState::Ready, None)));
     workers.shut_down(GRACE).await;
+}
+
+/// What the first version of the program left behind: its schema, and a ready case in its rows, with its source stored.
+async fn first_versions_folder(directory: &TempDir) -> CaseId {
+    let fake = Arc::default();
+    let (store, id) = ready(directory, &fake).await;
+    let facts = serde_json::to_value(facts()).unwrap();
+    let mut facts = facts.as_object().unwrap().clone();
+    for later in ["quality", "native_patient_from_voxel", "envelope_sphere"] {
+        facts.remove(later);
+    }
+    let names = store.rows().objects(&id).await.unwrap();
+    drop(store);
+    for file in ["rows.sqlite", "rows.sqlite-wal", "rows.sqlite-shm"] {
+        let _gone = std::fs::remove_file(directory.path().join(file));
+    }
+    let options = sqlx::sqlite::SqliteConnectOptions::new()
+        .filename(directory.path().join("rows.sqlite"))
+        .create_if_missing(true);
+    let pool = sqlx::SqlitePool::connect_with(options).await.unwrap();
+    let mut migrator = sqlx::migrate!();
+    migrator.migrations.to_mut().truncate(1);
+    migrator.run(&pool).await.unwrap();
+    sqlx::query(
+        "INSERT INTO cases (id, closing_radius_mm, name, state, facts, created_at)
+         VALUES (?, 7.3, 'old', 'ready', ?, 5)",
+    )
+    .bind(id.to_string())
+    .bind(serde_json::Value::from(facts).to_string())
+    .execute(&pool)
+    .await
+    .unwrap();
+    // It kept no mask.
+    for name in names.iter().filter(|name| name.kind != ObjectKind::Mask) {
+        sqlx::query("INSERT INTO case_objects (case_id, kind, digest) VALUES (?, ?, ?)")
+            .bind(id.to_string())
+            .bind(name.kind.name())
+            .bind(name.digest.to_string())
+            .execute(&pool)
+            .await
+            .unwrap();
+    }
+    pool.close().await;
+    id
+}
+
+#[tokio::test]
+async fn a_folder_of_the_first_version_is_taken_over() {
+    let directory = tempfile::tempdir().unwrap();
+    let id = first_versions_folder(&directory).await;
+    let fake = Arc::default();
+    let store = open(&directory, &fake).await;
+    let case = store.case(&id).await.unwrap().unwrap();
+    let expected_parameters = Parameters {
+        closing_radius_mm: 7.3,
+        name: Some("old".to_owned()),
+        ..Parameters::default()
+    };
+    assert_eq!((case.state, case.facts), (CaseState::Queued, None));
+    assert_eq!(case.parameters, expected_parameters);
+    assert_eq!((case.previous, case.next), (None, Vec::new()));
+    // What the first version did not keep and did not tell is made from the source.
+    let workers = Workers::start(store.clone(), 1);
+    let case = settled(&store, &id).await.unwrap();
+    assert_eq!((case.state, case.facts), (CaseState::Ready, Some(facts())));
+    assert_eq!(load(&store, &id).await, Some(expected("volume")));
+    assert_eq!(fake.run_count(), 1);
+    assert_eq!(store.counters().bad_objects, 0);
+    // The case can have versions, which outlive it.
+    let version = store
+        .submit_version(Version {
+            of: id,
+            mask: NewMask::None,
+            parameters: Parameters {
+                offset_mm: 2.0,
+                ..Parameters::default()
+            },
+        })
+        .await
+        .unwrap()
+        .unwrap();
+    assert!(version.created);
+    assert_eq!(version.case.previous, Some(id));
+    assert_eq!(version.case.parameters.name.as_deref(), Some("old"));
+    let case = store.case(&id).await.unwrap().unwrap();
+    assert_eq!(case.next, [version.case.id]);
+    store.delete(&id).await.unwrap();
+    assert_eq!(
+        settled_state(&store, &version.case.id).await,
+        Some(CaseState::Ready)
+    );
+    workers.shut_down(GRACE).await;
+    assert_nothing_left_over(&store, directory.path()).await;
+}
+
+#[tokio::test]
+async fn there_is_no_version_of_a_case_that_has_gone() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let (store, id) = ready(&directory, &fake).await;
+    store.delete(&id).await.unwrap();
+    let version = Version {
+        of: id,
+        mask: NewMask::Kept,
+        parameters: Parameters::default(),
+    };
+    assert!(store.submit_version(version).await.unwrap().is_none());
+    assert_nothing_left_over(&store, directory.path()).await;
 }

@@ -1,13 +1,21 @@
-//! An envelope as runs.
+//! An envelope or a brain mask as runs.
 
-use geometry::{Envelope, Grid, MAX_WORKING_SIZE, Mask};
+use geometry::{BrainMask, Envelope, Grid, MAX_WORKING_SIZE, Mask};
 
 use super::bytes::{Reader, put_grid, put_leb128};
 
 pub(crate) fn encode_envelope(envelope: &Envelope) -> Vec<u8> {
+    encode(envelope.mask())
+}
+
+pub(crate) fn encode_brain(brain: &BrainMask) -> Vec<u8> {
+    encode(brain.mask())
+}
+
+fn encode(mask: &Mask) -> Vec<u8> {
     let mut bytes = Vec::new();
-    put_grid(&mut bytes, envelope.grid());
-    put_runs(&mut bytes, envelope.mask().voxels());
+    put_grid(&mut bytes, mask.grid());
+    put_runs(&mut bytes, mask.voxels());
     bytes
 }
 
@@ -23,13 +31,21 @@ fn put_runs(bytes: &mut Vec<u8>, voxels: &[bool]) {
 }
 
 pub(crate) fn decode_envelope(bytes: &[u8]) -> Option<Envelope> {
+    Envelope::from_stored(decode(bytes)?).ok()
+}
+
+pub(crate) fn decode_brain(bytes: &[u8]) -> Option<BrainMask> {
+    BrainMask::from_stored(decode(bytes)?).ok()
+}
+
+fn decode(bytes: &[u8]) -> Option<Mask> {
     let mut reader = Reader(bytes);
     let grid = reader.grid()?;
     if grid.size().iter().any(|&side| side > MAX_WORKING_SIZE) {
         return None;
     }
     let voxels = read_runs(&mut reader, &grid)?;
-    Envelope::from_stored(Mask::new(grid, voxels).ok()?).ok()
+    Mask::new(grid, voxels).ok()
 }
 
 fn read_runs(reader: &mut Reader<'_>, grid: &Grid) -> Option<Vec<bool>> {

@@ -5,7 +5,7 @@
 //! | kind | payload |
 //! |---|---|
 //! | `volume` | grid, slope and intercept (f32), residuals of the stored values |
-//! | `envelope` | grid, lengths of runs as LEB128: outside, inside, outside, … |
+//! | `mask`, `envelope` | grid, lengths of runs as LEB128: outside, inside, outside, … |
 //! | `forest` | the predecessor codes of the envelope's voxels, in the order of the grid |
 //! | `paths` | N_F, N_P (u16), origin (3 × f32), step, row and greatest depth (f32), rows (u32), the first piece of each row (u32), pieces, residuals of the rows from row to row |
 //!
@@ -21,7 +21,7 @@ mod paths;
 mod residuals;
 mod volume;
 
-pub(crate) use envelope::{decode_envelope, encode_envelope};
+pub(crate) use envelope::{decode_brain, decode_envelope, encode_brain, encode_envelope};
 pub(crate) use forest::{decode_forest, encode_forest};
 pub(crate) use paths::{decode_paths, encode_paths};
 pub(crate) use volume::{decode_volume, encode_volume};

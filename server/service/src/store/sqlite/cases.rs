@@ -13,7 +13,9 @@ use crate::store::{Cursor, ObjectName, Page, StoreError};
 macro_rules! select_case {
     ($rest:literal) => {
         concat!(
-            "SELECT id, closing_radius_mm, name, state, failure, facts, created_at, stage, fraction
+            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, created_at, previous, stage, fraction,
+                    (SELECT group_concat(id) FROM (SELECT id FROM cases AS version WHERE version.previous = cases.id
+                                                   ORDER BY created_at, id)) AS next
              FROM cases LEFT JOIN jobs ON jobs.case_id = cases.id ",
             $rest
         )
@@ -52,16 +54,38 @@ pub(super) async fn insert(
 
 async fn insert_row(connection: &mut SqliteConnection, new: &NewCase) -> Result<(), StoreError> {
     sqlx::query(
-        "INSERT INTO cases (id, closing_radius_mm, name, state, created_at)
-         VALUES (?, ?, ?, 'queued', ?)",
+        "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
+         VALUES (?, ?, ?, ?, 'queued', ?, (SELECT id FROM cases WHERE id = ?))",
     )
     .bind(new.id.to_string())
     .bind(new.parameters.closing_radius_mm)
+    .bind(without_columns(&new.parameters)?)
     .bind(&new.parameters.name)
     .bind(new.now.as_microsecond())
+    .bind(new.previous.map(|id| id.to_string()))
     .execute(connection)
     .await?;
     Ok(())
+}
+
+/// The parameters that have no column of their own, as JSON.
+fn without_columns(parameters: &Parameters) -> Result<String, StoreError> {
+    let mut json = serde_json::to_value(parameters)?;
+    if let Some(members) = json.as_object_mut() {
+        members.remove("closing_radius_mm");
+        members.remove("name");
+    }
+    Ok(json.to_string())
+}
+
+/// The parameters of a row with the columns `closing_radius_mm`, `parameters` and `name`.
+pub(super) fn read_parameters(row: &SqliteRow) -> Result<Parameters, StoreError> {
+    let others: String = row.try_get("parameters")?;
+    Ok(Parameters {
+        closing_radius_mm: row.try_get("closing_radius_mm")?,
+        name: row.try_get("name")?,
+        ..serde_json::from_str(&others)?
+    })
 }
 
 async fn queue_again(connection: &mut SqliteConnection, id: &CaseId) -> Result<(), StoreError> {
@@ -158,6 +182,11 @@ pub(super) async fn delete(
 ) -> Result<bool, StoreError> {
     let needed = objects(&mut *connection, id).await?;
     pins::abandon(connection, needed, now).await?;
+    // Its versions become those of the case that it is itself a version of.
+    sqlx::query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = ?1) WHERE previous = ?1")
+        .bind(id.to_string())
+        .execute(&mut *connection)
+        .await?;
     // The job and the references go with the case (ON DELETE CASCADE).
     let deleted = sqlx::query("DELETE FROM cases WHERE id = ?")
         .bind(id.to_string())
@@ -217,13 +246,17 @@ fn read(row: &SqliteRow) -> Result<Case, StoreError> {
     let state: String = row.try_get("state")?;
     let failure: Option<String> = row.try_get("failure")?;
     let facts: Option<String> = row.try_get("facts")?;
+    let [previous, next]: [Option<String>; 2] = [row.try_get("previous")?, row.try_get("next")?];
+    let versions = |ids: Option<String>| {
+        let ids = ids.unwrap_or_default();
+        let ids = ids.split(',').filter(|id| !id.is_empty());
+        ids.map(|id| CaseId::parse(id).ok_or_else(|| unreadable("version")))
+            .collect::<Result<Vec<_>, _>>()
+    };
     let created_at = Timestamp::from_microsecond(row.try_get("created_at")?);
     Ok(Case {
         id: CaseId::parse(&id).ok_or_else(|| unreadable("id"))?,
-        parameters: Parameters {
-            closing_radius_mm: row.try_get("closing_radius_mm")?,
-            name: row.try_get("name")?,
-        },
+        parameters: read_parameters(row)?,
         state: read_state(&state).ok_or_else(|| unreadable("state"))?,
         progress: read_progress(row)?,
         failure: failure
@@ -234,6 +267,8 @@ fn read(row: &SqliteRow) -> Result<Case, StoreError> {
             .as_deref()
             .map(serde_json::from_str::<CaseFacts>)
             .transpose()?,
+        previous: versions(previous)?.pop(),
+        next: versions(next)?,
         created_at: created_at.map_err(|_| unreadable("time"))?,
     })
 }

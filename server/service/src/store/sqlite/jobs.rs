@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
 
 use super::cases;
-use crate::case::{CaseId, Failure, Parameters, Progress};
+use crate::case::{CaseId, Failure, Progress};
 use crate::store::StoreError;
 use crate::store::rows::{Claim, LeaseTerms, Release};
 
@@ -84,8 +84,9 @@ async fn lease(
     .bind(job.id.to_string())
     .execute(&mut *connection)
     .await?;
-    let (closing_radius_mm, name) = sqlx::query_as(
-        "UPDATE cases SET state = 'preparing' WHERE id = ? RETURNING closing_radius_mm, name",
+    let row = sqlx::query(
+        "UPDATE cases SET state = 'preparing' WHERE id = ?
+         RETURNING closing_radius_mm, parameters, name",
     )
     .bind(job.id.to_string())
     .fetch_one(&mut *connection)
@@ -94,10 +95,7 @@ async fn lease(
     sources.retain(|object| object.kind.is_source());
     Ok(Claim {
         id: job.id,
-        parameters: Parameters {
-            closing_radius_mm,
-            name,
-        },
+        parameters: cases::read_parameters(&row)?,
         sources,
         fence,
         attempt,

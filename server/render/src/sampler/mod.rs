@@ -1,5 +1,9 @@
 //! Values between voxel centres, as fast as the pixels need them.
 
+mod lanes;
+
+pub(crate) use lanes::{LANES, Lanes};
+
 /// 1.5 · 2²³: a sum with it is rounded to a whole number, which then stands in its lowest bits.
 const ROUNDER: f32 = 12_582_912.0;
 

@@ -1,0 +1,178 @@
+//! Nine slices of a head with the contours of its envelope and of the cuts below it, to judge a mask by.
+
+use glam::DVec3;
+
+use crate::annotate::letters;
+use crate::canvas::Canvas;
+use crate::slice::contour_color;
+use crate::{
+    Frame, FrameSize, PixelFormat, RenderError, Scene, SheetPlan, SliceParameters, SlicePlane,
+    SliceRequest, Window, draw_slice,
+};
+
+/// Depths whose contours are drawn: the envelope itself, and cuts through the cortex and below it.
+const DEPTHS_MM: [f64; 5] = [0.0, 4.0, 8.0, 12.0, 20.0];
+
+/// Where the slices lie, as parts of the brain's extent.
+const PLACES: [f64; 3] = [0.25, 0.5, 0.75];
+
+/// Pixels along a side of a slice.
+const CELL: u32 = 384;
+
+/// So much of the scale of a render that what surrounds the brain shows: where the mask left brain out, that is there.
+const ZOOM: f64 = 0.78;
+
+/// What stands at the foot of the sheet.
+const NOTICE: &str = "For research use only. Not for diagnosis.";
+
+/// The letters of a patient axis, towards it and against it.
+const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];
+
+/// Draws three axial, three coronal and three sagittal slices, at a quarter, a half and three quarters of the brain's extent,
+/// with the contours of the isosurfaces at 0, 4, 8, 12 and 20 mm.
+///
+/// Each slice says where it lies and which way the patient lies in it. Below them stand the colours of the contours, `lines`
+/// (Latin-1) and the notice of research use. `scene` should hold the volume beyond the envelope too.
+///
+/// # Errors
+/// When the brain lies too far from the scanner's origin.
+pub fn draw_quality_sheet(
+    scene: &Scene<'_>,
+    window: Window,
+    lines: &[String],
+) -> Result<Frame, RenderError> {
+    let cell = FrameSize::new(CELL, CELL)?;
+    let rows = SlicePlane::ALL.map(|plane| plane.name().to_owned());
+    let plan = SheetPlan::new(cell, rows.to_vec(), vec![String::new(); PLACES.len()])?;
+    let plan = plan.with_footer(lines.len() + 2)?;
+    let foot = plan.foot();
+    let mut sheet = plan.begin(PixelFormat::Rgb8);
+    for (row, plane) in SlicePlane::ALL.into_iter().enumerate() {
+        for (column, place) in PLACES.into_iter().enumerate() {
+            let position_mm = position_mm(scene, plane, place);
+            let slice = draw_cell(scene, (plane, position_mm), window)?;
+            sheet.put(&slice, row, column);
+        }
+    }
+    let canvas = sheet.canvas();
+    let line = canvas.line_height();
+    legend(canvas, [line, foot]);
+    let notice = std::iter::once(NOTICE);
+    let lines = lines.iter().map(String::as_str).chain(notice);
+    for (number, text) in lines.enumerate() {
+        canvas.write(text, line, foot + (number as i32 + 1) * line);
+    }
+    Ok(sheet.finish())
+}
+
+/// The coordinate of a slice at a part of the extent of the envelope's grid.
+fn position_mm(scene: &Scene<'_>, plane: SlicePlane, place: f64) -> f64 {
+    let grid = scene.field.grid();
+    let last = DVec3::from_array(grid.size().map(|side| (side - 1) as f64));
+    let at = grid.patient_from_voxel().transform_point3(last * place);
+    at[plane.axis()]
+}
+
+fn draw_cell(
+    scene: &Scene<'_>,
+    (plane, position_mm): (SlicePlane, f64),
+    window: Window,
+) -> Result<Frame, RenderError> {
+    let request = SliceRequest::new(SliceParameters {
+        depths_mm: DEPTHS_MM.to_vec(),
+        zoom: ZOOM,
+        size: FrameSize::new(CELL, CELL)?,
+        ..SliceParameters::new(plane, position_mm, window)
+    })?;
+    let mut canvas = Canvas::new(draw_slice(scene, &request), CELL);
+    let side = CELL as i32;
+    let line = canvas.line_height();
+    let margin = line / 2;
+    let [towards, against] = LETTERS[plane.axis()];
+    let letter = if position_mm < 0.0 { against } else { towards };
+    let place = format!("{letter} {:.0} mm", position_mm.abs());
+    canvas.write(&place, margin, margin);
+    let patient_from_view = request.orientation().inverse();
+    let [left, right, up, down] = [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
+        .map(|direction| letters(patient_from_view * direction));
+    let middle = (side - line) / 2;
+    let far = side - margin - canvas.text_width(&right);
+    for (text, at) in [
+        (left, [margin, middle]),
+        (right, [far, middle]),
+        (up, [side / 2, margin]),
+        (down, [side / 2, side - margin - line]),
+    ] {
+        canvas.write(&text, at[0], at[1]);
+    }
+    Ok(canvas.into_frame())
+}
+
+/// The colours of the contours with their depths, from a place to the right.
+fn legend(canvas: &mut Canvas, [mut left, top]: [i32; 2]) {
+    let line = canvas.line_height();
+    let caption = "depth below the envelope:";
+    canvas.write(caption, left, top);
+    left += canvas.text_width(caption) + line;
+    for (number, depth_mm) in DEPTHS_MM.into_iter().enumerate() {
+        canvas.swatch(
+            [left, top + line / 3],
+            [2 * line, line / 3],
+            contour_color(number),
+        );
+        left += 2 * line + line / 2;
+        let text = format!("{depth_mm} mm");
+        canvas.write(&text, left, top);
+        left += canvas.text_width(&text) + line;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geometry::{DepthField, ShellIndex, distance_map, envelope, phantom};
+
+    use super::*;
+    use crate::BoundingSphere;
+
+    #[test]
+    fn nine_slices_show_every_contour_and_what_lies_around_the_brain() {
+        let head = phantom::head(4.0);
+        let brain = geometry::BrainMask::from_mask(&head.brain, head.volume.grid()).unwrap();
+        let distance = distance_map(&envelope(&brain, 10.0).unwrap());
+        let (field, shell) = (DepthField::new(&distance), ShellIndex::new(&distance));
+        let scene = Scene {
+            volume: &head.volume,
+            normals: &field,
+            field: &field,
+            bounds: BoundingSphere::of_envelope(&shell),
+            shell: &shell,
+        };
+        let lines = ["the brain mask was supplied: ok".to_owned()];
+        let window = Window::between(0.0, 900.0);
+        let sheet = draw_quality_sheet(&scene, window, &lines).unwrap();
+        let size = sheet.size();
+        assert!(size.width() > 3 * CELL && size.height() > 3 * CELL + 60);
+        let pixel = |x, y| <[u8; 3]>::try_from(sheet.pixel(x, y).unwrap()).unwrap();
+        let cells = |color: [u8; 3]| {
+            (0..9u32)
+                .filter(|cell| {
+                    let left = size.width() - 3 * CELL + cell % 3 * CELL;
+                    let top = cell / 3 * CELL;
+                    (0..CELL * CELL)
+                        .any(|at| pixel(left + at % CELL, 40 + top + at / CELL) == color)
+                })
+                .count()
+        };
+        for number in 0..DEPTHS_MM.len() {
+            let found = cells(contour_color(number));
+            assert_eq!(found, 9, "contour {number}");
+        }
+        // The scalp is outside of the envelope's grid.
+        let scalp_mm = head.volume.grid().size()[1] as f64 * 4.0 / 2.0 - 16.0;
+        assert!(scalp_mm > 86.0);
+        let bright = (0..CELL)
+            .filter(|x| pixel(size.width() - 3 * CELL + CELL + x, 40 + CELL / 2)[0] > 150)
+            .count();
+        assert!(bright > 20, "{bright}");
+    }
+}

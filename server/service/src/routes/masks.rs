@@ -1,0 +1,360 @@
+//! The mask in the user's hands: had, edited elsewhere and put back, and looked at.
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, header};
+use axum::response::Response;
+use bytes::Bytes;
+use futures_util::StreamExt as _;
+use geometry::Mask;
+use render::Scene;
+use render::gpu::GpuCase as _;
+use serde::{Deserialize, Serialize};
+use utoipa::IntoParams;
+
+use super::cases::CaseView;
+use super::query::{ApiQuery, CasePath, Checked, NoQuery};
+use super::render::{PNG, SOFTWARE, window_of};
+use super::upload::{PartLimits, check_now, is_form, is_known, refuse_too_large, submitted};
+use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
+use crate::case::{CaseFacts, CaseId, MaskKind, MaskSource, Parameters};
+use crate::negotiate::{Coding, media_type};
+use crate::prepare::read_volume;
+use crate::problem::{AppError, Problem};
+use crate::state::AppState;
+use crate::store::codec::{decode_brain, decode_envelope};
+use crate::store::{NewMask, ObjectKind, Spooled, StoreError, Version, source_damaged};
+
+/// What a packed NIfTI file is.
+const GZIP: &str = "application/gzip";
+
+/// The brain mask on the working grid
+///
+/// The mask as it was closed: on the working grid, one component without holes, moved by `offset_mm`. A packed NIfTI-1 file in
+/// its place in the patient, to be edited over the volume by any program and put back by `PUT`. Put back unchanged it gives
+/// the same meshes.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/mask", tag = "masks",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "The mask: 1 in the brain, else 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
+        (status = 206, description = "The range asked for"),
+        (status = 304, description = "The client has it already"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_mask(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    ApiQuery(query): ApiQuery<NoQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    let wanted = Wanted {
+        route: "mask",
+        kinds: &[ObjectKind::Mask],
+        decode: |bytes| Some(decode_brain(bytes)?.mask().clone()),
+    };
+    answer(&state, id, query, &request, wanted).await
+}
+
+/// The envelope on the working grid
+///
+/// The closed mask, whose surface is at depth 0, as a packed NIfTI-1 file. Edited, it is put back by `PUT …/mask?kind=envelope`.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/envelope", tag = "masks",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "The envelope: 1 inside, else 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
+        (status = 206, description = "The range asked for"),
+        (status = 304, description = "The client has it already"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_envelope(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    ApiQuery(query): ApiQuery<NoQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    let wanted = Wanted {
+        route: "envelope",
+        kinds: &[ObjectKind::Envelope],
+        decode: |bytes| Some(decode_envelope(bytes)?.mask().clone()),
+    };
+    answer(&state, id, query, &request, wanted).await
+}
+
+/// Which mask is asked for.
+struct Wanted {
+    route: &'static str,
+    kinds: &'static [ObjectKind],
+    decode: fn(&[u8]) -> Option<Mask>,
+}
+
+async fn answer(
+    state: &AppState,
+    id: CaseId,
+    query: NoQuery,
+    request: &HeaderMap,
+    wanted: Wanted,
+) -> Result<Response, AppError> {
+    media_type(request, &[GZIP])?;
+    let tag = EntityTag::of_answer(&id, wanted.route, &query, (GZIP, Coding::Identity));
+    state.ready(&id).await?;
+    if tag.is_known_to(request) {
+        return Ok(not_modified(&tag, "accept", IMMUTABLE));
+    }
+    let decode = wanted.decode;
+    let pack = move |_: &CaseFacts, payloads: &[Bytes]| {
+        imaging::nifti::write_mask(&decode(payloads.first()?)?).ok()
+    };
+    let load = state.store.load(&id, wanted.kinds, pack);
+    let file = state.turnstile.pass(load).await??;
+    let file = file.ok_or(AppError::NoSuchCase)?;
+    let mut headers = HeaderMap::new();
+    let name = format!("attachment; filename=\"{}.nii.gz\"", wanted.route);
+    caching::insert(&mut headers, header::CONTENT_DISPOSITION, &name);
+    Representation {
+        headers,
+        vary: "accept",
+        ..Representation::immutable(tag, GZIP, file)
+    }
+    .respond(request)
+}
+
+/// How a version differs from its case.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct VersionQuery {
+    /// What the mask shows: `brain`, which is closed, or `envelope`, which is not.
+    #[param(inline)]
+    kind: Option<MaskKind>,
+    /// With an empty body: where the mask comes from, instead of what was supplied with the case.
+    #[param(inline)]
+    source: Option<MaskSource>,
+    /// Radius of the ball that closes the mask, in mm; that of the case where it is not given.
+    #[param(minimum = 0, maximum = 50)]
+    closing_radius_mm: Option<f64>,
+    /// The probability above which a voxel is brain where the brain is extracted; that of the case where it is not given.
+    #[param(minimum = 0.05, maximum = 0.95)]
+    threshold: Option<f64>,
+    /// By how much the mask's surface is moved outwards before it is closed, in mm. Where it is not given: 0 with a mask in
+    /// the body, since one that was had from here is moved already; that of the case with an empty body.
+    #[param(minimum = -20, maximum = 20)]
+    offset_mm: Option<f64>,
+}
+
+impl Checked for VersionQuery {
+    fn check(&self) -> Result<(), AppError> {
+        Ok(self.over(Parameters::default()).check()?)
+    }
+}
+
+impl VersionQuery {
+    /// Parameters with those of the query in their place.
+    fn over(&self, parameters: Parameters) -> Parameters {
+        Parameters {
+            closing_radius_mm: self
+                .closing_radius_mm
+                .unwrap_or(parameters.closing_radius_mm),
+            mask: self.source.unwrap_or(parameters.mask),
+            mask_kind: self.kind.unwrap_or(parameters.mask_kind),
+            threshold: self.threshold.unwrap_or(parameters.threshold),
+            offset_mm: self.offset_mm.unwrap_or(parameters.offset_mm),
+            name: parameters.name,
+        }
+    }
+
+    /// The version of a case whose parameters these are, with a mask or none in the body.
+    fn version(
+        &self,
+        of: CaseId,
+        case: Parameters,
+        body: Option<Spooled>,
+    ) -> Result<Version, AppError> {
+        let (mask, base) = match (body, self.source) {
+            (Some(_), Some(_)) => {
+                let detail = "is for an empty body: the mask in the body is the source";
+                return Err(AppError::out_of_range("source", detail));
+            }
+            (Some(mask), None) => {
+                let base = Parameters {
+                    closing_radius_mm: case.closing_radius_mm,
+                    ..Parameters::default()
+                };
+                (NewMask::Supplied(mask), base)
+            }
+            (None, Some(_)) => (NewMask::None, case),
+            (None, None) => (NewMask::Kept, case),
+        };
+        Ok(Version {
+            of,
+            mask,
+            parameters: self.over(base),
+        })
+    }
+}
+
+/// Make a version of a case, with another mask or other parameters
+///
+/// The body is a mask in NIfTI, packed or not, on any grid. With an empty body the mask stays what was supplied with the case,
+/// or is found anew as `source` says; then only the parameters differ. The version is a case of its own, of the same volume and
+/// with the same label, and the case stays as it is; `previous` and `next` of the two name each other. The same mask and
+/// parameters again are the same version. Of either kind of mask the largest component is kept and its holes are filled.
+#[utoipa::path(
+    put, path = "/v1/cases/{id}/mask", tag = "masks",
+    params(("id" = String, Path, description = "The case"), VersionQuery),
+    request_body(content = Option<Vec<u8>>, content_type = "application/octet-stream", description = "The mask, NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or nothing"),
+    responses(
+        (status = 202, description = "A new version", body = CaseView, headers(
+            ("Location" = String, description = "Where it is"), ("Retry-After" = u32, description = "Seconds after which to look"),
+        )),
+        (status = 200, description = "The version was there already", body = CaseView),
+        (status = 400, description = "A key or value of the query is wrong, or the body stalled", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body is no NIfTI file", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The mask or a parameter cannot be used", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many cases wait", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn put_mask(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    ApiQuery(query): ApiQuery<VersionQuery>,
+    request: Request,
+) -> Result<Response, AppError> {
+    if is_form(request.headers()) {
+        return Err(AppError::Upload {
+            kind: "form-not-wanted",
+            detail: "send the mask as the body itself, not in a form".to_owned(),
+        });
+    }
+    refuse_too_large(request.headers(), state.max_upload_bytes)?;
+    let case = state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
+    let body = spool_body(&state, request).await?;
+    let version = query.version(id, case.parameters, body)?;
+    check_version(&state, &version).await?;
+    let made = state.store.submit_version(version).await?;
+    Ok(submitted(made.ok_or(AppError::NoSuchCase)?))
+}
+
+/// Streams the body to the store's disk; `None` where it is empty.
+async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled>, AppError> {
+    let limits = PartLimits::of(state);
+    let mut body = request.into_body().into_data_stream();
+    let mut spool = state.store.spool().await?;
+    while let Some(bytes) = limits.await_next(body.next()).await? {
+        let bytes = bytes.map_err(|_| AppError::Upload {
+            kind: "body-unreadable",
+            detail: "the body cannot be read; was the upload cut off?".to_owned(),
+        })?;
+        if spool.len() + bytes.len() as u64 > limits.bytes {
+            return Err(limits.too_large());
+        }
+        state.metrics.uploaded(bytes.len());
+        spool.write(bytes).await?;
+    }
+    if spool.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(spool.finish().await?))
+}
+
+/// Refuses at once what cannot be prepared, as at an upload.
+async fn check_version(state: &AppState, version: &Version) -> Result<(), AppError> {
+    let names = state.store.rows().objects(&version.of).await?;
+    let Some(id) = version.id(&names) else {
+        return Err(AppError::NoSuchCase);
+    };
+    if is_known(state, &id).await? {
+        return Ok(());
+    }
+    let source = state.store.source(&version.of, &names).await?;
+    let mut source = source.ok_or_else(source_damaged)?;
+    match &version.mask {
+        NewMask::Supplied(file) => source.mask = Some(file.read().await?),
+        NewMask::None => source.mask = None,
+        NewMask::Kept => {}
+    }
+    check_now(state, source, &version.parameters).await
+}
+
+/// Nine slices to judge the mask by
+///
+/// Three axial, coronal and sagittal slices each through the volume as it was uploaded, with the contours at 0, 4, 8, 12 and
+/// 20 mm below the envelope, and what the case's `quality` says. For research use only, not for diagnosis.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/quality", tag = "masks",
+    params(("id" = String, Path, description = "The case")),
+    responses(
+        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 304, description = "The client has it already"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "The stored upload is damaged", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_quality(
+    State(state): State<AppState>,
+    CasePath(id): CasePath,
+    ApiQuery(query): ApiQuery<NoQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    media_type(&request, &[PNG])?;
+    let tag = EntityTag::of_answer(&id, "quality", &query, (PNG, Coding::Identity));
+    let facts = state.ready(&id).await?;
+    if tag.is_known_to(&request) {
+        return Ok(not_modified(&tag, "accept", IMMUTABLE));
+    }
+    let model = state.model(&id).await?;
+    let read = async {
+        let names = state.store.rows().objects(&id).await?;
+        state.store.source(&id, &names).await
+    };
+    let source: Result<_, StoreError> = state.turnstile.pass(read).await?;
+    let source = source?.ok_or_else(source_damaged)?;
+    let limits = state.upload_limits;
+    let draw = move || {
+        // What the mask left out is not in the model, which is cropped to it.
+        let volume = read_volume(&source, &limits)?;
+        let scene = Scene {
+            volume: &volume,
+            ..model.scene()
+        };
+        let frame = render::draw_quality_sheet(&scene, window_of(&facts), &lines(&facts))?;
+        let texts = [("Software", SOFTWARE), ("Case", &id.to_string())];
+        Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
+    };
+    let picture = state.pool.run(draw).await??;
+    Representation {
+        vary: "accept",
+        ..Representation::immutable(tag, PNG, picture)
+    }
+    .respond(&request)
+}
+
+/// What the sheet says of the mask.
+fn lines(facts: &CaseFacts) -> Vec<String> {
+    let Some(quality) = &facts.quality else {
+        return vec!["the quality of this mask was not measured".to_owned()];
+    };
+    let first = format!(
+        "{}: {} (brain {:.0} ml, envelope {:.0} ml)",
+        quality.method.words(),
+        quality.state.name(),
+        quality.numbers.brain_ml,
+        facts.envelope_ml
+    );
+    std::iter::once(first)
+        .chain(quality.reasons.iter().cloned())
+        .collect()
+}

@@ -1,0 +1,93 @@
+// What stands on a picture: the patient's directions, scale, depth, colours, the cursor, and what the picture is not for.
+
+import type { Edges } from "./camera.ts";
+import type { Window } from "./case.ts";
+import { h, setText, svg } from "./dom.ts";
+import { intensity, number, t } from "./i18n.ts";
+import { scaleBar } from "./readout.ts";
+import type { Vec2 } from "./space.ts";
+import type { Colormap } from "./state.ts";
+
+const SIDES = ["left", "right", "top", "bottom"] as const;
+
+/** The writing on one picture. */
+export class Overlay {
+  readonly element: HTMLElement;
+  readonly #edges = SIDES.map((side) => h("span", { class: `edge ${side}` }));
+  readonly #title = h("span", { class: "pane-title" });
+  readonly #badge = h("span", { class: "badge" });
+  readonly #scaleLine = h("span", { class: "scale-line" });
+  readonly #scaleText = h("span", { class: "scale-text" });
+  readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true" });
+
+  constructor(host: HTMLElement) {
+    this.element = h("div", { class: "overlay" },
+      ...this.#edges, h("div", { class: "pane-head" }, this.#title, this.#badge),
+      h("div", { class: "scale" }, this.#scaleText, this.#scaleLine), h("span", { class: "pane-notice" }, t("notice.short")));
+    this.element.append(this.#cursor);
+    host.append(this.element);
+  }
+
+  letter(edges: Edges): void {
+    this.#edges.forEach((edge, index) => setText(edge, edges[SIDES[index] ?? "left"]));
+  }
+
+  title(words: string, badge = ""): void {
+    setText(this.#title, words);
+    setText(this.#badge, badge);
+    this.#badge.hidden = badge === "";
+  }
+
+  scale(mm_per_pixel: number, width: number): void {
+    const bar = scaleBar(mm_per_pixel, width / 4);
+    this.#scaleLine.style.width = `${bar.pixels}px`;
+    setText(this.#scaleText, `${number(bar.mm)} mm`);
+  }
+
+  /** Crossed lines with a gap at `place`, over a pane of `size`; `lines` from edge to edge or a small mark. */
+  cursor(place: Vec2 | null, size: Vec2, kind: "lines" | "mark" | "ghost"): void {
+    this.#cursor.replaceChildren();
+    this.#cursor.setAttribute("class", `cursor ${kind}`);
+    if (!place || !place.every(Number.isFinite)) return;
+    const [x, y] = place;
+    const [gap, reach] = kind === "lines" ? [10, Math.max(...size)] : [5, 14];
+    const line = (x1: number, y1: number, x2: number, y2: number): SVGElement => svg("line", { x1, y1, x2, y2 });
+    this.#cursor.append(
+      line(x - reach, y, x - gap, y), line(x + gap, y, x + reach, y),
+      line(x, y - reach, x, y - gap), line(x, y + gap, x, y + reach));
+    if (kind !== "lines") this.#cursor.append(svg("circle", { cx: x, cy: y, r: gap }));
+  }
+}
+
+/** Colours of the maps from black to white, as the server's; between them it is linear enough for a legend. */
+const MAPS: Readonly<Record<Colormap, readonly string[]>> = {
+  grey: ["#000", "#fff"],
+  inverted: ["#fff", "#000"],
+  bone: ["#000", "#535374", "#a6c6c6", "#fff"],
+  hot: ["#000", "#f00", "#ff0", "#fff"],
+  viridis: ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"],
+};
+
+/** The bar that says which intensity has which colour. */
+export class ColourBar {
+  readonly element: HTMLElement;
+  readonly #canvas = h("canvas", { width: 1, height: 64, class: "ramp" });
+  readonly #white = h("span", {});
+  readonly #black = h("span", {});
+
+  constructor() {
+    this.element = h("div", { class: "colour-bar" }, this.#white, this.#canvas, this.#black);
+  }
+
+  show(window: Window, colormap: Colormap): void {
+    setText(this.#white, intensity(window.center + window.width / 2));
+    setText(this.#black, intensity(window.center - window.width / 2));
+    const context = this.#canvas.getContext("2d");
+    if (!context) return;
+    const ramp = context.createLinearGradient(0, 64, 0, 0);
+    const colours = MAPS[colormap];
+    colours.forEach((colour, index) => ramp.addColorStop(index / (colours.length - 1), colour));
+    context.fillStyle = ramp;
+    context.fillRect(0, 0, 1, 64);
+  }
+}

@@ -1,0 +1,18 @@
+// What went wrong, in the page's language where it has words for it, else in the server's.
+
+import { Problem } from "./api.ts";
+import { known, spoken, t } from "./i18n.ts";
+
+/** The words with a capital letter and a full stop. */
+export function sentence(words: string): string {
+  const first = words.slice(0, 1).toUpperCase() + words.slice(1);
+  return /[.!?…]$/.test(first) ? first : `${first}.`;
+}
+
+export function problemWords(problem: unknown): string {
+  if (!(problem instanceof Problem)) return t("problem.unexpected");
+  const key = known(`problem.${problem.kind}`);
+  if (key && (spoken() !== "en" || !problem.detail)) return t(key);
+  if (problem.detail) return sentence(problem.detail);
+  return t("problem.status", { status: problem.status });
+}
