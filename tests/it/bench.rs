@@ -177,3 +177,33 @@ fn what_cannot_be_measured_is_refused_in_a_sentence() {
         assert!(errors.contains(words), "{errors}");
     }
 }
+
+#[test]
+fn steps_are_done_by_name_between_those_of_other_programs() {
+    use std::io::Write as _;
+    let Some(program) = program() else { return };
+    let folder = tempfile::tempdir().expect("a directory");
+    let mut child = Command::new(program)
+        .args(["bench", "--phantom", "4", "--quick", "--take-turns"])
+        .arg(folder.path())
+        .stdin(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .expect("it can be run");
+    let mut steps = child.stdin.take().expect("it is piped");
+    steps.write_all(b"closing\ndistance\n").expect("it listens");
+    drop(steps);
+    let output = child.wait_with_output().expect("it ends with its input");
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    let lines: Vec<Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    assert_eq!(lines[0]["ready"], true);
+    assert!(
+        positive(&lines[1], "check") > 10_000.0,
+        "voxels of the envelope"
+    );
+    assert!((30.0..80.0).contains(&positive(&lines[2], "check")), "mm");
+    assert!(folder.path().join("envelope.nii.gz").is_file());
+}

@@ -4,6 +4,7 @@
 //! the isosurface ([`quality`]). Everything comes back as a [`Table`], which a terminal, JSON and a [`Plot`] show.
 //! This crate has clocks and looks at the machine; it reads none of the caller's files and writes nothing.
 
+mod asked;
 mod case;
 mod clock;
 pub mod counted;
@@ -20,6 +21,7 @@ mod rotation;
 mod statistics;
 mod table;
 
+pub use asked::{ASKED_DEPTH_MM, Asked, UnknownStep};
 pub use case::{MeasuredCase, Step, StepCosts};
 pub use clock::{Cost, Costs, timed};
 pub use error::MeasureError;

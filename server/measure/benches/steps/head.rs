@@ -5,7 +5,7 @@ use std::sync::Arc;
 use measure::{Head, MeasuredCase};
 
 /// Edge of its voxels, in mm: large, for counting takes fifty times as long as doing.
-pub(crate) const SPACING_MM: f64 = 3.0;
+pub(crate) const SPACING_MM: f64 = 4.0;
 
 pub(crate) fn head() -> Head {
     Head::phantom(SPACING_MM).expect("a head of the program's own")

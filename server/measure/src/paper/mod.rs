@@ -93,7 +93,7 @@ impl Experiment<'_> {
     }
 
     /// The painter of meshes, if there is one.
-    fn mesh_painter(&self) -> Option<&Painter> {
+    pub fn mesh_painter(&self) -> Option<&Painter> {
         let is_mesh = |painter: &&Painter| matches!(painter, Painter::Mesh(_));
         self.painters.iter().find(is_mesh)
     }

@@ -8,10 +8,15 @@ use std::sync::Arc;
 use geometry::{EnvelopeMesh, MeshSize, PathTable};
 use glam::Vec3;
 use rayon::prelude::*;
+use render::agreement::{Agreement, mesh_against_exact};
+use render::gpu::GpuCase;
+use render::{
+    Background, Camera, Frame, FrameSize, NamedView, RenderParameters, RenderRequest, draw_trace,
+};
 
 use self::nearest::Nearest;
 use crate::paper::published::MESH_SIZES;
-use crate::{MeasureError, MeasuredCase, Summary, Table, column};
+use crate::{MeasureError, MeasuredCase, Painter, Summary, Table, column};
 
 /// Points of the isosurface whose distance from the mesh is looked at.
 const ISOSURFACE_POINTS: usize = 20_000;
@@ -65,11 +70,44 @@ pub fn quality(
     })
 }
 
+/// The exact pictures of a depth from all six sides, on nothing, by which pictures of meshes are judged.
+fn exact_pictures(
+    case: &MeasuredCase,
+    depth_mm: f32,
+    size: FrameSize,
+) -> Result<Vec<(RenderRequest, Frame)>, MeasureError> {
+    let picture = |view| {
+        let request = RenderRequest::new(RenderParameters {
+            depth_mm: f64::from(depth_mm),
+            camera: Camera::named(view),
+            size,
+            background: Background::Transparent,
+            ..RenderParameters::new(case.window)
+        })?;
+        Ok((request, draw_trace(&case.scene(), &request)))
+    };
+    NamedView::ALL.into_iter().map(picture).collect()
+}
+
+/// How the meshes are judged.
+#[derive(Debug, Clone, Copy)]
+pub struct Judgement<'a> {
+    /// Depth of the meshes, in mm.
+    pub depth_mm: f32,
+    /// Size of the pictures that are compared.
+    pub size: FrameSize,
+    /// Who draws meshes; without one no pictures are compared.
+    pub painter: Option<&'a Painter>,
+}
+
 /// Figure 7 in numbers: each of the ten mesh sizes at a depth.
 ///
 /// # Errors
-/// When a mesh cannot be cut.
-pub fn figure_7(case: &Arc<MeasuredCase>, depth_mm: f32) -> Result<Table, MeasureError> {
+/// When a mesh cannot be cut or drawn.
+pub fn figure_7(
+    case: &Arc<MeasuredCase>,
+    judgement: &Judgement<'_>,
+) -> Result<Table, MeasureError> {
     let columns = [
         column("contours", "N_F"),
         column("points", "N_P"),
@@ -80,17 +118,29 @@ pub fn figure_7(case: &Arc<MeasuredCase>, depth_mm: f32) -> Result<Table, Measur
         column("isosurface_mean_mm", "isosurface to mesh, mm: mean"),
         column("isosurface_p95_mm", "95 %"),
         column("isosurface_max_mm", "max"),
+        column("pixels_mean_levels", "picture off, of 255: mean"),
+        column("pixels_p95_levels", "95 %"),
     ];
+    let depth_mm = judgement.depth_mm;
     let title = format!("Figure 7 in numbers: meshes {depth_mm} mm deep against the isosurface");
     let mut table = Table::new("figure_7", title, &columns);
+    let pool = match judgement.painter {
+        Some(Painter::Mesh(pool)) => Some(pool),
+        _ => None,
+    };
+    let exact = match pool {
+        Some(_) => exact_pictures(case, depth_mm, judgement.size)?,
+        None => Vec::new(),
+    };
+    let shared = Arc::clone(case) as Arc<dyn GpuCase>;
     for [contours, points] in MESH_SIZES {
         let size = MeshSize::new(contours, points)?;
         let (mesh, paths) = case.table(size)?;
         let found = quality(case, (&mesh, &paths), depth_mm);
-        let (facets, surface) = (
-            found.map(|found| found.facet_depth_mm),
-            found.map(|found| found.isosurface_mm),
-        );
+        let facets = found.map(|found| found.facet_depth_mm);
+        let surface = found.map(|found| found.isosurface_mm);
+        let compared = |pool| mesh_against_exact(pool, &shared, &paths, &exact);
+        let pictures: Option<Agreement> = pool.map(|pool| compared(pool)).transpose()?;
         table.push([
             contours.into(),
             points.into(),
@@ -101,9 +151,17 @@ pub fn figure_7(case: &Arc<MeasuredCase>, depth_mm: f32) -> Result<Table, Measur
             surface.map(|surface| surface.mean).into(),
             surface.map(|surface| surface.p95).into(),
             surface.map(|surface| surface.greatest).into(),
+            pictures.as_ref().map(Agreement::mean_difference).into(),
+            pictures
+                .map(|pictures| u64::from(pictures.percentile(0.95)))
+                .into(),
         ]);
     }
     table.note("The paper shows pictures and no numbers here.");
+    table.note(
+        "Picture off: grey levels between the drawn mesh and the traced isosurface, over the pixels that both cover, from all six \
+         sides; it needs a graphics device.",
+    );
     Ok(table)
 }
 

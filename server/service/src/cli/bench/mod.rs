@@ -7,6 +7,7 @@ mod load;
 mod painters;
 mod served;
 mod telling;
+mod turns;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,6 +15,7 @@ use std::sync::Arc;
 use clap::Args;
 use measure::growth::{Extent, Growth};
 use measure::paper::{Experiment, Protocol, Telling as _};
+use measure::quality::{Judgement, figure_7};
 use measure::{
     Head, HeadFacts, Machine, MeasureError, MeasuredCase, Report, StepCosts, Table, pictures,
 };
@@ -96,6 +98,9 @@ pub(super) struct BenchArgs {
     /// Measure instead how many requests a second a server of its own answers, to 1 to 256 clients at a time.
     #[arg(long)]
     load: bool,
+    /// Do one step for each name that is read from standard input, for a script that measures other programs in between.
+    #[arg(long, value_name = "DIR", hide = true)]
+    take_turns: Option<PathBuf>,
     /// Rough figures in seconds: short frame rates, one repetition, small ends of every growth.
     #[arg(long)]
     quick: bool,
@@ -130,6 +135,9 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), CliError> {
     let tell = OnStandardError;
     tell.tell(&format!("preparing {}", head.name));
     let (case, runs) = prepare(&head, args.closing_radius_mm, protocol.repeat)?;
+    if let Some(directory) = &args.take_turns {
+        return turns::take_turns(&head, &case, args.closing_radius_mm, directory);
+    }
     let painters = if args.load && !args.growth {
         Painters::none()
     } else {
@@ -188,8 +196,12 @@ fn paper(experiment: &Experiment<'_>) -> Result<Vec<Table>, CliError> {
         .tell
         .tell("Figure 7: meshes against the isosurface");
     let deepest = experiment.case.distance.max_depth_mm();
-    let depth_mm = DEPTH_MM.min(0.5 * deepest);
-    tables.push(measure::quality::figure_7(experiment.case, depth_mm)?);
+    let judgement = Judgement {
+        depth_mm: DEPTH_MM.min(0.5 * deepest),
+        size: experiment.protocol.size,
+        painter: experiment.mesh_painter(),
+    };
+    tables.push(figure_7(experiment.case, &judgement)?);
     Ok(tables)
 }
 
