@@ -55,24 +55,58 @@ fn on_piece(start: u32, depths_mm: vec2<f32>) -> vec3<f32> {
     return mix(near, far, (paths.depth_mm - depths_mm.x) / (depths_mm.y - depths_mm.x));
 }
 
+// The first piece after the row that is of a vertex or of one after it: pieces are in the order of their vertices.
+fn first_piece_of(vertex: u32) -> u32 {
+    var low = paths.first_piece;
+    var high = paths.first_piece + paths.piece_count;
+    while low < high {
+        let middle = (low + high) / 2u;
+        if piece_word(middle * PIECE_WORDS) < vertex {
+            low = middle + 1u;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
 // The stored position of a vertex at the depth asked for.
 fn shrunk(vertex: u32) -> vec3<f32> {
     let index = paths.row * paths.vertex_count + vertex;
     let fraction = (paths.depth_mm - f32(paths.row) * paths.row_mm) / paths.row_mm;
     var position = mix(stored_position(index), stored_position(index + paths.vertex_count), fraction);
-    for (var piece = 0u; piece < paths.piece_count; piece++) {
-        let start = (paths.first_piece + piece) * PIECE_WORDS;
-        if piece_word(start) == vertex {
-            let depths_mm = vec2<f32>(bitcast<f32>(piece_word(start + 1u)), bitcast<f32>(piece_word(start + 2u)));
-            if depths_mm.x < paths.depth_mm && paths.depth_mm <= depths_mm.y {
-                position = on_piece(start, depths_mm);
-            }
+    let end = paths.first_piece + paths.piece_count;
+    for (var piece = first_piece_of(vertex); piece < end; piece++) {
+        let start = piece * PIECE_WORDS;
+        if piece_word(start) != vertex {
+            break;
+        }
+        let depths_mm = vec2<f32>(bitcast<f32>(piece_word(start + 1u)), bitcast<f32>(piece_word(start + 2u)));
+        if depths_mm.x < paths.depth_mm && paths.depth_mm <= depths_mm.y {
+            position = on_piece(start, depths_mm);
         }
     }
     return position;
 }
 
+// How often a vertex near the envelope is moved, and how far at once, in voxels: `render::settle`.
+const MOVES: i32 = 4;
+const FARTHEST: f32 = 1.0;
+
+// A vertex of the mesh as it is drawn: near the envelope it goes along the gradient to the isosurface without terraces.
+fn settled(position_in_patient: vec3<f32>) -> vec3<f32> {
+    if picture.smooth_share == 0.0 {
+        return position_in_patient;
+    }
+    let start = (picture.field_from_patient * vec4<f32>(position_in_patient, 1.0)).xyz;
+    var place = start;
+    for (var move_ = 0; move_ < MOVES; move_++) {
+        place -= inward_at(place) * clamp(below(place), -FARTHEST, FARTHEST);
+    }
+    return position_in_patient + picture.voxel_mm * (place - start);
+}
+
 @vertex
 fn shrunk_vertex(@builtin(vertex_index) vertex: u32) -> OnFacet {
-    return on_facet(paths.origin_in_patient + paths.step_mm * shrunk(vertex));
+    return on_facet(settled(paths.origin_in_patient + paths.step_mm * shrunk(vertex)));
 }

@@ -12,7 +12,6 @@ const common = {
   bundle: true,
   format: "esm",
   target: "es2022",
-  loader: { ".glsl": "text" },
   logLevel: "warning",
 };
 
@@ -29,6 +28,18 @@ async function page() {
   await mkdir(path.join(web, "dist"), { recursive: true });
   for (const { path: file, contents } of outputFiles) await writeChanged(file, Buffer.from(contents));
   await writeChanged(path.join(web, "dist/index.html"), await readFile(path.join(web, "src/index.html")));
+  for (const words of ["words.en.json", "words.pt-BR.json"]) {
+    const compact = JSON.stringify(JSON.parse(await readFile(path.join(web, "src", words), "utf8")));
+    await writeChanged(path.join(web, "dist", words), Buffer.from(compact));
+  }
+  await writeChanged(path.join(web, "dist/shaders.json"), Buffer.from(JSON.stringify(await shaders())));
+}
+
+/** The shaders' texts by name, without what only people read. */
+async function shaders() {
+  const names = (await readdir(path.join(web, "shaders"))).filter((name) => name.endsWith(".glsl")).sort();
+  const texts = names.map(async (name) => [name, (await readFile(path.join(web, "shaders", name), "utf8")).replace(/\n\s*/g, "\n").trim()]);
+  return Object.fromEntries(await Promise.all(texts));
 }
 
 const filesBelow = async (folder) =>

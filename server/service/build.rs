@@ -3,7 +3,14 @@
 use std::path::Path;
 
 /// What `web/build.mjs` makes.
-const FILES: [&str; 3] = ["index.html", "main.js", "style.css"];
+const FILES: [&str; 6] = [
+    "index.html",
+    "main.js",
+    "shaders.json",
+    "style.css",
+    "words.en.json",
+    "words.pt-BR.json",
+];
 
 fn main() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../web/dist");

@@ -3,7 +3,7 @@
 use axum::http::StatusCode;
 
 use crate::head::plain_head;
-use crate::server::Server;
+use crate::server::{Answer, Server};
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
@@ -190,6 +190,101 @@ async fn textures_say_how_to_read_them() {
         assert!(
             (read - greatest).abs() < 0.02 * greatest,
             "{route}: {read} and {greatest}"
+        );
+    }
+}
+
+/// A header's numbers.
+fn numbers(answer: &Answer, name: &str) -> Vec<f64> {
+    let parts = answer.header(name).split(',').map(str::parse);
+    parts.collect::<Result<_, _>>().unwrap()
+}
+
+#[tokio::test]
+async fn the_volume_in_eight_bits_is_that_of_sixteen_within_half_a_step() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let facts = server.get(&case).await.json();
+    let whole = server.get(&format!("{case}/volume")).await;
+    let quick = server.get(&format!("{case}/volume?bits=8")).await;
+    assert_eq!(quick.header("x-isocortex-format"), "u8");
+    for name in ["x-isocortex-size", "x-isocortex-patient-from-voxel"] {
+        assert_eq!(quick.header(name), whole.header(name));
+    }
+    assert_eq!(2 * quick.body.len(), whole.body.len());
+    let value = |answer: &Answer, stored: f64| {
+        let [scale, offset] =
+            ["scale", "offset"].map(|name| numbers(answer, &format!("x-isocortex-{name}"))[0]);
+        scale * stored + offset
+    };
+    let window = &facts["intensity"]["window"];
+    let [center, width] = ["center", "width"].map(|name| window[name].as_f64().unwrap());
+    let ends = [0.0, 255.0].map(|stored| value(&quick, stored));
+    let range = |name: &str| facts["intensity"][name].as_f64().unwrap();
+    let wanted = [
+        (center - width / 2.0).max(range("min")),
+        (center + width / 2.0).min(range("max")),
+    ];
+    // Scale and offset are in single precision.
+    let slack = 1e-4 * width;
+    assert!(
+        ends[0] <= wanted[0] + slack && ends[1] >= wanted[1] - slack,
+        "{ends:?} do not hold {wanted:?}"
+    );
+    let half_a_step = 0.501 * (ends[1] - ends[0]) / 255.0;
+    for (pair, &stored) in whole.body.chunks_exact(2).zip(&quick.body) {
+        let acquired = value(&whole, f64::from(u16::from_le_bytes([pair[0], pair[1]])));
+        let off = value(&quick, f64::from(stored)) - acquired.clamp(ends[0], ends[1]);
+        assert!(off.abs() <= half_a_step, "{acquired} is off by {off}");
+    }
+}
+
+#[tokio::test]
+async fn coarse_depths_are_depths_of_the_whole_map() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let whole = server.get(&format!("{case}/distance")).await;
+    let coarse = server.get(&format!("{case}/distance?step=4")).await;
+    let size = |answer: &Answer| -> Vec<usize> {
+        numbers(answer, "x-isocortex-size")
+            .into_iter()
+            .map(|side| side as usize)
+            .collect()
+    };
+    let ([nx, ny, nz], [cx, cy, cz]) = (
+        <[usize; 3]>::try_from(size(&whole)).unwrap(),
+        <[usize; 3]>::try_from(size(&coarse)).unwrap(),
+    );
+    assert_eq!([cx, cy, cz], [nx, ny, nz].map(|side| side.div_ceil(4)));
+    let depth =
+        |answer: &Answer, index: usize| [answer.body[2 * index], answer.body[2 * index + 1]];
+    for index in 0..cx * cy * cz {
+        let [x, y, z] = [index % cx, index / cx % cy, index / (cx * cy)].map(|place| 4 * place);
+        assert_eq!(depth(&coarse, index), depth(&whole, x + nx * (y + ny * z)));
+    }
+    let [fine, wide] =
+        [&whole, &coarse].map(|answer| numbers(answer, "x-isocortex-patient-from-voxel"));
+    for (place, (fine, wide)) in fine.into_iter().zip(wide).enumerate() {
+        let factor = if place % 4 == 3 { 1.0 } else { 4.0 };
+        assert_eq!(factor * fine, wide);
+    }
+}
+
+#[tokio::test]
+async fn textures_of_another_kind_are_refused() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    for query in [
+        "volume?bits=12",
+        "volume?step=2",
+        "distance?step=0",
+        "distance?step=17",
+        "distance?bits=8",
+    ] {
+        assert_eq!(
+            server.get(&format!("{case}/{query}")).await.status.as_u16(),
+            400,
+            "{query}"
         );
     }
 }

@@ -48,8 +48,16 @@ struct Paths {
     uint piece_count;
 };
 const uint PIECE_WORDS = 6u;
+const int MOVES = 4;
+const float FARTHEST = 1.0;
 
 layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
+
+uniform highp sampler3D _group_0_binding_2_vs;
+
+uniform highp sampler3D _group_0_binding_3_vs;
+
+uniform highp sampler3D _group_0_binding_6_vs;
 
 layout(std140) uniform Paths_block_1Vertex { Paths _group_1_binding_0_vs; };
 
@@ -69,6 +77,36 @@ bool is_in_volume(vec3 position_1) {
     }
     bool _e16 = local;
     return _e16;
+}
+
+float below(vec3 position_2) {
+    float texel = 0.0;
+    vec3 _e6 = _group_0_binding_0_vs.field_size;
+    vec3 place_1 = ((position_2 + vec3(0.5)) / _e6);
+    float _e12 = _group_0_binding_0_vs.smooth_share;
+    if ((_e12 < 1.0)) {
+        vec4 _e18 = textureLod(_group_0_binding_2_vs, vec3(place_1), 0.0);
+        texel = _e18.x;
+    }
+    float _e22 = _group_0_binding_0_vs.smooth_share;
+    if ((_e22 > 0.0)) {
+        float _e25 = texel;
+        vec4 _e29 = textureLod(_group_0_binding_6_vs, vec3(place_1), 0.0);
+        float _e33 = _group_0_binding_0_vs.smooth_share;
+        texel = mix(_e25, _e29.x, _e33);
+    }
+    float _e35 = texel;
+    float _e38 = _group_0_binding_0_vs.depth_scale;
+    float _e42 = _group_0_binding_0_vs.depth;
+    return ((_e35 * _e38) - _e42);
+}
+
+vec3 inward_at(vec3 position_3) {
+    vec3 _e6 = _group_0_binding_0_vs.field_size;
+    vec3 place_2 = ((position_3 + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_3_vs, vec3(place_2), 0.0);
+    vec3 gradient = _e11.xyz;
+    return (gradient / vec3(max(length(gradient), 1e-6)));
 }
 
 float brightness(float stored) {
@@ -130,13 +168,44 @@ vec3 on_piece(uint start, vec2 depths_mm) {
     return mix(near, far, ((_e21 - depths_mm.x) / (depths_mm.y - depths_mm.x)));
 }
 
-vec3 shrunk(uint vertex_1) {
+uint first_piece_of(uint vertex_1) {
+    uint low = 0u;
+    uint high = 0u;
+    uint _e3 = _group_1_binding_0_vs.first_piece;
+    low = _e3;
+    uint _e7 = _group_1_binding_0_vs.first_piece;
+    uint _e10 = _group_1_binding_0_vs.piece_count;
+    high = (_e7 + _e10);
+    while(true) {
+        uint _e13 = low;
+        uint _e14 = high;
+        if ((_e13 < _e14)) {
+        } else {
+            break;
+        }
+        {
+            uint _e16 = low;
+            uint _e17 = high;
+            uint middle = ((_e16 + _e17) / 2u);
+            uint _e23 = piece_word((middle * PIECE_WORDS));
+            if ((_e23 < vertex_1)) {
+                low = (middle + 1u);
+            } else {
+                high = middle;
+            }
+        }
+    }
+    uint _e27 = low;
+    return _e27;
+}
+
+vec3 shrunk(uint vertex_2) {
     vec3 position_6 = vec3(0.0);
     uint piece = 0u;
     bool local_1 = false;
     uint _e3 = _group_1_binding_0_vs.row;
     uint _e6 = _group_1_binding_0_vs.vertex_count;
-    uint index_3 = ((_e3 * _e6) + vertex_1);
+    uint index_3 = ((_e3 * _e6) + vertex_2);
     float _e11 = _group_1_binding_0_vs.depth_mm;
     uint _e14 = _group_1_binding_0_vs.row;
     float _e18 = _group_1_binding_0_vs.row_mm;
@@ -146,6 +215,11 @@ vec3 shrunk(uint vertex_1) {
     uint _e28 = _group_1_binding_0_vs.vertex_count;
     vec3 _e30 = stored_position((index_3 + _e28));
     position_6 = mix(_e25, _e30, fraction);
+    uint _e35 = _group_1_binding_0_vs.first_piece;
+    uint _e38 = _group_1_binding_0_vs.piece_count;
+    uint end = (_e35 + _e38);
+    uint _e40 = first_piece_of(vertex_2);
+    piece = _e40;
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
@@ -153,33 +227,32 @@ vec3 shrunk(uint vertex_1) {
             piece = (_e74 + 1u);
         }
         loop_init = false;
-        uint _e35 = piece;
-        uint _e38 = _group_1_binding_0_vs.piece_count;
-        if ((_e35 < _e38)) {
+        uint _e42 = piece;
+        if ((_e42 < end)) {
         } else {
             break;
         }
         {
-            uint _e42 = _group_1_binding_0_vs.first_piece;
-            uint _e43 = piece;
-            uint start_1 = ((_e42 + _e43) * PIECE_WORDS);
+            uint _e44 = piece;
+            uint start_1 = (_e44 * PIECE_WORDS);
             uint _e47 = piece_word(start_1);
-            if ((_e47 == vertex_1)) {
-                uint _e51 = piece_word((start_1 + 1u));
-                uint _e55 = piece_word((start_1 + 2u));
-                vec2 depths_mm_1 = vec2(uintBitsToFloat(_e51), uintBitsToFloat(_e55));
-                float _e61 = _group_1_binding_0_vs.depth_mm;
-                if ((depths_mm_1.x < _e61)) {
-                    float _e67 = _group_1_binding_0_vs.depth_mm;
-                    local_1 = (_e67 <= depths_mm_1.y);
-                } else {
-                    local_1 = false;
-                }
-                bool _e71 = local_1;
-                if (_e71) {
-                    vec3 _e72 = on_piece(start_1, depths_mm_1);
-                    position_6 = _e72;
-                }
+            if ((_e47 != vertex_2)) {
+                break;
+            }
+            uint _e51 = piece_word((start_1 + 1u));
+            uint _e55 = piece_word((start_1 + 2u));
+            vec2 depths_mm_1 = vec2(uintBitsToFloat(_e51), uintBitsToFloat(_e55));
+            float _e61 = _group_1_binding_0_vs.depth_mm;
+            if ((depths_mm_1.x < _e61)) {
+                float _e67 = _group_1_binding_0_vs.depth_mm;
+                local_1 = (_e67 <= depths_mm_1.y);
+            } else {
+                local_1 = false;
+            }
+            bool _e71 = local_1;
+            if (_e71) {
+                vec3 _e72 = on_piece(start_1, depths_mm_1);
+                position_6 = _e72;
             }
         }
     }
@@ -187,14 +260,51 @@ vec3 shrunk(uint vertex_1) {
     return _e76;
 }
 
+vec3 settled(vec3 position_in_patient_2) {
+    vec3 place = vec3(0.0);
+    int move = 0;
+    float _e3 = _group_0_binding_0_vs.smooth_share;
+    if ((_e3 == 0.0)) {
+        return position_in_patient_2;
+    }
+    mat4x4 _e8 = _group_0_binding_0_vs.field_from_patient;
+    vec3 start_2 = (_e8 * vec4(position_in_patient_2, 1.0)).xyz;
+    place = start_2;
+    bool loop_init_1 = true;
+    while(true) {
+        if (!loop_init_1) {
+            int _e30 = move;
+            move = (_e30 + 1);
+        }
+        loop_init_1 = false;
+        int _e16 = move;
+        if ((_e16 < MOVES)) {
+        } else {
+            break;
+        }
+        {
+            vec3 _e19 = place;
+            vec3 _e20 = place;
+            vec3 _e21 = inward_at(_e20);
+            vec3 _e22 = place;
+            float _e23 = below(_e22);
+            place = (_e19 - (_e21 * clamp(_e23, -1.0, FARTHEST)));
+        }
+    }
+    float _e34 = _group_0_binding_0_vs.voxel_mm;
+    vec3 _e35 = place;
+    return (position_in_patient_2 + (_e34 * (_e35 - start_2)));
+}
+
 void main() {
     uint vertex = uint(gl_VertexID);
     vec3 _e3 = _group_1_binding_0_vs.origin_in_patient;
     float _e6 = _group_1_binding_0_vs.step_mm;
     vec3 _e7 = shrunk(vertex);
-    OnFacet _e10 = on_facet((_e3 + (_e6 * _e7)));
-    gl_Position = _e10.position;
-    _vs2fs_location0 = _e10.position_in_field;
+    vec3 _e10 = settled((_e3 + (_e6 * _e7)));
+    OnFacet _e11 = on_facet(_e10);
+    gl_Position = _e11.position;
+    _vs2fs_location0 = _e11.position_in_field;
     return;
 }
 

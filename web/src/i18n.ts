@@ -1,18 +1,17 @@
-// The page's words in two languages.
+// The page's words, each language in a file of its own: only the one that is spoken is fetched.
 
-import { EN } from "./words.en.ts";
-import { PT } from "./words.pt.ts";
+import type english from "./words.en.json";
 
-export type Key = keyof typeof EN;
+export type Key = keyof typeof english;
 export type Words = Readonly<Record<Key, string>>;
 
 export const LANGUAGES = { en: "English", "pt-BR": "Português" } as const;
 export type Language = keyof typeof LANGUAGES;
-const WORDS: Readonly<Record<Language, Words>> = { en: EN, "pt-BR": PT };
 
 let language: Language = "en";
+let words: Words = {} as Words;
 
-export const isLanguage = (text: unknown): text is Language => typeof text === "string" && text in WORDS;
+export const isLanguage = (text: unknown): text is Language => typeof text === "string" && text in LANGUAGES;
 
 /** The page's language for what a browser says it prefers. */
 export const languageFor = (preferred: readonly string[]): Language => {
@@ -23,19 +22,33 @@ export const languageFor = (preferred: readonly string[]): Language => {
   return "en";
 };
 
-export function speak(wanted: Language): void {
+export function speak(wanted: Language, its: Words): void {
   language = wanted;
+  words = its;
+}
+
+/** Fetches a language's words and speaks it; a server that does not answer is asked again. */
+export async function learn(wanted: Language): Promise<void> {
+  for (;;) {
+    try {
+      const response = await fetch(`words.${wanted}.json`);
+      if (response.ok) return speak(wanted, (await response.json()) as Words);
+    } catch {
+      // Asked again below.
+    }
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+  }
 }
 
 export const spoken = (): Language => language;
 
 /** The words of a key, `{name}` being replaced by the value of that name. */
 export function t(key: Key, values: Readonly<Record<string, string | number>> = {}): string {
-  return WORDS[language][key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
+  return words[key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 }
 
 /** The key where the page has words for it. */
-export const known = (key: string): Key | null => (key in EN ? (key as Key) : null);
+export const known = (key: string): Key | null => (key in words ? (key as Key) : null);
 
 /** A number as the language writes it, with exactly so many digits after the point. */
 export function number(value: number, digits = 0): string {

@@ -7,7 +7,7 @@ import { commandOf } from "./controls.ts";
 import { askToken, confirmDelete, helpDialog } from "./dialogs.ts";
 import { h, iconButton, setText } from "./dom.ts";
 import { readAddress } from "./fragment.ts";
-import { LANGUAGES, isLanguage, speak, t } from "./i18n.ts";
+import { LANGUAGES, isLanguage, learn, t } from "./i18n.ts";
 import { press } from "./panel.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords } from "./problem-words.ts";
@@ -228,7 +228,7 @@ class App {
   }
 }
 
-let app: App;
+let app: App | null = null;
 
 /** Takes a preference over: a new language builds the page anew, its state being in the address. */
 function choose(change: Partial<Preferences>): void {
@@ -237,25 +237,24 @@ function choose(change: Partial<Preferences>): void {
   savePreferences(preferences);
   dress();
   if (preferences.language === language) return;
-  app.dispose();
-  build();
-  document.getElementById("language")?.focus();
+  void build().then(() => document.getElementById("language")?.focus());
 }
 
 function dress(): void {
-  speak(preferences.language);
-  document.documentElement.lang = preferences.language;
   document.documentElement.dataset.theme = preferences.theme;
 }
 
-function build(): void {
+async function build(): Promise<void> {
+  await learn(preferences.language);
+  document.documentElement.lang = preferences.language;
+  app?.dispose();
   app = new App();
   void app.start();
 }
 
 dress();
 onTokenWanted(askToken);
-onReach((reachable) => app.reach(reachable));
-build();
-window.addEventListener("popstate", () => void app.addressChanged());
-window.addEventListener("keydown", (event) => app.key(event));
+onReach((reachable) => app?.reach(reachable));
+window.addEventListener("popstate", () => void app?.addressChanged());
+window.addEventListener("keydown", (event) => app?.key(event));
+void build();

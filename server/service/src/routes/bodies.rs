@@ -18,10 +18,10 @@ const EXPECTED_BODIES: usize = 64;
 /// What a body holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum BodyKind {
-    /// The volume's texture.
-    Volume,
-    /// The distance texture.
-    Distance,
+    /// The volume's texture, in so many bits.
+    Volume(u8),
+    /// The distance texture, every so manieth voxel of it.
+    Distance(usize),
     /// The triangles of a mesh.
     Triangles(MeshSize),
     /// Every depth of a mesh.

@@ -23,6 +23,7 @@ const REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
 const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+const JSON: &str = "application/json";
 
 /// A file of the page, bundled by `make web`: its address, media type and bytes.
 macro_rules! page_file {
@@ -40,6 +41,9 @@ const PAGE: &[(&str, &str, &[u8])] = &[
     page_file!("/", HTML, "index.html"),
     page_file!("/style.css", CSS, "style.css"),
     page_file!("/main.js", JAVASCRIPT, "main.js"),
+    page_file!("/words.en.json", JSON, "words.en.json"),
+    page_file!("/words.pt-BR.json", JSON, "words.pt-BR.json"),
+    page_file!("/shaders.json", JSON, "shaders.json"),
 ];
 
 /// A document in every coding, with its tags.
@@ -80,11 +84,7 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
     let description = serde_json::to_value(openapi).unwrap_or_default();
     let manual = manual::html(&description);
     let mut documents = vec![
-        (
-            "/openapi.json",
-            "application/json",
-            description.to_string().into(),
-        ),
+        ("/openapi.json", JSON, description.to_string().into()),
         ("/docs", HTML, Bytes::from(manual)),
         (
             "/docs.css",

@@ -5,34 +5,88 @@ use std::sync::Arc;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use utoipa::IntoParams;
 
 use super::bodies::{BodyKey, BodyKind};
-use super::query::{ApiQuery, CasePath, NoQuery};
+use super::query::{ApiQuery, CasePath, Checked, check_count};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
 use crate::case::CaseId;
 use crate::models::Model;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
-use crate::wire::{self, Texture};
+use crate::wire::{self, Texture, Voxels};
 
 const MEDIA_TYPE: &str = "application/octet-stream";
 
+/// The coarsest that depths are sent.
+const MAX_STEP: usize = 16;
+
+/// How the intensities are sent.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct VolumeQuery {
+    /// 16: as acquired. 8: for a first picture, over the default window and half its width to either side.
+    #[serde(default = "all_bits")]
+    #[param(minimum = 8, maximum = 16, default = 16)]
+    bits: u8,
+}
+
+/// How the depths are sent.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct DistanceQuery {
+    /// Every so manieth voxel along each axis, from the first on: 4 is enough for the light of a first picture.
+    #[serde(default = "every_voxel")]
+    #[param(minimum = 1, maximum = 16, default = 1)]
+    step: usize,
+}
+
+fn all_bits() -> u8 {
+    16
+}
+
+fn every_voxel() -> usize {
+    1
+}
+
+impl Checked for VolumeQuery {
+    fn check(&self) -> Result<(), AppError> {
+        match self.bits {
+            8 | 16 => Ok(()),
+            bits => Err(AppError::out_of_range(
+                "bits",
+                format!("is {bits}; it must be 8 or 16"),
+            )),
+        }
+    }
+}
+
+impl Checked for DistanceQuery {
+    fn check(&self) -> Result<(), AppError> {
+        check_count("step", self.step, 1, MAX_STEP)
+    }
+}
+
 /// The intensities, cropped to the envelope
 ///
-/// Unsigned 16-bit voxels as acquired, little-endian, x-fastest; the headers say how to read them.
+/// Unsigned voxels of 16 bits as acquired, or of 8, little-endian, x-fastest; the headers say how to read them.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/volume", tag = "textures",
-    params(("id" = String, Path, description = "The case")),
+    params(("id" = String, Path, description = "The case"), VolumeQuery),
     responses(
         (status = 200, description = "The voxels", body = Vec<u8>, content_type = "application/octet-stream", headers(
             ("X-Isocortex-Size" = String, description = "Voxels along x, y and z: `181,217,181`"),
-            ("X-Isocortex-Format" = String, description = "`u16` or `i16`"),
+            ("X-Isocortex-Format" = String, description = "`u8`, `u16` or `i16`"),
             ("X-Isocortex-Scale" = f32, description = "Intensity of a stored unit"),
             ("X-Isocortex-Offset" = f32, description = "Intensity of the stored 0"),
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
         (status = 206, description = "The range asked for"),
+        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 304, description = "The client has it already"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
@@ -43,13 +97,17 @@ const MEDIA_TYPE: &str = "application/octet-stream";
 pub async fn get_volume(
     State(state): State<AppState>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    ApiQuery(query): ApiQuery<VolumeQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
+    let texture = move |model: &Arc<Model>| match query.bits {
+        8 => wire::quick_volume_texture(model),
+        _ => wire::volume_texture(model),
+    };
     let source = Source {
         route: "volume",
-        kind: BodyKind::Volume,
-        texture: wire::volume_texture,
+        kind: BodyKind::Volume(query.bits),
+        texture,
     };
     answer(&state, id, query, &request, source).await
 }
@@ -59,16 +117,17 @@ pub async fn get_volume(
 /// Signed 16-bit voxels, little-endian, x-fastest, positive inside; the headers say how to read them.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/distance", tag = "textures",
-    params(("id" = String, Path, description = "The case")),
+    params(("id" = String, Path, description = "The case"), DistanceQuery),
     responses(
         (status = 200, description = "The voxels", body = Vec<u8>, content_type = "application/octet-stream", headers(
             ("X-Isocortex-Size" = String, description = "Voxels along x, y and z: `181,217,181`"),
-            ("X-Isocortex-Format" = String, description = "`u16` or `i16`"),
+            ("X-Isocortex-Format" = String, description = "`u8`, `u16` or `i16`"),
             ("X-Isocortex-Scale" = f32, description = "Depth of a stored unit, in mm"),
             ("X-Isocortex-Offset" = f32, description = "Depth of the stored 0, in mm"),
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
         (status = 206, description = "The range asked for"),
+        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
         (status = 304, description = "The client has it already"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
@@ -79,30 +138,34 @@ pub async fn get_volume(
 pub async fn get_distance(
     State(state): State<AppState>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    ApiQuery(query): ApiQuery<DistanceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
+    let texture = move |model: &Arc<Model>| match query.step {
+        1 => wire::depth_texture(model),
+        step => wire::coarse_depth_texture(model, step),
+    };
     let source = Source {
         route: "distance",
-        kind: BodyKind::Distance,
-        texture: wire::depth_texture,
+        kind: BodyKind::Distance(query.step),
+        texture,
     };
     answer(&state, id, query, &request, source).await
 }
 
 /// Where a texture comes from.
-struct Source {
+struct Source<F> {
     route: &'static str,
     kind: BodyKind,
-    texture: fn(&Arc<Model>) -> Texture,
+    texture: F,
 }
 
 async fn answer(
     state: &AppState,
     id: CaseId,
-    query: NoQuery,
+    query: impl Serialize,
     request: &HeaderMap,
-    source: Source,
+    source: Source<impl FnOnce(&Arc<Model>) -> Texture>,
 ) -> Result<Response, AppError> {
     media_type(request, &[MEDIA_TYPE])?;
     let coding = coding_for(request);
@@ -113,12 +176,12 @@ async fn answer(
     }
     let texture = (source.texture)(&state.model(&id).await?);
     let headers = layout(&texture);
-    let body = match coding {
-        Coding::Identity => texture.voxels,
-        Coding::Zstd | Coding::Gzip => {
+    let body = match (texture.voxels, coding) {
+        (Voxels::Shared(bytes), Coding::Identity) => bytes,
+        (voxels, _) => {
             let kind = source.kind;
             let key = BodyKey { id, kind, coding };
-            state.bodies.get(key, move || texture.voxels).await?
+            state.bodies.get(key, move || voxels.bytes()).await?
         }
     };
     Representation {

@@ -15,7 +15,9 @@ pub use obj::obj;
 pub use paths::paths;
 pub use ply::ply;
 pub use stl::stl;
-pub use texture::{Texture, depth_texture, volume_texture};
+pub use texture::{
+    Texture, Voxels, coarse_depth_texture, depth_texture, quick_volume_texture, volume_texture,
+};
 
 /// The text that goes with every picture and mesh.
 pub const RESEARCH_USE: &str = "Isocortex: for research use only, not for diagnosis";

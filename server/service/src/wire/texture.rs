@@ -1,18 +1,20 @@
 //! Three-dimensional textures, without a copy of the voxels.
 
+use std::fmt;
 use std::sync::Arc;
 
 use bytes::Bytes;
 use geometry::{DepthField, Grid};
+use glam::{DAffine3, DVec3};
 
 use crate::models::Model;
 
-/// A block of 16-bit voxels and how to read them.
+/// A block of voxels and how to read them.
 #[derive(Debug)]
 pub struct Texture {
     /// Voxels, x-fastest, little-endian.
-    pub voxels: Bytes,
-    /// `u16` or `i16`.
+    pub voxels: Voxels,
+    /// `u8`, `u16` or `i16`.
     pub format: &'static str,
     /// Value of a stored unit.
     pub scale: f32,
@@ -24,30 +26,119 @@ pub struct Texture {
     pub patient_from_voxel: [f64; 12],
 }
 
+/// Where the bytes of a texture come from.
+pub enum Voxels {
+    /// The model's own.
+    Shared(Bytes),
+    /// Computed when they are wanted.
+    Made(Box<dyn FnOnce() -> Bytes + Send>),
+}
+
+impl Voxels {
+    /// The bytes.
+    pub fn bytes(self) -> Bytes {
+        match self {
+            Self::Shared(bytes) => bytes,
+            Self::Made(make) => make(),
+        }
+    }
+}
+
+impl fmt::Debug for Voxels {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Shared(_) => "Shared",
+            Self::Made(_) => "Made",
+        })
+    }
+}
+
 /// The intensities of a case, as acquired, cropped to the envelope.
 pub fn volume_texture(model: &Arc<Model>) -> Texture {
     let rescale = model.volume.rescale();
     Texture {
-        voxels: shared_voxels(model, |model| model.volume.voxels()),
+        voxels: Voxels::Shared(shared_voxels(model, |model| model.volume.voxels())),
         format: "u16",
         scale: rescale.slope,
         offset: rescale.intercept,
         size: model.volume.grid().size(),
-        patient_from_voxel: rows_of_affine(model.volume.grid()),
+        patient_from_voxel: rows_of(model.volume.grid().patient_from_voxel()),
     }
+}
+
+/// The same in eight bits, for a first picture: equal steps over the default window and half its width to either side, as far
+/// as there are such intensities.
+pub fn quick_volume_texture(model: &Arc<Model>) -> Texture {
+    let [low, high] = quick_range(model);
+    let step = ((high - low) / 255.0).max(f32::MIN_POSITIVE);
+    let shared = Arc::clone(model);
+    let make = move || {
+        let volume = &shared.volume;
+        // A float below 0 or above 255 becomes the nearer end.
+        let quick = |stored| ((volume.intensity(f32::from(stored)) - low) / step).round() as u8;
+        let table: Vec<u8> = (0..=u16::MAX).map(quick).collect();
+        let voxels = volume.voxels().iter();
+        voxels.map(|&stored| table[usize::from(stored)]).collect()
+    };
+    Texture {
+        voxels: Voxels::Made(Box::new(make)),
+        format: "u8",
+        scale: step,
+        offset: low,
+        ..volume_texture(model)
+    }
+}
+
+/// The intensities that eight bits are spread over.
+fn quick_range(model: &Model) -> [f32; 2] {
+    let window = model.facts.window;
+    let low = (window.center - window.width).max(model.facts.intensity_min);
+    let high = (window.center + window.width).min(model.facts.intensity_max);
+    [low, high.max(low)]
 }
 
 /// The signed depth of a case on the working grid, in mm.
 pub fn depth_texture(model: &Arc<Model>) -> Texture {
     let grid = model.field.grid();
     Texture {
-        voxels: shared_voxels(model, |model| model.field.values()),
+        voxels: Voxels::Shared(shared_voxels(model, |model| model.field.values())),
         format: "i16",
         scale: grid.spacing_mm()[0] as f32 / DepthField::STEPS_PER_VOXEL,
         offset: 0.0,
         size: grid.size(),
-        patient_from_voxel: rows_of_affine(grid),
+        patient_from_voxel: rows_of(grid.patient_from_voxel()),
     }
+}
+
+/// Every `step`th depth along each axis, from the first on: enough for the light of a first picture.
+pub fn coarse_depth_texture(model: &Arc<Model>, step: usize) -> Texture {
+    let whole = depth_texture(model);
+    let affine = model.field.grid().patient_from_voxel();
+    let shared = Arc::clone(model);
+    let make = move || {
+        let field = &shared.field;
+        let values = every(step, field.grid(), field.values());
+        values.into_iter().flat_map(i16::to_le_bytes).collect()
+    };
+    Texture {
+        voxels: Voxels::Made(Box::new(make)),
+        size: whole.size.map(|side| side.div_ceil(step)),
+        patient_from_voxel: rows_of(affine * DAffine3::from_scale(DVec3::splat(step as f64))),
+        ..whole
+    }
+}
+
+/// Every `step`th value along each axis, from the first on.
+fn every(step: usize, grid: &Grid, values: &[i16]) -> Vec<i16> {
+    let [nx, ny, nz] = grid.size();
+    let mut kept = Vec::new();
+    for z in (0..nz).step_by(step) {
+        for y in (0..ny).step_by(step) {
+            let row = &values[nx * (y + ny * z)..][..nx];
+            kept.extend(row.iter().step_by(step));
+        }
+    }
+    kept
 }
 
 /// Voxels of a model as bytes that keep the model alive, not copied where memory is little-endian already.
@@ -67,8 +158,7 @@ fn shared_voxels<T: bytemuck::Pod>(model: &Arc<Model>, voxels: fn(&Model) -> &[T
     }
 }
 
-fn rows_of_affine(grid: &Grid) -> [f64; 12] {
-    let affine = grid.patient_from_voxel();
+fn rows_of(affine: DAffine3) -> [f64; 12] {
     let columns = affine.matrix3.to_cols_array_2d();
     let translation = affine.translation.to_array();
     std::array::from_fn(|position| {
@@ -86,9 +176,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_coarse_block_keeps_the_first_of_each_step() {
+        let grid = Grid::aligned([5, 2, 3], [1.0; 3], DVec3::ZERO).unwrap();
+        let values: Vec<i16> = (0..30).collect();
+        assert_eq!(every(1, &grid, &values), values);
+        assert_eq!(every(2, &grid, &values), [0, 2, 4, 20, 22, 24]);
+        assert_eq!(every(9, &grid, &values), [0]);
+    }
+
+    #[test]
     fn the_affine_is_written_row_by_row() {
         let grid = Grid::aligned([2, 2, 2], [1.0, 2.0, 3.0], DVec3::new(-7.0, 8.0, 9.0)).unwrap();
         let expected = [1.0, 0.0, 0.0, -7.0, 0.0, 2.0, 0.0, 8.0, 0.0, 0.0, 3.0, 9.0];
-        assert_eq!(rows_of_affine(&grid), expected);
+        assert_eq!(rows_of(grid.patient_from_voxel()), expected);
     }
 }

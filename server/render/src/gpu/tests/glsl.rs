@@ -9,6 +9,7 @@ use naga::back::glsl;
 
 use super::super::shaders;
 use super::shaders::{layout, validated};
+use crate::ColorMap;
 
 /// Set to write the files anew.
 const REWRITE: &str = "ISOCORTEX_WRITE_GLSL";
@@ -163,6 +164,21 @@ fn listing(translated: &[(&str, Translated)]) -> String {
     json
 }
 
+/// The colours of each map: 256 times red, then green, then blue, each as the difference from the one before it modulo 256, in
+/// two hexadecimal digits. (Differences are small and compress well.)
+fn colors() -> String {
+    let rows = ColorMap::ALL.map(|map| {
+        let table = map.table();
+        let channels = (0..3).flat_map(|channel| table.map(|color| color[channel]));
+        let mut before = 0_u8;
+        let differences =
+            channels.map(|share| share.wrapping_sub(std::mem::replace(&mut before, share)));
+        let digits: String = differences.map(|share| format!("{share:02x}")).collect();
+        format!("  {:?}: {digits:?}", map.name())
+    });
+    format!("{{\n{}\n}}\n", rows.join(",\n"))
+}
+
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../web/shaders")
 }
@@ -171,7 +187,10 @@ fn folder() -> PathBuf {
 fn the_page_draws_with_the_same_code() {
     let translated =
         FILES.map(|(file, source, stage, point)| (file, translate(source, stage, point)));
-    let mut files = vec![("names.json", listing(&translated))];
+    let mut files = vec![
+        ("names.json", listing(&translated)),
+        ("colors.json", colors()),
+    ];
     files.extend(
         translated
             .into_iter()

@@ -15,6 +15,8 @@ use super::super::target::{DEPTH, HEIGHT, Output, Plan, Surface, Target};
 use super::super::{GpuError, GpuJob, GpuSurface, pixels, shaders};
 use super::support::{Case, LIMITS, painter, parameters, trace};
 use crate::NamedView;
+use crate::gpu::GpuCase;
+use crate::settle::settled;
 
 /// Texels in a line of the table's textures: not a divisor of anything, so that lines break within rows and pieces.
 const LINE: usize = 127;
@@ -243,10 +245,11 @@ fn the_vertex_shader_shrinks_as_the_table_does() {
         20.3,
         f64::from(table.max_depth_mm),
     ] {
-        let surface = GpuSurface::Mesh {
-            size,
-            mesh: table.shrink(depth_mm as f32),
-        };
+        let shrunk = table.shrink(depth_mm as f32);
+        let mesh = settled(&shrunk, &case.scene()).into_owned();
+        // Near the envelope vertices go along gradients, which the device keeps in 8 bits.
+        let tolerance = if mesh == shrunk { 1e-3 } else { 0.05 };
+        let surface = GpuSurface::Mesh { size, mesh };
         let job = GpuJob {
             surface,
             ..trace(&case, parameters(NamedView::Anterior, depth_mm))
@@ -258,7 +261,7 @@ fn the_vertex_shader_shrinks_as_the_table_does() {
             })
             .unwrap();
         let is_apart = |(expected, found): &(&f32, &f32)| {
-            expected.is_finite() != found.is_finite() || (*expected - *found).abs() > 1e-3
+            expected.is_finite() != found.is_finite() || (*expected - *found).abs() > tolerance
         };
         let apart = expected.iter().zip(&found).filter(is_apart).count();
         let covered = found.iter().filter(|height| height.is_finite()).count();

@@ -1,0 +1,77 @@
+// What a pane shows, pixel by pixel, against the server's pictures.
+
+import type { Page } from "playwright-core";
+
+/** How two pictures of one size agree. */
+export interface Agreement {
+  /** The share of pixels whose red, green and blue are within 4 of 255. */
+  readonly share: number;
+  /** The same of the pixels that are not background in the second. */
+  readonly share_of_lit: number;
+  readonly size: readonly [number, number];
+}
+
+/** Hides what stands on the picture, so that the picture alone is seen. */
+export async function bare(page: Page): Promise<void> {
+  await page.evaluate(() => {
+    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host)")) element.style.visibility = "hidden";
+  });
+}
+
+/** The size of the surface's canvas in pixels. */
+export const canvasSize = (page: Page): Promise<readonly [number, number]> =>
+  page.evaluate(() => {
+    const canvas = document.querySelector<HTMLCanvasElement>("canvas.cortex");
+    return [canvas?.width ?? 0, canvas?.height ?? 0] as const;
+  });
+
+/** Shows what an address says, and waits until it is drawn in full. */
+export async function show(page: Page, fragment: string, way: string): Promise<void> {
+  const before = await page.evaluate(() => Number(document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames ?? 0));
+  await page.evaluate((hash) => {
+    location.hash = hash;
+  }, fragment);
+  await page.waitForFunction(([frames, wanted]) => {
+    const canvas = document.querySelector<HTMLElement>("canvas.cortex");
+    const viewer = document.querySelector<HTMLElement>(".viewer");
+    return Number(canvas?.dataset.frames) > frames && canvas?.dataset.quality === "full" && viewer?.dataset.way === wanted;
+  }, [before, way] as const, { timeout: 120_000 });
+  // The frame is on the screen with the next one but one.
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+}
+
+/** What part of the canvas is compared, and how it is turned before. */
+export interface Part {
+  readonly left: number;
+  readonly width: number;
+  readonly is_flipped: boolean;
+}
+
+/** Compares the canvas, or a part of it, with the server's picture at `address`. */
+export async function agreement(page: Page, address: string, part?: Part): Promise<Agreement> {
+  const shot = await page.locator("canvas.cortex").screenshot();
+  return page.evaluate(async ({ base64, address, part }) => {
+    const own = await createImageBitmap(new Blob([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))]));
+    const answer = await fetch(address);
+    if (!answer.ok) throw new Error(`${address}: ${await answer.text()}`);
+    const other = await createImageBitmap(await answer.blob());
+    const pixels = (image: ImageBitmap, from: { left: number; is_flipped: boolean }): Uint8ClampedArray => {
+      const canvas = new OffscreenCanvas(other.width, other.height);
+      const context = canvas.getContext("2d", { willReadFrequently: true });
+      if (!context) throw new Error("no canvas");
+      if (from.is_flipped) context.setTransform(-1, 0, 0, 1, other.width, 0);
+      context.drawImage(image, -from.left, 0);
+      return context.getImageData(0, 0, other.width, other.height).data;
+    };
+    const [a, b] = [pixels(own, part ?? { left: 0, is_flipped: false }), pixels(other, { left: 0, is_flipped: false })];
+    let [near, lit, near_lit] = [0, 0, 0];
+    for (let at = 0; at < b.length; at += 4) {
+      const off = Math.max(...[0, 1, 2].map((channel) => Math.abs((a[at + channel] ?? 0) - (b[at + channel] ?? 0))));
+      const is_lit = (b[at] ?? 0) > 0;
+      near += off <= 4 ? 1 : 0;
+      lit += is_lit ? 1 : 0;
+      near_lit += is_lit && off <= 4 ? 1 : 0;
+    }
+    return { share: (4 * near) / b.length, share_of_lit: near_lit / Math.max(lit, 1), size: [other.width, other.height] as const };
+  }, { base64: shot.toString("base64"), address, part });
+}

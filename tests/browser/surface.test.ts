@@ -1,0 +1,290 @@
+// The surface that the page draws, against the pictures that the server draws, and what becomes of it when things go wrong.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import type { Browser, CDPSession, Page } from "playwright-core";
+
+import { agreement, bare, canvasSize, show } from "./pixels.ts";
+import { type Server, keep, launchBrowser, openPage, readyCase, scratchFolder, skip, startServer } from "./support.ts";
+
+const VIEWS = ["left", "right", "anterior", "posterior", "superior", "inferior"] as const;
+const DEPTHS_MM = [0, 2, 8, 15, 30] as const;
+/** The page's mesh. */
+const MESH = "contours=80&points=50";
+/** So that the surface's pane is about 1000 × 560 pixels. */
+const VIEWPORT = { width: 1000, height: 800 };
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+let id: string;
+
+before(async () => {
+  if (skip) return;
+  scratch = await scratchFolder();
+  server = await startServer({ command: "demo", data: scratch.folder });
+  id = await readyCase(server.address);
+  browser = await launchBrowser();
+}, { timeout: 300_000 });
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+interface Facts {
+  readonly window: { readonly center: number; readonly width: number };
+  readonly envelope_sphere: { readonly center_in_patient: readonly [number, number, number]; readonly radius_mm: number };
+}
+
+async function facts(): Promise<Facts> {
+  const found = (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as Facts & { intensity: Facts };
+  return { window: found.intensity.window, envelope_sphere: found.envelope_sphere };
+}
+
+/** A page that shows the case and has fetched all that it draws with. */
+async function loadedPage(fragment = "", query = ""): Promise<{ readonly page: Page; readonly troubles: string[]; close(): Promise<void> }> {
+  const { page, troubles, context } = await openPage(browser, { viewport: VIEWPORT });
+  await page.goto(`${new URL(`/${query}`, server.address)}#${id}&r=exact${fragment}`);
+  await page.waitForFunction(() => document.querySelector<HTMLElement>(".viewer")?.dataset.way === "exact", null, { timeout: 120_000 });
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.complete === "true", null, { timeout: 120_000 });
+  return { page, troubles, close: () => context.close() };
+}
+
+/** Where the server draws the same picture. */
+async function rendered(view: string, depth_mm: number, renderer: string, size: readonly [number, number]): Promise<string> {
+  const { center, width } = (await facts()).window;
+  const mesh = renderer === "mesh" ? `&${MESH}` : "";
+  return `/v1/cases/${id}/render?depth_mm=${depth_mm}&view=${view}&renderer=${renderer}${mesh}&window=${center},${width}&width=${size[0]}&height=${size[1]}`;
+}
+
+test("the page's pictures are the server's: 99 % of the pixels within 4/255 in both ways, five depths and six views", { skip, timeout: 600_000 }, async () => {
+  const { page, troubles, close } = await loadedPage();
+  await bare(page);
+  const size = await canvasSize(page);
+  const poor: string[] = [];
+  const table = [`pixels within 4/255 of the server's, % (of ${size.join(" × ")}; in brackets of those that are not background)`, `way   depth  ${VIEWS.join("  ")}`];
+  for (const [way, renderer] of [["mesh", "mesh"], ["exact", "trace"]] as const) {
+    for (const depth_mm of DEPTHS_MM) {
+      const row: string[] = [];
+      for (const view of VIEWS) {
+        await show(page, `#${id}&r=${way}&d=${depth_mm}&v=${view}`, way);
+        const { share, share_of_lit } = await agreement(page, await rendered(view, depth_mm, renderer, size));
+        row.push(`${(100 * share).toFixed(2)} (${(100 * share_of_lit).toFixed(2)})`);
+        if (share < 0.99) poor.push(`${way}, ${depth_mm} mm, ${view}: ${share}`);
+      }
+      table.push(`${way.padEnd(5)} ${String(depth_mm).padStart(5)}  ${row.join("  ")}`);
+    }
+  }
+  console.log(table.join("\n"));
+  assert.deepEqual(poor, []);
+  assert.deepEqual(troubles, []);
+  await close();
+});
+
+test("another view than the server's is seen to be another: the comparison can fail", { skip, timeout: 120_000 }, async () => {
+  const { page, close } = await loadedPage();
+  await bare(page);
+  await show(page, `#${id}&r=exact&d=8&v=right`, "exact");
+  const { share } = await agreement(page, await rendered("left", 8, "trace", await canvasSize(page)));
+  assert.ok(share < 0.9, String(share));
+  await close();
+});
+
+test("a depth changes with no request, and costs no more script than any frame", { skip, timeout: 120_000 }, async () => {
+  const { page, close } = await loadedPage();
+  await show(page, `#${id}&r=mesh&d=8`, "mesh");
+  const requests: string[] = [];
+  page.on("request", (request) => requests.push(request.url()));
+  await page.focus("#surface");
+  await page.keyboard.press("f");
+  for (let press = 0; press < 10; press += 1) {
+    await page.keyboard.press("]");
+    await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+  }
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "13");
+  assert.deepEqual(requests.filter((url) => url.includes("/v1/")), []);
+  console.log(`frame times while peeling (mesh, software): ${await page.textContent(".frame-times")}`);
+  await close();
+});
+
+test("the first picture needs at most 250 kB besides the quick volume", { skip, timeout: 120_000 }, async () => {
+  const { page, context } = await openPage(browser, { viewport: VIEWPORT });
+  const session: CDPSession = await context.newCDPSession(page);
+  await session.send("Network.enable");
+  const urls = new Map<string, string>();
+  const bytes = new Map<string, number>();
+  session.on("Network.requestWillBeSent", ({ requestId, request }) => urls.set(requestId, request.url));
+  session.on("Network.dataReceived", ({ requestId, encodedDataLength }) => {
+    const url = urls.get(requestId) ?? "";
+    bytes.set(url, (bytes.get(url) ?? 0) + encodedDataLength);
+  });
+  // The rest is held back, so that what was needed is what was fetched.
+  await page.route(/(bits=16|\/distance$|\/mesh\/paths)/, () => {});
+  await page.goto(`${server.address.split("#")[0]}#${id}`);
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames !== undefined, null, { timeout: 60_000 });
+  const first_ms = await page.evaluate(() => performance.now());
+  const isQuick = (url: string): boolean => url.includes("bits=8");
+  const sum = [...bytes].filter(([url]) => !isQuick(url)).reduce((before, [, count]) => before + count, 0);
+  const quick = [...bytes].filter(([url]) => isQuick(url)).reduce((before, [, count]) => before + count, 0);
+  console.log(`to the first picture: ${sum} bytes besides ${quick} of the quick volume; ${first_ms.toFixed(0)} ms after the page began`);
+  assert.ok(quick > 0 && sum > 0 && sum <= 250_000, String(sum));
+  await context.close();
+});
+
+test("the load can be cancelled; what is there stays, and other depths still come", { skip, timeout: 120_000 }, async () => {
+  const { page, troubles, context } = await openPage(browser, { viewport: VIEWPORT });
+  await page.route(/(bits=16|\/distance$|\/mesh\/paths)/, () => {});
+  await page.goto(`${server.address.split("#")[0]}#${id}`);
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames !== undefined, null, { timeout: 60_000 });
+  await page.click(".cancel-load");
+  await page.waitForFunction(() => document.querySelector<HTMLElement>(".cancel-load")?.closest<HTMLElement>("[hidden]") !== null);
+  await page.focus("#surface");
+  await page.keyboard.press("]");
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "8.5");
+  assert.equal(await page.evaluate(() => document.querySelector<HTMLElement>(".viewer")?.dataset.way), "mesh");
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("a lost context is said, the server draws, and a restored one draws again by itself", { skip, timeout: 180_000 }, async () => {
+  const { page, close } = await loadedPage();
+  await bare(page);
+  await page.evaluate(() => {
+    const canvas = document.querySelector<HTMLCanvasElement>("canvas.cortex");
+    const handle = canvas?.getContext("webgl2")?.getExtension("WEBGL_lose_context");
+    (globalThis as unknown as { handle: unknown }).handle = handle;
+    handle?.loseContext();
+  });
+  await page.waitForSelector(".viewer[data-fallback=context-lost][data-way=server]");
+  await page.waitForSelector(".surface-host img");
+  await keep(page, "context-lost");
+  await page.evaluate(() => (globalThis as unknown as { handle: WEBGL_lose_context }).handle.restoreContext());
+  await page.waitForSelector(".viewer[data-fallback=''][data-way=exact]", { timeout: 60_000 });
+  assert.equal(await page.locator(".surface-host img").count(), 0);
+  for (const [way, renderer] of [["exact", "trace"], ["mesh", "mesh"]] as const) {
+    await show(page, `#${id}&r=${way}&d=12&v=superior`, way);
+    const { share } = await agreement(page, await rendered("superior", 12, renderer, await canvasSize(page)));
+    assert.ok(share >= 0.99, `${way}: ${share}`);
+  }
+  await close();
+});
+
+test("?renderer=server draws nothing here: small pictures while dragging, full ones on release", { skip, timeout: 120_000 }, async () => {
+  const { page, troubles, context } = await openPage(browser, { viewport: VIEWPORT });
+  const widths: number[] = [];
+  page.on("request", (request) => {
+    const width = /\/render\?.*width=(\d+)/.exec(request.url())?.[1];
+    if (width) widths.push(Number(width));
+  });
+  await page.goto(`${new URL("/?renderer=server", server.address)}#${id}`);
+  await page.waitForSelector(".viewer[data-way=server] .surface-host img");
+  const box = await page.locator("#surface").boundingBox();
+  assert.ok(box);
+  const full = Math.round(box.width);
+  widths.length = 0;
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.down();
+  for (let step = 1; step <= 5; step += 1) await page.mouse.move(box.x + box.width / 2 + 12 * step, box.y + box.height / 2);
+  await page.waitForFunction(() => (document.querySelector<HTMLImageElement>(".surface-host img")?.naturalWidth ?? 9999) < 400);
+  await page.mouse.up();
+  await page.waitForFunction((width) => document.querySelector<HTMLImageElement>(".surface-host img")?.naturalWidth === width, full);
+  assert.ok(widths.some((width) => width < full), String(widths));
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("without WebGL2 the page says so and goes on", { skip, timeout: 120_000 }, async () => {
+  const { page, context } = await openPage(browser, { viewport: VIEWPORT });
+  await page.addInitScript(() => {
+    const original = HTMLCanvasElement.prototype.getContext as (this: HTMLCanvasElement, kind: string, ...rest: unknown[]) => unknown;
+    HTMLCanvasElement.prototype.getContext = function (this: HTMLCanvasElement, kind: string, ...rest: unknown[]) {
+      return kind === "webgl2" ? null : original.call(this, kind, ...rest);
+    } as typeof HTMLCanvasElement.prototype.getContext;
+  });
+  await page.goto(`${server.address.split("#")[0]}#${id}`);
+  await page.waitForSelector(".viewer[data-fallback=no-webgl2][data-way=server] .surface-host img");
+  await keep(page, "no-webgl2");
+  await context.close();
+});
+
+test("the mirrored half is the mirror image of the other hemisphere", { skip, timeout: 180_000 }, async () => {
+  const { page, close } = await loadedPage();
+  await bare(page);
+  const [width, height] = await canvasSize(page);
+  const half = Math.floor(width / 2);
+  for (const [way, renderer] of [["exact", "trace"], ["mesh", "mesh"]] as const) {
+    await show(page, `#${id}&r=${way}&d=10&v=left&l=mirror`, way);
+    const left = await agreement(page, await rendered("left", 10, renderer, [half, height]), { left: 0, width: half, is_flipped: false });
+    const right = await agreement(page, await rendered("right", 10, renderer, [half, height]), { left: width - half, width: half, is_flipped: true });
+    // Neither is the other: the brain is not symmetrical.
+    const plain = await agreement(page, await rendered("left", 10, renderer, [half, height]), { left: width - half, width: half, is_flipped: false });
+    console.log(`mirror, ${way}: ${[left, right, plain].map(({ share }) => (100 * share).toFixed(2)).join(", ")}`);
+    assert.ok(left.share >= 0.99 && right.share >= 0.99, `${way}: ${left.share}, ${right.share}`);
+    assert.ok(plain.share < 0.95, `${way}: ${plain.share}`);
+  }
+  await keep(page, "mirror");
+  await close();
+});
+
+/** The served depths, to be asked anywhere. */
+async function servedDepths(): Promise<(position: readonly number[]) => number> {
+  const answer = await fetch(new URL(`v1/cases/${id}/distance`, server.address));
+  const numbers = (name: string): number[] => (answer.headers.get(`x-isocortex-${name}`) ?? "").split(",").map(Number);
+  const [[nx = 0, ny = 0, nz = 0], [scale = 0], affine] = [numbers("size"), numbers("scale"), numbers("patient-from-voxel")];
+  const values = new Int16Array(await answer.arrayBuffer());
+  const [side = 1, ...offset] = [affine[0] ?? 1, affine[3] ?? 0, affine[7] ?? 0, affine[11] ?? 0];
+  return (position) => {
+    const place = position.map((coordinate, axis) => (coordinate - (offset[axis] ?? 0)) / side);
+    const [x = 0, y = 0, z = 0] = place.map(Math.floor);
+    if ([x, y, z].some((low, axis) => low < 0 || low + 1 >= ([nx, ny, nz][axis] ?? 0))) return -1;
+    let depth = 0;
+    for (let corner = 0; corner < 8; corner += 1) {
+      const at = [corner & 1, (corner >> 1) & 1, corner >> 2];
+      const weight = [x, y, z].reduce((product, low, axis) => {
+        const share = (place[axis] ?? 0) - low;
+        return product * (at[axis] ? share : 1 - share);
+      }, 1);
+      depth += weight * (values[x + (at[0] ?? 0) + nx * (y + (at[1] ?? 0) + ny * (z + (at[2] ?? 0)))] ?? 0);
+    }
+    return depth * scale;
+  };
+}
+
+test("a double click finds the point of the isosurface that is seen there, to a fraction of a millimetre", { skip, timeout: 180_000 }, async () => {
+  const { page, close } = await loadedPage("&d=10&v=left");
+  const depth = await servedDepths();
+  const { envelope_sphere: sphere } = await facts();
+  const box = await page.locator("#surface").boundingBox();
+  assert.ok(box);
+  const mm_per_pixel = (2 * sphere.radius_mm) / Math.min(box.width, box.height);
+  for (const [right, down] of [[0, 0], [-90, 20], [60, -60], [100, 30]] as const) {
+    await page.mouse.dblclick(box.x + box.width / 2 + right, box.y + box.height / 2 + down);
+    await page.waitForFunction(() => location.hash.includes("&x="), null, { timeout: 10_000 });
+    await page.waitForTimeout(600);
+    const found = /x=([-\d.,]+)/.exec(await page.evaluate(() => location.hash))?.[1]?.split(",").map(Number) ?? [];
+    // From the left: anterior is at the picture's left. The first depth of 10 mm along the line of sight, in tiny steps.
+    const [cx, cy, cz] = sphere.center_in_patient;
+    const [y, z] = [cy + right * mm_per_pixel, cz - down * mm_per_pixel];
+    let x = cx + sphere.radius_mm;
+    while (x > cx - sphere.radius_mm && depth([x, y, z]) < 10) x -= 0.02;
+    const off = Math.hypot((found[0] ?? 0) - x, (found[1] ?? 0) - y, (found[2] ?? 0) - z);
+    assert.ok(off < 0.5, `${found} is ${off} mm from ${[x, y, z]}`);
+  }
+  await page.waitForSelector(".profile, .chart, svg");
+  await keep(page, "profile");
+  await close();
+});
+
+test("the page's memory stays below 150 MB", { skip, timeout: 120_000 }, async () => {
+  const { page, close } = await loadedPage();
+  const session = await page.context().newCDPSession(page);
+  await session.send("HeapProfiler.collectGarbage");
+  const usage = (await session.send("Runtime.getHeapUsage")) as { usedSize: number; backingStorageSize?: number };
+  const bytes = usage.usedSize + (usage.backingStorageSize ?? 0);
+  console.log(`heap ${(usage.usedSize / 1e6).toFixed(1)} MB, array buffers ${((usage.backingStorageSize ?? 0) / 1e6).toFixed(1)} MB`);
+  assert.ok(usage.backingStorageSize !== undefined && bytes < 150e6, String(bytes));
+  await close();
+});

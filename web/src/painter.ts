@@ -1,0 +1,290 @@
+// Draws what it has been given of a case, with the server's own shaders. It fetches nothing and knows nothing of the page.
+
+import { COLOR_TABLE } from "./colors.ts";
+import { STEPS_PER_VOXEL } from "./field.ts";
+import { findEncodings, type Encoding, type Encodings } from "./formats.ts";
+import {
+  createBlock, createIndices, createTable, createTarget, createTranslated, createVertices, fillSlices, replacePositions,
+  GlError, UniformBlock, UNITS, type Gl, type ShaderTexts, type Target,
+} from "./gl.ts";
+import type { Vec2, Vec3 } from "./space.ts";
+import { depthGrid, pathsFields, pictureFields, texelGrid, type Look, type Maps, type TexelGrid } from "./uniforms.ts";
+import type { Block, PathsTable } from "./wire.ts";
+import { voxelCount } from "./wire.ts";
+
+/** Bytes that are handed to the device at once. */
+const UPLOAD_BYTES = 1 << 20;
+/** Texels in a line of a table. */
+const TABLE_WIDTH = 1024;
+/** Samples of a pixel of the mesh, as the server takes them. */
+const MESH_SAMPLES = 4;
+/** The fields of the blocks that are whole numbers. */
+const WHOLES: ReadonlySet<string> = new Set(["color_row", "slab_count", "row", "vertex_count", "first_piece", "piece_count"]);
+
+/** What is made of the depth field for the shaders. */
+export interface FieldMaps {
+  readonly field: Block<Int16Array<ArrayBuffer>>;
+  /** On the field's grid; null where only the light is drawn with it. */
+  readonly smoothed: Int16Array<ArrayBuffer> | null;
+  readonly gradients: Int8Array<ArrayBuffer>;
+  readonly border_box: readonly [Vec3, Vec3] | null;
+}
+
+/** A part of the picture: what it shows, and where it is, in pixels from the top left corner. */
+export interface Pane {
+  readonly look: Look;
+  readonly left: number;
+  readonly size: Vec2;
+}
+
+export type Drawn = "mesh" | "exact";
+
+/** How much a picture may cost. */
+export interface Quality {
+  /** Below 1, it is drawn so much smaller and then enlarged. */
+  readonly share: number;
+  /** Several samples a pixel at the edges of the mesh. */
+  readonly soft_edges: boolean;
+}
+
+export const FULL_QUALITY: Quality = Object.freeze({ share: 1, soft_edges: true });
+
+interface Texture {
+  readonly texture: WebGLTexture;
+  readonly grid: TexelGrid;
+}
+
+interface FieldTextures {
+  readonly grid: TexelGrid;
+  readonly border_box: FieldMaps["border_box"];
+  readonly normals: WebGLTexture;
+  /** Depths and smoothed depths; null where only the light is drawn with it. */
+  readonly depths: readonly [WebGLTexture, WebGLTexture] | null;
+}
+
+interface Shrinking {
+  readonly table: PathsTable;
+  readonly rows: WebGLTexture;
+  readonly pieces: WebGLTexture;
+}
+
+export class Painter {
+  readonly #gl: Gl;
+  readonly #encodings: Encodings;
+  readonly #picture: UniformBlock;
+  readonly #paths: UniformBlock;
+  readonly #programs: { readonly mesh: WebGLProgram; readonly shrink: WebGLProgram; readonly trace: WebGLProgram };
+  readonly #screen: WebGLVertexArrayObject;
+  readonly #case: Pick<Maps, "sphere" | "native_spacing_mm">;
+  #indices: { readonly buffer: WebGLBuffer; readonly count: number; readonly bare: WebGLVertexArrayObject } | null = null;
+  #positions: { readonly array: WebGLVertexArrayObject; readonly depth_mm: number } | null = null;
+  #shrinking: Shrinking | null = null;
+  #volume: Texture | null = null;
+  #field: FieldTextures | null = null;
+  readonly #targets: { soft?: Target; hard?: Target; coarse?: Target } = {};
+
+  /** Compiles the shaders and finds out what the device can do. */
+  constructor(gl: Gl, texts: ShaderTexts, shown: Pick<Maps, "sphere" | "native_spacing_mm">) {
+    this.#gl = gl;
+    this.#case = shown;
+    const encodings = findEncodings(gl);
+    if (!encodings) throw new GlError("The graphics device filters no texture of 16 bits.");
+    this.#encodings = encodings;
+    this.#picture = new UniformBlock(gl, "Picture");
+    this.#paths = new UniformBlock(gl, "Paths");
+    this.#programs = {
+      mesh: createTranslated(gl, texts, ["mesh.vert.glsl", "mesh.frag.glsl"]),
+      shrink: createTranslated(gl, texts, ["shrink.vert.glsl", "mesh.frag.glsl"]),
+      trace: createTranslated(gl, texts, ["trace.vert.glsl", "trace.frag.glsl"]),
+    };
+    this.#screen = createVertices(gl, createIndices(gl, new Uint32Array([0, 1, 2])), null);
+    gl.activeTexture(gl.TEXTURE0 + UNITS.colors);
+    createTable(gl, { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE }, [256, COLOR_TABLE.length / 1024], COLOR_TABLE);
+  }
+
+  /** The names of the texture formats, for the curious. */
+  get formats(): string {
+    const name = ({ format }: Encoding): string => `0x${format.internal.toString(16)}`;
+    return `${name(this.#encodings.intensities)} ${name(this.#encodings.depths)}`;
+  }
+
+  /** Takes a mesh's triangles. */
+  setTriangles(triangles: Uint32Array): void {
+    const buffer = createIndices(this.#gl, triangles);
+    this.#indices = { buffer, count: triangles.length, bare: createVertices(this.#gl, buffer, null) };
+  }
+
+  /** Takes the positions of one depth; `setTriangles` comes first. */
+  setPositions(positions: Float32Array, depth_mm: number): void {
+    if (!this.#indices) throw new GlError("Positions came before their triangles.");
+    if (this.#positions) replacePositions(this.#gl, this.#positions.array, positions);
+    const array = this.#positions?.array ?? createVertices(this.#gl, this.#indices.buffer, positions);
+    this.#positions = { array, depth_mm };
+  }
+
+  /** Takes the table of all depths. */
+  setPaths(table: PathsTable): void {
+    const gl = this.#gl;
+    const rows = inLines(table.rows, 4);
+    const pieces = inLines(table.pieces, 1);
+    gl.activeTexture(gl.TEXTURE0 + UNITS.rows);
+    this.#shrinking = {
+      table,
+      rows: createTable(gl, { internal: gl.RGBA16UI, layout: gl.RGBA_INTEGER, type: gl.UNSIGNED_SHORT }, rows.size, rows.texels),
+      pieces: createTable(gl, { internal: gl.R32UI, layout: gl.RED_INTEGER, type: gl.UNSIGNED_INT }, pieces.size, pieces.texels),
+    };
+  }
+
+  /** Takes intensities, some slices at a time; the ones before them are drawn with until all are there. */
+  *setVolume(volume: Block): Generator<void, void> {
+    const encoding = volume.format === "u8" ? this.#encodings.bytes : this.#encodings.intensities;
+    const texture = yield* this.#uploaded(encoding, volume.size, volume.voxels);
+    if (this.#volume) this.#gl.deleteTexture(this.#volume.texture);
+    this.#volume = { texture, grid: texelGrid(volume, encoding.unit) };
+  }
+
+  /** Takes depths, or with `smoothed` null their gradients alone, some slices at a time. */
+  *setField(maps: FieldMaps): Generator<void, void> {
+    const gl = this.#gl;
+    const { field, smoothed } = maps;
+    const format = { internal: gl.RGBA8_SNORM, layout: gl.RGBA, type: gl.BYTE };
+    const bytes: Encoding = { format, unit: 127, encode: (voxels) => voxels };
+    const depths = this.#encodings.depths;
+    const normals = yield* this.#uploaded(bytes, field.size, maps.gradients);
+    const textures = smoothed
+      ? ([yield* this.#uploaded(depths, field.size, field.voxels), yield* this.#uploaded(depths, field.size, smoothed)] as const)
+      : null;
+    for (const old of [this.#field?.normals, ...(this.#field?.depths ?? [])]) gl.deleteTexture(old ?? null);
+    this.#field = { grid: depthGrid(field, depths.unit, STEPS_PER_VOXEL), border_box: maps.border_box, normals, depths: textures };
+  }
+
+  *#uploaded(encoding: Encoding, size: Vec3, voxels: Parameters<Encoding["encode"]>[0] | Int8Array<ArrayBuffer>): Generator<void, WebGLTexture> {
+    const gl = this.#gl;
+    gl.activeTexture(gl.TEXTURE0 + UNITS.volume);
+    const texture = createBlock(gl, encoding.format, size);
+    const slice = voxels.length / size[2];
+    const together = Math.max(1, Math.floor(UPLOAD_BYTES / (slice * voxels.BYTES_PER_ELEMENT)));
+    for (let first = 0; first < size[2]; first += together) {
+      const count = Math.min(together, size[2] - first);
+      const part = voxels.subarray(first * slice, (first + count) * slice);
+      const texels = part instanceof Int8Array ? part : encoding.encode(part);
+      gl.activeTexture(gl.TEXTURE0 + UNITS.volume);
+      fillSlices(gl, texture, encoding.format, size, { first, count, texels });
+      yield;
+    }
+    return texture;
+  }
+
+  /** Whether there is all that a picture wants. */
+  canDraw(way: Drawn, depth_mm: number): boolean {
+    if (!this.#volume || !this.#field) return false;
+    if (way === "exact") return this.#field.depths !== null;
+    return this.#indices !== null && (this.#shrinking !== null || this.#positions?.depth_mm === depth_mm);
+  }
+
+  /** Draws panes side by side into the canvas. */
+  draw(panes: readonly Pane[], way: Drawn, quality: Quality): void {
+    const gl = this.#gl;
+    const { share } = quality;
+    const full: Vec2 = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+    const size: Vec2 = [Math.max(1, Math.round(full[0] * share)), Math.max(1, Math.round(full[1] * share))];
+    const target = this.#targetOf(way, size, quality);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target?.frame ?? null);
+    gl.viewport(0, 0, ...size);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    for (const pane of panes) {
+      const [width, height] = pane.size.map((side) => Math.max(1, Math.round(side * share))) as [number, number];
+      const left = Math.round(pane.left * share);
+      gl.viewport(left, size[1] - height, width, height);
+      gl.scissor(left, size[1] - height, width, height);
+      gl.enable(gl.SCISSOR_TEST);
+      this.#drawPane(pane.look, [width, height], way);
+      gl.disable(gl.SCISSOR_TEST);
+    }
+    if (!target) return;
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, target.frame);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    const filter = share < 1 ? gl.LINEAR : gl.NEAREST;
+    gl.blitFramebuffer(0, 0, ...size, 0, 0, ...full, gl.COLOR_BUFFER_BIT, filter);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+
+  #drawPane(look: Look, size: Vec2, way: Drawn): void {
+    const { volume, field } = { volume: this.#volume, field: this.#field };
+    if (!volume || !field) throw new GlError("A picture was asked for before there was anything to draw.");
+    const maps: Maps = { ...this.#case, volume: volume.grid, field: field.grid, border_box: field.border_box };
+    this.#picture.write(pictureFields(look, maps, size), WHOLES);
+    this.#bind(UNITS.volume, volume.texture);
+    this.#bind(UNITS.normals, field.normals);
+    if (way === "exact") this.#trace(field);
+    else this.#drawMesh(look.depth_mm, field);
+  }
+
+  #trace({ depths }: FieldTextures): void {
+    const gl = this.#gl;
+    if (!depths) throw new GlError("The depths are not there yet.");
+    this.#bind(UNITS.field, depths[0]);
+    this.#bind(UNITS.smoothed, depths[1]);
+    gl.disable(gl.DEPTH_TEST);
+    gl.useProgram(this.#programs.trace);
+    gl.bindVertexArray(this.#screen);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  #drawMesh(depth_mm: number, { depths }: FieldTextures): void {
+    const gl = this.#gl;
+    const indices = this.#indices;
+    if (!indices) throw new GlError("The mesh is not there yet.");
+    gl.enable(gl.DEPTH_TEST);
+    if (this.#shrinking) {
+      const { table, rows, pieces } = this.#shrinking;
+      this.#paths.write(pathsFields(table, depth_mm), WHOLES);
+      this.#bind(UNITS.rows, rows, gl.TEXTURE_2D);
+      this.#bind(UNITS.pieces, pieces, gl.TEXTURE_2D);
+      if (depths) {
+        this.#bind(UNITS.field, depths[0]);
+        this.#bind(UNITS.smoothed, depths[1]);
+      }
+      gl.useProgram(this.#programs.shrink);
+      gl.bindVertexArray(indices.bare);
+    } else if (this.#positions?.depth_mm === depth_mm) {
+      gl.useProgram(this.#programs.mesh);
+      gl.bindVertexArray(this.#positions.array);
+    } else throw new GlError("The mesh of another depth is there.");
+    gl.drawElements(gl.TRIANGLES, indices.count, gl.UNSIGNED_INT, 0);
+  }
+
+  #bind(unit: number, texture: WebGLTexture, target: GLenum = this.#gl.TEXTURE_3D): void {
+    this.#gl.activeTexture(this.#gl.TEXTURE0 + unit);
+    this.#gl.bindTexture(target, texture);
+  }
+
+  /** Where a picture is drawn before it comes to the canvas; null where it is drawn there at once. */
+  #targetOf(way: Drawn, size: Vec2, { share, soft_edges }: Quality): Target | null {
+    if (way === "exact" && share === 1) return null;
+    const place = way === "exact" ? "coarse" : soft_edges ? "soft" : "hard";
+    const old = this.#targets[place];
+    if (old && old.size[0] === size[0] && old.size[1] === size[1]) return old;
+    old?.dispose();
+    return (this.#targets[place] = createTarget(this.#gl, size, place === "soft" ? MESH_SAMPLES : 0));
+  }
+}
+
+/** Numbers as texels of `parts` numbers each, in lines of a table; what is missing of the last line is 0. */
+function inLines<T extends Uint16Array<ArrayBuffer> | Uint32Array<ArrayBuffer>>(numbers: T, parts: number): { readonly texels: T; readonly size: Vec2 } {
+  const per_line = TABLE_WIDTH * parts;
+  const lines = Math.max(1, Math.ceil(numbers.length / per_line));
+  const texels = new (numbers.constructor as new (length: number) => T)(lines * per_line);
+  texels.set(numbers);
+  return { texels, size: [TABLE_WIDTH, lines] };
+}
+
+/** Bytes on the device that a case's textures take, at most. */
+export const textureBytes = (field_size: Vec3, volume_size: Vec3): number => 8 * voxelCount(field_size) + 3 * voxelCount(volume_size);
+
+/** Whether blocks of these sizes fit a device's textures. */
+export function fits(gl: Gl, sizes: readonly Vec3[]): boolean {
+  const most = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE) as number;
+  return sizes.every((size) => size.every((side) => side <= most));
+}

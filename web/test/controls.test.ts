@@ -1,0 +1,135 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { NAMED_VIEWS, project } from "../src/camera.ts";
+import { type Key, Notches, boundWindow, commandOf, deepen, dragWindow, invert, pan, pinch, turn, wheelZoom, zoomAt } from "../src/controls.ts";
+import { type Vec2, type Vec3, rotate } from "../src/space.ts";
+import { type ViewState, firstState, presetWindow, stepDepth, sweptDepth } from "../src/state.ts";
+import { SHOWN } from "./shown.ts";
+
+const FIRST = firstState(SHOWN);
+const SIZE: Vec2 = [600, 400];
+const near = (actual: readonly number[] | undefined, expected: readonly number[]): void => {
+  assert.ok(actual?.length === expected.length && actual.every((value, at) => Math.abs(value - (expected[at] ?? NaN)) < 1e-6), `${actual} is not ${expected}`);
+};
+
+test("a drag takes the near side of the head along", () => {
+  const front: Vec3 = [0, 0, 1];
+  const view = { ...FIRST, orientation: [0, 0, 0, 1] as const };
+  const right = turn(view, [20, 0], SIZE).orientation ?? view.orientation;
+  assert.ok(rotate(right, front)[0] > 0.05 && Math.abs(rotate(right, front)[1]) < 1e-9, "to the right");
+  const down = turn(view, [0, 20], SIZE).orientation ?? view.orientation;
+  assert.ok(rotate(down, front)[1] < -0.05 && Math.abs(rotate(down, front)[0]) < 1e-9, "down");
+});
+
+test("the trackball has no pole: a full turn over the top ends where it began, and a drag always turns by its length", () => {
+  let state: ViewState = { ...FIRST, orientation: NAMED_VIEWS.anterior };
+  const steps = 100;
+  const whole = 2 * Math.PI * 0.5 * Math.min(...SIZE);
+  for (let step = 0; step < steps; step += 1) {
+    const before = state.orientation;
+    state = { ...state, ...turn(state, [0, whole / steps], SIZE) };
+    const along = Math.abs(before.reduce((sum, part, at) => sum + part * (state.orientation[at] ?? 0), 0));
+    assert.ok(Math.abs(2 * Math.acos(Math.min(along, 1)) - (2 * Math.PI) / steps) < 1e-6, `step ${step}`);
+  }
+  near(state.orientation, NAMED_VIEWS.anterior);
+  assert.deepEqual(turn(state, [0, 0], SIZE), {});
+});
+
+test("a pan takes the head along with the hand", () => {
+  const point: Vec3 = [10, 20, 30];
+  const before = project(FIRST, SHOWN.envelope_sphere, SIZE).pixelOf(point);
+  const after = project({ ...FIRST, ...pan(FIRST, SHOWN, [30, -12], SIZE) }, SHOWN.envelope_sphere, SIZE).pixelOf(point);
+  near([after[0] - before[0], after[1] - before[1]], [30, -12]);
+});
+
+test("a zoom keeps what is under the pointer, and stays in its range", () => {
+  const place: Vec2 = [450, 90];
+  const projection = project(FIRST, SHOWN.envelope_sphere, SIZE);
+  const point = projection.positionOf([...place, 0]);
+  const zoomed = { ...FIRST, ...zoomAt(FIRST, SHOWN, 3, place, SIZE) };
+  near(project(zoomed, SHOWN.envelope_sphere, SIZE).pixelOf(point).slice(0, 2), place);
+  assert.equal(zoomAt(FIRST, SHOWN, 1e9, place, SIZE).zoom, 20);
+  assert.equal(zoomAt(FIRST, SHOWN, 0, place, SIZE).zoom, 0.25);
+  assert.ok(wheelZoom(100) < 1 && wheelZoom(-100) > 1);
+  assert.ok(Math.abs(wheelZoom(100) * wheelZoom(-100) - 1) < 1e-12);
+});
+
+test("a pinch keeps both fingers on what they touch", () => {
+  const from: [Vec2, Vec2] = [[200, 150], [300, 150]];
+  const to: [Vec2, Vec2] = [[190, 200], [390, 200]];
+  const projection = project(FIRST, SHOWN.envelope_sphere, SIZE);
+  const held = from.map((place) => projection.positionOf([...place, 0]));
+  const state = { ...FIRST, ...pinch(FIRST, SHOWN, { from, to }, SIZE) };
+  const after = project(state, SHOWN.envelope_sphere, SIZE);
+  held.forEach((point, index) => near(after.pixelOf(point).slice(0, 2), to[index] ?? []));
+});
+
+test("a window drag goes the way that is preferred, and never to nothing", () => {
+  const darker = dragWindow(FIRST, SHOWN, [0, -40], "up-darker").window;
+  const brighter = dragWindow(FIRST, SHOWN, [0, -40], "up-brighter").window;
+  assert.deepEqual([darker?.center, brighter?.center], [460, 340]);
+  assert.deepEqual(dragWindow(FIRST, SHOWN, [40, 0], "up-darker").window, { center: 400, width: 660 });
+  assert.equal(dragWindow(FIRST, SHOWN, [-1e6, 0], "up-darker").window?.width, 2);
+  assert.equal(boundWindow({ center: 1e9, width: 1e9 }, SHOWN).width, 2000);
+});
+
+test("depth goes in whole steps and stays in the case", () => {
+  assert.equal(stepDepth(8, 1, 0.5), 8.5);
+  assert.equal(stepDepth(8.3, 1, 0.5), 8.5);
+  assert.equal(stepDepth(8.3, -1, 0.5), 8);
+  assert.equal(stepDepth(8.3, -1, 0.1), 8.2);
+  assert.equal(deepen({ ...FIRST, depth_mm: 41 }, SHOWN, 1, false).depth_mm, 41.23);
+  assert.equal(deepen({ ...FIRST, depth_mm: 0.2 }, SHOWN, -1, false).depth_mm, 0);
+});
+
+test("a sweep turns round at both ends", () => {
+  assert.deepEqual(sweptDepth(8, 1, SHOWN), [8.5, 1]);
+  assert.deepEqual(sweptDepth(41, 1, SHOWN), [40.5, -1]);
+  assert.deepEqual(sweptDepth(0, -1, SHOWN), [0.5, 1]);
+});
+
+test("the presets are windows of the case's own, all different", () => {
+  const windows = (["auto", "full", "brain", "narrow", "bright", "dark"] as const).map((preset) => presetWindow(preset, SHOWN));
+  assert.deepEqual(windows[0], SHOWN.intensity.window);
+  assert.deepEqual(windows[1], { center: 500, width: 1000 });
+  assert.equal(new Set(windows.map(({ center, width }) => `${center},${width}`)).size, 6);
+  assert.ok(windows.every(({ width }) => width > 0));
+});
+
+const key = (name: string, change: Partial<Key> = {}): Key =>
+  ({ key: name, code: "", shiftKey: false, altKey: false, ctrlKey: false, metaKey: false, ...change });
+
+test("keys are commands as the help says", () => {
+  assert.deepEqual(commandOf(key("[")), { kind: "depth", steps: -1, fine: false });
+  assert.deepEqual(commandOf(key("}", { shiftKey: true })), { kind: "depth", steps: 1, fine: true });
+  assert.deepEqual(commandOf(key("ü", { code: "BracketLeft" })), { kind: "depth", steps: -1, fine: false });
+  const view = (letter: string): unknown => commandOf(key(letter, { shiftKey: true }));
+  const names = ["A", "P", "L", "R", "S", "I"].map((letter) => (view(letter) as { name: string }).name);
+  assert.deepEqual(names, ["anterior", "posterior", "left", "right", "superior", "inferior"]);
+  assert.deepEqual(["i", "r", "h", "f", " ", "Enter"].map((name) => commandOf(key(name))?.kind), ["invert", "reset", "help", "timer", "play", "mark"]);
+  assert.deepEqual(commandOf(key("3")), { kind: "window", preset: "brain" });
+  assert.equal(commandOf(key("7")), null);
+  assert.deepEqual(commandOf(key("ArrowUp")), { kind: "turn", move: [0, -40] });
+  assert.equal(commandOf(key("ArrowUp", { shiftKey: true }))?.kind, "pan");
+});
+
+test("the browser's own keys are left to it", () => {
+  for (const change of [{ ctrlKey: true }, { metaKey: true }, { altKey: true }]) {
+    for (const name of ["r", "1", "[", "ArrowLeft", "R"]) assert.equal(commandOf(key(name, change)), null);
+  }
+  assert.equal(commandOf(key("Tab")), null);
+  assert.equal(commandOf(key("x")), null);
+});
+
+test("a touchpad's small movements add up to notches", () => {
+  const notches = new Notches();
+  assert.deepEqual([25, 25, 25, -90, 60].map((delta) => notches.take(delta, true)), [0, 0, 1, -1, 0]);
+  assert.equal(notches.take(2, false), 2);
+});
+
+test("inverting twice is grey again", () => {
+  const once = { ...FIRST, ...invert(FIRST) };
+  assert.equal(once.colormap, "inverted");
+  assert.equal(invert(once).colormap, "grey");
+});

@@ -1,0 +1,162 @@
+import assert from "node:assert/strict";
+import { readFileSync, readdirSync } from "node:fs";
+import path from "node:path";
+import { afterEach, before, test } from "node:test";
+
+import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/api.ts";
+import { caseStatus, matches } from "../src/cases.ts";
+import { pathOf, ticks } from "../src/chart.ts";
+import { EventReader } from "../src/events.ts";
+import { type Words, intensity, languageFor, number, speak, t } from "../src/i18n.ts";
+import { readPreferences } from "../src/preferences.ts";
+import { problemWords } from "../src/problem-words.ts";
+import { sortFiles, uploadName } from "../src/upload-files.ts";
+import english from "../src/words.en.json";
+import portuguese from "../src/words.pt-BR.json";
+import { SHOWN } from "./shown.ts";
+
+const realFetch = globalThis.fetch;
+before(() => speak("en", english));
+afterEach(() => {
+  globalThis.fetch = realFetch;
+  speak("en", english);
+});
+
+const json = (status: number, body: unknown): Response =>
+  new Response(JSON.stringify(body), { status, headers: { "content-type": "application/problem+json" } });
+const headers = (type: string): Headers => new Headers({ "content-type": type });
+
+test("both languages have the same words, with the same values in them", () => {
+  assert.deepEqual(Object.keys(portuguese), Object.keys(english));
+  const values = (text: string): string[] => [...text.matchAll(/\{(\w+)\}/g)].map(([, name]) => name ?? "").sort();
+  for (const [key, text] of Object.entries(english)) {
+    const other = portuguese[key as keyof typeof english];
+    assert.deepEqual(values(other), values(text), key);
+    assert.notEqual(other.trim(), "", key);
+    assert.equal(other.split("|").length, text.split("|").length, key);
+  }
+});
+
+test("every word is used, and no word that is used is missing", () => {
+  const folder = path.join(import.meta.dirname, "../../src");
+  const source = readdirSync(folder).filter((name) => name.endsWith(".ts")).map((name) => readFileSync(path.join(folder, name), "utf8")).join("\n");
+  // Keys that are put together from a part and a name count as used by their first part.
+  const used = (key: string): boolean =>
+    source.includes(`"${key}"`) || source.includes(`\`${key.slice(0, key.indexOf(".") + 1)}\${`) || source.includes(`\`${key}\``) || /^(turn|pan)\./.test(key);
+  for (const key of Object.keys(english)) assert.ok(used(key), key);
+});
+
+test("no type is any", () => {
+  const folder = path.join(import.meta.dirname, "../../src");
+  for (const name of readdirSync(folder).filter((file) => file.endsWith(".ts"))) {
+    assert.doesNotMatch(readFileSync(path.join(folder, name), "utf8"), /(:|\bas|<|,)\s*any\b(?! (of|more|other|one|case))/, name);
+  }
+});
+
+test("numbers are written as the language does", () => {
+  assert.equal(number(-0.04, 1), "0.0");
+  assert.equal(intensity(1234.5), "1,235");
+  speak("pt-BR", portuguese as Words);
+  assert.equal(number(8.5, 1), "8,5");
+  assert.equal(t("depth.said", { depth: number(8.5, 1) }), "Profundidade de 8,5 milímetros");
+});
+
+test("a browser's wish decides the language", () => {
+  assert.equal(languageFor(["de-DE", "pt-PT", "en"]), "pt-BR");
+  assert.equal(languageFor(["en-GB", "pt-BR"]), "en");
+  assert.equal(languageFor(["fr"]), "en");
+});
+
+test("a problem's detail becomes a sentence; a body that is no JSON is not shown", () => {
+  const told = problemFrom(422, headers("application/problem+json"), '{"type":"urn:isocortex:problem:mask-empty","detail":"the mask is empty"}');
+  assert.equal(problemWords(told), "The mask is empty.");
+  assert.equal(told.kind, "mask-empty");
+  const untold = problemFrom(502, headers("text/html"), "<html>proxy at 10.0.0.1</html>");
+  assert.equal(problemWords(untold), "The server answered with status 502.");
+  assert.equal(problemWords(problemFrom(500, headers("application/json"), "{")), "The server answered with status 500.");
+  speak("pt-BR", portuguese as Words);
+  assert.equal(problemWords(told), "A máscara está vazia.");
+});
+
+test("a token is asked for once, however many requests are refused", async () => {
+  let asked = 0;
+  const sent: (string | null)[] = [];
+  globalThis.fetch = async (_input, options) => {
+    const authorization = new Headers(options?.headers).get("authorization");
+    sent.push(authorization);
+    return authorization === "Bearer right" ? json(200, { cases: [] }) : json(401, { detail: "a token is wanted" });
+  };
+  onTokenWanted(async () => {
+    asked += 1;
+    return "right";
+  });
+  await Promise.all([listCases(null), listCases(null), getCase("x")]);
+  assert.equal(asked, 1);
+  assert.ok(sent.includes("Bearer right"));
+});
+
+test("a server that cannot be reached is a problem of its own", async () => {
+  const heard: boolean[] = [];
+  const back = new Promise<void>((resolve) => onReach((reachable) => {
+    heard.push(reachable);
+    if (reachable) resolve();
+  }));
+  globalThis.fetch = async () => Promise.reject(new TypeError("no route to 10.1.2.3"));
+  await assert.rejects(listCases(null), (problem: unknown) => problem instanceof Problem && problem.kind === "unreachable");
+  globalThis.fetch = async () => json(200, {});
+  await back;
+  assert.deepEqual(heard, [false, true]);
+});
+
+test("events are read from pieces of any length", () => {
+  const text = 'event: case\r\ndata: {"a":1}\r\n\r\n: keep alive\n\nevent: gone\ndata: {}\n\nevent: cut';
+  const whole = [{ event: "case", data: '{"a":1}' }, { event: "gone", data: "{}" }];
+  assert.deepEqual(new EventReader().read(text), whole);
+  const reader = new EventReader();
+  assert.deepEqual([...text].flatMap((letter) => reader.read(letter)), whole);
+});
+
+test("a case is found by its name, and says what it is at", () => {
+  assert.ok(matches(SHOWN, "case A") && matches(SHOWN, SHOWN.id.slice(0, 6)) && matches(SHOWN, ""));
+  assert.ok(!matches(SHOWN, "other"));
+  const { id, name, created_at } = SHOWN;
+  assert.equal(caseStatus({ id, name, created_at, state: "preparing", progress: { stage: "forest", fraction: 0.414 } }), "Growing the forest · 41 %");
+  assert.equal(caseStatus({ id, name, created_at, state: "preparing", progress: { stage: "new step", fraction: 0.5 } }), "Preparing · 50 %");
+  assert.equal(caseStatus({ id, name, created_at, state: "failed", error: { type: "urn:x:other", detail: "it is odd" } }), "It is odd.");
+});
+
+const file = (name: string, size = 1000): { name: string; size: number } => ({ name, size });
+
+test("files are sorted by what they are", () => {
+  const [head, mask] = [file("head.nii.gz", 900), file("head_mask.nii.gz", 5000)];
+  assert.deepEqual(sortFiles([mask, head], null), { volume: head, mask, dicom: [], trouble: null });
+  const [large, small] = [file("a.nii", 900), file("b.nii", 10)];
+  assert.deepEqual(sortFiles([small, large], null), { volume: large, mask: small, dicom: [], trouble: null });
+  assert.deepEqual(sortFiles([head], mask), { volume: head, mask, dicom: [], trouble: null });
+  const zip = file("series.ZIP");
+  assert.deepEqual(sortFiles([zip, mask], null), { volume: zip, mask, dicom: [], trouble: null });
+  const series = [file("IM0001"), file("IM0002.dcm"), file("IM0003")];
+  assert.deepEqual(sortFiles([...series, file("DICOMDIR"), file("report.pdf"), file(".DS_Store"), file("empty", 0)], null).dicom, series);
+  assert.equal(sortFiles([], null).trouble, "upload.nothing");
+  assert.equal(sortFiles([head, large, small], null).trouble, "upload.too-many");
+  assert.equal(sortFiles([zip, file("b.zip")], null).trouble, "upload.too-many");
+});
+
+test("a file is sent under a name that tells nothing", () => {
+  assert.equal(uploadName("volume", "DOE^JANE 1970.NII.GZ"), "volume.nii.gz");
+  assert.equal(uploadName("mask", "x.nii"), "mask.nii");
+  assert.equal(uploadName("volume", "Jane.Doe"), "volume");
+});
+
+test("preferences that are damaged are as at first", () => {
+  const first = readPreferences(null, ["en"]);
+  assert.deepEqual(first, { language: "en", theme: "dark", drag: "up-darker", wheel: "zoom", shortcuts: true });
+  for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3}']) assert.deepEqual(readPreferences(text, ["en"]), first, text);
+  assert.equal(readPreferences('{"theme":"light"}', ["en"]).theme, "light");
+});
+
+test("a chart's ticks are round, and a curve is interrupted where it has no value", () => {
+  assert.deepEqual(ticks(0, 40, 5), [0, 10, 20, 30, 40]);
+  assert.deepEqual(ticks(3, 3, 4), [3]);
+  assert.equal(pathOf([0, 1, 2, 3], [5, NaN, 6, 7]), "M0.0 5.0M2.0 6.0L3.0 7.0");
+});

@@ -1,0 +1,79 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { facesOf } from "../src/cube.ts";
+import { NAMED_VIEWS } from "../src/camera.ts";
+import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/query.ts";
+import { positionWords, scaleBar, voxelAt } from "../src/readout.ts";
+import { type SliceView, reachOf, sliceEdges, slicePixel, slicePosition, withinReach } from "../src/slice-geometry.ts";
+import { firstState } from "../src/state.ts";
+import { SHOWN } from "./shown.ts";
+
+const SPHERE = SHOWN.envelope_sphere;
+const view = (change: Partial<SliceView>): SliceView =>
+  ({ plane: "axial", convention: "radiological", position_mm: 12, size: [300, 200], ...change });
+
+test("the patient's right is at the picture's left, unless the other convention is chosen", () => {
+  const right = [-40, 20, 12] as const;
+  assert.ok(slicePixel(view({}), SPHERE, right)[0] < 150);
+  assert.ok(slicePixel(view({ plane: "coronal" }), SPHERE, right)[0] < 150);
+  assert.ok(slicePixel(view({ convention: "neurological" }), SPHERE, right)[0] > 150);
+  assert.deepEqual(sliceEdges("axial", "radiological"), { left: "R", right: "L", top: "A", bottom: "P" });
+  assert.deepEqual(sliceEdges("axial", "neurological"), { left: "L", right: "R", top: "A", bottom: "P" });
+  assert.deepEqual(sliceEdges("coronal", "radiological"), { left: "R", right: "L", top: "S", bottom: "I" });
+  for (const convention of ["radiological", "neurological"] as const) {
+    assert.deepEqual(sliceEdges("sagittal", convention), { left: "A", right: "P", top: "S", bottom: "I" });
+  }
+});
+
+test("a click in a slice is the position that is seen there", () => {
+  for (const plane of PLANE_NAMES) {
+    for (const convention of ["radiological", "neurological"] as const) {
+      const slice = view({ plane, convention, position_mm: 7 });
+      const position = slicePosition(slice, SPHERE, [211, 57]);
+      assert.ok(position.includes(7));
+      const [x, y] = slicePixel(slice, SPHERE, position);
+      assert.ok(Math.hypot(x - 211, y - 57) < 1e-9, `${plane} ${convention}`);
+    }
+  }
+});
+
+test("positions stay within the working grid", () => {
+  assert.deepEqual(reachOf(SHOWN, 0), [-50, 49]);
+  assert.deepEqual(withinReach(SHOWN, [-999, 3, 999]), [-50, 3, 59]);
+});
+
+test("a position is told by its sides, and by its voxel as acquired", () => {
+  assert.equal(positionWords([-10.04, 3, -0.5]), "R 10.0 · P 3.0 · I 0.5");
+  assert.deepEqual(voxelAt(SHOWN, [5, 80, 15]), [50, 5, 25]);
+  assert.equal(voxelAt(SHOWN, [500, 0, 0]), null);
+});
+
+test("a scale bar is a round length that fits", () => {
+  assert.deepEqual(scaleBar(0.5, 150), { mm: 50, pixels: 100 });
+  assert.equal(scaleBar(0.001, 1).mm, 1);
+});
+
+test("the server is asked for the state's own picture", () => {
+  const state = { ...firstState(SHOWN), orientation: NAMED_VIEWS.right, depth_mm: 8.5, zoom: 2, pan_mm: [3, -4], way: "exact", slab_mm: 1 } as const;
+  assert.equal(renderQuery(state, [640, 480]).toString(),
+    "depth_mm=8.5&view=right&zoom=2&pan=3%2C-4&window=400%2C600&slab_mm=1&ambient=0.3&renderer=trace&width=640&height=480");
+  assert.equal(sliceQuery(state, "coronal", [1, 2, 3], [64, 64]).toString(), "position_mm=2&depth_mm=8.5&window=400%2C600&width=64&height=64");
+  const oblique = renderQuery({ ...state, orientation: [0.5, 0.5, 0.5, 0.5000001] }, [64, 64]);
+  assert.equal(oblique.get("view"), null);
+  assert.equal(oblique.get("orientation")?.split(",").length, 4);
+});
+
+test("a picture is as large as the pane's pixels, up to a limit", () => {
+  assert.deepEqual(pictureSize([500, 400], 2, 2000), [1000, 800]);
+  assert.deepEqual(pictureSize([500, 400], 2, 500), [500, 400]);
+  assert.deepEqual(pictureSize([0, 0], 1, 500), [16, 16]);
+});
+
+test("the cube's front face is that of the view", () => {
+  for (const [name, orientation] of Object.entries(NAMED_VIEWS)) {
+    const front = facesOf(orientation).filter((face) => face.frontal > 0.5);
+    assert.deepEqual(front.map((face) => face.name), [name]);
+    assert.ok(Math.hypot(...(front[0]?.middle ?? [9, 9])) < 1e-6);
+  }
+});

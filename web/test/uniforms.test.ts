@@ -1,0 +1,101 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { NAMED_VIEWS } from "../src/camera.ts";
+import type { Vec2, Vec3 } from "../src/space.ts";
+import { type Look, type Maps, pathsFields, pictureFields, slabOffsets, windowLine } from "../src/uniforms.ts";
+
+const grid = (side: number) => ({
+  size: [50, 60, 70] as Vec3,
+  patient_from_voxel: [[side, 0, 0, -20], [0, side, 0, -30], [0, 0, side, -40], [0, 0, 0, 1]],
+  texel_scale: 1,
+  texel_offset: 0,
+});
+
+/** A sphere of radius 100 mm about (10, 20, 30): a picture of 200 × 100 pixels has 2 mm pixels, as in the server's tests. */
+const MAPS: Maps = {
+  volume: grid(1),
+  field: grid(2),
+  border_box: [[3, 4, 5], [40, 50, 60]],
+  sphere: { center_in_patient: [10, 20, 30], radius_mm: 100 },
+  native_spacing_mm: 1,
+};
+const SIZE: Vec2 = [200, 100];
+const LOOK: Look = {
+  orientation: NAMED_VIEWS.anterior, zoom: 1, pan_mm: [0, 0], depth_mm: 8, window: { center: 77, width: 85 },
+  slab_mm: 0, ambient: 0.3, color_row: 0, is_mirrored: false,
+};
+
+const near = (actual: readonly number[], expected: readonly number[]): void => {
+  assert.equal(actual.length, expected.length);
+  actual.forEach((value, at) => assert.ok(Math.abs(value - (expected[at] ?? NaN)) < 1e-6, `${actual} is not ${expected}`));
+};
+
+/** A position through one of the matrices. */
+function through(fields: ReturnType<typeof pictureFields>, name: string, [x, y, z]: Vec3): number[] {
+  const matrix = fields[name] as readonly number[];
+  return [0, 1, 2].map((row) => (matrix[row] ?? 0) * x + (matrix[row + 4] ?? 0) * y + (matrix[row + 8] ?? 0) * z + (matrix[row + 12] ?? 0));
+}
+
+const pixelOf = (look: Look, position: Vec3): number[] => {
+  const [x = 0, y = 0] = through(pictureFields(look, MAPS, SIZE), "clip_from_patient", position);
+  return [100 * (x + 1), 50 * (1 - y)];
+};
+
+test("a point of the mesh lands where the server's camera puts it", () => {
+  const point: Vec3 = [50, 30, 50];
+  for (const [view, expected] of [
+    ["left", [105, 40]], ["right", [95, 40]], ["anterior", [120, 40]], ["posterior", [80, 40]], ["superior", [80, 55]], ["inferior", [120, 55]],
+  ] as const) {
+    near(pixelOf({ ...LOOK, orientation: NAMED_VIEWS[view] }, point), expected);
+  }
+  near(pixelOf({ ...LOOK, zoom: 4 }, [50, 20, 50]), [180, 10]);
+  near(pixelOf({ ...LOOK, zoom: 4, pan_mm: [5, 10] }, [10, 20, 30]), [110, 30]);
+});
+
+test("a line of sight starts at the same place of the patient", () => {
+  const fields = pictureFields(LOOK, MAPS, SIZE);
+  // Pixel (120, 40) is 40 mm to the left and 20 mm up of the centre, in voxels of 2 mm.
+  const [x = 0, y = 0, z = 0] = through(fields, "field_from_frame", [120, 40, 0]);
+  assert.ok(Math.hypot(x - (50 + 20) / 2, y - (20 + 30) / 2, z - (50 + 40) / 2) < 1e-9);
+  near(fields.towards_viewer as readonly number[], [0, -1, 0]);
+});
+
+test("the mirrored picture shows a left-sided mark where the plain one shows it on the right, and both are lit from the viewer", () => {
+  const left: Vec3 = [40, 0, 35];
+  const right: Vec3 = [-20, 0, 35]; // The same mirrored at x = 10.
+  for (const orientation of [NAMED_VIEWS.left, NAMED_VIEWS.superior, [0.1, 0.2, 0.3, Math.sqrt(1 - 0.14)] as const]) {
+    const look = { ...LOOK, orientation, zoom: 1.7, pan_mm: [3, 4] as Vec2 };
+    near(pixelOf({ ...look, is_mirrored: true }, left), pixelOf(look, right));
+    near(pixelOf({ ...look, is_mirrored: true }, right), pixelOf(look, left));
+    const [plain, mirrored] = [false, true].map((is_mirrored) => pictureFields({ ...look, is_mirrored }, MAPS, SIZE));
+    const [x = 0, y = 0, z = 0] = plain?.towards_viewer as readonly number[];
+    near(mirrored?.towards_viewer as readonly number[], [-x, y, z]);
+  }
+});
+
+test("the window is DICOM's: black at its lower end, white at its upper", () => {
+  const { black, factor } = windowLine({ center: 77, width: 85 });
+  assert.equal(black, 34.5);
+  assert.equal((34.5 + 84 - black) * factor, 255);
+});
+
+test("a slab is sampled at most half a voxel apart, and never above the envelope", () => {
+  assert.deepEqual(slabOffsets(0, 8, 1), []);
+  assert.deepEqual(slabOffsets(1, 8, 1), [-1, -0.5, 0, 0.5, 1]);
+  assert.deepEqual(slabOffsets(1, 0.5, 1), [-0.5, 0, 0.5, 1]);
+});
+
+test("the row before a depth is taken, the last but one at most", () => {
+  const table = {
+    mesh: { contour_count: 3, points_per_contour: 4 }, origin_in_patient: [0, 0, 0] as Vec3, step_mm: 0.1, row_mm: 0.5, row_count: 5,
+    rows: new Uint16Array(4 * 14 * 5), first_piece: new Uint32Array([0, 2, 2, 5, 6, 6]), pieces: new Uint32Array(36),
+  };
+  const rows = (depth_mm: number): unknown[] => {
+    const { row, first_piece, piece_count, vertex_count } = pathsFields(table, depth_mm);
+    return [row, first_piece, piece_count, vertex_count];
+  };
+  assert.deepEqual(rows(0), [0, 0, 2, 14]);
+  assert.deepEqual(rows(1.2), [2, 2, 3, 14]);
+  assert.deepEqual(rows(99), [3, 5, 1, 14]);
+});
