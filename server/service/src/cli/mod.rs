@@ -1,5 +1,6 @@
 //! The command line.
 
+mod bench;
 mod case_file;
 mod demo;
 mod prepare;
@@ -23,6 +24,7 @@ Examples:
   isocortex serve --data /srv/isocortex             serve the cases of a directory on 127.0.0.1:8640
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
   isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
+  isocortex bench --plot plots                      how fast and how exact it is on this machine
 
 Exit status:
    0  done
@@ -57,6 +59,8 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case, a volume or a prepared file as PNG.
     Render(render::RenderArgs),
+    /// Measure this machine by the experiments of the paper.
+    Bench(bench::BenchArgs),
 }
 
 /// An input: a volume and what is needed to prepare it.
@@ -123,6 +127,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Bench(args) => bench::run(&args),
     }
 }
 
