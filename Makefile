@@ -3,10 +3,10 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test check bench
+.PHONY: help setup web demo test check bench bench-record bench-times bench-peers
 
 help: ## list these commands
-	@awk 'BEGIN { FS = ":.*## " } /^[a-z]+:.*## / { printf "  make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 web: ## bundle the page into web/dist, which the server carries
 	@scripts/web.sh
@@ -21,8 +21,17 @@ test: ## set up what is missing, then format, lints and every test, the browser'
 check: ## format, lints and the fast tests, with nothing installed
 	@scripts/test.sh fast
 
-bench: ## the benchmarks
+bench: ## count the instructions of every hot step and compare with the recorded base (without valgrind: times)
 	@scripts/bench.sh
+
+bench-record: ## record the counted instructions as the base
+	@scripts/bench.sh record
+
+bench-times: ## the time of every hot step
+	@scripts/bench.sh times
+
+bench-peers: ## measure other programs on the same head, turn by turn with ours
+	@scripts/bench-peers.sh
 
 setup: ## install what demo and test want from Debian, where that is allowed
 	@scripts/setup.sh all

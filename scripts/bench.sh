@@ -1,12 +1,122 @@
 #!/usr/bin/env bash
-# The benchmarks, one thread, release build. Arguments go to the benchmark programs (a name to filter by).
+# The benchmarks, in a release build, on one thread. Arguments: what to do, and parts of the names of steps to do it with.
+#   instructions  counts the instructions of every hot step with valgrind, prints the change against the recorded base, and
+#                 fails where a step takes more than 5 % more (this is what runs without arguments, where valgrind is installed)
+#   record        counts them and records them as the base: after a change that is meant, and after another compiler
+#   times         the time of each step, and Criterion's of each crate on a head of real size
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
 
+readonly BASE=server/measure/benches/base.tsv
+readonly MOST=1.05
+
 need_rust
-scripts/web.sh
-if [ -z "${ISOCORTEX_TEST_DATA:-}" ]; then
-  say "ISOCORTEX_TEST_DATA is not set: benchmarks on real heads look beside the checkout, and say so if they find none."
+what=${1:-}
+[ $# = 0 ] || shift
+
+# The programs of steps, built; one path a line.
+programs() {
+  cargo bench --locked -q -p isocortex-measure --bench steps --no-run --message-format=json |
+    sed -nE '/"kind":\["bench"\]/s/.*"executable":"([^"]+)".*/\1/p'
+}
+
+# Whether the name $1 holds one of the other arguments, or there are none.
+is_wanted() {
+  local name=$1 part
+  shift
+  [ $# -gt 0 ] || return 0
+  for part in "$@"; do [[ $name != *"$part"* ]] || return 0; done
+  return 1
+}
+
+# The instructions of step $2 of program $1.
+count() {
+  local out=$scratch/callgrind.out
+  valgrind -q --tool=callgrind --collect-atstart=no --toggle-collect='*isocortex_counted_step*' \
+    --callgrind-out-file="$out" "$1" --count "$2" >"$scratch/log" 2>&1 || {
+    say "valgrind failed on $2:"
+    tail -n 5 "$scratch/log" >&2
+    return 1
+  }
+  sed -nE 's/^(totals|summary): ([0-9]+).*/\2/p' "$out" | tail -n 1
+}
+
+# Prints `name TAB instructions` for each step that the arguments want.
+count_all() {
+  local program name
+  for program in $programs; do
+    while read -r name; do
+      is_wanted "$name" "$@" || continue
+      printf '%s\t%s\n' "$name" "$(count "$program" "$name")"
+    done < <("$program" --list)
+  done
+}
+
+# What the counts depend on beside the code.
+circumstances() {
+  local program
+  program=$(head -n 1 <<<"$programs")
+  printf '# %s; %s; %s\n' "$(rustc --version | cut -d' ' -f1-2)" "$(valgrind --version)" \
+    "vectors $(valgrind -q --tool=none "$program" --vectors)"
+}
+
+compare() {
+  local found=$1
+  awk -F '\t' -v most="$MOST" '
+    /^#/ { if (FNR == NR) recorded = $0; next }
+    FNR == NR { base[$1] = $2; next }
+    {
+      if (!($1 in base)) { printf "%16d  %8s  %s (not in the base)\n", $2, "new", $1; next }
+      ratio = $2 / base[$1]; seen++
+      verdict = ratio > most ? "  SLOWER" : ""
+      slower += ratio > most
+      printf "%16d  %+7.2f %%  %s%s\n", $2, 100 * (ratio - 1), $1, verdict
+    }
+    END {
+      printf "%d steps against the base (%s): %d take over %.0f %% more instructions\n", seen, substr(recorded, 3), slower, 100 * (most - 1)
+      exit slower > 0
+    }' "$BASE" "$found"
+}
+
+need_valgrind() {
+  have valgrind || die "counting instructions needs valgrind; install it, or measure times: scripts/bench.sh times"
+}
+
+if [ -z "$what" ]; then
+  what=instructions
+  have valgrind || {
+    say "valgrind is not installed, so times are measured instead of instructions."
+    what=times
+  }
 fi
-RAYON_NUM_THREADS=1 exec cargo bench --locked --workspace --benches -- "$@"
+case "$what" in
+  instructions | record)
+    need_valgrind
+    scratch=$(mktemp -d)
+    trap 'rm -rf "$scratch"' EXIT
+    programs=$(programs)
+    [ -n "$programs" ] || die "no program of steps was built"
+    if [ "$what" = record ]; then
+      [ $# = 0 ] || die "the base is recorded as a whole"
+      { circumstances; count_all; } >"$scratch/base"
+      mv "$scratch/base" "$BASE"
+      say "recorded $(grep -vc '^#' "$BASE") steps in $BASE"
+    else
+      [ -f "$BASE" ] || die "there is no base in $BASE; record one: scripts/bench.sh record"
+      now=$(circumstances)
+      [ "$now" = "$(head -n 1 "$BASE")" ] ||
+        say "other circumstances than the base's, so some change is theirs: now ${now#\# }; then $(head -n 1 "$BASE" | cut -c3-)"
+      count_all "$@" >"$scratch/found"
+      compare "$scratch/found"
+    fi
+    ;;
+  times)
+    if [ -z "${ISOCORTEX_TEST_DATA:-}" ]; then
+      say "ISOCORTEX_TEST_DATA is not set: benchmarks on real heads look beside the checkout, and say so if they find none."
+    fi
+    cargo bench --locked -p isocortex-measure --bench steps
+    RAYON_NUM_THREADS=1 exec cargo bench --locked --workspace --exclude isocortex-measure --benches -- "$@"
+    ;;
+  *) die "usage: scripts/bench.sh [instructions|record|times] [PART OF A NAME...]" ;;
+esac

@@ -85,6 +85,12 @@ fn imaging_and_render_do_not_know_each_other_or_the_server() {
 }
 
 #[test]
+fn what_measures_does_not_know_the_server() {
+    let above = ["tokio", "axum", "sqlx", "object_store", "isocortex-service"];
+    assert_needs_none_of("isocortex-measure", &above);
+}
+
+#[test]
 fn the_service_stands_on_all_three() {
     let needed = needed_by("isocortex-service");
     for floor in [

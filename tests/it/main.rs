@@ -2,6 +2,7 @@
 
 mod agreement;
 mod bad_input;
+mod bench;
 mod dicom;
 mod faults;
 mod golden;

@@ -108,8 +108,7 @@ fn sample(args: &DemoArgs) -> Result<Sample, CliError> {
         println!("The demo shows {}.", volume.display());
         return from_files("Demo", volume, args.mask.as_deref());
     }
-    let [volume, mask] = COLIN27.map(Path::new);
-    if volume.exists() && mask.exists() {
+    if let Some([volume, mask]) = colin27() {
         println!("The demo shows Colin27, a real head (Debian's mricron-data).");
         return from_files("Colin27", volume, Some(mask));
     }
@@ -118,6 +117,12 @@ fn sample(args: &DemoArgs) -> Result<Sample, CliError> {
          or set ISOCORTEX_DEMO_VOLUME (and ISOCORTEX_DEMO_MASK) to NIfTI files."
     );
     phantom()
+}
+
+/// Colin27 and its brain, where Debian's package is installed.
+pub(super) fn colin27() -> Option<[&'static Path; 2]> {
+    let files = COLIN27.map(Path::new);
+    files.iter().all(|file| file.exists()).then_some(files)
 }
 
 fn from_files(name: &str, volume: &Path, mask: Option<&Path>) -> Result<Sample, CliError> {

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod bench;
 mod case_file;
 mod demo;
 mod prepare;
@@ -26,6 +27,7 @@ Examples:
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
   isocortex prepare dicom-folder --mask brain.nii.gz --series 3
   isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
+  isocortex bench --plot plots                      how fast and how exact it is on this machine
 
 Exit status:
    0  done
@@ -60,6 +62,8 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case, a volume or a prepared file as PNG.
     Render(render::RenderArgs),
+    /// Measure this machine by the experiments of the paper.
+    Bench(bench::BenchArgs),
     /// Reads DICOM files with limits on what it may take; started by the others.
     #[command(hide = true)]
     ReadDicom,
@@ -152,6 +156,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::ReadDicom => unreachable!("it has its own way out"),
     }
 }

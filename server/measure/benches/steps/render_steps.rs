@@ -1,0 +1,63 @@
+//! Pictures.
+
+use measure::counted::Counted;
+use measure::{Painter, Spin};
+use render::gpu::GpuCase as _;
+use render::{FrameSize, SliceParameters, SlicePlane, SliceRequest, draw_slice, encode_png};
+
+use crate::head::{case, step};
+
+/// A frame of 256 × 256 pixels at a depth.
+fn spin(depth_mm: f32) -> Spin {
+    Spin {
+        frames: 1,
+        seconds: 1.0,
+        size: FrameSize::new(256, 256).expect("a small frame"),
+        depth_mm,
+    }
+}
+
+fn picture(painter: Painter, depth_mm: f32) -> Box<dyn FnMut()> {
+    let case = case();
+    let request = spin(depth_mm).request(&case, 30).expect("a request");
+    step(move || painter.draw(&case, request, None))
+}
+
+pub(crate) fn steps() -> Vec<Counted> {
+    vec![
+        Counted {
+            name: "render: splat 256², 0 mm",
+            make: || picture(Painter::Splat, 0.0),
+        },
+        Counted {
+            name: "render: splat 256², 15 mm",
+            make: || picture(Painter::Splat, 15.0),
+        },
+        Counted {
+            name: "render: trace 256², 15 mm",
+            make: || picture(Painter::Trace, 15.0),
+        },
+        Counted {
+            name: "render: slice 512², three contours",
+            make: || {
+                let case = case();
+                let middle_mm = SlicePlane::Axial.middle_mm(&case.bounds);
+                let parameters = SliceParameters {
+                    depths_mm: vec![5.0, 10.0, 20.0],
+                    ..SliceParameters::new(SlicePlane::Axial, middle_mm, case.window)
+                };
+                let request = SliceRequest::new(parameters).expect("a request");
+                step(move || draw_slice(&case.scene(), &request))
+            },
+        },
+        Counted {
+            name: "render: PNG of 256², grey",
+            make: || {
+                let case = case();
+                let request = spin(5.0).request(&case, 30).expect("a request");
+                let frame = Painter::Splat.draw(&case, request, None).expect("a frame");
+                step(move || encode_png(&frame, &[]))
+            },
+        },
+    ]
+}
