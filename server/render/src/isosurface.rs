@@ -86,11 +86,6 @@ impl<'a> Isosurface<'a> {
         self.depth / DepthField::STEPS_PER_VOXEL
     }
 
-    /// Whether only the field itself says where the isosurface is.
-    pub(crate) fn is_raw(&self) -> bool {
-        self.smooth == 0.0
-    }
-
     /// Writes in which direction the isosurface faces at the heights of a row of pixels.
     pub(crate) fn face(&self, rays: &Rays, row: usize, points: &mut PointRow) {
         for first in (0..points.heights.len()).step_by(LANES) {

@@ -4,8 +4,9 @@
 //!
 //! Camera, window, colour map and light are shared by every renderer. [`draw_splat`] draws the
 //! isosurface {depth = D} in software by projecting the voxels of a thin shell (the paper's section 3.3)
-//! and correcting every pixel along its line of sight; [`draw_trace`] follows every line of sight to the isosurface itself and judges the others; [`draw_slice`] draws a slice with the contours
-//! of the isosurfaces. Both give the same bytes for the same request on every machine and for any
+//! and correcting every pixel along its line of sight; [`draw_trace`] follows every line of sight to the isosurface itself and
+//! judges the others; [`draw_mesh`] draws the facets of a shrunk mesh; [`draw_slice`] draws a slice with the contours
+//! of the isosurfaces. All give the same bytes for the same request on every machine and for any
 //! number of threads: pixels are computed with additions, multiplications, divisions and square roots alone,
 //! which IEEE 754 rounds in one way, and no sum is split between threads.
 //!
@@ -28,12 +29,15 @@ mod hits;
 mod isosurface;
 mod lettering;
 mod light;
+mod mesh;
 mod png;
 mod quality;
 mod rays;
 mod renderer;
 mod sampler;
 mod scene;
+#[cfg(test)]
+mod scene_meshes;
 mod seeds;
 mod settle;
 mod shade;
@@ -54,6 +58,7 @@ pub use error::RenderError;
 pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
 pub use hits::Hits;
 pub use light::Light;
+pub use mesh::{Facets, draw_mesh, mesh_hits};
 pub use png::{RESEARCH_USE_NOTICE, encode_png};
 pub use quality::draw_quality_sheet;
 pub use renderer::{Renderer, Splat, Trace};

@@ -120,6 +120,24 @@ impl<'a> Shade<'a> {
                 });
             }
         }
+        self.soften(points, pixels);
+    }
+
+    /// Mixes pixels that the surface covers in part with the background.
+    fn soften(&self, points: &PointRow, pixels: &mut [u8]) {
+        let first = match self.format {
+            PixelFormat::Grey8 | PixelFormat::Rgb8 => 0,
+            PixelFormat::GreyAlpha8 => 1,
+            PixelFormat::Rgba8 => 3,
+        };
+        let pixels = pixels.chunks_exact_mut(self.format.bytes_per_pixel());
+        for (pixel, &quarters) in pixels.zip(&points.quarters) {
+            if quarters < 4 {
+                for level in &mut pixel[first..] {
+                    *level = ((u16::from(*level) * u16::from(quarters) + 2) / 4) as u8;
+                }
+            }
+        }
     }
 
     fn row_as<const BYTES: usize>(

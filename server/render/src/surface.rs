@@ -24,6 +24,8 @@ pub(crate) struct PointRow {
     pub(crate) facing: Vec<f32>,
     /// About unit vectors into the brain, in patient space; empty when nobody asks for them.
     pub(crate) inward: Vec<[f32; 3]>,
+    /// How many quarters of each pixel the surface covers; empty where it is all of them.
+    pub(crate) quarters: Vec<u8>,
 }
 
 /// A point of the isosurface as [`PointRow`] keeps it.
@@ -41,6 +43,7 @@ impl PointRow {
             heights: vec![f32::NEG_INFINITY; width],
             facing: vec![0.0; width],
             inward: vec![[0.0; 3]; if with_inward { width } else { 0 }],
+            quarters: Vec::new(),
         }
     }
 

@@ -142,10 +142,10 @@ impl<'a> Marchers<'a> {
         Self {
             isosurface,
             rays,
-            inside_up_to: if isosurface.is_raw() {
-                isosurface.depth_in_voxels() - 2.0
-            } else {
+            inside_up_to: if isosurface.is_smoothed() {
                 f32::NEG_INFINITY
+            } else {
+                isosurface.depth_in_voxels() - 2.0
             },
             sight: [0; LANES],
             state: [FRESH; LANES],

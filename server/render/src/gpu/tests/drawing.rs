@@ -10,8 +10,8 @@ use super::super::studio::StudioLimits;
 use super::super::{GpuCase, GpuError, GpuJob, GpuSurface};
 use super::support::{Case, LIMITS, painter, parameters, trace};
 use crate::{
-    Background, Camera, ColorMap, Frame, FrameSize, Light, NamedView, PixelFormat,
-    RenderParameters, RenderRequest, Window, draw_splat, draw_trace,
+    Background, Camera, ColorMap, Facets, Frame, FrameSize, Light, NamedView, PixelFormat,
+    RenderParameters, RenderRequest, Window, draw_mesh, draw_splat, draw_trace,
 };
 
 fn frame(painter: &mut Painter, job: &GpuJob) -> Frame {
@@ -261,6 +261,38 @@ fn the_traced_picture_is_that_of_the_software() {
             let software = draw_trace(&case.scene(), &job.request);
             let apart = share_apart(&frame(&mut painter, &job), &software);
             assert!(apart <= 0.005, "{view:?} {depth_mm}: {apart}");
+        }
+    }
+}
+
+#[test]
+fn the_mesh_is_that_of_the_processor() {
+    let Some(mut painter) = painter(LIMITS) else {
+        return;
+    };
+    let case = lumpy(23);
+    for (contours, points) in [(12, 10), (40, 40), (90, 80)] {
+        let (_, table) = table(&case, contours, points);
+        for (view, depth_mm, slab_mm) in [
+            (NamedView::Anterior, 0.0, 0.0),
+            (NamedView::Left, 4.0, 1.5),
+            (NamedView::Superior, 11.0, 0.0),
+        ] {
+            let parameters = RenderParameters {
+                slab_mm,
+                background: Background::Transparent,
+                ..parameters(view, depth_mm)
+            };
+            let shrunk = table.shrink(depth_mm as f32);
+            let job = mesh(&trace(&case, parameters), &table);
+            let found = frame(&mut painter, &job);
+            let facets = Facets::new(table.size, &shrunk);
+            let expected = draw_mesh(&case.scene(), &job.request, facets);
+            let apart = share_apart(&found, &expected);
+            assert!(
+                apart < 0.01,
+                "{contours} × {points} {view:?} {depth_mm} mm: {apart}"
+            );
         }
     }
 }

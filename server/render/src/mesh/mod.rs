@@ -1,0 +1,272 @@
+//! The mesh renderer on the processor: the facets of a shrunk mesh, each pixel shaded at its point of the facet.
+//!
+//! 1. [`triangle`]: the corners go to fixed-point pixels, the facets become edges and planes.
+//! 2. [`raster`]: band by band of the picture, the nearest facet at four samples a pixel.
+//! 3. Here: a pixel shows the mean of its samples on the nearest piece of the surface, and its edge is as soft as samples are
+//!    missed. That is what the graphics devices do (`shaders/resolve.wgsl`).
+
+mod raster;
+mod triangle;
+
+use geometry::{MeshSize, ShrunkMesh};
+
+use crate::isosurface::Isosurface;
+use crate::rays::Rays;
+use crate::settle::settled;
+use crate::surface::{self, PointRow, Surface, working_rays};
+use crate::{Frame, Hits, Projection, RenderRequest, Scene};
+use raster::Heights;
+use triangle::{Samples, Triangles};
+
+/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
+const PIECE_PIXELS: f64 = 8.0;
+
+/// A mesh to draw: how fine it is, and its vertices.
+#[derive(Debug, Clone, Copy)]
+pub struct Facets<'a> {
+    size: MeshSize,
+    mesh: &'a ShrunkMesh,
+}
+
+impl<'a> Facets<'a> {
+    /// The facets of `mesh`, which is one of `size`.
+    ///
+    /// # Panics
+    /// When it has not as many vertices.
+    pub fn new(size: MeshSize, mesh: &'a ShrunkMesh) -> Self {
+        assert_eq!(
+            mesh.positions_in_patient.len(),
+            size.vertex_count(),
+            "the vertices of a mesh of this size"
+        );
+        Self { size, mesh }
+    }
+}
+
+/// Draws the facets of a mesh; pixels are as those of [`crate::draw_splat`], but that edges are soft.
+///
+/// Each pixel's intensity, direction and light are those of its own point of the facet. A pixel that a facet covers in part is mixed with
+/// the background in quarters.
+pub fn draw_mesh(scene: &Scene<'_>, request: &RenderRequest, facets: Facets<'_>) -> Frame {
+    let projection = request.projection(scene);
+    let drawn = DrawnMesh::new(scene, request, facets, Samples::FOUR);
+    surface::draw(&drawn, scene, request, &projection)
+}
+
+/// Finds what the centre of each pixel of [`draw_mesh`] shows, without drawing it: points on the facets.
+pub fn mesh_hits(scene: &Scene<'_>, request: &RenderRequest, facets: Facets<'_>) -> Hits {
+    let projection = request.projection(scene);
+    let drawn = DrawnMesh::new(scene, request, facets, Samples::ONE);
+    surface::hits(&drawn, scene, &projection)
+}
+
+/// A mesh as the pixels of a picture see it.
+#[derive(Debug)]
+struct DrawnMesh<'a> {
+    isosurface: Isosurface<'a>,
+    rays: Rays,
+    triangles: Triangles,
+    /// How far apart the heights of one piece of the surface are within a pixel, in voxels.
+    piece: f32,
+}
+
+impl<'a> DrawnMesh<'a> {
+    fn new(
+        scene: &Scene<'a>,
+        request: &RenderRequest,
+        facets: Facets<'_>,
+        samples: Samples,
+    ) -> Self {
+        let projection: Projection = request.projection(scene);
+        let voxel_mm = scene.field.grid().spacing_mm()[0];
+        let mesh = settled(facets.mesh, scene);
+        let facets = Facets {
+            mesh: &mesh,
+            ..facets
+        };
+        Self {
+            isosurface: Isosurface::new(scene.field, scene.normals, request.parameters().depth_mm),
+            rays: working_rays(scene, &projection),
+            triangles: Triangles::new(&projection, voxel_mm, facets, samples),
+            piece: (PIECE_PIXELS * projection.mm_per_pixel() / voxel_mm) as f32,
+        }
+    }
+}
+
+impl Surface for DrawnMesh<'_> {
+    fn find_rows(&self, first: usize, rows: &mut [PointRow]) {
+        let width = rows.first().map_or(0, |row| row.heights.len());
+        let heights = Heights::of(&self.triangles, first..first + rows.len(), width);
+        for (row, points) in rows.iter_mut().enumerate() {
+            heights.resolve(row, self.piece, points);
+            self.isosurface.face(&self.rays, first + row, points);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::conformance::{Limits, Phantom, check};
+    use crate::scene_meshes::SceneMeshes;
+    use crate::{
+        Background, Camera, FrameSize, Light, RenderError, RenderParameters, Renderer, Window,
+    };
+
+    /// The mesh renderer of whatever scene it is given.
+    struct OnProcessor(SceneMeshes);
+
+    impl Renderer for OnProcessor {
+        fn name(&self) -> &'static str {
+            "mesh"
+        }
+
+        fn draw(&self, scene: &Scene<'_>, request: &RenderRequest) -> Result<Frame, RenderError> {
+            let mesh = self.0.shrunk(scene, request.parameters().depth_mm as f32);
+            Ok(draw_mesh(scene, request, Facets::new(self.0.size, &mesh)))
+        }
+
+        fn hits(&self, scene: &Scene<'_>, request: &RenderRequest) -> Result<Hits, RenderError> {
+            let mesh = self.0.shrunk(scene, request.parameters().depth_mm as f32);
+            Ok(mesh_hits(scene, request, Facets::new(self.0.size, &mesh)))
+        }
+    }
+
+    #[test]
+    fn the_mesh_on_the_processor_does_what_a_renderer_must() {
+        let limits = Limits {
+            depth_voxels: 0.5,
+            mean_difference: 3.0,
+            has_soft_edges: true,
+        };
+        check(&OnProcessor(SceneMeshes::new([200, 200])), limits);
+    }
+
+    fn phantom() -> Phantom {
+        Phantom::new(
+            glam::DAffine3::from_translation(glam::DVec3::splat(-40.0)),
+            |_| 200,
+        )
+    }
+
+    #[test]
+    fn edges_are_soft_in_the_color_of_the_face() {
+        let case = phantom();
+        let meshes = SceneMeshes::new([30, 30]);
+        let mesh = meshes.shrunk(&case.scene(), 4.0);
+        let parameters = RenderParameters {
+            depth_mm: 4.0,
+            size: FrameSize::new(96, 96).unwrap(),
+            light: Light::new(1.0).unwrap(),
+            ..RenderParameters::new(Window::between(0.0, 255.0))
+        };
+        let draw = |background| {
+            let request = RenderRequest::new(RenderParameters {
+                background,
+                ..parameters
+            });
+            draw_mesh(
+                &case.scene(),
+                &request.unwrap(),
+                Facets::new(meshes.size, &mesh),
+            )
+        };
+        let [opaque, clear] = [Background::Black, Background::Transparent].map(draw);
+        let mut shares = [0; 5];
+        for (level, pixel) in opaque.bytes().iter().zip(clear.bytes().chunks_exact(2)) {
+            let quarters = (usize::from(pixel[1]) + 32) / 64;
+            shares[quarters] += 1;
+            assert_eq!(usize::from(*level), 50 * quarters, "on black");
+            assert_eq!(pixel[0], if quarters > 0 { 200 } else { 0 }, "on nothing");
+        }
+        assert!(shares.iter().all(|&count| count > 10), "{shares:?}");
+    }
+
+    /// The greatest height in mm at which a line of sight meets a facet, by each facet's own coordinates; and whether it passes
+    /// an edge of one so near that rounding decides.
+    fn plainly(triangles: &[[glam::DVec3; 3]], x: f64, y: f64) -> (f64, bool) {
+        let mut nearest = f64::NEG_INFINITY;
+        let mut is_unsure = false;
+        for [a, b, c] in triangles {
+            let cross = |u: glam::DVec3, v: glam::DVec3| u.x * v.y - u.y * v.x;
+            let at = glam::DVec3::new(x, y, 0.0);
+            let area = cross(*b - *a, *c - *a);
+            if area.abs() < 1e-3 {
+                continue;
+            }
+            let shares = [(b, c), (c, a), (a, b)].map(|(u, v)| cross(*u - at, *v - at) / area);
+            let least = shares.into_iter().fold(f64::INFINITY, f64::min);
+            is_unsure |= least.abs() * area.abs().sqrt() < 0.02;
+            if least >= 0.0 {
+                nearest = nearest.max(shares[0] * a.z + shares[1] * b.z + shares[2] * c.z);
+            }
+        }
+        (nearest, is_unsure)
+    }
+
+    #[test]
+    fn each_pixel_shows_the_nearest_facet() {
+        let case = phantom();
+        let meshes = SceneMeshes::new([14, 12]);
+        for (orientation, zoom, depth_mm) in [
+            ([0.0, 0.0, 0.0, 1.0], 1.0, 0.0),
+            ([0.3, -0.5, 0.1, 0.8], 1.7, 5.0),
+            ([0.7, 0.2, -0.6, 0.3], 0.4, 11.0),
+        ] {
+            let request = RenderRequest::new(RenderParameters {
+                depth_mm,
+                camera: Camera::new(orientation, zoom, [3.0, -2.0]).unwrap(),
+                size: FrameSize::new(61, 47).unwrap(),
+                ..RenderParameters::new(Window::between(0.0, 255.0))
+            })
+            .unwrap();
+            let scene = case.scene();
+            let mesh = meshes.shrunk(&scene, depth_mm as f32);
+            let drawn = settled(&mesh, &scene);
+            let projection = request.projection(&scene);
+            let corners: Vec<glam::DVec3> = drawn
+                .positions_in_patient
+                .iter()
+                .map(|position| {
+                    let position = glam::DVec3::from(position.map(f64::from));
+                    projection.frame_from_patient().transform_point3(position)
+                })
+                .collect();
+            let triangles: Vec<_> = meshes
+                .size
+                .triangles()
+                .into_iter()
+                .map(|triangle| triangle.map(|index| corners[index as usize]))
+                .collect();
+            let hits = mesh_hits(&scene, &request, Facets::new(meshes.size, &mesh));
+            let mut counts = [0; 2];
+            for index in 0..61 * 47 {
+                let [x, y] = [index % 61, index / 61];
+                let (expected, is_unsure) =
+                    plainly(&triangles, f64::from(x) + 0.5, f64::from(y) + 0.5);
+                if is_unsure {
+                    continue;
+                }
+                let found = hits
+                    .position_in_patient(x, y)
+                    .map_or(f64::NEG_INFINITY, |at| {
+                        projection.frame_from_patient().transform_point3(at).z
+                    });
+                let what = format!("({x}, {y}) at {depth_mm} mm: {found} for {expected}");
+                assert!(
+                    found == expected || (found - expected).abs() < 0.2,
+                    "{what}"
+                );
+                counts[usize::from(expected.is_finite())] += 1;
+            }
+            assert!(counts.iter().all(|&count| count > 30), "{counts:?}");
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "vertices")]
+    fn a_mesh_of_another_size_is_refused() {
+        let mesh = SceneMeshes::new([10, 10]).shrunk(&phantom().scene(), 1.0);
+        let _ = Facets::new(MeshSize::STANDARD, &mesh);
+    }
+}

@@ -1,0 +1,185 @@
+//! The nearest facet at each sample of a band of the picture.
+
+use std::ops::Range;
+
+use multiversion::multiversion;
+
+use super::triangle::{Bounds, Corner, Samples, Triangle, Triangles};
+use crate::surface::PointRow;
+
+/// Heights of what each sample shows, in voxels, line by line; −∞ where there is nothing.
+#[derive(Debug)]
+pub(super) struct Heights {
+    /// Lines in a row of pixels.
+    lines: usize,
+    width: usize,
+    heights: Vec<f32>,
+}
+
+impl Heights {
+    /// The heights in some rows of pixels of a picture of `width`.
+    pub(super) fn of(triangles: &Triangles, rows: Range<usize>, width: usize) -> Self {
+        let lines = triangles.samples.lines();
+        let mut heights = vec![f32::NEG_INFINITY; rows.len() * lines * width];
+        draw(triangles, rows.start * lines, width, &mut heights);
+        Self {
+            lines,
+            width,
+            heights,
+        }
+    }
+
+    /// Writes the heights of a row of pixels, counted from the first of the band, and how much of each is covered.
+    pub(super) fn resolve(&self, row: usize, piece: f32, points: &mut PointRow) {
+        let samples = self.width * self.lines;
+        let heights = &self.heights[row * samples..][..samples];
+        if self.lines == 1 {
+            points.heights.copy_from_slice(heights);
+            return;
+        }
+        points.quarters.resize(self.width, 0);
+        let mut lines = heights.chunks_exact(self.width);
+        if let (Some(a), Some(b), Some(c), Some(d)) =
+            (lines.next(), lines.next(), lines.next(), lines.next())
+        {
+            resolve(
+                [a, b, c, d],
+                piece,
+                &mut points.heights,
+                &mut points.quarters,
+            );
+        }
+    }
+}
+
+/// Raises heights to those of the triangles, from line `first` of the picture on.
+#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
+fn draw(triangles: &Triangles, first: usize, width: usize, heights: &mut [f32]) {
+    let mut band = Band {
+        samples: triangles.samples,
+        lines: first..first + heights.len() / width.max(1),
+        width,
+        heights,
+    };
+    let lines = band.lines.clone();
+    for corners in triangles.facing(&lines) {
+        band.draw(corners);
+    }
+    let floors = Floors::of(&band);
+    for corners in triangles.averted(&lines) {
+        if !floors.hide(&Bounds::new(corners, band.samples, width, &lines), first) {
+            band.draw(corners);
+        }
+    }
+}
+
+/// The heights of some lines of the picture.
+struct Band<'a> {
+    samples: Samples,
+    lines: Range<usize>,
+    width: usize,
+    heights: &'a mut [f32],
+}
+
+impl Band<'_> {
+    /// Raises the heights to those of a triangle.
+    #[inline(always)]
+    fn draw(&mut self, corners: [Corner; 3]) {
+        let triangle = Triangle::new(corners, self.samples);
+        let [lowest, highest] = triangle.range;
+        let per_column = triangle.per_column as f32;
+        let [top, bottom] = [self.lines.start, self.lines.end].map(|line| line as i64);
+        for line in triangle.lines.start.max(top)..triangle.lines.end.min(bottom) {
+            let columns = triangle.columns(line, self.width);
+            if columns.is_empty() {
+                continue;
+            }
+            let start = triangle.height(columns.start, line);
+            let on_line = &mut self.heights[(line - top) as usize * self.width..][..self.width];
+            for (column, height) in on_line[columns].iter_mut().enumerate() {
+                let plane = start + column as i32 as f32 * per_column;
+                // A facet seen from the side has a steep plane: it ends at its corners.
+                let plane = if plane < highest { plane } else { highest };
+                let plane = if plane > lowest { plane } else { lowest };
+                *height = if plane > *height { plane } else { *height };
+            }
+        }
+    }
+}
+
+/// Lines and columns of a tile.
+const TILE: [usize; 2] = [8, 16];
+
+/// The least height in each tile of a band.
+struct Floors {
+    columns: usize,
+    heights: Vec<f32>,
+}
+
+impl Floors {
+    #[inline(always)]
+    fn of(band: &Band<'_>) -> Self {
+        let columns = band.width.div_ceil(TILE[1]);
+        let mut floors = Vec::with_capacity(columns * band.lines.len().div_ceil(TILE[0]));
+        for lines in band.heights.chunks(TILE[0] * band.width.max(1)) {
+            let first = floors.len();
+            floors.resize(first + columns, f32::INFINITY);
+            for line in lines.chunks(band.width.max(1)) {
+                for (floor, heights) in floors[first..].iter_mut().zip(line.chunks(TILE[1])) {
+                    for &height in heights {
+                        *floor = if height < *floor { height } else { *floor };
+                    }
+                }
+            }
+        }
+        Self {
+            columns,
+            heights: floors,
+        }
+    }
+
+    /// Whether nothing within the bounds is above any height of the band, whose first line is `first`.
+    #[inline(always)]
+    fn hide(&self, bounds: &Bounds, first: usize) -> bool {
+        if bounds.lines.is_empty() || bounds.columns.is_empty() {
+            return true;
+        }
+        let rows =
+            (bounds.lines.start - first) / TILE[0]..=(bounds.lines.end - 1 - first) / TILE[0];
+        let [left, right] = [bounds.columns.start, bounds.columns.end - 1].map(|at| at / TILE[1]);
+        rows.map(|row| &self.heights[row * self.columns..][left..=right])
+            .all(|floors| floors.iter().all(|&floor| bounds.highest <= floor))
+    }
+}
+
+/// For each pixel the mean of its four samples that are within `piece` of the nearest, and how many show anything.
+#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
+fn resolve(samples: [&[f32]; 4], piece: f32, heights: &mut [f32], quarters: &mut [u8]) {
+    let [a, b, c, d] = samples;
+    let width = heights.len();
+    let (a, b, c, d) = (&a[..width], &b[..width], &c[..width], &d[..width]);
+    let quarters = &mut quarters[..width];
+    for column in 0..width {
+        let samples = [a[column], b[column], c[column], d[column]];
+        let nearest = greater(
+            greater(samples[0], samples[1]),
+            greater(samples[2], samples[3]),
+        );
+        let least = nearest - piece;
+        let (mut sum, mut count, mut covered) = (0.0, 0.0, 0);
+        for sample in samples {
+            let is_near = (sample >= least) & (sample > f32::NEG_INFINITY);
+            sum += if is_near { sample } else { 0.0 };
+            count += if is_near { 1.0 } else { 0.0 };
+            covered += i32::from(sample > f32::NEG_INFINITY);
+        }
+        let mean = sum / greater(count, 1.0);
+        heights[column] = if covered > 0 { mean } else { f32::NEG_INFINITY };
+        quarters[column] = covered as u8;
+    }
+}
+
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
