@@ -13,6 +13,12 @@ if [ -z "${ISOCORTEX_DEMO_VOLUME:-}" ]; then
   fi
 fi
 
+if network=$(scripts/network.sh); then
+  export ISOCORTEX_NETWORK=$network
+else
+  say "without the network's weights, a head that comes without a mask has its brain found by tree pruning."
+fi
+
 scripts/web.sh
 say "building the server (the first time takes some minutes)"
 cargo build --release --locked --package isocortex-service --bin isocortex

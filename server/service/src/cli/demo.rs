@@ -45,6 +45,9 @@ pub(super) struct DemoArgs {
         requires = "volume"
     )]
     mask: Option<PathBuf>,
+    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    network: Option<PathBuf>,
 }
 
 /// A head to show.
@@ -65,6 +68,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
             .clone()
             .or_else(|| temporary.as_ref().map(|made| made.path().to_owned())),
         listen: args.listen,
+        network: args.network.clone(),
         log: Some("warn".to_owned()),
         ..ServeArgs::default()
     };

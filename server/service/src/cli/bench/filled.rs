@@ -44,7 +44,7 @@ pub(super) async fn fill(
     let source = Source {
         volume: Bytes::copy_from_slice(&head.volume),
         mask: Some(Bytes::copy_from_slice(&head.mask)),
-        brain: None,
+        ..Source::default()
     };
     let mut ids = Vec::new();
     for number in numbers {
