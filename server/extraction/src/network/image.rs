@@ -65,7 +65,7 @@ pub(super) fn image(
     let sum = |of: &dyn Fn(f64) -> f64| -> f64 {
         let values = occurrences
             .iter()
-            .zip(0u16..)
+            .zip(0..=u16::MAX)
             .filter(|&(&count, _)| count > 0);
         values
             .map(|(&count, stored)| count as f64 * of(f64::from(value(stored))))
