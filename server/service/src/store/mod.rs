@@ -395,6 +395,11 @@ impl Store {
         &self.inner.options
     }
 
+    /// Whether the preparations have a network that extracts brains.
+    pub(crate) fn has_network(&self) -> bool {
+        self.options().preparation.has_network()
+    }
+
     pub(crate) fn signals(&self) -> &Signals {
         &self.inner.signals
     }
