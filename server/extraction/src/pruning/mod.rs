@@ -52,6 +52,11 @@ pub(crate) fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Mask, Extra
     go_on(observe, 0.8)?;
     // The opening removes what the brain continues into: the cord, the orbits and the optic nerves.
     let brain = kept.closed(3.0)?.opened(7.0)?.largest_component();
+    if brain.volume_ml() == 0.0 {
+        return Err(ExtractionError::NoBrain {
+            what: "no part of it that is thick enough holds back its surroundings",
+        });
+    }
     let brain = brain.closed(10.0)?.dilated(1.5)?;
     go_on(observe, 1.0)?;
     Ok(brain)
