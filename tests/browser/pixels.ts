@@ -11,11 +11,11 @@ export interface Agreement {
   readonly size: readonly [number, number];
 }
 
-/** Hides what stands on the picture, so that the picture alone is seen. */
-export async function bare(page: Page): Promise<void> {
-  await page.evaluate(() => {
-    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host)")) element.style.visibility = "hidden";
-  });
+/** Hides what stands on the picture, so that the picture alone is seen; or shows it again. */
+export async function bare(page: Page, is_bare = true): Promise<void> {
+  await page.evaluate((hidden) => {
+    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host)")) element.style.visibility = hidden ? "hidden" : "";
+  }, is_bare);
 }
 
 /** The size of the surface's canvas in pixels. */

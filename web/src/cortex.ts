@@ -410,7 +410,7 @@ class Cortex implements Surface {
       this.#server = null;
       return;
     }
-    const box = h("div", { class: "surface-host" });
+    const box = h("div", { class: "served" });
     this.#canvas.after(box);
     const surface = createServerSurface(box, this.#case, {
       serverOnly: true,

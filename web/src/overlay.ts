@@ -3,7 +3,7 @@
 import type { Edges } from "./camera.ts";
 import type { Window } from "./case.ts";
 import { h, setText, svg } from "./dom.ts";
-import { intensity, number, t } from "./i18n.ts";
+import { number, t } from "./i18n.ts";
 import { scaleBar } from "./readout.ts";
 import type { Vec2 } from "./space.ts";
 import type { Colormap } from "./state.ts";
@@ -80,8 +80,10 @@ export class ColourBar {
   }
 
   show(window: Window, colormap: Colormap): void {
-    setText(this.#white, intensity(window.center + window.width / 2));
-    setText(this.#black, intensity(window.center - window.width / 2));
+    // Both ends to the same place, about a hundredth of the width.
+    const places = Math.min(Math.max(2 - Math.round(Math.log10(window.width)), 0), 6);
+    setText(this.#white, number(window.center + window.width / 2, places));
+    setText(this.#black, number(window.center - window.width / 2, places));
     const context = this.#canvas.getContext("2d");
     if (!context) return;
     const ramp = context.createLinearGradient(0, 64, 0, 0);

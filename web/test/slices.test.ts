@@ -44,7 +44,7 @@ test("positions stay within the working grid", () => {
 });
 
 test("a position is told by its sides, and by its voxel as acquired", () => {
-  assert.equal(positionWords([-10.04, 3, -0.5]), "R 10.0 · P 3.0 · I 0.5");
+  assert.equal(positionWords([-10.04, 3, -0.5]), "R\u00a010.0 · P\u00a03.0 · I\u00a00.5");
   assert.deepEqual(voxelAt(SHOWN, [5, 80, 15]), [50, 5, 25]);
   assert.equal(voxelAt(SHOWN, [500, 0, 0]), null);
 });
