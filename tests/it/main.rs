@@ -4,6 +4,7 @@ mod agreement;
 mod bad_input;
 mod bench;
 mod dicom;
+mod extraction;
 mod faults;
 mod golden;
 mod head;
@@ -28,3 +29,5 @@ mod server;
 mod sides;
 mod sockets;
 mod uploads;
+#[path = "../../server/extraction/tests/it/wrong_heads.rs"]
+mod wrong_heads;

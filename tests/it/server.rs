@@ -144,15 +144,21 @@ impl Server {
 
     /// Ends this server and starts another one on the same store.
     pub(crate) async fn restart(self) -> Self {
+        self.restart_with(|_| {}).await
+    }
+
+    /// The same, with another configuration.
+    pub(crate) async fn restart_with(self, configure: impl FnOnce(&mut Config)) -> Self {
         let Self {
             state,
             router,
-            config,
+            mut config,
             directory,
             _workers: workers,
         } = self;
         workers.shut_down(Duration::from_secs(10)).await;
         drop((state, router));
+        configure(&mut config);
         Self::on(directory, config).await
     }
 
@@ -206,11 +212,17 @@ impl Server {
     }
 
     pub(crate) async fn until_ready(&self, address: &str) -> Value {
+        let case = self.until_settled(address).await;
+        assert_eq!(case["state"], "ready", "{case}");
+        case
+    }
+
+    /// What a case says once it is ready, or has failed.
+    pub(crate) async fn until_settled(&self, address: &str) -> Value {
         for _ in 0..600 {
             let case = self.get(address).await.json();
             match case["state"].as_str().unwrap() {
-                "ready" => return case,
-                "failed" => panic!("{case}"),
+                "ready" | "failed" => return case,
                 _ => tokio::time::sleep(Duration::from_millis(50)).await,
             }
         }

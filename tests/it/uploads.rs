@@ -188,3 +188,21 @@ async fn a_full_queue_refuses_with_a_time_to_come_again() {
         assert!(answer.headers.contains_key("retry-after"));
     }
 }
+
+#[tokio::test]
+async fn a_server_whose_disk_is_full_says_that_it_is_not_ready_and_serves_what_it_has() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    assert_eq!(server.get("/readyz").await.status, StatusCode::OK);
+    // No disk has so much room.
+    let server = server
+        .restart_with(|config| config.min_free_bytes = u64::MAX)
+        .await;
+    let answer = server.get("/readyz").await;
+    assert_eq!(
+        (answer.status, answer.problem().as_str()),
+        (StatusCode::INSUFFICIENT_STORAGE, "storage-full")
+    );
+    let mesh = server.get(&format!("{case}/mesh")).await;
+    assert_eq!(mesh.status, StatusCode::OK);
+}

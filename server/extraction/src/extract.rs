@@ -2,9 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use geometry::{BrainMask, Volume};
+use geometry::{BrainMask, DistanceMap, Volume, distance_map, envelope};
 
-use crate::quality::{Quality, Verdict};
+use crate::quality::{Because, Quality, Verdict};
 use crate::{ExtractionError, Network, Observe, pruning};
 
 /// How a brain was found.
@@ -21,11 +21,16 @@ pub enum Method {
 pub struct Extraction {
     /// Its voxels on the working grid of the volume.
     pub brain: BrainMask,
+    /// The depth below the envelope of the brain, closed by [`CLOSING_RADIUS_MM`]: what it was judged by.
+    pub closed: DistanceMap,
     /// How they were found.
     pub method: Method,
     /// Whether they can be believed.
     pub quality: Quality,
 }
+
+/// Radius of the closing by which a brain is judged, in mm: the usual one of envelopes.
+pub const CLOSING_RADIUS_MM: f64 = 10.0;
 
 /// The share of the work that the first method takes, in which the second is rarely needed.
 const FIRST_SHARE: f32 = 0.9;
@@ -48,7 +53,7 @@ pub fn extract(
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
     let Some(network) = network else {
-        return prune(volume, observe);
+        return pruned(volume, Because::NoNetwork, observe);
     };
     let first = predict(volume, network, threshold, &|done| {
         observe(FIRST_SHARE * done)
@@ -60,7 +65,7 @@ pub fn extract(
     if !is_in_doubt {
         return first;
     }
-    let second = prune(volume, &|done| {
+    let second = pruned(volume, Because::NetworkFailed, &|done| {
         observe(FIRST_SHARE + (1.0 - FIRST_SHARE) * done)
     });
     match (first, second) {
@@ -85,9 +90,11 @@ pub fn predict(
     let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
     let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
-    let quality = Quality::of_predicted(&prediction, &brain, volume)?;
+    let closed = closed(&brain)?;
+    let quality = Quality::of_predicted(&prediction, (&brain, &closed), volume)?;
     Ok(Extraction {
         brain,
+        closed,
         method: Method::Network,
         quality,
     })
@@ -100,16 +107,30 @@ pub fn predict(
 /// # Errors
 /// As [`extract`].
 pub fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Extraction, ExtractionError> {
+    pruned(volume, Because::Asked, observe)
+}
+
+fn pruned(
+    volume: &Volume,
+    because: Because,
+    observe: Observe<'_>,
+) -> Result<Extraction, ExtractionError> {
     let pruned = pruning::prune(volume, &|done| observe(0.9 * done))?;
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
-    let mut quality = Quality::of_found(&pruned, &brain, volume)?;
-    quality.put_to_review();
+    let closed = closed(&brain)?;
+    let mut quality = Quality::of_found(&pruned, (&brain, &closed), volume);
+    quality.put_to_review(because);
     Ok(Extraction {
         brain,
+        closed,
         method: Method::TreePruning,
         quality,
     })
+}
+
+fn closed(brain: &BrainMask) -> Result<DistanceMap, ExtractionError> {
+    Ok(distance_map(&envelope(brain, CLOSING_RADIUS_MM)?))
 }
 
 /// Tells the share that is done and stops where that is wanted.

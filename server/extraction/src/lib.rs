@@ -18,10 +18,10 @@ mod quality;
 use std::ops::ControlFlow;
 
 pub use error::ExtractionError;
-pub use extract::{Extraction, Method, extract, predict, prune};
+pub use extract::{CLOSING_RADIUS_MM, Extraction, Method, extract, predict, prune};
 pub use network::{Network, Prediction};
 pub use probability::Probability;
-pub use quality::{Quality, Verdict};
+pub use quality::{Doubt, MaskNumbers, Quality, Verdict};
 
 /// Is told the share of the work that is done, from 0 to 1, and says whether to go on.
 pub type Observe<'a> = &'a dyn Fn(f32) -> ControlFlow<()>;

@@ -1,6 +1,6 @@
 //! Whether a mask can be believed, in numbers and in words.
 
-use geometry::{BrainMask, DistanceMap, Face, Grid, Mask, Volume, distance_map, envelope};
+use geometry::{BrainMask, DistanceMap, Face, Grid, Mask, Volume};
 use glam::DVec3;
 
 use crate::{ExtractionError, Prediction};
@@ -48,11 +48,97 @@ pub struct Quality {
     pub uncertain: Option<f64>,
 }
 
-/// Radius of the closing by which a mask is judged, in mm: that of the envelope.
-const CLOSING_RADIUS_MM: f64 = 10.0;
-
 /// What of a face may be touched, in cm².
 const MOST_ON_A_FACE_CM2: f64 = 1.0;
+
+/// What every mask is judged by, wherever it came from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MaskNumbers {
+    /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
+    pub volume_ml: f64,
+    /// Share of what was marked that hangs together and is kept, 0 to 1: ok from 0.98.
+    pub largest_component: f64,
+    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, but for the
+    /// inferior one, for there the brain stem leaves the volume.
+    pub cut_area_cm2: [f64; 6],
+}
+
+/// Something unusual about a mask.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Doubt {
+    /// How bad it is; never [`Verdict::Ok`].
+    pub verdict: Verdict,
+    /// What it is, in a sentence without a full stop.
+    pub reason: String,
+}
+
+impl MaskNumbers {
+    /// What is unusual about the mask; empty where nothing is.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        let of_faces = Face::ALL.into_iter().zip(self.cut_area_cm2);
+        [self.doubt_of_volume(), self.doubt_of_pieces()]
+            .into_iter()
+            .flatten()
+            .chain(of_faces.filter_map(|(face, area_cm2)| doubt_of_face(face, area_cm2)))
+            .collect()
+    }
+
+    fn doubt_of_volume(&self) -> Option<Doubt> {
+        let volume_ml = self.volume_ml;
+        let lies_in = |least, most| (least..=most).contains(&volume_ml);
+        let verdict = graded(!lies_in(900.0, 2200.0), !lies_in(700.0, 2500.0));
+        doubt(verdict, || {
+            format!("the mask has {volume_ml:.0} ml, where a brain has 900 to 2200 ml")
+        })
+    }
+
+    fn doubt_of_pieces(&self) -> Option<Doubt> {
+        doubt(review_if(self.largest_component < 0.98), || {
+            let lost = 100.0 * (1.0 - self.largest_component);
+            format!(
+                "{lost:.1} % of what was marked is apart from its largest piece and was left away"
+            )
+        })
+    }
+}
+
+fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
+    let is_cut = face != Face::Inferior && area_cm2 > MOST_ON_A_FACE_CM2;
+    doubt(review_if(is_cut), || {
+        format!(
+            "the mask reaches the {} face of the volume over {area_cm2:.0} cm²; is it cut there?",
+            face.name()
+        )
+    })
+}
+
+fn doubt(verdict: Verdict, reason: impl FnOnce() -> String) -> Option<Doubt> {
+    (verdict > Verdict::Ok).then(|| Doubt {
+        verdict,
+        reason: reason(),
+    })
+}
+
+/// Why a brain was found by tree pruning.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Because {
+    /// That was asked for.
+    Asked,
+    /// There is no network.
+    NoNetwork,
+    /// The network's mask cannot be believed, or there is none.
+    NetworkFailed,
+}
+
+impl Because {
+    fn words(self) -> &'static str {
+        match self {
+            Self::Asked => "",
+            Self::NoNetwork => ", for the network's weights are missing",
+            Self::NetworkFailed => ", for the network found no mask that can be believed",
+        }
+    }
+}
 
 /// Depths below the envelope that are the brain's rim, and that are its inside, in mm.
 const RIM_MM: f32 = 8.0;
@@ -61,41 +147,45 @@ const INSIDE_MM: f32 = 18.0;
 impl Quality {
     /// Judges a mask that was found in a volume by its size, its parts, its shape, and by what the volume shows in it.
     ///
-    /// `found` is what was marked, `brain` what became of it.
+    /// `found` is what was marked, `brain` what became of it, `closed` the depth below its envelope.
     pub(crate) fn of_found(
         found: &Mask,
-        brain: &BrainMask,
+        (brain, closed): (&BrainMask, &DistanceMap),
         volume: &Volume,
-    ) -> Result<Self, ExtractionError> {
-        let (mut quality, distance) =
-            Self::measure(brain, volume, found.largest_component_share())?;
-        quality.contrast = contrast(volume, &distance);
+    ) -> Self {
+        let numbers = MaskNumbers {
+            volume_ml: brain.mask().volume_ml(),
+            largest_component: found.largest_component_share(),
+            cut_area_cm2: brain.cut_area_cm2(volume.grid()),
+        };
+        let mut quality = Self::measure(brain, closed, &numbers);
+        quality.contrast = contrast(volume, closed);
         quality.judge_shape();
         quality.judge_contrast();
-        Ok(quality)
+        quality
     }
 
     /// Judges a mask that the network found.
     pub(crate) fn of_predicted(
         prediction: &Prediction,
-        brain: &BrainMask,
+        (brain, closed): (&BrainMask, &DistanceMap),
         volume: &Volume,
     ) -> Result<Self, ExtractionError> {
-        let mut quality = Self::of_found(&prediction.fine.above(0.5)?, brain, volume)?;
+        let found = prediction.fine.above(0.5)?;
+        let mut quality = Self::of_found(&found, (brain, closed), volume);
         quality.agreement = Some(agreement(prediction, brain)?);
         quality.uncertain = Some(uncertain_share(prediction));
         quality.judge_prediction();
         Ok(quality)
     }
 
-    fn measure(
-        brain: &BrainMask,
-        volume: &Volume,
-        largest_component: f64,
-    ) -> Result<(Self, DistanceMap), ExtractionError> {
+    fn measure(brain: &BrainMask, closed: &DistanceMap, numbers: &MaskNumbers) -> Self {
         let mask = brain.mask();
-        let volume_ml = mask.volume_ml();
-        let envelope = envelope(brain, CLOSING_RADIUS_MM)?;
+        let &MaskNumbers {
+            volume_ml,
+            largest_component,
+            cut_area_cm2,
+        } = numbers;
         let [first, last] = mask.bounds().unwrap_or_default();
         let centre = centre(mask);
         let mut quality = Self {
@@ -104,47 +194,22 @@ impl Quality {
             volume_ml,
             extents_mm: brain.extents_mm(),
             largest_component,
-            cut_area_cm2: brain.cut_area_cm2(volume.grid()),
-            closing_added: envelope.volume_ml() / volume_ml - 1.0,
+            cut_area_cm2,
+            closing_added: closed.envelope().volume_ml() / volume_ml - 1.0,
             symmetry: symmetry(mask, centre),
             centre_from_front: (centre.y + 0.5 - first[1] as f64) / (last[1] + 1 - first[1]) as f64,
             contrast: None,
             agreement: None,
             uncertain: None,
         };
-        quality.judge_mask();
-        Ok((quality, distance_map(&envelope)))
+        for doubt in numbers.doubts() {
+            quality.say(doubt.verdict, || doubt.reason);
+        }
+        quality.judge_closing();
+        quality
     }
 
-    fn judge_mask(&mut self) {
-        let volume_ml = self.volume_ml;
-        let verdict = if !(700.0..=2500.0).contains(&volume_ml) {
-            Verdict::Failed
-        } else if !(900.0..=2200.0).contains(&volume_ml) {
-            Verdict::Review
-        } else {
-            Verdict::Ok
-        };
-        self.say(verdict, || {
-            format!("the mask has {volume_ml:.0} ml, where a brain has 900 to 2200 ml")
-        });
-        let connected = self.largest_component;
-        self.say(review_if(connected < 0.98), || {
-            format!(
-                "only {:.1} % of what was marked hangs together",
-                connected * 100.0
-            )
-        });
-        for (face, area_cm2) in Face::ALL.into_iter().zip(self.cut_area_cm2) {
-            // The brain stem leaves the volume below.
-            let is_cut = face != Face::Inferior && area_cm2 > MOST_ON_A_FACE_CM2;
-            self.say(review_if(is_cut), || {
-                format!(
-                    "the mask reaches the {} face of the volume over {area_cm2:.0} cm²; is it cut there?",
-                    face.name()
-                )
-            });
-        }
+    fn judge_closing(&mut self) {
         let added = self.closing_added;
         self.say(review_if(added > 0.05), || {
             format!(
@@ -214,9 +279,12 @@ impl Quality {
     }
 
     /// What was found without a network is never simply ok: nothing says how sure the method was.
-    pub(crate) fn put_to_review(&mut self) {
+    pub(crate) fn put_to_review(&mut self, because: Because) {
         self.say(Verdict::Review, || {
-            "the brain was found by tree pruning, which does not know how sure it is".to_owned()
+            format!(
+                "the brain was found by tree pruning{}, which does not know how sure it is",
+                because.words()
+            )
         });
     }
 

@@ -33,7 +33,7 @@ impl CaseId {
             hasher.update(mask.as_bytes());
         }
         // Adding 0 makes the one zero of the two.
-        hasher.update(&(parameters.closing_radius_mm + 0.0).to_le_bytes());
+        hasher.update(&(Self::closing_radius_mm(parameters) + 0.0).to_le_bytes());
         // What has its default is not said, so that a new parameter leaves the cases before it their names.
         let defaults = Self::about_mask(&Parameters::default());
         let about_mask = Self::about_mask(parameters);
@@ -43,6 +43,14 @@ impl CaseId {
         let mut id = [0; 16];
         id.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
         Self(id)
+    }
+
+    /// What is closed already is not closed, by whatever radius: it stands as the default one, so that stored names stay.
+    fn closing_radius_mm(parameters: &Parameters) -> f64 {
+        match parameters.mask_kind {
+            MaskKind::Brain => parameters.closing_radius_mm,
+            MaskKind::Envelope => Parameters::default().closing_radius_mm,
+        }
     }
 
     fn about_mask(parameters: &Parameters) -> [u8; 18] {
@@ -132,6 +140,10 @@ pub enum MaskSource {
     Auto,
     /// From the volume, which must be skull-stripped: its background is exactly 0.
     Volume,
+    /// Extracted by the network alone, which must be there.
+    Network,
+    /// Extracted by tree pruning. What `auto` becomes where the brain must be extracted and there is no network.
+    Pruning,
 }
 
 /// What a supplied mask shows.
@@ -493,6 +505,14 @@ mod tests {
                 ..Parameters::default()
             },
             Parameters {
+                mask: MaskSource::Network,
+                ..Parameters::default()
+            },
+            Parameters {
+                mask: MaskSource::Pruning,
+                ..Parameters::default()
+            },
+            Parameters {
                 mask_kind: MaskKind::Envelope,
                 ..Parameters::default()
             },
@@ -518,6 +538,22 @@ mod tests {
                 }
             )
         );
+    }
+
+    #[test]
+    fn the_radius_of_a_closing_that_is_not_done_takes_no_part_in_the_id() {
+        let volume = blake3::hash(b"volume");
+        let id = |mask_kind, closing_radius_mm| {
+            let parameters = Parameters {
+                mask_kind,
+                closing_radius_mm,
+                ..Parameters::default()
+            };
+            CaseId::of(&volume, None, &parameters)
+        };
+        assert_eq!(id(MaskKind::Envelope, 10.0), id(MaskKind::Envelope, 4.0));
+        assert_ne!(id(MaskKind::Brain, 10.0), id(MaskKind::Brain, 4.0));
+        assert_ne!(id(MaskKind::Brain, 10.0), id(MaskKind::Envelope, 10.0));
     }
 
     #[test]

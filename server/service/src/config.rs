@@ -38,6 +38,8 @@ pub struct Config {
     pub max_voxels: usize,
     /// How many cases may wait to be prepared.
     pub max_queued_cases: usize,
+    /// Free bytes on the store's disk below which `/readyz` says that it is full.
+    pub min_free_bytes: u64,
     /// Cases prepared at a time.
     pub prepare_workers: usize,
     /// The file with the weights of the network that extracts brains; by default the one beside the program, if there is one.
@@ -84,6 +86,7 @@ impl Default for Config {
             max_upload_bytes: 1 << 30,
             max_voxels: 256 << 20,
             max_queued_cases: 64,
+            min_free_bytes: 64 << 20,
             prepare_workers: 1,
             network: None,
             gpu: GpuUse::default(),

@@ -1,18 +1,9 @@
 //! How far a mask can be trusted: what was measured of it, and what that means.
 
-use extraction::{Method, Verdict};
-use geometry::{BrainMask, Envelope, Face, Grid};
+use extraction::{MaskNumbers, Method, Verdict};
+use geometry::{BrainMask, Envelope, Grid};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// A brain's volume that raises no question, in ml.
-const USUAL_ML: std::ops::RangeInclusive<f64> = 900.0..=2200.0;
-
-/// Below this share of the mask in one piece, it may have come apart.
-const LEAST_IN_ONE_PIECE: f64 = 0.98;
-
-/// The area, in cm², that a brain may have on a face of its volume before it counts as cut there.
-const MOST_ON_A_FACE_CM2: f64 = 1.0;
 
 /// The verdict on a mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
@@ -110,35 +101,13 @@ pub struct QualityNumbers {
 /// It is never `failed`, for somebody chose it: what is unusual about it is said, and put to `review`. What the closing added
 /// is not judged, for masks may follow the sulci.
 pub fn of_supplied(measured: QualityNumbers, method: MaskMethod) -> Quality {
-    let mut reasons = Vec::new();
-    let QualityNumbers {
-        brain_ml,
-        largest_component,
-        cut_area_cm2,
-        ..
-    } = &measured;
-    if !USUAL_ML.contains(brain_ml) {
-        let (least, most) = USUAL_ML.into_inner();
-        reasons.push(format!(
-            "the brain has {brain_ml:.0} ml; usual are {least} to {most}"
-        ));
+    let doubts = MaskNumbers {
+        volume_ml: measured.brain_ml,
+        largest_component: measured.largest_component,
+        cut_area_cm2: measured.cut_area_cm2,
     }
-    if *largest_component < LEAST_IN_ONE_PIECE {
-        let lost = 100.0 * (1.0 - largest_component);
-        reasons.push(format!(
-            "{lost:.1} % of the mask was apart from its largest piece and was left away"
-        ));
-    }
-    for (face, area) in Face::ALL.into_iter().zip(cut_area_cm2) {
-        // The brain stem leaves the volume below.
-        if face != Face::Inferior && *area > MOST_ON_A_FACE_CM2 {
-            reasons.push(format!(
-                "the brain reaches the {} face of the volume over {area:.0} cm²; is it cut there?",
-                face.name()
-            ));
-        }
-    }
-    let state = if reasons.is_empty() {
+    .doubts();
+    let state = if doubts.is_empty() {
         QualityState::Ok
     } else {
         QualityState::Review
@@ -147,7 +116,7 @@ pub fn of_supplied(measured: QualityNumbers, method: MaskMethod) -> Quality {
         state,
         method,
         numbers: measured,
-        reasons,
+        reasons: doubts.into_iter().map(|doubt| doubt.reason).collect(),
     }
 }
 

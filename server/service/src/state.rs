@@ -110,6 +110,7 @@ impl AppState {
         let options = Options {
             preparation: Arc::new(Pipeline::new(extractor)),
             queue_limit: config.max_queued_cases,
+            min_free_bytes: config.min_free_bytes,
             limits: Limits {
                 max_voxels: config.max_voxels,
                 ..Limits::default()

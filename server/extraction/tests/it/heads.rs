@@ -4,9 +4,8 @@ use extraction::{Verdict, predict, prune};
 use geometry::{Grid, Volume, envelope};
 use glam::{DMat3, DVec3};
 
-use crate::support::{
-    dice, go_on, head, network, noise, reordered, resampled, silver, with_axes, with_values,
-};
+use crate::support::{dice, go_on, head, network, reordered, resampled, silver};
+use crate::wrong_heads::{noise, with_axes, with_values};
 
 const WITH_SILVER_MASKS: [&str; 4] = [
     "colin27/ch2",

@@ -7,3 +7,4 @@ mod heads;
 mod network;
 mod pruning;
 mod support;
+mod wrong_heads;

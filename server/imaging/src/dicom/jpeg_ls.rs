@@ -8,6 +8,9 @@
 //!
 //! Source: ITU-T Recommendation T.87 (1998), annexes A and C.
 
+#[cfg(test)]
+mod near_lossless;
+
 const CUT_OFF: &str = "its JPEG-LS is cut off";
 const DAMAGED: &str = "its JPEG-LS is damaged";
 

@@ -379,30 +379,20 @@ impl Walk<'_> {
         keep: bool,
         depth: usize,
     ) -> Result<usize, DicomError> {
-        let end = match head.length {
-            Some(_) => head.value_range(end)?.end,
-            None => end,
-        };
-        let mut at = head.value;
-        while at < end {
-            let item = self.elements(self.encoding).element(at, end)?;
-            match item.tag {
-                ITEM => {}
-                SEQUENCE_END if head.length.is_none() => return Ok(item.value),
-                _ => return Err(damaged("a sequence holds something else than items")),
+        self.contents(head, end, SEQUENCE_END, |walk, at, end| {
+            let item = walk.elements(walk.encoding).element(at, end)?;
+            if item.tag != ITEM {
+                return Err(damaged("a sequence holds something else than items"));
             }
             if keep {
-                self.write_delimiter(ITEM, UNDEFINED);
+                walk.write_delimiter(ITEM, UNDEFINED);
             }
-            at = self.item(&item, end, keep, depth)?;
+            let at = walk.item(&item, end, keep, depth)?;
             if keep {
-                self.write_delimiter(ITEM_END, 0);
+                walk.write_delimiter(ITEM_END, 0);
             }
-        }
-        match head.length {
-            Some(_) => Ok(end),
-            None => Err(damaged("a sequence does not end")),
-        }
+            Ok(at)
+        })
     }
 
     fn item(
@@ -412,26 +402,45 @@ impl Walk<'_> {
         keep: bool,
         depth: usize,
     ) -> Result<usize, DicomError> {
-        let item_end = match item.length {
-            Some(_) => item.value_range(end)?.end,
-            None => end,
+        if let (false, Some(_)) = (keep, item.length) {
+            return Ok(item.value_range(end)?.end);
+        }
+        self.contents(item, end, ITEM_END, |walk, at, end| {
+            let element = walk.elements(walk.encoding).element(at, end)?;
+            let keep = keep && walk.wants(element.tag);
+            walk.element(at, end, keep, depth + 1)
+        })
+    }
+
+    /// Walks over what a sequence or an item holds: up to its end where it has a length, else to the delimiter behind it.
+    ///
+    /// `each` walks over the element at a place, in what ends at another, and answers where it ends. Answers where all ends.
+    fn contents(
+        &mut self,
+        head: &Element,
+        end: usize,
+        delimiter: Tag,
+        mut each: impl FnMut(&mut Self, usize, usize) -> Result<usize, DicomError>,
+    ) -> Result<usize, DicomError> {
+        let is_delimited = head.length.is_none();
+        let end = match is_delimited {
+            true => end,
+            false => head.value_range(end)?.end,
         };
-        if !keep && item.length.is_some() {
-            return Ok(item_end);
-        }
-        let mut at = item.value;
-        while at < item_end {
-            let element = self.elements(self.encoding).element(at, item_end)?;
-            if item.length.is_none() && element.tag == ITEM_END {
-                return Ok(element.value);
+        let mut at = head.value;
+        while at < end {
+            if is_delimited {
+                let element = self.elements(self.encoding).element(at, end)?;
+                if element.tag == delimiter {
+                    return Ok(element.value);
+                }
             }
-            let keep = keep && self.wants(element.tag);
-            at = self.element(at, item_end, keep, depth + 1)?;
+            at = each(self, at, end)?;
         }
-        match item.length {
-            Some(_) => Ok(item_end),
-            None => Err(damaged("an item does not end")),
+        if is_delimited {
+            return Err(damaged("a sequence or an item of one does not end"));
         }
+        Ok(end)
     }
 
     fn pixels(&self, head: &Element) -> Result<PixelRanges, DicomError> {

@@ -1,6 +1,6 @@
 //! The mask of the brain: supplied, the volume's own, or extracted.
 
-use geometry::{BrainMask, Envelope, GeometryError, Grid, Mask, Volume};
+use geometry::{BrainMask, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume};
 
 use super::failure::{from_geometry, from_imaging};
 use super::own_mask::own_mask;
@@ -17,7 +17,33 @@ const POSSIBLE_ML: std::ops::RangeInclusive<f64> = 50.0..=8000.0;
 /// The brain of a head, and where it came from.
 pub(super) struct Found {
     pub(super) brain: BrainMask,
+    /// The depth below its envelope, where the extraction has closed it by the radius that is wanted.
+    closed: Option<DistanceMap>,
     verdict: Verdict,
+}
+
+/// A closed brain.
+pub(super) enum Closed {
+    Envelope(Envelope),
+    /// The extraction has measured the depth already.
+    Measured(DistanceMap),
+}
+
+impl Closed {
+    pub(super) fn envelope(&self) -> &Envelope {
+        match self {
+            Self::Envelope(envelope) => envelope,
+            Self::Measured(distance) => distance.envelope(),
+        }
+    }
+
+    /// The depth below the envelope.
+    pub(super) fn distance(self) -> DistanceMap {
+        match self {
+            Self::Envelope(envelope) => geometry::distance_map(&envelope),
+            Self::Measured(distance) => distance,
+        }
+    }
 }
 
 /// What is known of a mask before it is closed.
@@ -32,6 +58,16 @@ enum Verdict {
 }
 
 impl Found {
+    /// The brain, closed as the parameters say.
+    pub(super) fn close(&mut self, parameters: &Parameters) -> Result<Closed, Failure> {
+        if let Some(distance) = self.closed.take() {
+            return Ok(Closed::Measured(distance));
+        }
+        let radius_mm = closing_radius_mm(parameters);
+        let envelope = geometry::envelope(&self.brain, radius_mm).map_err(from_geometry)?;
+        Ok(Closed::Envelope(envelope))
+    }
+
     /// How far the mask can be trusted.
     pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
         match &self.verdict {
@@ -73,6 +109,7 @@ pub(super) fn find_brain(
     steps.begin(Stage::Mask)?;
     Ok(Found {
         brain: to_working_grid(&mask, parameters, volume.grid())?,
+        closed: None,
         verdict: Verdict::Measured {
             method,
             largest_component: mask.largest_component_share(),
@@ -88,13 +125,16 @@ fn extracted(
 ) -> Result<Found, Failure> {
     let found = extractor.extract(
         volume,
-        parameters.threshold,
+        (parameters.mask, parameters.threshold),
         &|done| steps.extracted(done),
         steps.cancelled(),
     )?;
     steps.begin(Stage::Mask)?;
     refuse_absurd(&found.brain)?;
+    let is_closed_so = parameters.offset_mm == 0.0
+        && closing_radius_mm(parameters) == extraction::CLOSING_RADIUS_MM;
     Ok(Found {
+        closed: is_closed_so.then_some(found.closed),
         brain: moved(found.brain, parameters.offset_mm)?,
         verdict: Verdict::Extracted(found.method, Box::new(found.quality)),
     })
@@ -103,6 +143,7 @@ fn extracted(
 fn stored_brain(stored: &StoredBrain) -> Option<Found> {
     Some(Found {
         brain: decode_brain(&stored.mask)?,
+        closed: None,
         verdict: Verdict::Known(stored.quality.clone()),
     })
 }
@@ -124,15 +165,16 @@ pub(super) fn given_mask(
             })?;
             Ok(Some((mask, MaskMethod::Supplied)))
         }
-        (Some(_), MaskSource::Volume) => Err(Failure::unprocessable(
+        (Some(_), _) => Err(Failure::unprocessable(
             "mask-twice",
-            "a mask was supplied, and `mask` says to take the volume's own: leave one of them away"
+            "a mask was supplied, and the parameter `mask` names another source: leave one of them away"
                 .to_owned(),
         )),
+        (None, MaskSource::Network | MaskSource::Pruning) => Ok(None),
         (None, wanted) => match (own_mask(volume)?, wanted) {
             (Some(mask), _) => Ok(Some((mask, MaskMethod::Volume))),
-            (None, MaskSource::Auto) => Ok(None),
             (None, MaskSource::Volume) => Err(mask_missing()),
+            (None, _) => Ok(None),
         },
     }
 }

@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
-use extraction::{Extraction, ExtractionError, Network};
+use extraction::{Extraction, ExtractionError, Network, predict, prune};
 use geometry::Volume;
 
 use super::failure::{cancelled, from_geometry};
-use crate::case::Failure;
+use crate::case::{Failure, MaskSource};
 
 /// The file with the network's weights, as it is published.
 pub const NETWORK_FILE: &str = "deepbet-1.0.2-py3-none-any.whl";
@@ -70,6 +70,11 @@ impl Extractor {
         })
     }
 
+    /// Whether there is a network.
+    pub(super) fn has_network(&self) -> bool {
+        self.network.is_some()
+    }
+
     /// How brains are extracted, in words.
     pub fn words(&self) -> &'static str {
         match self.network {
@@ -80,15 +85,16 @@ impl Extractor {
 
     /// The brain of a volume, when its turn comes.
     ///
-    /// `threshold` is the probability above which a voxel is brain, where the network finds it; `observe` is told the share of
-    /// the work that is done.
+    /// `source` names the method: [`MaskSource::Network`], [`MaskSource::Pruning`], else the one that does better. `threshold` is
+    /// the probability above which a voxel is brain, where the network finds it; `observe` is told the share of the work that
+    /// is done.
     ///
     /// # Errors
-    /// When there is nothing that can be a brain, or `cancelled` is raised.
+    /// When there is nothing that can be a brain, the network is wanted and missing, or `cancelled` is raised.
     pub(super) fn extract(
         &self,
         volume: &Volume,
-        threshold: f64,
+        (source, threshold): (MaskSource, f64),
         observe: &dyn Fn(f32),
         is_cancelled: &AtomicBool,
     ) -> Result<Extraction, Failure> {
@@ -101,8 +107,14 @@ impl Extractor {
                 ControlFlow::Continue(())
             }
         };
-        let network = self.network.as_ref();
-        extraction::extract(volume, network, threshold as f32, &go_on).map_err(from_extraction)
+        let threshold = threshold as f32;
+        let found = match (source, &self.network) {
+            (MaskSource::Network, None) => return Err(network_missing()),
+            (MaskSource::Network, Some(network)) => predict(volume, network, threshold, &go_on),
+            (MaskSource::Pruning, Some(_)) => prune(volume, &go_on),
+            (_, network) => extraction::extract(volume, network.as_ref(), threshold, &go_on),
+        };
+        found.map_err(from_extraction)
     }
 
     fn await_turn(&self, is_cancelled: &AtomicBool) -> Result<MutexGuard<'_, ()>, Failure> {
@@ -126,6 +138,16 @@ fn beside_the_program() -> Option<PathBuf> {
     folders
         .map(|folder| folder.join(NETWORK_FILE))
         .find(|file| file.is_file())
+}
+
+/// The network is asked for, and there is none.
+pub(super) fn network_missing() -> Failure {
+    Failure {
+        kind: "network-missing".to_owned(),
+        detail: "the parameter `mask` asks for the network, whose weights this server does not have: leave it away, or say `pruning`"
+            .to_owned(),
+        status: 501,
+    }
 }
 
 fn from_extraction(error: ExtractionError) -> Failure {

@@ -22,7 +22,7 @@ use geometry::{
     ShellIndex, Volume,
 };
 
-use self::brain::{closing_radius_mm, find_brain};
+use self::brain::find_brain;
 use self::failure::{from_geometry, from_imaging};
 use self::steps::Steps;
 use render::BoundingSphere;
@@ -36,7 +36,7 @@ use crate::store::codec::{
     encode_brain, encode_envelope, encode_forest, encode_paths, encode_volume,
 };
 
-pub use self::check::check;
+pub use self::check::{check, settled};
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
 pub use imaging::Limits;
 
@@ -101,18 +101,17 @@ fn prepare(
     parameters.check()?;
     steps.begin(Stage::Reading)?;
     let native = read_volume(source, limits)?;
-    let found = find_brain(source, &native, (parameters, limits, extractor), &mut steps)?;
+    let mut found = find_brain(source, &native, (parameters, limits, extractor), &mut steps)?;
 
     steps.begin(Stage::Closing)?;
-    let radius_mm = closing_radius_mm(parameters);
-    let envelope = geometry::envelope(&found.brain, radius_mm).map_err(from_geometry)?;
+    let closed = found.close(parameters)?;
     let native_grid = native.grid().clone();
-    let quality = found.quality(&envelope, &native_grid);
-    let volume = crop(&native, &envelope)?;
+    let quality = found.quality(closed.envelope(), &native_grid);
+    let volume = crop(&native, closed.envelope())?;
     drop(native);
 
     steps.begin(Stage::Distance)?;
-    let distance = geometry::distance_map(&envelope);
+    let distance = closed.distance();
 
     steps.begin(Stage::Core)?;
     let core = geometry::core(&distance);
@@ -277,6 +276,9 @@ impl Derived {
 
 /// What a worker does with an upload: [`Pipeline`], or a test's stand-in.
 pub trait Preparation: fmt::Debug + Send + Sync {
+    /// Whether there is a network that extracts brains.
+    fn has_network(&self) -> bool;
+
     /// As [`Pipeline::prepare`], up to the bytes to be stored.
     ///
     /// # Errors
@@ -326,6 +328,10 @@ impl Pipeline {
 }
 
 impl Preparation for Pipeline {
+    fn has_network(&self) -> bool {
+        self.extractor.has_network()
+    }
+
     fn run(
         &self,
         source: &Source,

@@ -45,18 +45,22 @@ pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
     fresh_json(StatusCode::OK, &Health { status: "ok" })
 }
 
-/// Whether the store can be reached
+/// Whether the store can be reached and has room
 #[utoipa::path(get, path = "/readyz", tag = "service", responses(
-    (status = 200, description = "It can", body = Health),
-    (status = 503, description = "It cannot", body = Problem, content_type = "application/problem+json"),
+    (status = 200, description = "It can, and has", body = Health),
+    (status = 503, description = "It cannot be reached", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "Its disk is full: what is there can be asked, nothing be uploaded", body = Problem, content_type = "application/problem+json"),
 ))]
 pub async fn readyz(
     State(state): State<AppState>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     state.store.check().await.map_err(|error| {
-        tracing::warn!(%error, "the store cannot be reached");
-        AppError::Unavailable
+        tracing::warn!(%error, "the store is not ready");
+        match error.is_full() {
+            true => AppError::StorageFull,
+            false => AppError::Unavailable,
+        }
     })?;
     Ok(fresh_json(StatusCode::OK, &Health { status: "ok" }))
 }

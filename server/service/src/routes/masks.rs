@@ -239,8 +239,8 @@ pub async fn put_mask(
     refuse_too_large(request.headers(), state.max_upload_bytes)?;
     let case = state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
     let body = spool_body(&state, request).await?;
-    let version = query.version(id, case.parameters, body)?;
-    check_version(&state, &version).await?;
+    let mut version = query.version(id, case.parameters, body)?;
+    version.parameters = check_version(&state, &version).await?;
     let made = state.store.submit_version(version).await?;
     Ok(submitted(made.ok_or(AppError::NoSuchCase)?, None))
 }
@@ -267,14 +267,15 @@ async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled
     Ok(Some(spool.finish().await?))
 }
 
-/// Refuses at once what cannot be prepared, as at an upload.
-async fn check_version(state: &AppState, version: &Version) -> Result<(), AppError> {
+/// Refuses at once what cannot be prepared, as at an upload; the parameters with which the version will be prepared.
+async fn check_version(state: &AppState, version: &Version) -> Result<Parameters, AppError> {
     let names = state.store.rows().objects(&version.of).await?;
     let Some(id) = version.id(&names) else {
         return Err(AppError::NoSuchCase);
     };
+    let parameters = version.parameters.clone();
     if is_known(state, &id).await? {
-        return Ok(());
+        return Ok(parameters);
     }
     let source = state.store.source(&version.of, &names).await?;
     let mut source = source.ok_or_else(source_damaged)?;
@@ -283,7 +284,7 @@ async fn check_version(state: &AppState, version: &Version) -> Result<(), AppErr
         NewMask::None => source.mask = None,
         NewMask::Kept => {}
     }
-    check_now(state, source, &version.parameters).await
+    check_now(state, source, parameters).await
 }
 
 /// Nine slices to judge the mask by

@@ -53,7 +53,7 @@ pub struct UploadForm {
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     mask: Option<String>,
-    /// JSON: `closing_radius_mm` (0 to 50), `mask` (where none is supplied: `auto` or `volume`), `mask_kind` (`brain` or
+    /// JSON: `closing_radius_mm` (0 to 50), `mask` (where none is supplied: `auto`, `volume`, `network` or `pruning`), `mask_kind` (`brain` or
     /// `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label. Of DICOM
     /// files also `series`, the series to take by its number, instance UID or token, and `allow_gaps`: true interpolates
     /// single missing slices, and says which.
@@ -93,7 +93,7 @@ pub async fn create_case(
     let parameters = form.parameters.clone();
     parameters.check()?;
     let (upload, choice) = form.into_upload(&state).await?;
-    check_unless_known(&state, &upload, &parameters).await?;
+    let parameters = check_unless_known(&state, &upload, parameters).await?;
     let accepted = state.store.submit_upload(upload, parameters).await?;
     Ok(submitted(accepted, choice))
 }
@@ -117,14 +117,15 @@ pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Respons
 }
 
 /// Refuses at once what cannot be prepared, so that nothing of it gets into the store. What is in the store was checked before.
+/// Answers the parameters with which it will be prepared.
 async fn check_unless_known(
     state: &AppState,
     upload: &Upload,
-    parameters: &Parameters,
-) -> Result<(), AppError> {
-    let id = upload.case_id(parameters);
+    parameters: Parameters,
+) -> Result<Parameters, AppError> {
+    let id = upload.case_id(&parameters);
     if is_known(state, &id).await? {
-        return Ok(());
+        return Ok(parameters);
     }
     let source = Source {
         volume: upload.volume.read().await?,
@@ -143,14 +144,14 @@ pub(super) async fn is_known(state: &AppState, id: &CaseId) -> Result<bool, AppE
     Ok(known.is_some_and(|case| case.state != CaseState::Failed))
 }
 
-/// Refuses what cannot be prepared.
+/// Refuses what cannot be prepared; the parameters with which it will be.
 pub(super) async fn check_now(
     state: &AppState,
     source: Source,
-    parameters: &Parameters,
-) -> Result<(), AppError> {
-    let (limits, parameters) = (state.upload_limits, parameters.clone());
-    let check = move || check(&source, &parameters, &limits);
+    parameters: Parameters,
+) -> Result<Parameters, AppError> {
+    let (limits, has_network) = (state.upload_limits, state.store.has_network());
+    let check = move || check(&source, parameters, &limits, has_network);
     Ok(state.pool.run(check).await??)
 }
 

@@ -79,6 +79,8 @@ const REMOVALS_AT_ONCE: usize = 32;
 pub struct Options {
     /// How many cases may wait to be prepared.
     pub queue_limit: usize,
+    /// Free bytes on the disk below which it is full: [`Store::check`] fails.
+    pub min_free_bytes: u64,
     /// What uploads may ask for.
     pub limits: Limits,
     /// A preparation whose worker has not been heard of for so long is given to another.
@@ -102,6 +104,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             queue_limit: 64,
+            min_free_bytes: 0,
             limits: Limits::default(),
             lease: Duration::from_secs(30),
             heartbeat: Duration::from_secs(1),
@@ -329,13 +332,16 @@ impl Store {
         self.inner.signals.counters()
     }
 
-    /// Whether the rows and the objects can be reached: what `/readyz` asks.
+    /// Whether the rows and the objects can be reached, and the disk has room: what `/readyz` asks.
     ///
     /// # Errors
-    /// When they cannot.
+    /// When they cannot, or it has not ([`StoreError::is_full`]).
     pub async fn check(&self) -> Result<(), StoreError> {
         self.rows().check().await?;
-        self.inner.objects.check().await
+        self.inner.objects.check().await?;
+        let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
+        tokio::task::spawn_blocking(move || check_room(&scratch, wanted)).await??;
+        Ok(())
     }
 
     /// Removes the objects that nobody needs any more.
@@ -389,6 +395,11 @@ impl Store {
         &self.inner.options
     }
 
+    /// Whether the preparations have a network that extracts brains.
+    pub(crate) fn has_network(&self) -> bool {
+        self.options().preparation.has_network()
+    }
+
     pub(crate) fn signals(&self) -> &Signals {
         &self.inner.signals
     }
@@ -396,6 +407,15 @@ impl Store {
     pub(crate) fn now(&self) -> jiff::Timestamp {
         self.inner.options.clock.now()
     }
+}
+
+/// Whether so many bytes are free on the disk of a directory, for a process without privileges.
+fn check_room(directory: &Path, wanted: u64) -> std::io::Result<()> {
+    let disk = rustix::fs::statvfs(directory)?;
+    if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
+        return Err(std::io::ErrorKind::StorageFull.into());
+    }
+    Ok(())
 }
 
 fn rows_file(root: &Path) -> std::path::PathBuf {

@@ -5,7 +5,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::rows::{Inserted, NewCase, Pinned};
 use super::{ObjectKind, ObjectName, Spooled, Store, StoreError, Upload};
 use crate::case::{Case, CaseId, CaseState, Parameters};
-use crate::prepare::Source;
+use crate::prepare::{Source, settled};
 
 /// How long an object may be under way to the store before it may be swept.
 const PIN_FOR: SignedDuration = SignedDuration::from_hours(1);
@@ -163,7 +163,7 @@ impl Store {
         tokio::spawn(submit).await?
     }
 
-    /// The same, from memory.
+    /// The same, from memory; the parameters are [`settled`].
     ///
     /// # Errors
     /// As [`Store::submit_upload`].
@@ -172,6 +172,9 @@ impl Store {
         source: Source,
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
+        let (limits, has_network) = (self.options().limits, self.has_network());
+        let settle = move || (settled(&source, parameters, &limits, has_network), source);
+        let (parameters, source) = tokio::task::spawn_blocking(settle).await?;
         let volume = self.spool_all(source.volume).await?;
         let mask = match source.mask {
             Some(bytes) => Some(self.spool_all(bytes).await?),

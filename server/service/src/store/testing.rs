@@ -121,6 +121,10 @@ impl Fake {
 }
 
 impl Preparation for Fake {
+    fn has_network(&self) -> bool {
+        true
+    }
+
     fn run(
         &self,
         source: &Source,
