@@ -232,7 +232,7 @@ test("a double click marks a point: slices, numbers and the depth profile follow
   const { x: marked = "" } = await fragment(page);
   const [left = 0] = marked.split(",").map(Number);
   assert.ok(left > 20, "the left view shows the left side: LPS counts to the left");
-  assert.match(await text(".point .position"), /^L \d+\.\d · [AP] \d+\.\d · [SI] \d+\.\d$/);
+  assert.match(await text(".point .position"), /^L\s\d+\.\d · [AP]\s\d+\.\d · [SI]\s\d+\.\d$/);
   assert.match(await text(".point .voxel"), /^\d+, \d+, \d+$/);
   assert.equal(await text(".point .depth"), "8.0 mm");
   assert.match(await text(".point .intensity"), /^\d/);

@@ -19,6 +19,7 @@ export class Overlay {
   readonly #scaleLine = h("span", { class: "scale-line" });
   readonly #scaleText = h("span", { class: "scale-text" });
   readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true" });
+  #cursorShown = "";
 
   constructor(host: HTMLElement) {
     this.element = h("div", { class: "overlay" },
@@ -46,6 +47,9 @@ export class Overlay {
 
   /** Crossed lines with a gap at `place`, over a pane of `size`; `lines` from edge to edge or a small mark. */
   cursor(place: Vec2 | null, size: Vec2, kind: "lines" | "mark" | "ghost"): void {
+    const wanted = [kind, ...(place ? [...place, ...size] : [])].join(" ");
+    if (wanted === this.#cursorShown) return;
+    this.#cursorShown = wanted;
     this.#cursor.replaceChildren();
     this.#cursor.setAttribute("class", `cursor ${kind}`);
     if (!place || !place.every(Number.isFinite)) return;
@@ -74,12 +78,17 @@ export class ColourBar {
   readonly #canvas = h("canvas", { width: 1, height: 64, class: "ramp" });
   readonly #white = h("span", {});
   readonly #black = h("span", {});
+  #shown = "";
 
   constructor() {
     this.element = h("div", { class: "colour-bar" }, this.#white, this.#canvas, this.#black);
   }
 
   show(window: Window, colormap: Colormap): void {
+    // What is painted anew costs as much as the picture on a slow device.
+    const wanted = `${window.center} ${window.width} ${colormap}`;
+    if (wanted === this.#shown) return;
+    this.#shown = wanted;
     // Both ends to the same place, about a hundredth of the width.
     const places = Math.min(Math.max(2 - Math.round(Math.log10(window.width)), 0), 6);
     setText(this.#white, number(window.center + window.width / 2, places));
