@@ -316,13 +316,12 @@ impl Triangle {
     #[inline(always)]
     pub(super) fn spans(&self, first: i64, width: usize) -> Spans {
         let mut starts = [0.0; LINES];
-        let mut ends = [width as i32 as f64; LINES];
-        let mut places = [[0.0; LINES]; 2];
-        for line in 0..LINES {
-            let at = first + line as i64;
-            places[0][line] = self.samples.across(at) as i32 as f64;
-            places[1][line] = self.samples.down(at) as i32 as f64;
-        }
+        let mut ends = [f64::from(width as i32); LINES];
+        let lines: [i64; LINES] = std::array::from_fn(|line| first + line as i64);
+        let places = [
+            lines.map(|line| f64::from(self.samples.across(line) as i32)),
+            lines.map(|line| f64::from(self.samples.down(line) as i32)),
+        ];
         for edge in &self.edges {
             edge.cut_each(&places, (&mut starts, &mut ends));
         }
@@ -424,41 +423,33 @@ impl Edge {
         [x, y]: &[[f64; LINES]; 2],
         (starts, ends): (&mut [f64; LINES], &mut [f64; LINES]),
     ) {
-        let [right, down] = self.along.map(|side| side as i32 as f64);
+        let [right, down] = self.along.map(|side| f64::from(side as i32));
         let (step, least) = (down * STEPS as f64, self.least as f64);
         let within = |line: usize| right * y[line] - down * x[line] - least;
         if step > 0.0 {
-            for line in 0..LINES {
+            for (line, end) in ends.iter_mut().enumerate() {
                 let within = within(line);
                 let about = (within * self.per_column).floor();
                 let over = within - about * step;
-                let about = if over < 0.0 { about - 1.0 } else { about };
-                let end = if over >= step {
-                    about + 2.0
-                } else {
-                    about + 1.0
-                };
-                let end = if end > 0.0 { end } else { 0.0 };
-                ends[line] = if end < ends[line] { end } else { ends[line] };
+                let last = if over < 0.0 { about - 1.0 } else { about };
+                let last = if over >= step { about + 1.0 } else { last };
+                let own = if last >= 0.0 { last + 1.0 } else { 0.0 };
+                *end = if own < *end { own } else { *end };
             }
         } else if step < 0.0 {
-            for line in 0..LINES {
+            for (line, start) in starts.iter_mut().enumerate() {
                 let within = within(line);
                 let about = (within * self.per_column).floor();
+                // It falls by −`step` > 0 with each column to the right.
                 let over = within - about * step;
-                // A column i is within when `within` is at least i · `step`: `over` falls by −`step` > 0 with each.
-                let start = if over >= 0.0 { about } else { about + 1.0 };
-                let start = if over < step { about + 2.0 } else { start };
-                let start = if start < 1e6 { start } else { 1e6 };
-                starts[line] = if start > starts[line] {
-                    start
-                } else {
-                    starts[line]
-                };
+                let own = if over >= 0.0 { about } else { about + 1.0 };
+                let own = if over < step { about + 2.0 } else { own };
+                let own = if own < 1e6 { own } else { 1e6 };
+                *start = if own > *start { own } else { *start };
             }
         } else {
-            for line in 0..LINES {
-                ends[line] = if within(line) < 0.0 { 0.0 } else { ends[line] };
+            for (line, end) in ends.iter_mut().enumerate() {
+                *end = if within(line) < 0.0 { 0.0 } else { *end };
             }
         }
     }
