@@ -103,9 +103,23 @@ async function open(fragment: string, way: "mesh" | "exact" | "server"): Promise
     const is_of_view = pane?.dataset.depth === "9" && pane.querySelector(".pane-title")?.textContent?.toLowerCase().includes(name);
     return is_whole && is_of_view && document.querySelector<HTMLElement>(".viewer")?.dataset.way === drawn_by;
   }, [view, way] as const, { timeout: 60_000 });
-  await page.waitForFunction(() => [...document.querySelectorAll<HTMLElement>(".slice")].every((slice) => !slice.checkVisibility() || slice.dataset.depth === "9"));
+  const layout = /l=(\w+)/.exec(fragment)?.[1] ?? "single";
+  if (layout === "mirror") await page.waitForSelector(way === "server" ? "#surface.halved .server-picture.other img" : "#surface.halved");
+  if (layout === "slices") await slicesOf(fragment);
   // What is on the screen is this frame with the next but one.
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+}
+
+/** Waits until the slices are those of an address with a marked point, each with its picture. */
+async function slicesOf(fragment: string): Promise<void> {
+  const [x, y, z] = /x=([-\d.,]+)/.exec(fragment)?.[1]?.split(",") ?? [];
+  await page.waitForFunction(([positions, is_flipped]) => {
+    const are_there = Object.entries(positions).every(([plane, position]) => {
+      const slice = document.querySelector<HTMLElement>(`.slice.${plane}`);
+      return slice?.dataset.depth === "9" && slice.dataset.position === position;
+    });
+    return are_there && (document.querySelector(".slice.axial .flipped") !== null) === is_flipped;
+  }, [{ sagittal: x, coronal: y, axial: z }, fragment.includes("c=n")] as const);
 }
 
 /** Where in a picture the mark is, as a share of its width. */

@@ -279,6 +279,7 @@ test("slices are radiological until the other convention is chosen, and say whic
   assert.equal(await text(".slice.axial .badge"), "Radiological");
   await page.locator(".group", { hasText: "Drawing" }).locator("summary").first().click();
   await page.locator("#convention").selectOption("neurological");
+  await page.waitForSelector(".slice.axial .slice-image.flipped", { state: "attached" });
   assert.equal(await letters(".slice.axial"), "L R A P");
   assert.equal(await text(".slice.coronal .badge"), "Neurological");
   assert.equal(await page.locator(".slice.sagittal .badge").isVisible(), false);
