@@ -120,12 +120,6 @@ pub enum AppError {
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
     TimedOut,
-    /// Specified, but not in this build.
-    #[error("{what} is not available on this server")]
-    NotImplemented {
-        /// What was asked for.
-        what: &'static str,
-    },
     /// A step of the geometry refuses the parameters.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
@@ -206,7 +200,6 @@ impl AppError {
             Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
             Self::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
             Self::TimedOut => (StatusCode::SERVICE_UNAVAILABLE, "timed-out"),
-            Self::NotImplemented { .. } => (StatusCode::NOT_IMPLEMENTED, "not-implemented"),
             Self::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
             Self::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
             Self::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),
