@@ -87,7 +87,7 @@ if [ -z "$what" ]; then
   what=instructions
   have valgrind || {
     say "valgrind is not installed, so times are measured instead of instructions."
-    what=times
+    what="times"
   }
 fi
 case "$what" in

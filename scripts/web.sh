@@ -4,7 +4,9 @@ set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
 
-have node && have npm || die "Node and npm are missing (Node 20 or later); the page is bundled with them."
+if ! have node || ! have npm; then
+  die "Node and npm are missing (Node 20 or later); the page is bundled with them."
+fi
 if ! [ web/node_modules/.package-lock.json -nt web/package-lock.json ]; then
   [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] ||
     die "web/node_modules is missing or stale; run npm ci in web/ (ISOCORTEX_NO_INSTALL=1 forbids doing it from here)."

@@ -1,6 +1,6 @@
 //! Looks for the bundled page, which the program carries.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 /// What `web/build.mjs` makes.
 const FILES: [&str; 6] = [
@@ -13,7 +13,9 @@ const FILES: [&str; 6] = [
 ];
 
 fn main() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../web/dist");
+    // Asked while running: a program that was built for another checkout may be run for this one.
+    let package = std::env::var_os("CARGO_MANIFEST_DIR").expect("cargo names the package's folder");
+    let folder = PathBuf::from(package).join("../../web/dist");
     for name in FILES {
         let file = folder.join(name);
         println!("cargo::rerun-if-changed={}", file.display());

@@ -1,15 +1,16 @@
 // The list of cases, from upload to deletion, and what goes wrong on the way. The server draws here as well.
 
 import assert from "node:assert/strict";
-import { writeFile } from "node:fs/promises";
+import { readFile, writeFile } from "node:fs/promises";
 import path from "node:path";
 import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
 
 import { brainMask, markedVolume } from "./phantom.ts";
+import { bare } from "./pixels.ts";
 import {
-  type Server, type Watched, brightest, headOfDemo, keep, launchBrowser, openPage, readyCase, scratchFolder, shown, skip, startServer, upload,
+  type Server, type Watched, brightest, headOfDemo, keep, launchBrowser, openPage, readyCase, scratchFolder, shown, skip, startServer,
 } from "./support.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
@@ -87,65 +88,155 @@ test("a doubtful mask is said before the picture, with its reasons", { skip }, a
   await page.keyboard.press("Escape");
 });
 
-test("a mark on the patient's right is on the right side of every pane", { skip }, async () => {
-  const pane = async (selector: string): Promise<number> => {
-    await page.waitForTimeout(600);
-    const found = await brightest(page, await page.locator(selector).screenshot(), 235);
-    assert.ok(found && found.count > 20, `${selector}: ${JSON.stringify(found)}`);
-    return found.x;
-  };
-  const letters = (selector: string): Promise<string[]> => page.locator(`${selector} .overlay:not(.other) .edge`).allInnerTexts();
-  // The mark alone is white.
+/** Shows what an address says, and waits until the picture and what stands on it are of it. */
+async function open(fragment: string, way: "mesh" | "exact" | "server"): Promise<void> {
+  const view = /v=(\w+)/.exec(fragment)?.[1] ?? "";
+  const query = way === "server" ? "?renderer=server" : "";
+  const address = `${origin}/${query}#${fragment}&r=${way === "server" ? "mesh" : way}`;
+  await page.goto(address);
+  // Where the fragment alone is another one, this is no new page.
+  await page.evaluate((hash) => (location.hash = hash), new URL(address).hash);
+  await page.waitForFunction(([name, drawn_by]) => {
+    const pane = document.querySelector<HTMLElement>("#surface");
+    const canvas = document.querySelector<HTMLElement>("canvas.cortex");
+    const is_whole = drawn_by === "server" || (canvas?.dataset.complete === "true" && canvas.dataset.quality === "full");
+    const is_of_view = pane?.dataset.depth === "9" && pane.querySelector(".pane-title")?.textContent?.toLowerCase().includes(name);
+    return is_whole && is_of_view && document.querySelector<HTMLElement>(".viewer")?.dataset.way === drawn_by;
+  }, [view, way] as const, { timeout: 60_000 });
+  const layout = /l=(\w+)/.exec(fragment)?.[1] ?? "single";
+  if (layout === "mirror") await page.waitForSelector(way === "server" ? "#surface.halved .server-picture.other img" : "#surface.halved");
+  if (layout === "slices") await slicesOf(fragment);
+  // What is on the screen is this frame with the next but one.
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+}
+
+/** Waits until the slices are those of an address with a marked point, each with its picture. */
+async function slicesOf(fragment: string): Promise<void> {
+  const [x, y, z] = /x=([-\d.,]+)/.exec(fragment)?.[1]?.split(",") ?? [];
+  await page.waitForFunction(([positions, is_flipped]) => {
+    const are_there = Object.entries(positions).every(([plane, position]) => {
+      const slice = document.querySelector<HTMLElement>(`.slice.${plane}`);
+      return slice?.dataset.depth === "9" && slice.dataset.position === position;
+    });
+    return are_there && (document.querySelector(".slice.axial .flipped") !== null) === is_flipped;
+  }, [{ sagittal: x, coronal: y, axial: z }, fragment.includes("c=n")] as const);
+}
+
+/** Where in a picture the mark is, as a share of its width. */
+async function markIn(png: Buffer, what: string): Promise<number> {
+  const found = await brightest(page, png, 250);
+  assert.ok(found && found.count > 100, `${what}: ${JSON.stringify(found)}`);
+  return found.x;
+}
+const markOf = async (selector: string, what: string): Promise<number> => markIn(await page.locator(selector).screenshot(), what);
+const letters = (selector: string): Promise<string[]> => page.locator(`${selector} .overlay:not(.other) .edge`).allInnerTexts();
+/** A window in which the mark alone is white, and no light. */
+const MARK = "d=9&w=700,300&a=1&";
+
+for (const way of ["server", "mesh", "exact"] as const) {
+  test(`a mark on the patient's right is on the right side of the surface and of its mirror image (${way})`, { skip, timeout: 120_000 }, async () => {
+    const id = await readyCase(server.address);
+    for (const [view, is_right_at_left] of [["anterior", true], ["posterior", false], ["superior", false], ["inferior", true]] as const) {
+      await open(`${id}&${MARK}v=${view}`, way);
+      const [left, right] = await letters("#surface");
+      assert.deepEqual([left, right], is_right_at_left ? ["R", "L"] : ["L", "R"], view);
+      await bare(page);
+      const x = await markOf("#surface > .surface-host", view);
+      assert.ok(is_right_at_left ? x < 0.45 : x > 0.55, `${view}: ${x}`);
+      await bare(page, false);
+    }
+    // From the left the mark is on the other side of the head, behind it.
+    await open(`${id}&${MARK}v=left`, way);
+    await bare(page);
+    assert.equal(await brightest(page, await page.locator("#surface > .surface-host").screenshot(), 250), null);
+    await bare(page, false);
+    await open(`${id}&${MARK}v=left&l=mirror`, way);
+    await bare(page);
+    const found = await brightest(page, await page.locator("#surface > .surface-host").screenshot(), 250);
+    assert.ok(found && found.count > 100 && found.least_x > 0.5, `the right hemisphere, and it alone, is in the right half: ${JSON.stringify(found)}`);
+    await bare(page, false);
+  });
+}
+
+test("a mark on the patient's right is on the right side of every slice, of the server's picture and of the screenshot", { skip, timeout: 120_000 }, async () => {
   const id = await readyCase(server.address);
-  const open = async (rest: string): Promise<void> => {
-    await page.goto(`${origin}/?renderer=server#${id}&d=9&w=700,300&a=1&${rest}`);
-    // The letters come with the picture.
-    const view = /v=(\w+)/.exec(rest)?.[1] ?? "";
-    await page.waitForFunction((name) => {
-      const pane = document.querySelector<HTMLElement>("#surface");
-      return pane?.dataset.depth === "9" && pane.querySelector(".pane-title")?.textContent?.toLowerCase().includes(name);
-    }, view, { timeout: 20_000 });
-  };
-  for (const [view, right_at_left] of [["anterior", true], ["posterior", false], ["superior", false], ["inferior", true]] as const) {
-    await open(`v=${view}`);
-    const [left, right] = await letters("#surface");
-    assert.deepEqual([left, right], right_at_left ? ["R", "L"] : ["L", "R"], view);
-    const x = await pane("#surface .surface-host");
-    assert.ok(right_at_left ? x < 0.45 : x > 0.55, `${view}: ${x}`);
+  for (const [convention, is_right_at_left] of [["", true], ["&c=n", false]] as const) {
+    await open(`${id}&${MARK}v=right&x=-38,0,0&l=slices${convention}`, "server");
+    for (const plane of ["axial", "coronal"]) {
+      const x = await markOf(`.slice.${plane} .slice-image`, plane);
+      assert.ok(is_right_at_left ? x < 0.45 : x > 0.55, `${plane}${convention}: ${x}`);
+    }
+    await markOf(".slice.sagittal .slice-image", "the sagittal slice through the mark");
   }
-  await open("v=right&x=-38,0,0&l=slices");
-  for (const plane of ["axial", "coronal"]) assert.ok((await pane(`.slice.${plane} .slice-image`)) < 0.45, plane);
-  await open("v=right&x=-38,0,0&l=slices&c=n");
-  for (const plane of ["axial", "coronal"]) assert.ok((await pane(`.slice.${plane} .slice-image`)) > 0.55, plane);
-  await open("v=left&l=mirror");
-  assert.ok((await pane("#surface .surface-host")) > 0.55, "the right hemisphere is in the right half");
+  await open(`${id}&${MARK}v=right&x=38,0,0&l=slices`, "server");
+  const slice = await page.locator(".slice.sagittal .slice-image").screenshot();
+  assert.ok(((await brightest(page, slice, 250))?.count ?? 0) < 100, "the sagittal slice of the left side has no mark");
+  await open(`${id}&${MARK}v=anterior`, "server");
+  await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
+  await page.getByRole("button", { name: "Picture from the server" }).click();
+  await page.waitForSelector("dialog.server-picture img");
+  const there = await markOf("dialog.server-picture img", "the server's picture");
+  assert.ok(there < 0.45, String(there));
+  await page.locator("dialog.server-picture button[value=close]").click();
+  const waiting = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Screenshot" }).click();
+  const saved = await markIn(await readFile(await (await waiting).path()), "the screenshot");
+  assert.ok(saved < 0.45, String(saved));
 });
 
-test("a case that is being prepared shows how far it has come, live", { skip }, async () => {
+test("the depth profile of the mark is bright, and that of the mirrored point is not", { skip, timeout: 120_000 }, async () => {
+  const id = await readyCase(server.address);
+  await open(`${id}&${MARK}v=right`, "mesh");
+  const box = await page.locator("#surface").boundingBox();
+  assert.ok(box);
+  await page.mouse.dblclick(box.x + box.width / 2, box.y + box.height / 2);
+  await page.waitForSelector(".as-table");
+  await page.locator(".as-table summary").click();
+  const rows = await page.locator(".as-table tbody tr").allInnerTexts();
+  const at = (depth_mm: number): number[] => rows.map((row) => row.split(/\s+/).map((cell) => Number(cell.replace(",", "")))).find(([depth]) => depth === depth_mm) ?? [];
+  const [, own = NaN, other = NaN] = at(8);
+  assert.ok(Math.abs(own - 1000) < 20, `${own} in the mark, of ${rows.join("; ")}`);
+  assert.ok(Math.abs(other - 300) < 40, `${other} opposite`);
+  await page.locator(".as-table summary").click();
+});
+
+/** Every text that the note above the picture has had since the page began, in order. */
+async function notes(): Promise<string[]> {
+  return page.evaluate(() => (globalThis as unknown as { notes?: string[] }).notes ?? []);
+}
+
+test("files are chosen as well as dropped; a case that is being prepared shows how far it has come, live", { skip, timeout: 120_000 }, async () => {
   const head = headOfDemo();
-  const id = head.ISOCORTEX_DEMO_VOLUME && head.ISOCORTEX_DEMO_MASK ? await uploadHead(head) : await upload(server.address, { volume: markedVolume(5), mask: brainMask() }, { name: "Second" });
-  await page.goto(`${origin}/?renderer=server#${id}`);
-  const said = new Set<string>();
-  for (let time = 0; time < 400; time += 1) {
-    const state = await page.locator(`#case-list [data-id="${id}"]`).getAttribute("data-state").catch(() => null);
-    const note = await page.locator("#case-note").textContent();
-    if (note) said.add(note);
-    if (state === "ready") break;
-    await page.waitForTimeout(25);
-  }
+  const files = head.ISOCORTEX_DEMO_VOLUME && head.ISOCORTEX_DEMO_MASK ? [head.ISOCORTEX_DEMO_VOLUME, head.ISOCORTEX_DEMO_MASK] : await writtenPhantom();
+  await page.goto(`${origin}/?renderer=server`);
+  await page.waitForSelector("#case-list li");
+  await page.evaluate(() => {
+    const all: string[] = ((globalThis as unknown as { notes: string[] }).notes = []);
+    const note = document.querySelector("#case-note");
+    if (note) new MutationObserver(() => all.push(note.textContent ?? "")).observe(note, { childList: true, characterData: true, subtree: true });
+  });
+  await page.locator("#add summary").click();
+  await page.locator("#upload-volume").setInputFiles(files[0] ?? "");
+  await page.locator("#upload-mask").setInputFiles(files[1] ?? "");
+  assert.match(await page.locator(".chosen").innerText(), /Volume, .* MB · mask, .* MB/);
+  await page.locator("#upload-name").fill("Second");
+  await page.locator("#upload button[type=submit]").click();
+  const second = page.locator("#case-list li", { hasText: "Second" });
+  await second.and(page.locator("[data-state=ready]")).waitFor({ timeout: 90_000 });
+  const id = await second.getAttribute("data-id");
+  assert.ok(page.url().includes(id ?? "none"), "what was uploaded is what is shown");
   await shown(page);
-  if (head.ISOCORTEX_DEMO_VOLUME) assert.ok([...said].filter((words) => words.includes("%")).length >= 2, [...said].join("; "));
+  const shares = (await notes()).map((words) => /(\d+)\s%/.exec(words)?.[1]).filter((share) => share !== undefined).map(Number);
+  assert.ok(new Set(shares).size >= 2 && shares.every((share, at) => share >= (shares[at - 1] ?? 0)), (await notes()).join("; "));
 });
 
-async function uploadHead(head: Record<string, string>): Promise<string> {
-  const { readFile } = await import("node:fs/promises");
-  const form = new FormData();
-  form.append("parameters", new Blob([JSON.stringify({ name: "Second" })], { type: "application/json" }));
-  for (const [part, file] of [["volume", head.ISOCORTEX_DEMO_VOLUME], ["mask", head.ISOCORTEX_DEMO_MASK]] as const) {
-    form.append(part, new Blob([new Uint8Array(await readFile(file ?? ""))]), `${part}.nii.gz`);
-  }
-  const response = await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
-  return ((await response.json()) as { id: string }).id;
+async function writtenPhantom(): Promise<string[]> {
+  const files = [["head.nii", markedVolume(5)], ["mask.nii", brainMask()]] as const;
+  return Promise.all(files.map(async ([name, bytes]) => {
+    const file = path.join(scratch.folder, name);
+    await writeFile(file, bytes);
+    return file;
+  }));
 }
 
 test("a search leaves the cases that match", { skip }, async () => {
@@ -201,6 +292,6 @@ test("a case is deleted only after a confirmation", { skip }, async () => {
 });
 
 test("nothing failed but what was made to, and nothing broke the content security policy", { skip }, () => {
-  const expected = /422|400|ERR_CONNECTION_REFUSED|ERR_CONNECTION_RESET|ERR_EMPTY_RESPONSE|404|ERR_INCOMPLETE_CHUNKED/;
+  const expected = /415|422|400|ERR_CONNECTION_REFUSED|ERR_CONNECTION_RESET|ERR_EMPTY_RESPONSE|404|ERR_INCOMPLETE_CHUNKED/;
   assert.deepEqual(watched.troubles.filter((one) => !expected.test(one)), []);
 });

@@ -35,8 +35,8 @@ function nifti(value: (x: number, y: number, z: number) => number): Buffer {
 
 /** Whether a place in RAS mm is of the brain: 100 by 124 by 92 mm. */
 const isBrain = (x: number, y: number, z: number): boolean => (x / 50) ** 2 + (y / 62) ** 2 + (z / 46) ** 2 < 1;
-/** RAS counts to the right negatively: the ball of 12 mm lies 38 mm to the patient's right. */
-const isMark = (x: number, y: number, z: number): boolean => Math.hypot(x + 38, y, z) < 12;
+/** NIfTI counts to the patient's right: the ball of 12 mm lies 38 mm to that side. */
+const isMark = (x: number, y: number, z: number): boolean => Math.hypot(x - 38, y, z) < 12;
 
 /** Background 0, skull-less brain around 300 with a slow pattern, mark 1000. */
 export const markedVolume = (seed = 0): Buffer =>

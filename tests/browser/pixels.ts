@@ -11,11 +11,11 @@ export interface Agreement {
   readonly size: readonly [number, number];
 }
 
-/** Hides what stands on the picture, so that the picture alone is seen. */
-export async function bare(page: Page): Promise<void> {
-  await page.evaluate(() => {
-    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host)")) element.style.visibility = "hidden";
-  });
+/** Hides what stands on the picture, so that the picture alone is seen; or shows it again. */
+export async function bare(page: Page, is_bare = true): Promise<void> {
+  await page.evaluate((hidden) => {
+    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host)")) element.style.visibility = hidden ? "hidden" : "";
+  }, is_bare);
 }
 
 /** The size of the surface's canvas in pixels. */
@@ -49,7 +49,12 @@ export interface Part {
 
 /** Compares the canvas, or a part of it, with the server's picture at `address`. */
 export async function agreement(page: Page, address: string, part?: Part): Promise<Agreement> {
-  const shot = await page.locator("canvas.cortex").screenshot();
+  // The screen's pixels that the canvas is painted on: its edges may lie between them.
+  const clip = await page.locator("canvas.cortex").evaluate((canvas: HTMLCanvasElement) => {
+    const { left, top } = canvas.getBoundingClientRect();
+    return { x: Math.round(left), y: Math.round(top), width: canvas.width, height: canvas.height };
+  });
+  const shot = await page.screenshot({ clip });
   return page.evaluate(async ({ base64, address, part }) => {
     const own = await createImageBitmap(new Blob([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))]));
     const answer = await fetch(address);

@@ -1,13 +1,14 @@
 // What the tests in a real browser share: the program itself on a free port, and Debian's Chromium with WebGL2 in software.
 //
 // Needs the built program (ISOCORTEX_BINARY, else target/debug/isocortex) and Chromium; without the latter the tests are
-// skipped, but on CI (CI=true) they fail. Screenshots are left in target/browser/.
+// skipped, but on CI (CI=true) they fail. Screenshots are left in target/browser/. ISOCORTEX_PAGE=web/dist shows the page as
+// it has just been bundled instead of the one in the program, which saves a build of the program while working on the page.
 
 import assert from "node:assert/strict";
 import { type ChildProcess, execFileSync, spawn } from "node:child_process";
 import { once } from "node:events";
 import { existsSync } from "node:fs";
-import { mkdir, mkdtemp, rm } from "node:fs/promises";
+import { mkdir, mkdtemp, readFile, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { createInterface } from "node:readline";
@@ -131,13 +132,30 @@ export interface Watched {
 
 export async function openPage(browser: Browser, options: BrowserContextOptions = {}): Promise<Watched> {
   const context = await browser.newContext({ viewport: { width: 1440, height: 900 }, locale: "en-GB", ...options });
+  await servePage(context);
   const page = await context.newPage();
   const troubles: string[] = [];
+  // Playwright's init scripts are not the page's: the policy lets them be, and hears of all that is the page's.
+  await page.addInitScript(() => {
+    document.addEventListener("securitypolicyviolation", (event) => console.error(`policy: ${event.violatedDirective} ${event.blockedURI}`));
+  });
   page.on("pageerror", (error) => troubles.push(error.stack ?? error.message));
   page.on("console", (message) => {
     if (message.type() === "error") troubles.push(`${message.text()} ${message.location().url}`);
   });
   return { page, context, troubles };
+}
+
+/** Puts the files of ISOCORTEX_PAGE in the place of the program's own, under the program's own headers. */
+async function servePage(context: BrowserContext): Promise<void> {
+  const folder = process.env.ISOCORTEX_PAGE;
+  if (!folder) return;
+  const file = /^\/(|main\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
+  await context.route((url) => file.test(url.pathname), async (route) => {
+    const name = new URL(route.request().url()).pathname.slice(1) || "index.html";
+    const response = await route.fetch();
+    await route.fulfill({ response, body: await readFile(path.resolve(ROOT, folder, name)) });
+  });
 }
 
 /** Keeps what the page looks like, for people to look at. */
@@ -158,18 +176,16 @@ export async function readyCase(address: string, seconds = 240): Promise<string>
   }
 }
 
-/** Uploads a volume and its mask, and resolves to the case's id. */
-export async function upload(address: string, parts: Readonly<Record<string, Buffer>>, parameters: object = {}): Promise<string> {
-  const form = new FormData();
-  form.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
-  for (const [name, bytes] of Object.entries(parts)) form.append(name, new Blob([new Uint8Array(bytes)]), `${name}.nii`);
-  const response = await fetch(new URL("v1/cases", address), { method: "POST", body: form });
-  assert.ok(response.ok, `${response.status} ${await response.clone().text()}`);
-  return ((await response.json()) as { id: string }).id;
+/** Where the pixels are that are at least so bright: as shares of the picture, their mean place and their leftmost one. */
+export interface Bright {
+  readonly x: number;
+  readonly y: number;
+  readonly least_x: number;
+  readonly count: number;
 }
 
-/** The mean column and row, as shares of the picture, of the pixels that are at least so bright; null where none is. */
-export async function brightest(page: Page, png: Buffer, least: number): Promise<{ x: number; y: number; count: number } | null> {
+/** The grey pixels of a picture that are at least so bright; null where none is. */
+export async function brightest(page: Page, png: Buffer, least: number): Promise<Bright | null> {
   return page.evaluate(async ([base64, threshold]) => {
     const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
     const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
@@ -178,16 +194,17 @@ export async function brightest(page: Page, png: Buffer, least: number): Promise
     if (!context) return null;
     context.drawImage(image, 0, 0);
     const { data } = context.getImageData(0, 0, image.width, image.height);
-    let [count, x, y] = [0, 0, 0];
+    let [count, x, y, least_x] = [0, 0, 0, image.width];
     for (let at = 0; at < data.length; at += 4) {
       // Grey alone: letters, lines and contours are coloured.
       const [red = 0, green = 0, blue = 0] = data.subarray(at, at + 3);
       if (red < threshold || Math.abs(red - blue) > 4 || Math.abs(red - green) > 4) continue;
       count += 1;
       x += ((at / 4) % image.width) + 0.5;
+      least_x = Math.min(least_x, (at / 4) % image.width);
       y += Math.floor(at / 4 / image.width) + 0.5;
     }
-    return count > 0 ? { x: x / count / image.width, y: y / count / image.height, count } : null;
+    return count > 0 ? { x: x / count / image.width, y: y / count / image.height, least_x: least_x / image.width, count } : null;
   }, [png.toString("base64"), least] as const);
 }
 
@@ -197,10 +214,26 @@ export async function shown(page: Page): Promise<void> {
   await page.waitForSelector(".viewer[data-loaded=true]", { timeout: 60_000 });
 }
 
+/** Waits until the address says what is shown, which it does when the state has rested. */
+export async function rested(page: Page): Promise<void> {
+  // What was just pressed is heard by the next frame.
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+  await page.waitForSelector(".viewer[data-rested=true]");
+}
+
+/** Asks again and again until an answer is good, and resolves to the last one: a test says then what it should have been. */
+export async function until<Value>(ask: () => Promise<Value>, isGood: (value: Value) => boolean, seconds = 20): Promise<Value> {
+  const deadline = Date.now() + 1000 * seconds;
+  for (;;) {
+    const value = await ask();
+    if (isGood(value) || Date.now() > deadline) return value;
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+}
+
 /** The parts of the address's fragment: `id` and the rest by key. */
 export async function fragment(page: Page): Promise<Record<string, string>> {
-  // The address follows the state when that has rested.
-  await page.waitForTimeout(450);
+  await rested(page);
   const [id = "", ...pairs] = new URL(page.url()).hash.slice(1).split("&");
   return { id, ...Object.fromEntries(pairs.map((pair) => pair.split("=", 2) as [string, string])) };
 }

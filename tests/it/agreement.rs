@@ -3,13 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use geometry::PathTable;
 use render::agreement::{
     Agreement, DepthLine, MESH_SIZES, markdown_table, mesh_against_exact, svg_plot,
 };
 use render::gpu::{GpuCase, GpuJob, GpuPool, GpuSurface};
 use render::{
-    Background, Frame, FrameSize, Hits, NamedView, PixelFormat, RenderParameters, RenderRequest,
-    SheetPlan, draw_splat, draw_trace, encode_png, splat_hits, trace_hits,
+    Background, Facets, Frame, FrameSize, Hits, NamedView, PixelFormat, RenderParameters,
+    RenderRequest, SheetPlan, draw_mesh, draw_splat, draw_trace, encode_png, splat_hits,
+    trace_hits,
 };
 
 use crate::scenes::{Head, device};
@@ -24,13 +26,31 @@ fn exact(head: &Head, depth_mm: f64, side: u32) -> Vec<(RenderRequest, Frame)> {
         .to_vec()
 }
 
-fn traced_on(pool: &GpuPool, case: &Arc<dyn GpuCase>, request: &RenderRequest) -> Frame {
+fn drawn_on(
+    pool: &GpuPool,
+    head: &Arc<Head>,
+    (request, surface): (&RenderRequest, GpuSurface),
+) -> Frame {
     let job = GpuJob {
-        case: Arc::clone(case),
+        case: Arc::clone(head) as Arc<dyn GpuCase>,
         request: *request,
-        surface: GpuSurface::Trace,
+        surface,
     };
     pool.draw(job).expect("a picture").frame
+}
+
+/// The mesh of a table at the depth of a request, by the processor.
+fn facets(head: &Head, table: &PathTable, request: &RenderRequest) -> Frame {
+    let mesh = table.shrink(request.parameters().depth_mm as f32);
+    draw_mesh(&head.scene(), request, Facets::new(table.size, &mesh))
+}
+
+/// The same for a graphics device.
+fn surface(table: &PathTable, request: &RenderRequest) -> GpuSurface {
+    GpuSurface::Mesh {
+        size: table.size,
+        mesh: table.shrink(request.parameters().depth_mm as f32),
+    }
 }
 
 #[test]
@@ -38,10 +58,10 @@ fn the_device_traces_colin27_as_the_processor_does() {
     let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
         return;
     };
-    let case = Arc::clone(&head) as Arc<dyn GpuCase>;
     for depth_mm in DEPTHS_MM {
         for (request, exact) in exact(&head, depth_mm, 512) {
-            let agreement = Agreement::of(&traced_on(&pool, &case, &request), &exact);
+            let traced = drawn_on(&pool, &head, (&request, GpuSurface::Trace));
+            let agreement = Agreement::of(&traced, &exact);
             let within = agreement.share_within(2);
             let what = format!("{depth_mm} mm, {:?}", request.parameters().camera);
             assert!(within >= 0.995, "{what}: {within} within 2 levels");
@@ -115,19 +135,16 @@ fn splats_of_colin27_agree_with_the_exact_pictures() {
 
 #[test]
 fn a_fine_mesh_of_colin27_agrees_with_the_exact_pictures() {
-    let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
-        return;
-    };
-    let case = Arc::clone(&head) as Arc<dyn GpuCase>;
+    let Some(head) = Head::colin27() else { return };
     let table = head.table([200, 200]);
     for depth_mm in DEPTHS_MM {
         let exact = exact(&head, depth_mm, 512);
-        let all = mesh_against_exact(&pool, &case, &table, &exact).expect("pictures");
+        let all = mesh_against_exact(&head.scene(), &table, &exact);
         let mean = all.mean_difference();
         assert!(mean <= 3.0, "{depth_mm} mm: {mean} levels apart");
         for exact in &exact {
             let one = std::slice::from_ref(exact);
-            let one = mesh_against_exact(&pool, &case, &table, one).expect("a picture");
+            let one = mesh_against_exact(&head.scene(), &table, one);
             // Deep down its facets cut the corners of the isosurface's edges.
             let mean = one.mean_difference();
             assert!(mean <= 4.0, "{depth_mm} mm: {mean} levels apart");
@@ -135,17 +152,35 @@ fn a_fine_mesh_of_colin27_agrees_with_the_exact_pictures() {
     }
 }
 
-/// Writes `docs/renderers.png`: all four back ends side by side.
 #[test]
-#[ignore = "it makes a picture of the documentation"]
-fn four_back_ends_side_by_side() {
+fn the_device_draws_the_mesh_of_colin27_as_the_processor_does() {
     let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
         return;
     };
-    let case = Arc::clone(&head) as Arc<dyn GpuCase>;
+    let table = head.table([200, 200]);
+    for depth_mm in DEPTHS_MM {
+        for view in NamedView::ALL {
+            let request = head.request(view, depth_mm, 512);
+            let on_device = drawn_on(&pool, &head, (&request, surface(&table, &request)));
+            let agreement = Agreement::of(&on_device, &facets(&head, &table, &request));
+            let within = agreement.share_within(2);
+            let what = format!("{depth_mm} mm, {view:?}");
+            assert!(within >= 0.99, "{what}: {within} within 2 levels");
+            assert_eq!(agreement.beyond_edge(), 0, "{what}");
+        }
+    }
+}
+
+/// Writes `docs/renderers.png`: all five back ends side by side.
+#[test]
+#[ignore = "it makes a picture of the documentation"]
+fn five_back_ends_side_by_side() {
+    let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
+        return;
+    };
     let table = head.table([200, 200]);
     let depths_mm = [0.0, 8.0];
-    let columns = ["splat", "trace", "mesh, device", "trace, device"].map(str::to_owned);
+    let columns = ["splat", "mesh", "trace", "mesh, device", "trace, device"].map(str::to_owned);
     let rows = depths_mm.map(|depth_mm| format!("{depth_mm} mm"));
     let cell = FrameSize::new(224, 224).expect("a size within range");
     let plan = SheetPlan::new(cell, rows.to_vec(), columns.to_vec()).expect("a sheet");
@@ -157,20 +192,12 @@ fn four_back_ends_side_by_side() {
             ..*request.parameters()
         };
         let request = RenderRequest::new(request).expect("a checked request");
-        let mesh = GpuSurface::Mesh {
-            size: table.size,
-            mesh: table.shrink(depth_mm as f32),
-        };
-        let job = GpuJob {
-            case: Arc::clone(&case),
-            request,
-            surface: mesh,
-        };
         let frames = [
             draw_splat(&head.scene(), &request),
+            facets(&head, &table, &request),
             draw_trace(&head.scene(), &request),
-            pool.draw(job).expect("a picture").frame,
-            traced_on(&pool, &case, &request),
+            drawn_on(&pool, &head, (&request, surface(&table, &request))),
+            drawn_on(&pool, &head, (&request, GpuSurface::Trace)),
         ];
         for (column, frame) in frames.iter().enumerate() {
             sheet.put(frame, row, column);
@@ -190,15 +217,12 @@ fn docs() -> PathBuf {
 #[test]
 #[ignore = "it makes a figure of the documentation"]
 fn ten_meshes_of_colin27_against_the_exact_pictures() {
-    let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
-        return;
-    };
-    let case = Arc::clone(&head) as Arc<dyn GpuCase>;
+    let Some(head) = Head::colin27() else { return };
     let tables = MESH_SIZES.map(|size| head.table(size));
     let lines = DEPTHS_MM.map(|depth_mm| {
         let exact = exact(&head, depth_mm, 512);
         let meshes = tables.iter().map(|table| {
-            let agreement = mesh_against_exact(&pool, &case, table, &exact).expect("pictures");
+            let agreement = mesh_against_exact(&head.scene(), table, &exact);
             (table.size.triangle_count(), agreement)
         });
         let meshes = meshes.collect();

@@ -8,7 +8,9 @@ use std::sync::Arc;
 
 use render::agreement::{Agreement, difference_picture};
 use render::gpu::{GpuCase, GpuJob, GpuSurface};
-use render::{Frame, FrameSize, NamedView, PixelFormat, draw_splat, draw_trace, encode_png};
+use render::{
+    Facets, Frame, FrameSize, NamedView, PixelFormat, draw_mesh, draw_splat, draw_trace, encode_png,
+};
 
 use crate::scenes::{Head, device};
 
@@ -79,8 +81,12 @@ fn hold(name: &str, found: &Frame) {
 #[test]
 fn the_processor_draws_the_pictures_that_are_kept() {
     let head = Head::phantom();
+    let table = head.table([80, 50]);
     for depth_mm in DEPTHS_MM {
         let request = head.request(NamedView::Left, depth_mm, SIDE);
+        let shrunk = table.shrink(depth_mm as f32);
+        let mesh = draw_mesh(&head.scene(), &request, Facets::new(table.size, &shrunk));
+        hold(&format!("mesh-{depth_mm}mm"), &mesh);
         let splat = draw_splat(&head.scene(), &request);
         hold(&format!("splat-{depth_mm}mm"), &splat);
         let trace = draw_trace(&head.scene(), &request);

@@ -298,12 +298,6 @@ async fn what_cannot_be_sent_or_drawn_is_refused() {
         (answer.status.as_u16(), answer.problem().as_str()),
         (406, "not-acceptable")
     );
-    let mesh = json!({"renders": [{"renderer": "mesh"}]});
-    let answer = ask(&server, &case, &mesh).await;
-    assert_eq!(
-        (answer.status.as_u16(), answer.problem().as_str()),
-        (501, "no-renderer")
-    );
     let nobody = format!("/v1/cases/{}", "0".repeat(32));
     let answer = ask(&server, &nobody, &list).await;
     assert_eq!(

@@ -2,18 +2,15 @@
 
 import { send } from "./api.ts";
 import { SHADER_NAMES, type ShaderTexts } from "./gl.ts";
+import { MESH_QUERY, PAGE_MESH } from "./query.ts";
 import type { LoadProgress } from "./surface.ts";
 import {
   byteLength, decodeDistance, decodePaths, decodePositions, decodeTriangles, decodeVolume, readLayout, triangleCount,
-  vertexCount, WireError, type Block, type MeshSize, type PathsTable,
+  vertexCount, WireError, type Block, type PathsTable,
 } from "./wire.ts";
 
-/** The mesh of the page: 8,000 triangles. */
-export const PAGE_MESH: MeshSize = { contour_count: 80, points_per_contour: 50 };
 /** Every so manieth depth is enough for the light of the first picture. */
 const FIRST_STEP = 4;
-
-const meshQuery = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MESH.points_per_contour}`;
 
 /** Adds up the bytes of several requests. Until a request has answered it counts as many as it is thought to have. */
 export class ByteCount {
@@ -69,20 +66,20 @@ export class Assets {
 
   /** Three vertex numbers for each triangle of the page's mesh. */
   async triangles(): Promise<Uint32Array<ArrayBuffer>> {
-    const { bytes } = await this.#get(`mesh/triangles?${meshQuery}`, 12 * triangleCount(PAGE_MESH));
+    const { bytes } = await this.#get(`mesh/triangles?${MESH_QUERY}`, 12 * triangleCount(PAGE_MESH));
     return decodeTriangles(bytes, PAGE_MESH);
   }
 
   /** The vertices of the page's mesh at one depth. */
   async positions(depth_mm: number): Promise<Float32Array<ArrayBuffer>> {
-    const { bytes } = await this.#get(`mesh?depth_mm=${depth_mm}&${meshQuery}`, 12 * vertexCount(PAGE_MESH));
+    const { bytes } = await this.#get(`mesh?depth_mm=${depth_mm}&${MESH_QUERY}`, 12 * vertexCount(PAGE_MESH));
     return decodePositions(bytes, PAGE_MESH);
   }
 
   /** The same at every depth. */
   async paths(): Promise<PathsTable> {
     const guess = 1000 * vertexCount(PAGE_MESH);
-    const { bytes } = await this.#get(`mesh/paths?${meshQuery}`, guess);
+    const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}`, guess);
     const table = decodePaths(bytes);
     if (vertexCount(table.mesh) !== vertexCount(PAGE_MESH)) throw new WireError("The server sent the paths of another mesh.");
     return table;

@@ -227,7 +227,7 @@ class Row {
     if (this.#thumbAsked) return;
     this.#thumbAsked = true;
     try {
-      const state = { ...firstState(one), orientation: NAMED_VIEWS.left };
+      const state = { ...firstState(one), orientation: NAMED_VIEWS.left, way: "exact" } as const;
       const image = await decoded(await getPicture(`${one.id}/render?${renderQuery(state, [THUMB_PIXELS, THUMB_PIXELS])}`));
       image.alt = "";
       this.#thumb.replaceChildren(image);

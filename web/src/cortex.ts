@@ -72,7 +72,8 @@ class Cortex implements Surface {
   #state: ViewState | null = null;
   #moving = false;
   #frame = 0;
-  #drawn_at = -Infinity;
+  /** Whether nothing changes: said by the clock alone, for on a slow device a frame may last longer than any rest. */
+  #resting = true;
   #rest = 0;
   #way: Way;
   #server: { readonly surface: Surface; readonly box: HTMLElement } | null = null;
@@ -115,6 +116,7 @@ class Cortex implements Surface {
   }
 
   draw(state: ViewState, moving: boolean): void {
+    if (state !== this.#state || moving) this.#resting = false;
     this.#state = state;
     this.#moving = moving;
     this.#schedule();
@@ -325,9 +327,8 @@ class Cortex implements Surface {
       if (!gl.isContextLost()) this.#fail(error);
       return;
     }
-    this.#drawn_at = performance.now();
     clearTimeout(this.#rest);
-    if (quality !== FULL_QUALITY) this.#rest = window.setTimeout(() => this.#schedule(), REST_MS);
+    this.#rest = window.setTimeout(() => this.#onRest(quality), REST_MS);
     this.#showServer(false);
     this.#canvas.style.visibility = "visible";
     this.#way = way;
@@ -346,8 +347,14 @@ class Cortex implements Surface {
   #qualityOf(way: Drawn): Quality {
     if (this.#full_ms[way] <= SLOW_FRAME_MS) return FULL_QUALITY;
     if (way === "exact") return this.#moving ? { share: COARSE_SHARE, soft_edges: true } : FULL_QUALITY;
-    const isResting = !this.#moving && performance.now() - this.#drawn_at >= REST_MS;
-    return isResting ? FULL_QUALITY : { share: 1, soft_edges: false };
+    return this.#resting ? FULL_QUALITY : { share: 1, soft_edges: false };
+  }
+
+  /** What was drawn with less is drawn in full. */
+  #onRest(quality: Quality): void {
+    if (this.#moving) return;
+    this.#resting = true;
+    if (quality !== FULL_QUALITY) this.#schedule();
   }
 
   #drawThere(state: ViewState): void {
@@ -410,7 +417,7 @@ class Cortex implements Surface {
       this.#server = null;
       return;
     }
-    const box = h("div", { class: "surface-host" });
+    const box = h("div", { class: "served" });
     this.#canvas.after(box);
     const surface = createServerSurface(box, this.#case, {
       serverOnly: true,

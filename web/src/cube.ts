@@ -43,6 +43,8 @@ export class Cube {
   /** A picture for the mouse; the same views are buttons of the panel. */
   readonly element = svg("svg", { class: "cube", viewBox: "-30 -30 60 60", "aria-hidden": "true" });
 
+  #shown: Quat | null = null;
+
   constructor(choose: (name: ViewName) => void) {
     this.element.addEventListener("click", (event) => {
       const name = event.target instanceof Element ? event.target.closest("[data-view]")?.getAttribute("data-view") : null;
@@ -52,6 +54,8 @@ export class Cube {
   }
 
   show(orientation: Quat): void {
+    if (orientation === this.#shown) return;
+    this.#shown = orientation;
     const faces = facesOf(orientation).filter((face) => face.frontal > 0.02);
     this.element.replaceChildren(...faces.map(({ name, points, middle, frontal }) =>
       svg("g", { "data-view": name, opacity: (0.35 + 0.65 * frontal).toFixed(2) },

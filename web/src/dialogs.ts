@@ -67,7 +67,8 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
   const keys = h("input", { type: "checkbox", id: "shortcuts", checked: preferences.shortcuts, change: () => change({ shortcuts: keys.checked }) });
   const { dialog } = open(t("help.title"), "help",
     h("p", {}, t("help.intro")),
-    ...HELP.flatMap(([title, keys_]) => [h("h3", {}, t(title)), lines(keys_)]),
+    h("div", { class: "help-columns" }, ...HELP.map(([title, keys_]) => h("section", {}, h("h3", {}, t(title)), lines(keys_)))),
+    h("p", { class: "quiet" }, t("help.mirror")),
     h("h3", {}, t("help.choices")),
     h("label", { class: "inline" }, t("wheel.label"), wheel),
     h("label", { class: "inline" }, t("drag.label"), drag),
@@ -75,6 +76,8 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
     h("p", { class: "quiet" }, t("notice.long")),
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary" })));
   dialog.querySelector("form")?.prepend(iconButton("close", t("close"), () => dialog.close()));
+  // Not the first choice, which would scroll the help away where it does not fit.
+  dialog.querySelector<HTMLElement>(".icon-button")?.focus();
 }
 
 /** The server's own picture of a state, and its address to copy. */

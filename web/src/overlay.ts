@@ -3,7 +3,7 @@
 import type { Edges } from "./camera.ts";
 import type { Window } from "./case.ts";
 import { h, setText, svg } from "./dom.ts";
-import { intensity, number, t } from "./i18n.ts";
+import { number, t } from "./i18n.ts";
 import { scaleBar } from "./readout.ts";
 import type { Vec2 } from "./space.ts";
 import type { Colormap } from "./state.ts";
@@ -19,6 +19,7 @@ export class Overlay {
   readonly #scaleLine = h("span", { class: "scale-line" });
   readonly #scaleText = h("span", { class: "scale-text" });
   readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true" });
+  #cursorShown = "";
 
   constructor(host: HTMLElement) {
     this.element = h("div", { class: "overlay" },
@@ -46,6 +47,9 @@ export class Overlay {
 
   /** Crossed lines with a gap at `place`, over a pane of `size`; `lines` from edge to edge or a small mark. */
   cursor(place: Vec2 | null, size: Vec2, kind: "lines" | "mark" | "ghost"): void {
+    const wanted = [kind, ...(place ? [...place, ...size] : [])].join(" ");
+    if (wanted === this.#cursorShown) return;
+    this.#cursorShown = wanted;
     this.#cursor.replaceChildren();
     this.#cursor.setAttribute("class", `cursor ${kind}`);
     if (!place || !place.every(Number.isFinite)) return;
@@ -74,14 +78,21 @@ export class ColourBar {
   readonly #canvas = h("canvas", { width: 1, height: 64, class: "ramp" });
   readonly #white = h("span", {});
   readonly #black = h("span", {});
+  #shown = "";
 
   constructor() {
     this.element = h("div", { class: "colour-bar" }, this.#white, this.#canvas, this.#black);
   }
 
   show(window: Window, colormap: Colormap): void {
-    setText(this.#white, intensity(window.center + window.width / 2));
-    setText(this.#black, intensity(window.center - window.width / 2));
+    // What is painted anew costs as much as the picture on a slow device.
+    const wanted = `${window.center} ${window.width} ${colormap}`;
+    if (wanted === this.#shown) return;
+    this.#shown = wanted;
+    // Both ends to the same place, about a hundredth of the width.
+    const places = Math.min(Math.max(2 - Math.round(Math.log10(window.width)), 0), 6);
+    setText(this.#white, number(window.center + window.width / 2, places));
+    setText(this.#black, number(window.center - window.width / 2, places));
     const context = this.#canvas.getContext("2d");
     if (!context) return;
     const ramp = context.createLinearGradient(0, 64, 0, 0);

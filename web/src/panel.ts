@@ -33,6 +33,13 @@ const section = (title: string, open: boolean, ...children: Child[]): HTMLElemen
 const line = (label: string, ...controls: HTMLElement[]): HTMLElement =>
   h("div", { class: "line" }, h("span", { class: "line-label", "aria-hidden": "true" }, label), ...controls);
 
+/** The same with what is too long for a line below its label. */
+const tall = (label: string, control: HTMLElement): HTMLElement => {
+  const element = line(label, control);
+  element.classList.add("tall");
+  return element;
+};
+
 /** The bar below the picture: the depth, its steps and the sweep. */
 export class DepthBar {
   readonly element: HTMLElement;
@@ -132,7 +139,7 @@ export class Panel {
         h("div", { class: "row" }, button(t("point.mark"), () => actions.command({ kind: "mark" })))),
       section(t("panel.drawing"), false,
         line(t("way.label"), this.#way), line(t("light.label"), this.#light), line(t("slab.label"), this.#slab),
-        line(t("convention.label"), this.#convention)),
+        tall(t("convention.label"), this.#convention)),
       section(t("panel.export"), false,
         h("div", { class: "row" }, button(t("export.screenshot"), () => actions.screenshot()), button(t("export.server"), () => actions.serverPicture()),
           button(t("export.copy"), () => actions.copyAddress())), this.#note));

@@ -3,6 +3,12 @@
 import { viewName } from "./camera.ts";
 import type { Vec2, Vec3 } from "./space.ts";
 import type { ViewState } from "./state.ts";
+import type { MeshSize } from "./wire.ts";
+
+/** The mesh of the page: 8,000 triangles. */
+export const PAGE_MESH: MeshSize = { contour_count: 80, points_per_contour: 50 };
+/** The same in a query. */
+export const MESH_QUERY = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MESH.points_per_contour}`;
 
 const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 
@@ -27,7 +33,11 @@ export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
   addColours(query, state as ViewState);
   if (state.slab_mm > 0) query.set("slab_mm", short(state.slab_mm, 2));
   query.set("ambient", short(state.ambient, 3));
-  if (state.way === "exact") query.set("renderer", "trace");
+  query.set("renderer", state.way === "exact" ? "trace" : "mesh");
+  if (state.way === "mesh") {
+    query.set("contours", String(PAGE_MESH.contour_count));
+    query.set("points", String(PAGE_MESH.points_per_contour));
+  }
   query.set("width", String(size[0]));
   query.set("height", String(size[1]));
   return query;

@@ -6,10 +6,10 @@ import { type Vec3, inverted, transform } from "./space.ts";
 
 const SIDES = [["L", "R"], ["P", "A"], ["S", "I"]] as const;
 
-/** `L 32.1 · A 12.0 · S 45.2`, in mm. */
+/** `L 32.1 · A 12.0 · S 45.2`, in mm; a line is never broken between a letter and its number. */
 export function positionWords(position_in_patient: Vec3): string {
   return position_in_patient
-    .map((value, axis) => `${SIDES[axis]?.[value < 0 ? 1 : 0] ?? ""} ${number(Math.abs(value), 1)}`)
+    .map((value, axis) => `${SIDES[axis]?.[value < 0 ? 1 : 0] ?? ""}\u00a0${number(Math.abs(value), 1)}`)
     .join(" · ");
 }
 

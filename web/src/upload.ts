@@ -34,11 +34,13 @@ export class UploadForm {
     this.#cancel = h("button", { type: "button", hidden: true, click: () => this.#abort?.abort() }, t("upload.cancel"));
     const field = (label: string, input: HTMLElement, hint: string): HTMLElement =>
       h("label", {}, label, input, h("span", { class: "quiet" }, hint));
+    const file = (label: string, input: HTMLElement, button: string, hint: string): HTMLElement =>
+      h("label", {}, label, input, h("span", { class: "file-button", "aria-hidden": "true" }, button), h("span", { class: "quiet" }, hint));
     this.#form = h("form", { id: "upload", submit: (event: SubmitEvent) => void this.#submit(event) },
       h("p", { class: "drop-hint" }, t("upload.drop")),
-      field(t("upload.volume"), this.#volume, t("upload.volume-hint")),
-      field(t("upload.folder"), this.#folder, t("upload.folder-hint")),
-      field(t("upload.mask"), this.#mask, t("upload.mask-hint")),
+      file(t("upload.volume"), this.#volume, t("upload.choose-files"), t("upload.volume-hint")),
+      file(t("upload.folder"), this.#folder, t("upload.choose-folder"), t("upload.folder-hint")),
+      file(t("upload.mask"), this.#mask, t("upload.choose-files"), t("upload.mask-hint")),
       this.#chosen,
       field(t("upload.name"), this.#name, t("upload.name-hint")),
       field(t("upload.radius"), this.#radius, t("upload.radius-hint")),

@@ -195,12 +195,14 @@ export class Viewer {
     if (change.crosshair_mm !== undefined || change.depth_mm !== undefined || Object.keys(change).length === 0) this.#showPoint();
     this.#schedule();
     clearTimeout(this.#rest);
+    this.element.dataset.rested = "false";
     this.#rest = window.setTimeout(() => this.#onRest(), REST_MS);
   }
 
   #onRest(): void {
     if (this.#sweep !== 0) return;
     this.#follow("replace");
+    this.element.dataset.rested = "true";
     if (this.#saidDepth === this.#state.depth_mm) return;
     this.#saidDepth = this.#state.depth_mm;
     this.#host.announce(t("depth.said", { depth: number(this.#state.depth_mm, 1) }));

@@ -44,7 +44,7 @@ test("positions stay within the working grid", () => {
 });
 
 test("a position is told by its sides, and by its voxel as acquired", () => {
-  assert.equal(positionWords([-10.04, 3, -0.5]), "R 10.0 · P 3.0 · I 0.5");
+  assert.equal(positionWords([-10.04, 3, -0.5]), "R\u00a010.0 · P\u00a03.0 · I\u00a00.5");
   assert.deepEqual(voxelAt(SHOWN, [5, 80, 15]), [50, 5, 25]);
   assert.equal(voxelAt(SHOWN, [500, 0, 0]), null);
 });
@@ -59,6 +59,8 @@ test("the server is asked for the state's own picture", () => {
   assert.equal(renderQuery(state, [640, 480]).toString(),
     "depth_mm=8.5&view=right&zoom=2&pan=3%2C-4&window=400%2C600&slab_mm=1&ambient=0.3&renderer=trace&width=640&height=480");
   assert.equal(sliceQuery(state, "coronal", [1, 2, 3], [64, 64]).toString(), "position_mm=2&depth_mm=8.5&window=400%2C600&width=64&height=64");
+  const mesh = renderQuery({ ...state, way: "mesh" }, [64, 64]);
+  assert.deepEqual(["renderer", "contours", "points"].map((name) => mesh.get(name)), ["mesh", "80", "50"]);
   const oblique = renderQuery({ ...state, orientation: [0.5, 0.5, 0.5, 0.5000001] }, [64, 64]);
   assert.equal(oblique.get("view"), null);
   assert.equal(oblique.get("orientation")?.split(",").length, 4);

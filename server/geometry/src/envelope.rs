@@ -1,9 +1,7 @@
 //! The closed mask that hugs the dura.
 
-use rayon::prelude::*;
-
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
-use crate::transform::{MAX_DISTANCE, Memory};
+use crate::transform::{MAX_DISTANCE, transformed};
 use crate::{BrainMask, GeometryError, Grid, Mask};
 
 /// The largest radius of the closing, in mm.
@@ -105,60 +103,26 @@ pub(crate) fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool>
     let bound = radius.floor() as u8 + 1;
     let within = (radius * radius).floor() as u16;
     let pad = usize::from(bound);
-    let padded_size = size.map(|side| side + 2 * pad);
-    let to_set = padded(
-        size,
-        voxels,
-        pad,
-        |is_set| if is_set { 0 } else { bound },
-        bound,
-    );
-    let mut memory = Memory::default();
-    let distance = memory.squared_distances(padded_size, &to_set);
-    let mut to_rest = to_set;
-    to_rest
-        .par_iter_mut()
-        .zip(distance)
-        .for_each(|(to_rest, &squared)| {
-            *to_rest = if squared <= within { bound } else { 0 };
-        });
-    let distance = memory.squared_distances(padded_size, &to_rest);
-    unpadded(size, distance, pad, |squared| squared > within)
+    let [px, py, pz] = size.map(|side| side + 2 * pad);
+    let mut to_set = padded(size, voxels, pad, bound);
+    let mut to_rest = transformed([px, py, pz], &mut to_set, 0, |squared| {
+        if squared <= within { bound } else { 0 }
+    });
+    // The axes are x, z, y now, and x, y, z again after this.
+    transformed([px, pz, py], &mut to_rest, pad, |squared| squared > within)
 }
 
-/// Values made from those of a block, surrounded by `pad` voxels of `outside` on all sides.
-fn padded<T: Copy, U: Copy>(
-    [nx, ny, nz]: [usize; 3],
-    values: &[T],
-    pad: usize,
-    convert: impl Fn(T) -> U,
-    outside: U,
-) -> Vec<U> {
+/// The bounds of distances to a set, with `pad` voxels outside of it on all sides.
+fn padded([nx, ny, nz]: [usize; 3], set: &[bool], pad: usize, bound: u8) -> Vec<u8> {
     let [px, py, pz] = [nx, ny, nz].map(|side| side + 2 * pad);
-    let mut block = vec![outside; px * py * pz];
-    for (row, values) in values.chunks_exact(nx).enumerate() {
+    let mut block = vec![bound; px * py * pz];
+    for (row, set) in set.chunks_exact(nx).enumerate() {
         let start = pad + px * (row % ny + pad + py * (row / ny + pad));
-        for (out, &value) in block[start..start + nx].iter_mut().zip(values) {
-            *out = convert(value);
+        for (out, &is_set) in block[start..start + nx].iter_mut().zip(set) {
+            *out = if is_set { 0 } else { bound };
         }
     }
     block
-}
-
-/// Values made from those of the block inside of a padded one: the inverse of [`padded`].
-fn unpadded<T: Copy, U>(
-    [nx, ny, nz]: [usize; 3],
-    block: &[T],
-    pad: usize,
-    convert: impl Fn(T) -> U,
-) -> Vec<U> {
-    let [px, py] = [nx, ny].map(|side| side + 2 * pad);
-    let mut values = Vec::with_capacity(nx * ny * nz);
-    for row in 0..ny * nz {
-        let start = pad + px * (row % ny + pad + py * (row / ny + pad));
-        values.extend(block[start..start + nx].iter().map(|&value| convert(value)));
-    }
-    values
 }
 
 #[cfg(test)]

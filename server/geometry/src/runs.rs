@@ -1,5 +1,7 @@
 //! Connected components of a mask, found on runs of voxels along x.
 
+use memchr::memchr;
+
 /// Which voxels count as neighbours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Connectivity {
@@ -102,14 +104,15 @@ impl Components {
 fn runs_by_row(nx: usize, mask: &[bool], value: bool) -> (Vec<Run>, Vec<u32>) {
     let mut runs = Vec::new();
     let mut row_starts = Vec::with_capacity(mask.len() / nx + 1);
-    for (row, voxels) in mask.chunks_exact(nx).enumerate() {
+    let bytes: &[u8] = bytemuck::cast_slice(mask);
+    for (row, voxels) in bytes.chunks_exact(nx).enumerate() {
         row_starts.push(runs.len() as u32);
         let offset = row * nx;
         let mut x = 0;
-        while let Some(gap) = voxels[x..].iter().position(|&voxel| voxel == value) {
+        let find = |value: bool, from: usize| memchr(value.into(), &voxels[from..]);
+        while let Some(gap) = find(value, x) {
             let start = x + gap;
-            let length = voxels[start..].iter().position(|&voxel| voxel != value);
-            x = length.map_or(nx, |length| start + length);
+            x = find(!value, start).map_or(nx, |length| start + length);
             runs.push(Run {
                 start: (offset + start) as u32,
                 end: (offset + x) as u32,

@@ -3,73 +3,88 @@
 //! Distances are linear along y, found by two sweeps, and squared after that; along z and x each value
 //! becomes the least of its neighbours' at distance k plus k², for k growing until k² alone is too much:
 //! the lower envelope of parabolas (Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled
-//! Functions", 2012) by brute force. The cost grows with the greatest distance, but 32 voxels go at once
-//! in 16 bits, which beats the linear-time algorithm on every grid that is accepted here.
+//! Functions", 2012) by brute force. The cost grows with the greatest distance, but many voxels go at once in
+//! few bits, which beats the linear-time algorithm on every grid that is accepted here.
+//!
+//! The sweeps are done in place, plane by plane; z and x together, in a slab of one y that stays in the
+//! cache. So the slabs follow each other in the result: its axes are x, z, y, and those of a second transform
+//! x, y, z again.
+
+use std::ops::{BitOr, Range};
 
 use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Voxels that are worked on at once.
-const LANES: usize = 32;
+const LANES: usize = 64;
 
 /// One lane of squares for each voxel.
-type Lanes = [u16; LANES];
+type Lanes<Square> = [Square; LANES];
 
 /// The largest distance that is represented, in voxels: 255² is the last square below 2¹⁶.
 pub(crate) const MAX_DISTANCE: u8 = 255;
 
+/// The largest distance whose square fits in eight bits.
+const MAX_SMALL_DISTANCE: u8 = 15;
+
 /// Squared distance of each voxel to the nearest seed, but at most the square of its bound.
 ///
-/// `bounds` holds for each voxel an upper bound of its distance in voxels; a seed's is 0. A bound below the
-/// true distance must not be passed on to a voxel with a larger one: either all bounds are the same, or a
-/// seed lies on every straight way between the two. The result is x-fastest, as `bounds` is.
+/// As [`transformed`], with the axes x, y, z.
+pub(crate) fn squared_distances(size: [usize; 3], bounds: &[u8]) -> Vec<u16> {
+    let [nx, ny, nz] = size;
+    let mut exchanged = vec![0; bounds.len()];
+    exchanged
+        .par_chunks_mut(nx * nz)
+        .enumerate()
+        .for_each(|(y, slab)| {
+            for (z, row) in slab.chunks_exact_mut(nx).enumerate() {
+                row.copy_from_slice(&bounds[nx * (y + ny * z)..][..nx]);
+            }
+        });
+    transformed([nx, nz, ny], &mut exchanged, 0, |squared| squared)
+}
+
+/// What `convert` makes of the squared distance of each voxel to the nearest seed, which is at most the square of its bound.
+///
+/// `bounds` holds for each voxel, x-fastest, an upper bound of its distance in voxels; a seed's is 0. It is
+/// written to. A bound below the true distance must not be passed on to a voxel with a larger one: either all
+/// bounds are the same, or a seed lies on every straight way between the two.
+///
+/// The axes of the result are x, z, y. The voxels nearer than `margin` to a face of the grid are left out.
 ///
 /// # Panics
-/// When the number of bounds is not that of the voxels.
-pub(crate) fn squared_distances(size: [usize; 3], bounds: &[u8]) -> Vec<u16> {
-    let mut memory = Memory::default();
-    memory.squared_distances(size, bounds);
-    memory.planes
-}
-
-/// What a transform writes to, to be used again: fresh memory costs as much as a pass.
-#[derive(Default)]
-pub(crate) struct Memory {
-    planes: Vec<u16>,
-    slabs: Vec<u16>,
-}
-
-impl Memory {
-    /// As [`squared_distances`], in memory that may have been used before.
-    pub(crate) fn squared_distances(&mut self, size: [usize; 3], bounds: &[u8]) -> &[u16] {
-        let [nx, ny, nz] = size;
-        assert_eq!(bounds.len(), nx * ny * nz, "one bound for each voxel");
-        let Self { planes, slabs } = self;
-        planes.resize(bounds.len(), 0);
-        slabs.resize(bounds.len(), 0);
-        planes
-            .par_chunks_mut(nx * ny)
-            .zip(bounds.par_chunks(nx * ny))
-            .for_each(|(plane, bounds)| sweep_along_y(bounds, plane, nx));
-        // Slabs of one y, so that each is one piece of memory that a thread can own.
-        slabs
-            .par_chunks_mut(nx * nz)
-            .enumerate()
-            .for_each_init(Vec::new, |block, (y, slab)| {
-                minimise_along_z(&planes[y * nx..], block, slab, size);
-            });
-        planes
-            .par_chunks_mut(nx * ny)
-            .enumerate()
-            .for_each(|(z, plane)| minimise_along_x(&slabs[z * nx..], plane, [nx, ny, nz]));
-        planes
+/// When the number of bounds is not that of the voxels, or the margin leaves none.
+pub(crate) fn transformed<T: Copy + Default + Send>(
+    size: [usize; 3],
+    bounds: &mut [u8],
+    margin: usize,
+    convert: impl Fn(u16) -> T + Sync,
+) -> Vec<T> {
+    let [nx, ny, nz] = size;
+    assert_eq!(bounds.len(), nx * ny * nz, "one bound for each voxel");
+    let greatest = bounds
+        .par_chunks_mut(nx * ny)
+        .map(|plane| {
+            sweep_along_y(plane, nx);
+            plane.iter().copied().fold(0, u8::max)
+        })
+        .reduce(|| 0, u8::max);
+    let kept = size.map(|side| margin..side - margin);
+    let slabs = Slabs {
+        size,
+        kept,
+        distances: bounds,
+    };
+    if greatest <= MAX_SMALL_DISTANCE {
+        slabs.minimised(minimise_small, |square: u8| convert(u16::from(square)))
+    } else {
+        slabs.minimised(minimise_large, convert)
     }
 }
 
-/// Squares of the distances along y, in one plane of constant z.
-#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
-fn sweep_along_y(bounds: &[u8], plane: &mut [u16], nx: usize) {
-    let mut distance = bounds.to_vec();
+/// Distances along y, in one plane of constant z.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.1"))]
+fn sweep_along_y(distance: &mut [u8], nx: usize) {
     let relax = |row: &mut [u8], neighbour: &[u8]| {
         for (here, &there) in row.iter_mut().zip(neighbour) {
             *here = (*here).min(there.saturating_add(1));
@@ -84,76 +99,254 @@ fn sweep_along_y(bounds: &[u8], plane: &mut [u16], nx: usize) {
         let (above, below) = distance.split_at_mut(y * nx);
         relax(&mut above[(y - 1) * nx..], &below[..nx]);
     }
-    for (square, &distance) in plane.iter_mut().zip(&distance) {
-        *square = u16::from(distance) * u16::from(distance);
+}
+
+/// The distances along y, of which slabs of one y are taken.
+struct Slabs<'a> {
+    size: [usize; 3],
+    /// What is wanted of each axis.
+    kept: [Range<usize>; 3],
+    distances: &'a [u8],
+}
+
+impl Slabs<'_> {
+    /// The slabs that are wanted, each minimised along z and x by `minimise`.
+    fn minimised<S: Square, T: Copy + Default + Send>(
+        &self,
+        minimise: impl Fn(&mut Slab<S>, &[u8], usize) + Sync,
+        convert: impl Fn(S) -> T + Sync,
+    ) -> Vec<T> {
+        let [nx, ny, nz] = self.size;
+        let [kept_x, kept_y, kept_z] = &self.kept;
+        let kept_slab = kept_x.len() * kept_z.len();
+        let mut values = vec![T::default(); kept_slab * kept_y.len()];
+        values
+            .par_chunks_mut(kept_slab)
+            .zip(kept_y.clone())
+            .for_each_init(
+                || Slab::new(nx, nz, &self.kept),
+                |slab, (values, y)| {
+                    minimise(slab, &self.distances[nx * y..], nx * ny);
+                    for (value, &square) in values.iter_mut().zip(&slab.least) {
+                        *value = convert(square);
+                    }
+                },
+            );
+        values
     }
 }
 
-/// The minimum over z, for one y: from rows `size[0] * size[1]` apart to rows that follow each other.
-#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
-fn minimise_along_z(rows: &[u16], block: &mut Vec<u16>, slab: &mut [u16], size: [usize; 3]) {
-    let [nx, ny, nz] = size;
-    // Whole rows at a time into memory that stays in the cache, rather than columns from memory that does not.
-    let width = nx.max(LANES);
-    block.resize(width * nz, 0);
-    for (z, row) in block.chunks_exact_mut(width).enumerate() {
-        row[..nx].copy_from_slice(&rows[z * nx * ny..z * nx * ny + nx]);
-    }
-    let mut to_varied = vec![0u32; nz];
-    for first in (0..nx).step_by(LANES) {
-        // The last lanes may be done twice, rather than lanes beyond the row.
-        let first = first.min(nx.saturating_sub(LANES));
-        let column = Column {
-            block,
+/// The squares of one y, and the memory to work on them.
+struct Slab<S> {
+    /// How many voxels a row has, and how many squares lie from one row to the next.
+    nx: usize,
+    width: usize,
+    kept_x: Range<usize>,
+    kept_z: Range<usize>,
+    /// The squares of the distances along y, a row for each z.
+    squares: Vec<S>,
+    /// Distance from each z to the nearest where a lane differs.
+    to_varied: Vec<u32>,
+    /// The rows that are wanted, minimised along z.
+    rows: Vec<S>,
+    /// One of these rows with a margin on both sides.
+    row: Vec<S>,
+    /// What is wanted, minimised along z and x.
+    least: Vec<S>,
+}
+
+impl<S: Square> Slab<S> {
+    fn new(nx: usize, nz: usize, [kept_x, _, kept_z]: &[Range<usize>; 3]) -> Self {
+        let width = nx.max(LANES);
+        let margin = usize::from(S::REACH);
+        Self {
+            nx,
             width,
+            kept_x: kept_x.clone(),
+            kept_z: kept_z.clone(),
+            squares: vec![S::default(); width * nz],
+            to_varied: vec![0; nz],
+            rows: vec![S::default(); width * kept_z.len()],
+            // Beyond the ends of a row there is no seed, however far one looks.
+            row: vec![S::MAX; margin + nx + LANES + margin],
+            least: vec![S::default(); kept_x.len() * kept_z.len()],
+        }
+    }
+
+    /// The least squares from the distances along y, of which a row begins every `stride`.
+    #[inline(always)]
+    fn minimise(&mut self, distances: &[u8], stride: usize) {
+        let rows = self.squares.chunks_exact_mut(self.width);
+        for (row, distances) in rows.zip(distances.chunks(stride)) {
+            for (square, &distance) in row[..self.nx].iter_mut().zip(distances) {
+                *square = S::of(distance);
+            }
+        }
+        for first in starts(&(0..self.nx)) {
+            self.minimise_along_z(first);
+        }
+        for number in 0..self.kept_z.len() {
+            self.minimise_along_x(number);
+        }
+    }
+
+    #[inline(always)]
+    fn minimise_along_z(&mut self, first: usize) {
+        let column = Column {
+            squares: &self.squares,
+            width: self.width,
             first,
-            height: nz,
         };
         let ceiling = column.greatest();
-        column.measure_varied(ceiling, &mut to_varied);
-        for (z, &to_varied) in to_varied.iter().enumerate() {
-            let is_out_of_reach = to_varied * to_varied >= u32::from(ceiling);
-            let least = if is_out_of_reach {
+        column.measure_varied(ceiling, &mut self.to_varied);
+        let rows = self.rows.chunks_exact_mut(self.width);
+        for (row, z) in rows.zip(self.kept_z.clone()) {
+            let to_varied = self.to_varied[z];
+            let is_out_of_reach = to_varied * to_varied >= ceiling.into();
+            row[first..first + LANES].copy_from_slice(&if is_out_of_reach {
                 *column.at(z)
             } else {
                 column.least(z)
-            };
-            let lanes = LANES.min(nx);
-            slab[z * nx + first..z * nx + first + lanes].copy_from_slice(&least[..lanes]);
+            });
         }
+    }
+
+    #[inline(always)]
+    fn minimise_along_x(&mut self, number: usize) {
+        let margin = usize::from(S::REACH);
+        let row = &mut self.row[..];
+        row[margin..margin + self.nx].copy_from_slice(&self.rows[number * self.width..][..self.nx]);
+        let within = margin..margin + self.nx;
+        let ceiling = row[within.clone()]
+            .iter()
+            .copied()
+            .fold(S::default(), S::max);
+        let out = &mut self.least[number * self.kept_x.len()..][..self.kept_x.len()];
+        for first in starts(&self.kept_x) {
+            let place = margin + first;
+            let around = place.max(margin + LANES) - LANES..(place + 2 * LANES).min(within.end);
+            let is_out_of_reach =
+                ceiling.into() <= (LANES * LANES) as u32 && is_all(&row[around], ceiling);
+            let least = if is_out_of_reach {
+                *lanes(row, place)
+            } else {
+                least_of_row(row, place, margin.min(self.nx - 1))
+            };
+            let out = &mut out[first - self.kept_x.start..];
+            let count = out.len().min(LANES);
+            out[..count].copy_from_slice(&least[..count]);
+        }
+    }
+}
+
+/// Where lanes begin so that they cover a range: the last may overlap those before, rather than leave the range.
+#[inline(always)]
+fn starts(range: &Range<usize>) -> impl Iterator<Item = usize> + use<> {
+    let last = range.end.saturating_sub(LANES).max(range.start);
+    range
+        .clone()
+        .step_by(LANES)
+        .map(move |first| first.min(last))
+}
+
+/// Minimises a slab whose squares fit in eight bits.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.1"))]
+fn minimise_small(slab: &mut Slab<u8>, distances: &[u8], stride: usize) {
+    slab.minimise(distances, stride);
+}
+
+/// Minimises a slab of any squares.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.1"))]
+fn minimise_large(slab: &mut Slab<u16>, distances: &[u8], stride: usize) {
+    slab.minimise(distances, stride);
+}
+
+/// A squared distance in as few bits as will do; sums stop at the greatest.
+trait Square: Copy + Default + Ord + Into<u32> + BitOr<Output = Self> + Send {
+    const MAX: Self;
+    /// The largest distance with a square.
+    const REACH: u8;
+
+    fn of(distance: u8) -> Self;
+    fn plus(self, other: Self) -> Self;
+    /// The difference, or zero.
+    fn minus(self, other: Self) -> Self;
+}
+
+impl Square for u8 {
+    const MAX: Self = Self::MAX;
+    const REACH: u8 = MAX_SMALL_DISTANCE;
+
+    #[inline(always)]
+    fn of(distance: u8) -> Self {
+        distance.wrapping_mul(distance)
+    }
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.saturating_add(other)
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self.saturating_sub(other)
+    }
+}
+
+impl Square for u16 {
+    const MAX: Self = Self::MAX;
+    const REACH: u8 = MAX_DISTANCE;
+
+    #[inline(always)]
+    fn of(distance: u8) -> Self {
+        Self::from(distance) * Self::from(distance)
+    }
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.saturating_add(other)
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self.saturating_sub(other)
     }
 }
 
 /// Lanes that stand above each other in rows of `width`.
-struct Column<'a> {
-    block: &'a [u16],
+struct Column<'a, S> {
+    squares: &'a [S],
     width: usize,
     first: usize,
-    height: usize,
 }
 
-impl Column<'_> {
+impl<S: Square> Column<'_, S> {
     #[inline(always)]
-    fn at(&self, z: usize) -> &Lanes {
-        lanes(self.block, z * self.width + self.first)
+    fn height(&self) -> usize {
+        self.squares.len() / self.width
     }
 
     #[inline(always)]
-    fn greatest(&self) -> u16 {
-        let mut greatest = [0; LANES];
-        for z in 0..self.height {
+    fn at(&self, z: usize) -> &Lanes<S> {
+        lanes(self.squares, z * self.width + self.first)
+    }
+
+    #[inline(always)]
+    fn greatest(&self) -> S {
+        let mut greatest = [S::default(); LANES];
+        for z in 0..self.height() {
             for (greatest, &value) in greatest.iter_mut().zip(self.at(z)) {
                 *greatest = value.max(*greatest);
             }
         }
-        greatest.into_iter().fold(0, u16::max)
+        greatest.into_iter().fold(S::default(), S::max)
     }
 
     /// Distance from each place to the nearest with a lane below `ceiling`, the column's greatest value.
     ///
     /// Where that is far, the value stays the ceiling: so are most places when distances are followed only so far.
     #[inline(always)]
-    fn measure_varied(&self, ceiling: u16, to_varied: &mut [u32]) {
+    fn measure_varied(&self, ceiling: S, to_varied: &mut [u32]) {
         let mut distance = 1 << 9;
         for (z, to_varied) in to_varied.iter_mut().enumerate() {
             distance = if is_all(self.at(z), ceiling) {
@@ -170,18 +363,18 @@ impl Column<'_> {
 
     /// The least of the column's values, each raised by the square of its distance from `z`.
     #[inline(always)]
-    fn least(&self, z: usize) -> Lanes {
+    fn least(&self, z: usize) -> Lanes<S> {
         let mut least = *self.at(z);
-        let reach = z.max(self.height - 1 - z);
-        for k in 1..=reach.min(usize::from(MAX_DISTANCE)) {
-            let square = (k * k) as u16;
+        let reach = z.max(self.height() - 1 - z);
+        for k in 1..=reach.min(usize::from(S::REACH)) {
+            let square = S::of(k as u8);
             if !any_above(&least, square) {
                 break;
             }
             if k <= z {
                 lower(&mut least, self.at(z - k), square);
             }
-            if z + k < self.height {
+            if z + k < self.height() {
                 lower(&mut least, self.at(z + k), square);
             }
         }
@@ -189,49 +382,12 @@ impl Column<'_> {
     }
 }
 
-#[inline(always)]
-fn is_all(lanes: &[u16], value: u16) -> bool {
-    lanes.iter().fold(0, |any, &lane| any | (lane ^ value)) == 0
-}
-
-/// The minimum over x, for one z: from rows `size[0] * size[2]` apart to rows that follow each other.
-#[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
-fn minimise_along_x(rows: &[u16], plane: &mut [u16], size: [usize; 3]) {
-    let [nx, _, nz] = size;
-    let margin = usize::from(MAX_DISTANCE);
-    // Beyond the ends of a row there is no seed, however far one looks.
-    let mut row = vec![u16::MAX; margin + nx.max(LANES) + margin];
-    for (y, out) in plane.chunks_exact_mut(nx).enumerate() {
-        row[margin..margin + nx].copy_from_slice(&rows[y * nx * nz..y * nx * nz + nx]);
-        let ceiling = row[margin..margin + nx]
-            .iter()
-            .fold(0, |greatest, &value| greatest.max(value));
-        for first in (0..nx).step_by(LANES) {
-            // The last lanes may be done twice, rather than lanes beyond the row.
-            let first = first.min(nx.saturating_sub(LANES));
-            let width = LANES.min(nx);
-            let place = margin + first;
-            let is_out_of_reach = u32::from(ceiling) <= (LANES * LANES) as u32
-                && is_all(
-                    &row[place.max(margin + LANES) - LANES..(place + 2 * LANES).min(margin + nx)],
-                    ceiling,
-                );
-            let least = if is_out_of_reach {
-                *lanes(&row, place)
-            } else {
-                least_of_row(&row, place, margin.min(nx - 1))
-            };
-            out[first..first + width].copy_from_slice(&least[..width]);
-        }
-    }
-}
-
 /// The least of a row's values at a place and up to `reach` voxels away, each raised by the square of its distance.
 #[inline(always)]
-fn least_of_row(row: &[u16], place: usize, reach: usize) -> Lanes {
+fn least_of_row<S: Square>(row: &[S], place: usize, reach: usize) -> Lanes<S> {
     let mut least = *lanes(row, place);
     for k in 1..=reach {
-        let square = (k * k) as u16;
+        let square = S::of(k as u8);
         if !any_above(&least, square) {
             break;
         }
@@ -243,27 +399,34 @@ fn least_of_row(row: &[u16], place: usize, reach: usize) -> Lanes {
 
 /// The lanes of a row that start at `first`.
 #[inline(always)]
-fn lanes(row: &[u16], first: usize) -> &Lanes {
+fn lanes<S>(row: &[S], first: usize) -> &Lanes<S> {
     row[first..]
         .first_chunk()
         .expect("a row has a margin on both sides")
+}
+
+#[inline(always)]
+fn is_all<S: Square>(lanes: &[S], value: S) -> bool {
+    !lanes
+        .iter()
+        .fold(false, |differs, &lane| differs | (lane != value))
 }
 
 /// Whether a neighbour whose distance has this square could still lower a lane.
 ///
 /// As a disjunction of differences, because that is one instruction for each register and a test.
 #[inline(always)]
-fn any_above(lanes: &Lanes, square: u16) -> bool {
+fn any_above<S: Square>(lanes: &Lanes<S>, square: S) -> bool {
     lanes
         .iter()
-        .fold(0, |any, &value| any | value.saturating_sub(square))
-        != 0
+        .fold(S::default(), |any, &value| any | value.minus(square))
+        != S::default()
 }
 
 #[inline(always)]
-fn lower(least: &mut Lanes, values: &Lanes, square: u16) {
+fn lower<S: Square>(least: &mut Lanes<S>, values: &Lanes<S>, square: S) {
     for (least, &value) in least.iter_mut().zip(values) {
-        *least = (*least).min(value.saturating_add(square));
+        *least = (*least).min(value.plus(square));
     }
 }
 
@@ -321,6 +484,24 @@ mod tests {
         let size = [40, 21, 17];
         let bounds = scattered_seeds(size, 5, 2000);
         assert_eq!(squared_distances(size, &bounds), brute_force(size, &bounds));
+    }
+
+    #[test]
+    fn a_margin_is_left_out_and_axes_are_exchanged() {
+        for (size, margin) in [([70, 21, 17], 4), ([11, 12, 13], 5), ([130, 9, 3], 1)] {
+            for bound in [7, 40] {
+                let mut bounds = scattered_seeds(size, bound, 300);
+                let whole = brute_force(size, &bounds);
+                let [nx, ny, nz] = size;
+                let kept = |side: usize| margin..side - margin;
+                let mut expected = Vec::new();
+                for (y, z) in kept(ny).flat_map(|y| kept(nz).map(move |z| (y, z))) {
+                    expected.extend(kept(nx).map(|x| whole[x + nx * (y + ny * z)]));
+                }
+                let found = transformed(size, &mut bounds, margin, |squared| squared);
+                assert_eq!(found, expected, "{size:?}, bound {bound}");
+            }
+        }
     }
 
     #[test]

@@ -7,7 +7,8 @@ use geometry::{MeshSize, ShrunkMesh};
 use glam::DQuat;
 use render::gpu::{GpuJob, GpuPool, GpuSurface};
 use render::{
-    Camera, Frame, FrameSize, NamedView, RenderParameters, RenderRequest, draw_splat, draw_trace,
+    Camera, Facets, Frame, FrameSize, NamedView, RenderParameters, RenderRequest, draw_mesh,
+    draw_splat, draw_trace,
 };
 
 use crate::{Cost, MeasureError, MeasuredCase, Summary, timed};
@@ -20,10 +21,12 @@ const STEP_DEGREES: f64 = 1.0;
 pub enum Painter {
     /// Voxel projection, on the processor.
     Splat,
+    /// The facets, on the processor.
+    Mesh,
     /// Sphere tracing, on the processor.
     Trace,
     /// The facets, on a graphics device.
-    Mesh(Arc<GpuPool>),
+    GpuMesh(Arc<GpuPool>),
     /// Sphere tracing, on a graphics device.
     GpuTrace(Arc<GpuPool>),
 }
@@ -34,11 +37,17 @@ impl Painter {
         let is_software = |pool: &GpuPool| pool.adapter().is_software;
         match self {
             Self::Splat => "splat",
+            Self::Mesh => "mesh",
             Self::Trace => "trace",
-            Self::Mesh(pool) if is_software(pool) => "mesh, device in software",
-            Self::Mesh(_) => "mesh, graphics device",
+            Self::GpuMesh(pool) if is_software(pool) => "mesh, device in software",
+            Self::GpuMesh(_) => "mesh, graphics device",
             Self::GpuTrace(_) => "trace, graphics device",
         }
+    }
+
+    /// Whether it draws facets.
+    pub fn draws_mesh(&self) -> bool {
+        matches!(self, Self::Mesh | Self::GpuMesh(_))
     }
 
     /// Draws a picture; `mesh` is what a painter of meshes draws.
@@ -55,12 +64,18 @@ impl Painter {
         mesh: Option<&(MeshSize, ShrunkMesh)>,
     ) -> Result<Frame, MeasureError> {
         use render::gpu::GpuCase as _;
+        let given = || mesh.expect("a mesh for a painter of meshes");
         let (pool, surface) = match self {
             Self::Splat => return Ok(draw_splat(&case.scene(), &request)),
             Self::Trace => return Ok(draw_trace(&case.scene(), &request)),
+            Self::Mesh => {
+                let (size, mesh) = given();
+                let facets = Facets::new(*size, mesh);
+                return Ok(draw_mesh(&case.scene(), &request, facets));
+            }
             Self::GpuTrace(pool) => (pool, GpuSurface::Trace),
-            Self::Mesh(pool) => {
-                let (size, mesh) = mesh.expect("a mesh for a painter of meshes").clone();
+            Self::GpuMesh(pool) => {
+                let (size, mesh) = given().clone();
                 (pool, GpuSurface::Mesh { size, mesh })
             }
         };

@@ -58,7 +58,7 @@ pub use error::RenderError;
 pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
 pub use hits::Hits;
 pub use light::Light;
-pub use mesh::{Facets, draw_mesh, mesh_hits};
+pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
 pub use png::{RESEARCH_USE_NOTICE, encode_png};
 pub use quality::draw_quality_sheet;
 pub use renderer::{Renderer, Splat, Trace};

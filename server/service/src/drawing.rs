@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use geometry::{MeshSize, ShrunkMesh};
-use render::gpu::{AdapterSummary, GpuCase, GpuError, GpuJob, GpuPool, GpuSurface};
-use render::{Frame, RenderRequest, Wanted};
+use render::gpu::{AdapterSummary, GpuCase, GpuJob, GpuPool, GpuSurface};
+use render::{Facets, Frame, RenderRequest, Wanted};
 
-use crate::graphics::{Graphics, problem_of};
+use crate::graphics::Graphics;
 use crate::problem::AppError;
 use crate::routes::render::Renderer;
 
@@ -15,6 +15,8 @@ use crate::routes::render::Renderer;
 pub enum Drawer {
     /// Splatting, on the processor.
     Splat,
+    /// The mesh, on the processor.
+    Mesh,
     /// Sphere tracing, on the processor.
     Trace,
     /// The mesh, on a graphics device.
@@ -24,32 +26,28 @@ pub enum Drawer {
 }
 
 impl Drawer {
-    /// Who draws what was asked for: with `auto` and `trace` a graphics device, unless that is a program, which would be slower
-    /// than the renderers of the processor.
-    ///
-    /// # Errors
-    /// [`AppError::NoRenderer`] for `mesh` where there is no graphics device.
-    pub async fn choose(asked: Renderer, graphics: &Graphics) -> Result<Self, AppError> {
-        Ok(match asked {
-            Renderer::Splat => Self::Splat,
-            Renderer::Mesh => match graphics.pool().await {
-                Ok(pool) => Self::GpuMesh(pool),
-                Err(why) => {
-                    return Err(AppError::NoRenderer {
-                        renderer: "mesh",
-                        why,
-                    });
-                }
-            },
-            Renderer::Trace => graphics
-                .preferred()
-                .await
-                .map_or(Self::Trace, Self::GpuTrace),
-            Renderer::Auto => graphics
-                .preferred()
-                .await
-                .map_or(Self::Splat, Self::GpuTrace),
-        })
+    /// Who draws what was asked for: with `auto`, `mesh` and `trace` the graphics device where there is one that may be used.
+    pub async fn choose(asked: Renderer, graphics: &Graphics) -> Self {
+        if asked == Renderer::Splat {
+            return Self::Splat;
+        }
+        let Some(pool) = graphics.pool().await else {
+            return Self::on_processor(asked);
+        };
+        match asked {
+            Renderer::Mesh => Self::GpuMesh(pool),
+            _ => Self::GpuTrace(pool),
+        }
+    }
+
+    /// Who draws what was asked for where no graphics device does.
+    fn on_processor(asked: Renderer) -> Self {
+        match asked {
+            // As near to the exact picture as any, and the fastest that is.
+            Renderer::Auto | Renderer::Splat => Self::Splat,
+            Renderer::Mesh => Self::Mesh,
+            Renderer::Trace => Self::Trace,
+        }
     }
 
     /// Its name in the interface.
@@ -57,7 +55,7 @@ impl Drawer {
         match self {
             Self::Splat => "splat",
             Self::Trace | Self::GpuTrace(_) => "trace",
-            Self::GpuMesh(_) => "mesh",
+            Self::Mesh | Self::GpuMesh(_) => "mesh",
         }
     }
 
@@ -66,7 +64,7 @@ impl Drawer {
     /// Pictures of the processor are the same bytes everywhere; those of graphics devices are not.
     pub fn device(&self) -> String {
         match self {
-            Self::Splat | Self::Trace => "cpu".to_owned(),
+            Self::Splat | Self::Mesh | Self::Trace => "cpu".to_owned(),
             Self::GpuMesh(pool) | Self::GpuTrace(pool) => device_name(pool.adapter()),
         }
     }
@@ -78,7 +76,7 @@ impl Drawer {
 
     /// Whether it wants a mesh.
     pub fn wants_mesh(&self) -> bool {
-        matches!(self, Self::GpuMesh(_))
+        matches!(self, Self::Mesh | Self::GpuMesh(_))
     }
 }
 
@@ -125,14 +123,15 @@ pub struct Drawn {
 }
 
 impl Drawing {
-    /// Draws. Where a graphics device fails, `auto` falls back to splatting and `trace` to the processor.
+    /// Draws. Where a graphics device fails the processor draws: the same as was asked for, splats with `auto`.
     ///
     /// # Errors
-    /// [`AppError::GraphicsFailed`] and its like when the device fails and `mesh` was asked for, [`AppError::Unavailable`] soon
-    /// after the picture is no longer wanted.
-    pub fn draw(self, is_wanted: &Wanted<'_>) -> Result<Drawn, AppError> {
+    /// [`AppError::Unavailable`] soon after the picture is no longer wanted.
+    pub fn draw(mut self, is_wanted: &Wanted<'_>) -> Result<Drawn, AppError> {
         let (pool, surface) = match &self.drawer {
-            Drawer::Splat | Drawer::Trace => return self.draw_in_software(is_wanted),
+            Drawer::Splat | Drawer::Mesh | Drawer::Trace => {
+                return self.draw_in_software(is_wanted);
+            }
             Drawer::GpuTrace(pool) => (pool, GpuSurface::Trace),
             Drawer::GpuMesh(pool) => {
                 let (size, mesh) = self.mesh.clone().ok_or(AppError::Internal)?;
@@ -154,42 +153,29 @@ impl Drawing {
                 drawer: self.drawer,
                 reduction: drawn.reduction,
             }),
-            Err(error) => self.without_device(&error, is_wanted),
+            Err(error) => {
+                tracing::warn!(%error, "the graphics device did not draw: the processor does");
+                self.drawer = Drawer::on_processor(self.asked);
+                self.draw_in_software(is_wanted)
+            }
         }
     }
 
-    fn without_device(
-        mut self,
-        error: &GpuError,
-        is_wanted: &Wanted<'_>,
-    ) -> Result<Drawn, AppError> {
-        self.drawer = match self.asked {
-            Renderer::Auto => Drawer::Splat,
-            Renderer::Trace => Drawer::Trace,
-            Renderer::Mesh | Renderer::Splat => {
-                tracing::warn!(%error, "the graphics device did not draw");
-                return Err(problem_of(error));
-            }
-        };
-        tracing::warn!(%error, "the graphics device did not draw: the processor does");
-        self.draw_in_software(is_wanted)
-    }
-
     fn draw_in_software(self, is_wanted: &Wanted<'_>) -> Result<Drawn, AppError> {
-        let scene = self.case.scene();
-        let (frame, drawer) = match self.drawer {
-            Drawer::Trace => (
-                render::draw_trace_while(&scene, &self.request, is_wanted),
-                Drawer::Trace,
-            ),
-            _ => (
-                render::draw_splat_while(&scene, &self.request, is_wanted),
-                Drawer::Splat,
-            ),
+        let (scene, request) = (self.case.scene(), &self.request);
+        let frame = match &self.drawer {
+            Drawer::Mesh | Drawer::GpuMesh(_) => {
+                let (size, mesh) = self.mesh.as_ref().ok_or(AppError::Internal)?;
+                render::draw_mesh_while(&scene, request, Facets::new(*size, mesh), is_wanted)
+            }
+            Drawer::Trace | Drawer::GpuTrace(_) => {
+                render::draw_trace_while(&scene, request, is_wanted)
+            }
+            Drawer::Splat => render::draw_splat_while(&scene, request, is_wanted),
         };
         Ok(Drawn {
             frame: frame.ok_or(AppError::Unavailable)?,
-            drawer,
+            drawer: self.drawer,
             reduction: None,
         })
     }

@@ -120,25 +120,6 @@ pub enum AppError {
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
     TimedOut,
-    /// Specified, but not in this build.
-    #[error("{what} is not available on this server")]
-    NotImplemented {
-        /// What was asked for.
-        what: &'static str,
-    },
-    /// The renderer asked for cannot be had on this machine.
-    #[error(
-        "this server has no renderer `{renderer}`: {why}; `auto`, `splat` and `trace` are there"
-    )]
-    NoRenderer {
-        /// Which.
-        renderer: &'static str,
-        /// Why: a sentence without its end.
-        why: &'static str,
-    },
-    /// The graphics device was lost, or has too little memory; the next picture gets another.
-    #[error("the graphics device failed at this picture; try again, or ask for `trace` or `splat`")]
-    GraphicsFailed,
     /// A step of the geometry refuses the parameters.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
@@ -219,9 +200,6 @@ impl AppError {
             Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
             Self::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
             Self::TimedOut => (StatusCode::SERVICE_UNAVAILABLE, "timed-out"),
-            Self::NotImplemented { .. } => (StatusCode::NOT_IMPLEMENTED, "not-implemented"),
-            Self::NoRenderer { .. } => (StatusCode::NOT_IMPLEMENTED, "no-renderer"),
-            Self::GraphicsFailed => (StatusCode::SERVICE_UNAVAILABLE, "graphics-failed"),
             Self::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
             Self::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
             Self::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),

@@ -1,5 +1,6 @@
 //! Pictures.
 
+use geometry::MeshSize;
 use measure::counted::Counted;
 use measure::{Painter, Spin};
 use render::gpu::GpuCase as _;
@@ -23,6 +24,15 @@ fn picture(painter: Painter, depth_mm: f32) -> Box<dyn FnMut()> {
     step(move || painter.draw(&case, request, None))
 }
 
+/// The facets of 1,800 or more triangles, 15 mm deep.
+fn facets(size: MeshSize) -> Box<dyn FnMut()> {
+    let case = case();
+    let (_, table) = case.table(size).expect("a mesh");
+    let request = spin(15.0).request(&case, 30).expect("a request");
+    let mesh = (size, table.shrink(15.0));
+    step(move || Painter::Mesh.draw(&case, request, Some(&mesh)))
+}
+
 pub(crate) fn steps() -> Vec<Counted> {
     vec![
         Counted {
@@ -32,6 +42,14 @@ pub(crate) fn steps() -> Vec<Counted> {
         Counted {
             name: "render: splat 256², 15 mm",
             make: || picture(Painter::Splat, 15.0),
+        },
+        Counted {
+            name: "render: mesh 256², 15 mm, 1,800 triangles",
+            make: || facets(MeshSize::STANDARD),
+        },
+        Counted {
+            name: "render: mesh 256², 15 mm, 20,000 triangles",
+            make: || facets(MeshSize::new(100, 100).expect("a size")),
         },
         Counted {
             name: "render: trace 256², 15 mm",

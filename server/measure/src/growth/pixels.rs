@@ -43,7 +43,7 @@ fn row(growth: &Growth<'_>, painter: &Painter, side: u32) -> Result<Vec<Cell>, M
         .tell
         .tell(&format!("growth with the pixels: {name}, {side}²"));
     let size = MeshSize::STANDARD;
-    let mesh = if matches!(painter, Painter::Mesh(_)) {
+    let mesh = if painter.draws_mesh() {
         let (_, paths) = growth.case.table(size)?;
         Some((size, paths.shrink(growth.depth_mm)))
     } else {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use geometry::{MeshSize, PathTable, Paths, shrink_once};
 
 use super::{Growth, note_exponents};
-use crate::{Cell, Costs, MeasureError, Painter, Spin, Table, column, timed};
+use crate::{Cell, Costs, MeasureError, Spin, Table, column, timed};
 
 /// Contours and points of the meshes: 200 to 500,000 triangles.
 const SIZES: [[usize; 2]; 7] = [
@@ -105,8 +105,7 @@ fn frame_ms(
     size: MeshSize,
     table: &PathTable,
 ) -> Result<Option<f64>, MeasureError> {
-    let is_mesh = |painter: &&Painter| matches!(painter, Painter::Mesh(_));
-    let Some(painter) = growth.painters.iter().find(is_mesh) else {
+    let Some(painter) = growth.painters.iter().find(|painter| painter.draws_mesh()) else {
         return Ok(None);
     };
     let spin = Spin {

@@ -1,9 +1,10 @@
 //! The mesh derivation time (section 4.1 and Figure 6).
 
 use geometry::{MeshSize, Paths, shrink_once};
+use render::agreement::MESH_SIZES;
 
 use super::Experiment;
-use super::published::{FIGURE_6_MACHINE, MESH_SIZES, TABLE_2, TABLE_2_TRIANGLES};
+use super::published::{FIGURE_6_MACHINE, TABLE_2, TABLE_2_TRIANGLES};
 use crate::{Cell, Costs, MeasureError, MeasuredCase, PowerLaw, Table, column, readable, timed};
 
 /// Meshes whose average is a derivation time: one voxel deep, two, and so on.

@@ -94,7 +94,6 @@ impl Experiment<'_> {
 
     /// The painter of meshes, if there is one.
     pub fn mesh_painter(&self) -> Option<&Painter> {
-        let is_mesh = |painter: &&Painter| matches!(painter, Painter::Mesh(_));
-        self.painters.iter().find(is_mesh)
+        self.painters.iter().find(|painter| painter.draws_mesh())
     }
 }

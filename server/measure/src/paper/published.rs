@@ -74,20 +74,6 @@ pub const TABLE_3: [VoxelRow; 9] = [
     voxel('I', [0.99, 40.0, 422.0]),
 ];
 
-/// The triangles of the ten meshes (the caption of Figure 7), as contours and points on each; of the pairs the paper gives 30 × 30 alone.
-pub const MESH_SIZES: [[usize; 2]; 10] = [
-    [10, 10],
-    [20, 10],
-    [20, 15],
-    [20, 20],
-    [30, 30],
-    [40, 30],
-    [40, 40],
-    [50, 40],
-    [60, 50],
-    [80, 50],
-];
-
 /// Triangles of the mesh of Table 2.
 pub const TABLE_2_TRIANGLES: usize = 1800;
 
@@ -123,13 +109,6 @@ pub fn rates(figures: impl Iterator<Item = f64> + Clone) -> Range {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_meshes_have_the_triangles_of_the_paper() {
-        let triangles = MESH_SIZES.map(|[contours, points]| 2 * contours * points);
-        let paper = [200, 400, 600, 800, 1800, 2400, 3200, 4000, 6000, 8000];
-        assert_eq!(triangles, paper);
-    }
 
     #[test]
     fn less_time_and_more_frames_are_better() {

@@ -1,9 +1,10 @@
 //! Rotation frame rates: Tables 2 and 3, and Figure 5.
 
 use geometry::MeshSize;
+use render::agreement::MESH_SIZES;
 
 use super::derivation::Derivation;
-use super::published::{MESH_SIZES, Range, TABLE_2, TABLE_2_TRIANGLES, TABLE_3, rates, times};
+use super::published::{Range, TABLE_2, TABLE_2_TRIANGLES, TABLE_3, rates, times};
 use super::{Experiment, setup};
 use crate::{Cell, Costs, MeasureError, Painter, Rate, Spin, Summary, Table, column};
 
@@ -28,7 +29,7 @@ pub(super) struct Spun {
 pub(super) fn measure(experiment: &Experiment<'_>) -> Result<Vec<Spun>, MeasureError> {
     let mut spins = Vec::new();
     for painter in experiment.painters {
-        if !matches!(painter, Painter::Mesh(_)) {
+        if !painter.draws_mesh() {
             spins.push(spun(experiment, painter, None)?);
             continue;
         }
@@ -189,7 +190,7 @@ pub(super) fn table_2(
     ];
     let painter = experiment
         .mesh_painter()
-        .map_or("no graphics device", Painter::name);
+        .map_or("drawn by nobody", Painter::name);
     let title = format!("Table 2: a mesh of 1,800 triangles (30 × 30), {painter}");
     let mut table = beside_paper("table_2", title, lines);
     match spun {
@@ -197,7 +198,7 @@ pub(super) fn table_2(
             "The first picture, with the textures' way to the device: {:.3} s. A frame here is drawn and read back.",
             spun.envelope.first_s
         )),
-        None => table.note("Frame rates of meshes need a graphics device: hardware, or Mesa's software Vulkan."),
+        None => table.note("Frame rates of meshes were not asked for."),
     }
     table.note(frames_note(experiment));
     table

@@ -14,9 +14,8 @@ const LEFT: f64 = 78.0;
 const RIGHT: f64 = WIDTH - 24.0;
 const TOP: f64 = 46.0;
 const BOTTOM: f64 = HEIGHT - 58.0;
-/// Height of a line of the legend, and width of a letter of it.
+/// Height of a line of the legend.
 const LEGEND_LINE: f64 = 18.0;
-const LETTER: f64 = 6.6;
 
 /// Colours that the colour-blind tell apart (Okabe and Ito).
 const COLORS: [&str; 7] = [
@@ -94,10 +93,11 @@ impl Plot {
             x: Scale::around(&self.x, points().map(|(x, _)| *x)),
             y: Scale::around(&self.y, points().map(|(_, y)| *y)),
         };
+        let height = HEIGHT + self.series.len() as f64 * LEGEND_LINE;
         let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" \
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" \
              font-family=\"sans-serif\" font-size=\"12\">\n\
-             <rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"white\"/>\n"
+             <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"white\"/>\n"
         );
         let _ = writeln!(
             svg,
@@ -108,7 +108,7 @@ impl Plot {
         for (number, series) in self.series.iter().enumerate() {
             series.draw(&field, number, &mut svg);
         }
-        self.legend(&field, &mut svg);
+        self.legend(&mut svg);
         svg.push_str("</svg>\n");
         svg
     }
@@ -150,23 +150,14 @@ impl Plot {
         );
     }
 
-    /// The legend, in the corner of the field that hides the fewest points.
-    fn legend(&self, field: &Field, svg: &mut String) {
-        let letters = self.series.iter().map(|series| series.name.chars().count());
-        let width = letters.max().unwrap_or(0) as f64 * LETTER + 40.0;
-        let height = self.series.len() as f64 * LEGEND_LINE + 8.0;
-        let (left, top) = self.free_corner(field, (width, height));
-        let _ = writeln!(
-            svg,
-            "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
-             fill=\"white\" fill-opacity=\"0.85\" stroke=\"#cccccc\"/>"
-        );
+    /// The legend, below the field, where it hides nothing.
+    fn legend(&self, svg: &mut String) {
         for (number, series) in self.series.iter().enumerate() {
-            let y = top + 4.0 + (number as f64 + 0.5) * LEGEND_LINE;
-            let (mark, text, baseline) = (left + 16.0, left + 32.0, y + 4.0);
+            let y = HEIGHT + number as f64 * LEGEND_LINE;
+            let (mark, text, baseline) = (LEFT + 16.0, LEFT + 32.0, y + 4.0);
             let color = COLORS[number % COLORS.len()];
             if !series.is_marks {
-                let (from, to) = (left + 6.0, left + 26.0);
+                let (from, to) = (LEFT + 6.0, LEFT + 26.0);
                 let _ = write!(
                     svg,
                     "<path d=\"M{from:.1} {y:.1}H{to:.1}\" stroke=\"{color}\" stroke-width=\"2\"/>"
@@ -179,24 +170,6 @@ impl Plot {
                 "<text x=\"{text:.1}\" y=\"{baseline:.1}\">{name}</text>"
             );
         }
-    }
-
-    fn free_corner(&self, field: &Field, (width, height): (f64, f64)) -> (f64, f64) {
-        let gap = 10.0;
-        let (left, right) = (LEFT + gap, RIGHT - width - gap);
-        let (top, bottom) = (TOP + gap, BOTTOM - height - gap);
-        let corners = [(right, top), (left, top), (right, bottom), (left, bottom)];
-        let hidden = |&(x0, y0): &(f64, f64)| {
-            // Lines count by some points along them.
-            let lines = self.series.iter().flat_map(|series| series.along(field));
-            let is_below =
-                |(x, y): &(f64, f64)| (x0..x0 + width).contains(x) && (y0..y0 + height).contains(y);
-            lines.filter(is_below).count()
-        };
-        corners
-            .into_iter()
-            .min_by_key(hidden)
-            .unwrap_or((right, top))
     }
 }
 
@@ -223,21 +196,6 @@ impl Series {
 
     fn places(&self, field: &Field) -> impl Iterator<Item = (f64, f64)> {
         self.points.iter().filter_map(|&point| field.at(point))
-    }
-
-    /// Places along the line.
-    fn along(&self, field: &Field) -> Vec<(f64, f64)> {
-        let places: Vec<_> = self.places(field).collect();
-        let between = |pair: &[(f64, f64)]| {
-            let [(x0, y0), (x1, y1)] = [pair[0], pair[1]];
-            (0..8).map(move |step| {
-                let part = f64::from(step) / 8.0;
-                (x0 + (x1 - x0) * part, y0 + (y1 - y0) * part)
-            })
-        };
-        let mut along: Vec<_> = places.windows(2).flat_map(between).collect();
-        along.extend(places);
-        along
     }
 }
 
@@ -300,18 +258,17 @@ mod tests {
     }
 
     #[test]
-    fn the_legend_goes_where_no_line_is() {
-        let svg = Plot {
-            series: vec![Series::line("here", vec![(1.0, 1.0), (10.0, 10.0)])],
-            ..plot()
+    fn the_legend_stands_below_all_that_is_drawn() {
+        let svg = plot().svg();
+        let place = |text: &str| -> f64 {
+            let line = svg.lines().find(|line| line.contains(text));
+            let line = line.expect("the text stands in the plot");
+            let (_, after) = line.rsplit_once(" y=\"").expect("a text has a place");
+            let (number, _) = after.split_once('"').expect("a place ends");
+            number.parse().expect("a place is a number")
         };
-        let field = Field {
-            x: Scale::around(&svg.x, [1.0, 10.0].into_iter()),
-            y: Scale::around(&svg.y, [1.0, 10.0].into_iter()),
-        };
-        // The line ends in the top right corner.
-        let (left, top) = svg.free_corner(&field, (100.0, 40.0));
-        assert!(left < WIDTH / 2.0 && top < HEIGHT / 2.0);
+        assert!(place(">here<") > place(">triangles<"));
+        assert!(place(">paper<") > place(">here<"));
     }
 
     #[test]

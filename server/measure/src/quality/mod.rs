@@ -8,15 +8,14 @@ use std::sync::Arc;
 use geometry::{EnvelopeMesh, MeshSize, PathTable};
 use glam::Vec3;
 use rayon::prelude::*;
-use render::agreement::{Agreement, mesh_against_exact};
+use render::agreement::{MESH_SIZES, mesh_against_exact};
 use render::gpu::GpuCase;
 use render::{
     Background, Camera, Frame, FrameSize, NamedView, RenderParameters, RenderRequest, draw_trace,
 };
 
 use self::nearest::Nearest;
-use crate::paper::published::MESH_SIZES;
-use crate::{MeasureError, MeasuredCase, Painter, Summary, Table, column};
+use crate::{MeasureError, MeasuredCase, Summary, Table, column};
 
 /// Points of the isosurface whose distance from the mesh is looked at.
 const ISOSURFACE_POINTS: usize = 20_000;
@@ -91,23 +90,18 @@ fn exact_pictures(
 
 /// How the meshes are judged.
 #[derive(Debug, Clone, Copy)]
-pub struct Judgement<'a> {
+pub struct Judgement {
     /// Depth of the meshes, in mm.
     pub depth_mm: f32,
     /// Size of the pictures that are compared.
     pub size: FrameSize,
-    /// Who draws meshes; without one no pictures are compared.
-    pub painter: Option<&'a Painter>,
 }
 
 /// Figure 7 in numbers: each of the ten mesh sizes at a depth.
 ///
 /// # Errors
 /// When a mesh cannot be cut or drawn.
-pub fn figure_7(
-    case: &Arc<MeasuredCase>,
-    judgement: &Judgement<'_>,
-) -> Result<Table, MeasureError> {
+pub fn figure_7(case: &Arc<MeasuredCase>, judgement: &Judgement) -> Result<Table, MeasureError> {
     let columns = [
         column("contours", "N_F"),
         column("points", "N_P"),
@@ -124,23 +118,14 @@ pub fn figure_7(
     let depth_mm = judgement.depth_mm;
     let title = format!("Figure 7 in numbers: meshes {depth_mm} mm deep against the isosurface");
     let mut table = Table::new("figure_7", title, &columns);
-    let pool = match judgement.painter {
-        Some(Painter::Mesh(pool)) => Some(pool),
-        _ => None,
-    };
-    let exact = match pool {
-        Some(_) => exact_pictures(case, depth_mm, judgement.size)?,
-        None => Vec::new(),
-    };
-    let shared = Arc::clone(case) as Arc<dyn GpuCase>;
+    let exact = exact_pictures(case, depth_mm, judgement.size)?;
     for [contours, points] in MESH_SIZES {
         let size = MeshSize::new(contours, points)?;
         let (mesh, paths) = case.table(size)?;
         let found = quality(case, (&mesh, &paths), depth_mm);
         let facets = found.map(|found| found.facet_depth_mm);
         let surface = found.map(|found| found.isosurface_mm);
-        let compared = |pool| mesh_against_exact(pool, &shared, &paths, &exact);
-        let pictures: Option<Agreement> = pool.map(|pool| compared(pool)).transpose()?;
+        let pictures = mesh_against_exact(&case.scene(), &paths, &exact);
         table.push([
             contours.into(),
             points.into(),
@@ -151,16 +136,14 @@ pub fn figure_7(
             surface.map(|surface| surface.mean).into(),
             surface.map(|surface| surface.p95).into(),
             surface.map(|surface| surface.greatest).into(),
-            pictures.as_ref().map(Agreement::mean_difference).into(),
-            pictures
-                .map(|pictures| u64::from(pictures.percentile(0.95)))
-                .into(),
+            pictures.mean_difference().into(),
+            u64::from(pictures.percentile(0.95)).into(),
         ]);
     }
     table.note("The paper shows pictures and no numbers here.");
     table.note(
         "Picture off: grey levels between the drawn mesh and the traced isosurface, over the pixels that both cover, from all six \
-         sides; it needs a graphics device.",
+         sides.",
     );
     Ok(table)
 }

@@ -14,7 +14,7 @@ use crate::isosurface::Isosurface;
 use crate::rays::Rays;
 use crate::settle::settled;
 use crate::surface::{self, PointRow, Surface, working_rays};
-use crate::{Frame, Hits, Projection, RenderRequest, Scene};
+use crate::{Frame, Hits, Projection, RenderRequest, Scene, Wanted};
 use raster::Heights;
 use triangle::{Samples, Triangles};
 
@@ -51,6 +51,17 @@ pub fn draw_mesh(scene: &Scene<'_>, request: &RenderRequest, facets: Facets<'_>)
     let projection = request.projection(scene);
     let drawn = DrawnMesh::new(scene, request, facets, Samples::FOUR);
     surface::draw(&drawn, scene, request, &projection)
+}
+
+/// As [`draw_mesh`], but given up, with `None`, soon after it is no longer wanted.
+pub fn draw_mesh_while(
+    scene: &Scene<'_>,
+    request: &RenderRequest,
+    facets: Facets<'_>,
+    is_wanted: &Wanted<'_>,
+) -> Option<Frame> {
+    let drawn = DrawnMesh::new(scene, request, facets, Samples::FOUR);
+    surface::draw_while(&drawn, scene, request, is_wanted)
 }
 
 /// Finds what the centre of each pixel of [`draw_mesh`] shows, without drawing it: points on the facets.
@@ -147,6 +158,23 @@ mod tests {
             glam::DAffine3::from_translation(glam::DVec3::splat(-40.0)),
             |_| 200,
         )
+    }
+
+    #[test]
+    fn a_mesh_that_is_not_wanted_any_more_is_given_up() {
+        use std::sync::atomic::{AtomicUsize, Ordering};
+
+        let case = phantom();
+        let meshes = SceneMeshes::new([30, 30]);
+        let mesh = meshes.shrunk(&case.scene(), 4.0);
+        let facets = Facets::new(meshes.size, &mesh);
+        let request = RenderRequest::new(crate::conformance::parameters()).unwrap();
+        let asked = AtomicUsize::new(0);
+        let few_times = || asked.fetch_add(1, Ordering::Relaxed) < 3;
+        let given_up = draw_mesh_while(&case.scene(), &request, facets, &few_times);
+        assert!(given_up.is_none() && asked.load(Ordering::Relaxed) > 3);
+        let wanted = draw_mesh_while(&case.scene(), &request, facets, &|| true);
+        assert_eq!(wanted, Some(draw_mesh(&case.scene(), &request, facets)));
     }
 
     #[test]

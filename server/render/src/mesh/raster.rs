@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
-use super::triangle::{Bounds, Corner, Samples, Triangle, Triangles};
+use super::triangle::{Bounds, Corner, LINES, Samples, Triangle, Triangles};
 use crate::surface::PointRow;
 
 /// Heights of what each sample shows, in voxels, line by line; −∞ where there is nothing.
@@ -13,14 +13,18 @@ pub(super) struct Heights {
     /// Lines in a row of pixels.
     lines: usize,
     width: usize,
+    /// After the last line come [`BLOCK`] more, which mean nothing.
     heights: Vec<f32>,
 }
+
+/// Columns whose heights are raised together.
+const BLOCK: usize = 8;
 
 impl Heights {
     /// The heights in some rows of pixels of a picture of `width`.
     pub(super) fn of(triangles: &Triangles, rows: Range<usize>, width: usize) -> Self {
         let lines = triangles.samples.lines();
-        let mut heights = vec![f32::NEG_INFINITY; rows.len() * lines * width];
+        let mut heights = vec![f32::NEG_INFINITY; rows.len() * lines * width + BLOCK];
         draw(triangles, rows.start * lines, width, &mut heights);
         Self {
             lines,
@@ -52,12 +56,12 @@ impl Heights {
     }
 }
 
-/// Raises heights to those of the triangles, from line `first` of the picture on.
+/// Raises heights to those of the triangles, from line `first` of the picture on; after the lines come [`BLOCK`] heights more.
 #[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
 fn draw(triangles: &Triangles, first: usize, width: usize, heights: &mut [f32]) {
     let mut band = Band {
         samples: triangles.samples,
-        lines: first..first + heights.len() / width.max(1),
+        lines: first..first + (heights.len() - BLOCK) / width.max(1),
         width,
         heights,
     };
@@ -73,7 +77,7 @@ fn draw(triangles: &Triangles, first: usize, width: usize, heights: &mut [f32]) 
     }
 }
 
-/// The heights of some lines of the picture.
+/// The heights of some lines of the picture, and after them [`BLOCK`] more.
 struct Band<'a> {
     samples: Samples,
     lines: Range<usize>,
@@ -86,22 +90,49 @@ impl Band<'_> {
     #[inline(always)]
     fn draw(&mut self, corners: [Corner; 3]) {
         let triangle = Triangle::new(corners, self.samples);
+        let [top, bottom] = [self.lines.start, self.lines.end].map(|line| line as i64);
+        let [start, end] = [
+            triangle.lines.start.max(top),
+            triangle.lines.end.min(bottom),
+        ];
+        if !triangle.is_near {
+            for line in start..end {
+                self.draw_line(&triangle, line, triangle.columns(line, self.width));
+            }
+            return;
+        }
+        for first in (start..end).step_by(LINES) {
+            let spans = triangle.spans(first, self.width);
+            for line in 0..LINES.min((end - first) as usize) {
+                self.draw_line(&triangle, first + line as i64, spans.on(line));
+            }
+        }
+    }
+
+    /// Raises the heights on a line to those of a triangle in these columns.
+    #[inline(always)]
+    fn draw_line(&mut self, triangle: &Triangle, line: i64, columns: Range<usize>) {
+        if columns.is_empty() {
+            return;
+        }
         let [lowest, highest] = triangle.range;
         let per_column = triangle.per_column as f32;
-        let [top, bottom] = [self.lines.start, self.lines.end].map(|line| line as i64);
-        for line in triangle.lines.start.max(top)..triangle.lines.end.min(bottom) {
-            let columns = triangle.columns(line, self.width);
-            if columns.is_empty() {
-                continue;
-            }
-            let start = triangle.height(columns.start, line);
-            let on_line = &mut self.heights[(line - top) as usize * self.width..][..self.width];
-            for (column, height) in on_line[columns].iter_mut().enumerate() {
-                let plane = start + column as i32 as f32 * per_column;
+        let start = triangle.height(columns.start, line);
+        let row = line as usize - self.lines.start;
+        let count = columns.len() as i32;
+        let heights = &mut self.heights[row * self.width + columns.start..];
+        let blocks = columns.len().div_ceil(BLOCK);
+        for (block, heights) in heights.chunks_exact_mut(BLOCK).take(blocks).enumerate() {
+            let first = (block * BLOCK) as i32;
+            for (lane, height) in heights.iter_mut().enumerate() {
+                let column = first + lane as i32;
+                let plane = start + column as f32 * per_column;
                 // A facet seen from the side has a steep plane: it ends at its corners.
                 let plane = if plane < highest { plane } else { highest };
                 let plane = if plane > lowest { plane } else { lowest };
-                *height = if plane > *height { plane } else { *height };
+                // A block may go on into the next line.
+                let is_above = (column < count) & (plane > *height);
+                *height = if is_above { plane } else { *height };
             }
         }
     }
@@ -121,7 +152,8 @@ impl Floors {
     fn of(band: &Band<'_>) -> Self {
         let columns = band.width.div_ceil(TILE[1]);
         let mut floors = Vec::with_capacity(columns * band.lines.len().div_ceil(TILE[0]));
-        for lines in band.heights.chunks(TILE[0] * band.width.max(1)) {
+        let heights = &band.heights[..band.lines.len() * band.width];
+        for lines in heights.chunks(TILE[0] * band.width.max(1)) {
             let first = floors.len();
             floors.resize(first + columns, f32::INFINITY);
             for line in lines.chunks(band.width.max(1)) {

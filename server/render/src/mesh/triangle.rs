@@ -34,10 +34,15 @@ impl Samples {
         self.across.len()
     }
 
-    /// Fixed-point steps from a line to the next; the first is half as far from the picture's edge.
+    /// Fixed-point steps from a line to the next, as a power of two; the first is half as far from the picture's edge.
+    #[inline(always)]
+    fn spacing_bits(self) -> u32 {
+        STEPS.trailing_zeros() - self.across.len().trailing_zeros()
+    }
+
     #[inline(always)]
     fn spacing(self) -> i64 {
-        STEPS / self.across.len() as i64
+        1 << self.spacing_bits()
     }
 
     /// How far down line `line` of the picture is.
@@ -55,8 +60,8 @@ impl Samples {
     /// The lines between two places, both included.
     #[inline(always)]
     fn lines_between(self, top: i64, bottom: i64) -> Range<i64> {
-        let half = self.spacing() / 2;
-        -(half - top).div_euclid(self.spacing())..(bottom - half).div_euclid(self.spacing()) + 1
+        let (half, bits) = (self.spacing() / 2, self.spacing_bits());
+        -((half - top) >> bits)..((bottom - half) >> bits) + 1
     }
 }
 
@@ -132,14 +137,16 @@ impl Triangles {
     }
 
     #[inline(always)]
-    fn corners_of(&self, triangles: &[[u32; 3]]) -> impl Iterator<Item = [Corner; 3]> {
-        triangles
-            .iter()
-            .map(|triangle| triangle.map(|index| self.corners[index as usize]))
+    fn corners_of<'a>(
+        &'a self,
+        triangles: impl Iterator<Item = &'a Seen>,
+    ) -> impl Iterator<Item = [Corner; 3]> {
+        triangles.map(|seen| seen.clockwise.map(|index| self.corners[index as usize]))
     }
 }
 
 /// A triangle that a picture may show.
+#[derive(Debug, Clone, Copy, Default)]
 struct Seen {
     /// Its corners, clockwise in the picture.
     clockwise: [u32; 3],
@@ -150,7 +157,7 @@ struct Seen {
 /// Triangles by the first line that they are on.
 #[derive(Debug)]
 struct ByLine {
-    triangles: Vec<[u32; 3]>,
+    triangles: Vec<Seen>,
     /// For each line, and the one after the last, how many triangles begin before it.
     before: Vec<u32>,
     /// The most lines that a triangle is on.
@@ -167,10 +174,10 @@ impl ByLine {
             before[line + 1] += before[line];
         }
         let mut next = before.clone();
-        let mut triangles = vec![[0; 3]; seen.len()];
+        let mut triangles = vec![Seen::default(); seen.len()];
         for triangle in seen {
             let place = &mut next[triangle.first_line as usize];
-            triangles[*place as usize] = triangle.clockwise;
+            triangles[*place as usize] = *triangle;
             *place += 1;
         }
         let most_lines = seen.iter().map(|triangle| triangle.line_count).max();
@@ -182,10 +189,14 @@ impl ByLine {
     }
 
     /// The triangles that may be on some lines.
-    fn on(&self, lines: &Range<usize>) -> &[[u32; 3]] {
+    #[inline(always)]
+    fn on(&self, lines: &Range<usize>) -> impl Iterator<Item = &Seen> {
         let first = self.before[lines.start.saturating_sub(self.most_lines)];
         let end = self.before[lines.end.min(self.before.len() - 1)];
-        &self.triangles[first as usize..end as usize]
+        let start = lines.start as u32;
+        let near = &self.triangles[first as usize..end as usize];
+        near.iter()
+            .filter(move |seen| seen.first_line + seen.line_count > start)
     }
 }
 
@@ -246,6 +257,8 @@ impl Bounds {
 pub(super) struct Triangle {
     samples: Samples,
     edges: [Edge; 3],
+    /// Whether the columns of many lines can be found at once.
+    pub(super) is_near: bool,
     /// The lines that it may cover.
     pub(super) lines: Range<i64>,
     /// Its height at the sample of column 0 on line 0, were that at the left edge of its pixel; and how that grows.
@@ -270,6 +283,9 @@ impl Triangle {
         Self {
             samples,
             edges: [(a, b), (b, c), (c, a)].map(|(from, to)| Edge::new(from, to)),
+            is_near: [a, b, c]
+                .into_iter()
+                .all(|corner| corner.x.abs().max(corner.y.abs()) <= NEAR),
             lines: samples.lines_between(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y)),
             height: a.height - along_x * a.x as f64 + along_y * to_line,
             per_column: along_x * STEPS as f64,
@@ -296,6 +312,27 @@ impl Triangle {
         columns.start as usize..columns.end as usize
     }
 
+    /// [`Triangle::columns`] of [`LINES`] lines at once, from `first` on; the triangle must be [`Triangle::is_near`].
+    #[inline(always)]
+    pub(super) fn spans(&self, first: i64, width: usize) -> Spans {
+        let mut starts = [0.0; LINES];
+        let mut ends = [f64::from(width as i32); LINES];
+        let lines: [i64; LINES] = std::array::from_fn(|line| first + line as i64);
+        let places = [
+            lines.map(|line| f64::from(self.samples.across(line) as i32)),
+            lines.map(|line| f64::from(self.samples.down(line) as i32)),
+        ];
+        for edge in &self.edges {
+            edge.cut_each(&places, (&mut starts, &mut ends));
+        }
+        // They are whole numbers of 0 to a million: with 2⁵² added, the low bits of a double are the number.
+        let whole = |number: f64| (number + (1_u64 << 52) as f64).to_bits() as u32;
+        Spans {
+            starts: starts.map(whole),
+            ends: ends.map(whole),
+        }
+    }
+
     /// The height at the sample of a column on a line.
     #[inline(always)]
     pub(super) fn height(&self, column: usize, line: i64) -> f32 {
@@ -303,6 +340,28 @@ impl Triangle {
             + line as f64 * self.per_line
             + column as f64 * self.per_column
             + self.samples.across(line) as f64 * self.per_step) as f32
+    }
+}
+
+/// Lines whose columns are found together.
+pub(super) const LINES: usize = 8;
+
+/// How far from the picture's corner all of a triangle must be, in fixed-point steps, for its columns to be found by many lines at
+/// once: what is computed is then a whole number below 2⁴⁹, which a double holds exactly.
+const NEAR: i64 = 1 << 22;
+
+/// The columns of a picture on some lines that lie in a triangle; none where the start is not below the end.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spans {
+    starts: [u32; LINES],
+    ends: [u32; LINES],
+}
+
+impl Spans {
+    /// The columns on a line, counted from the first.
+    #[inline(always)]
+    pub(super) fn on(&self, line: usize) -> Range<usize> {
+        self.starts[line] as usize..self.ends[line] as usize
     }
 }
 
@@ -352,6 +411,46 @@ impl Edge {
         } else {
             let over = i64::from(about * step <= within) - i64::from((about + 1) * step > within);
             columns.start = columns.start.max(about + 1 - over);
+        }
+    }
+}
+
+impl Edge {
+    /// Does [`Edge::cut`] for [`LINES`] lines, whose first samples are at `places`, in doubles that hold every number exactly.
+    #[inline(always)]
+    fn cut_each(
+        &self,
+        [x, y]: &[[f64; LINES]; 2],
+        (starts, ends): (&mut [f64; LINES], &mut [f64; LINES]),
+    ) {
+        let [right, down] = self.along.map(|side| f64::from(side as i32));
+        let (step, least) = (down * STEPS as f64, self.least as f64);
+        let within = |line: usize| right * y[line] - down * x[line] - least;
+        if step > 0.0 {
+            for (line, end) in ends.iter_mut().enumerate() {
+                let within = within(line);
+                let about = (within * self.per_column).floor();
+                let over = within - about * step;
+                let last = if over < 0.0 { about - 1.0 } else { about };
+                let last = if over >= step { about + 1.0 } else { last };
+                let own = if last >= 0.0 { last + 1.0 } else { 0.0 };
+                *end = if own < *end { own } else { *end };
+            }
+        } else if step < 0.0 {
+            for (line, start) in starts.iter_mut().enumerate() {
+                let within = within(line);
+                let about = (within * self.per_column).floor();
+                // It falls by −`step` > 0 with each column to the right.
+                let over = within - about * step;
+                let own = if over >= 0.0 { about } else { about + 1.0 };
+                let own = if over < step { about + 2.0 } else { own };
+                let own = if own < 1e6 { own } else { 1e6 };
+                *start = if own > *start { own } else { *start };
+            }
+        } else {
+            for (line, end) in ends.iter_mut().enumerate() {
+                *end = if within(line) < 0.0 { 0.0 } else { *end };
+            }
         }
     }
 }
@@ -425,6 +524,42 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn many_lines_at_once_have_the_columns_that_each_has() {
+        let mut chance = chances(23);
+        for round in 0..3000 {
+            // Within the picture, about it, and as far from it as doubles are used.
+            let wide = [30 * STEPS, 300 * STEPS, 2 * NEAR][round % 3];
+            let grid = [1, 32, 128][round / 3 % 3];
+            let mut place = || (chance(wide) - wide / 2) / grid * grid;
+            let [mut a, mut b, c] = [(); 3].map(|()| corner(place(), place()));
+            if round % 5 == 0 {
+                b.y = a.y;
+            }
+            if (b.x - a.x) * (c.y - a.y) < (b.y - a.y) * (c.x - a.x) {
+                std::mem::swap(&mut a, &mut b);
+            }
+            for samples in [Samples::ONE, Samples::FOUR] {
+                let triangle = Triangle::new([a, b, c], samples);
+                assert!(triangle.is_near);
+                for first in [0, 5, 40] {
+                    let spans = triangle.spans(first, 24);
+                    for line in 0..LINES {
+                        let plain = triangle.columns(first + line as i64, 24);
+                        let found = spans.on(line);
+                        let both_empty = plain.is_empty() && found.is_empty();
+                        assert!(
+                            both_empty || found == plain,
+                            "{a:?} {b:?} {c:?} {first} {line}"
+                        );
+                    }
+                }
+            }
+        }
+        let far = corner(NEAR + 1, 0);
+        assert!(!Triangle::new([far, corner(0, 9), corner(0, 0)], Samples::ONE).is_near);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Contours of the isosurfaces on a slice.
 
+use std::ops::RangeInclusive;
+
 use geometry::DepthField;
 use rayon::prelude::*;
 
@@ -29,6 +31,9 @@ const HALF_WIDTH: f32 = 0.6;
 
 /// The least slope of the depth, in mm of depth per mm, that is told from a ridge, where a contour would become a blot.
 const LEAST_SLOPE: f32 = 0.2;
+
+/// A depth on a level is below it: the samples of a flat piece differ by rounding.
+const LEVEL_MARGIN_PX: f32 = 1e-3;
 
 /// The depth at every pixel of a slice and a pixel beyond each side.
 pub(super) struct Contours {
@@ -69,7 +74,8 @@ impl Contours {
         }
     }
 
-    /// A pixel's colour with the contours drawn over it.
+    /// A pixel's colour with the contours drawn over it: where the depth passes a level, not where it stays on one, as it does
+    /// in a slice along a flat side of the head.
     pub(super) fn over(&self, column: usize, row: usize, color: [u8; 3]) -> [u8; 3] {
         let here = (row + 1) * self.columns + column + 1;
         let depth = self.depths_px[here];
@@ -77,7 +83,11 @@ impl Contours {
         let down =
             0.5 * (self.depths_px[here + self.columns] - self.depths_px[here - self.columns]);
         let slope = (across * across + down * down).sqrt().max(LEAST_SLOPE);
+        let passes = self.range_around(here);
         self.levels_px.iter().fold(color, |color, (level, line)| {
+            if !passes.contains(&(level - LEVEL_MARGIN_PX)) {
+                return color;
+            }
             let distance = (depth - level).abs() / slope;
             let cover = (HALF_WIDTH + 0.5 - distance).clamp(0.0, 1.0);
             std::array::from_fn(|channel| {
@@ -85,5 +95,18 @@ impl Contours {
                 (under + cover * (over - under) + 0.5) as u8
             })
         })
+    }
+
+    /// The least and the greatest depth of a pixel and its eight neighbours.
+    fn range_around(&self, here: usize) -> RangeInclusive<f32> {
+        let rows = [here - self.columns, here, here + self.columns];
+        let depths = rows
+            .iter()
+            .flat_map(|&row| &self.depths_px[row - 1..=row + 1]);
+        let (least, greatest) = depths.fold(
+            (f32::INFINITY, f32::NEG_INFINITY),
+            |(least, greatest), &depth| (least.min(depth), greatest.max(depth)),
+        );
+        least..=greatest
     }
 }

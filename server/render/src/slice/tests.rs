@@ -5,14 +5,27 @@ use glam::DVec3;
 
 use super::*;
 
-/// A ball of radius 25 mm about the origin, at 1 mm; a volume around it, bright where the patient's left is.
+/// A ball of radius 25 mm about the origin, cut through its middle.
 fn draw(plane: SlicePlane, depths_mm: Vec<f64>) -> Frame {
+    draw_shape(
+        |position| position.length() <= 25.0,
+        (plane, 0.0),
+        depths_mm,
+    )
+}
+
+/// A shape at 1 mm, and a volume around it, bright where the patient's left is.
+fn draw_shape(
+    is_inside: impl Fn(DVec3) -> bool,
+    (plane, position_mm): (SlicePlane, f64),
+    depths_mm: Vec<f64>,
+) -> Frame {
     let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
     let position = |index| grid.voxel(index).map(|coordinate| coordinate as f64 - 30.0);
     let indices = 0..grid.voxel_count();
     let mask = indices
         .clone()
-        .map(|index| DVec3::from(position(index)).length() <= 25.0);
+        .map(|index| is_inside(DVec3::from(position(index))));
     let mask = Mask::new(grid.clone(), mask.collect()).unwrap();
     let envelope = Envelope::from_stored(mask).unwrap();
     // Brighter to the left (+100), to posterior (+40) and to superior (+20).
@@ -42,7 +55,7 @@ fn draw(plane: SlicePlane, depths_mm: Vec<f64>) -> Frame {
     let parameters = SliceParameters {
         depths_mm,
         size: FrameSize::new(160, 160).unwrap(),
-        ..SliceParameters::new(plane, 0.0, Window::between(0.0, 255.0))
+        ..SliceParameters::new(plane, position_mm, Window::between(0.0, 255.0))
     };
     draw_slice(&scene, &SliceRequest::new(parameters).unwrap())
 }
@@ -86,6 +99,29 @@ fn contours_are_where_the_depth_is() {
     }
     let lit = (0..160).filter(|&x| is_colored(x, 80)).count();
     assert!((4..=12).contains(&lit), "{lit} pixels of four crossings");
+}
+
+#[test]
+fn a_flat_piece_on_a_level_is_outlined_and_not_filled() {
+    // 10 mm above the cube's bottom the depth is 10 mm throughout, but for 10 mm along its sides.
+    let cube = |position: DVec3| position.abs().max_element() <= 25.0;
+    let frame = draw_shape(cube, (SlicePlane::Axial, -15.0), vec![10.0]);
+    let is_colored = |x: u32, y: u32| {
+        let pixel = frame.pixel(x, y).unwrap();
+        pixel.iter().max().unwrap() - pixel.iter().min().unwrap() > 60
+    };
+    // Half a millimetre a pixel: the outline is a square of 60 pixels a side.
+    for y in 0..160 {
+        for x in 0..160 {
+            let [across, down] = [x, y].map(|place| (f64::from(place) - 79.5).abs());
+            assert!(
+                !is_colored(x, y) || (across.max(down) - 30.0).abs() < 3.0,
+                "{x} {y}"
+            );
+        }
+    }
+    let lit = (0..160).filter(|&x| is_colored(x, 80)).count();
+    assert!((2..=8).contains(&lit), "{lit} pixels of two crossings");
 }
 
 #[test]

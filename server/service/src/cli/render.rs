@@ -179,7 +179,7 @@ async fn of_case(
         )
     })?;
     let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
-    let drawer = Drawer::choose(query.renderer, graphics).await?;
+    let drawer = Drawer::choose(query.renderer, graphics).await;
     let mesh = if drawer.wants_mesh() {
         let size = query.mesh_size()?;
         let shrunk = model.shrink(size, query.paths.into(), depth_mm).await;
@@ -224,7 +224,7 @@ async fn of_file(
         )?)
     };
     let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
-    let drawer = Drawer::choose(query.renderer, graphics).await?;
+    let drawer = Drawer::choose(query.renderer, graphics).await;
     let mesh = if drawer.wants_mesh() {
         let size = query.mesh_size()?;
         let shrunk = case.shrink(size, PathKind::from(query.paths), depth_mm);

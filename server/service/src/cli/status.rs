@@ -104,11 +104,7 @@ impl From<AppError> for CliError {
             AppError::Query { .. } | AppError::NotACaseId => ExitStatus::Usage,
             AppError::NoSuchCase => ExitStatus::NoInput,
             AppError::Failure(failure) => return failure.clone().into(),
-            AppError::NotReady { .. }
-            | AppError::Busy
-            | AppError::NoRenderer { .. }
-            | AppError::GraphicsFailed
-            | AppError::NotImplemented { .. } => ExitStatus::Unavailable,
+            AppError::NotReady { .. } | AppError::Busy => ExitStatus::Unavailable,
             AppError::Geometry(_) => ExitStatus::BadInput,
             AppError::Store(_) => ExitStatus::InputOutput,
             _ => ExitStatus::Internal,

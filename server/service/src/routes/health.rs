@@ -32,7 +32,7 @@ pub struct Version {
     /// The version of the program.
     version: &'static str,
     /// Renderers that can be asked for.
-    renderers: Vec<&'static str>,
+    renderers: [&'static str; 3],
     /// The graphics device that draws, why there is none, or that its driver has not answered yet.
     graphics: String,
     /// What it is not for.
@@ -82,20 +82,15 @@ pub async fn metrics(
 /// Which server this is
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
 pub async fn version(State(state): State<AppState>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
-    let mut renderers = vec!["splat", "trace"];
     let graphics = match state.graphics.state() {
-        GraphicsState::Resting => "software, opened when a picture asks for it".to_owned(),
         GraphicsState::Starting => "starting".to_owned(),
         GraphicsState::Absent(why) => format!("none: {why}"),
-        GraphicsState::Present(adapter) => {
-            renderers.push("mesh");
-            device_name(&adapter)
-        }
+        GraphicsState::Present(adapter) => device_name(&adapter),
     };
     Json(Version {
         name: "isocortex",
         version: env!("CARGO_PKG_VERSION"),
-        renderers,
+        renderers: ["splat", "mesh", "trace"],
         graphics,
         notice: crate::wire::RESEARCH_USE,
     })

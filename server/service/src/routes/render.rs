@@ -89,7 +89,7 @@ pub enum Renderer {
     Auto,
     /// Voxels of a thin shell, in software (the paper's section 3.3).
     Splat,
-    /// The mesh, on a GPU.
+    /// The facets of the mesh.
     Mesh,
     /// Sphere tracing of the distance map.
     Trace,
@@ -340,7 +340,7 @@ pub(crate) fn window_of(facts: &CaseFacts) -> Window {
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png", headers(
             ("X-Isocortex-Renderer" = String, description = "Who drew: `splat`, `mesh` or `trace`"),
-            ("X-Isocortex-Device" = String, description = "What drew: `cpu`, or the graphics adapter"),
+            ("X-Isocortex-Device" = String, description = "What drew: `cpu`, or the graphics adapter; `cpu` also where that failed at this picture"),
             ("X-Isocortex-Reduction" = String, description = "Where the volume is too large for the device: how many of its voxels became one, as 2x2x1"),
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this picture"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether more than the maximum was asked for"),
@@ -350,8 +350,7 @@ pub(crate) fn window_of(facts: &CaseFacts) -> Window {
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 501, description = "This server does not have that renderer", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits, or the graphics device failed", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_render(
@@ -362,7 +361,7 @@ pub async fn get_render(
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let facts = state.ready(&id).await?;
-    let drawer = Drawer::choose(query.renderer, &state.graphics).await?;
+    let drawer = Drawer::choose(query.renderer, &state.graphics).await;
     let tag = tag_of(&id, &query, &drawer);
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept", IMMUTABLE));

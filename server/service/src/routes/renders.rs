@@ -141,7 +141,6 @@ impl Form {
         (status = 406, description = "The form is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The body is too long", body = Problem, content_type = "application/problem+json"),
-        (status = 501, description = "This server does not have that renderer", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Too much work waits, or it took too long", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -199,7 +198,7 @@ async fn draw_one(
     query: &RenderQuery,
     (number, collector): (usize, &Arc<Mutex<Collector>>),
 ) -> Result<Drawer, AppError> {
-    let drawer = Drawer::choose(query.renderer, &state.graphics).await?;
+    let drawer = Drawer::choose(query.renderer, &state.graphics).await;
     let drawing = drawing(state, model, query, drawer).await?;
     let story = Story::of(Some(id), &drawing.request, &model.scene());
     loop {

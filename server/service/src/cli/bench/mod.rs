@@ -141,7 +141,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), CliError> {
     let painters = if args.load && !args.growth {
         Painters::none()
     } else {
-        Painters::open(&args.renderer, args.gpu)?
+        Painters::open(&args.renderer, args.gpu)
     };
     let mut tables = Vec::new();
     if args.growth {
@@ -199,7 +199,6 @@ fn paper(experiment: &Experiment<'_>) -> Result<Vec<Table>, CliError> {
     let judgement = Judgement {
         depth_mm: DEPTH_MM.min(0.5 * deepest),
         size: experiment.protocol.size,
-        painter: experiment.mesh_painter(),
     };
     tables.push(figure_7(experiment.case, &judgement)?);
     Ok(tables)

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use measure::Painter;
 use render::gpu::{GpuError, GpuOptions, GpuPool};
 
-use crate::cli::status::{CliError, ExitStatus};
 use crate::drawing::device_name;
 use crate::graphics::GpuUse;
 use crate::routes::render::Renderer;
@@ -28,11 +27,8 @@ impl Painters {
         }
     }
 
-    /// Those that were `asked` for; where none was, all that the machine has.
-    ///
-    /// # Errors
-    /// When facets were asked for by name and there is no graphics device.
-    pub(super) fn open(asked: &[Renderer], use_of: GpuUse) -> Result<Self, CliError> {
+    /// Those that were `asked` for; where none was, all that the machine has. A device in hardware comes first.
+    pub(super) fn open(asked: &[Renderer], use_of: GpuUse) -> Self {
         let wants = |renderer| {
             asked.is_empty() || asked.contains(&Renderer::Auto) || asked.contains(&renderer)
         };
@@ -40,36 +36,36 @@ impl Painters {
         if wants(Renderer::Splat) {
             all.push(Painter::Splat);
         }
+        if wants(Renderer::Mesh) {
+            all.push(Painter::Mesh);
+        }
         if wants(Renderer::Trace) {
             all.push(Painter::Trace);
         }
         if !wants(Renderer::Mesh) && !wants(Renderer::Trace) {
-            return Ok(Self {
+            return Self {
                 all,
                 ..Self::none()
-            });
+            };
         }
-        match device(use_of) {
-            Ok(pool) => {
-                let graphics = device_name(pool.adapter());
-                if wants(Renderer::Mesh) {
-                    all.push(Painter::Mesh(Arc::clone(&pool)));
-                }
-                // Traced by a driver in software is slower than by the program itself.
-                if wants(Renderer::Trace) && !pool.adapter().is_software {
-                    all.push(Painter::GpuTrace(pool));
-                }
-                Ok(Self { all, graphics })
+        let pool = match device(use_of) {
+            Ok(pool) => pool,
+            Err(why) => {
+                let graphics = format!("none: {why}");
+                return Self { all, graphics };
             }
-            Err(why) if asked.contains(&Renderer::Mesh) => {
-                let message = format!("meshes cannot be drawn: {why}");
-                Err(CliError::new(ExitStatus::Unavailable, message))
-            }
-            Err(why) => Ok(Self {
-                all,
-                graphics: format!("none: {why}"),
-            }),
+        };
+        let is_software = pool.adapter().is_software;
+        let graphics = device_name(pool.adapter());
+        let first = if is_software { all.len() } else { 0 };
+        // Traced by a driver in software is slower than by the program itself.
+        if wants(Renderer::Trace) && !is_software {
+            all.insert(first, Painter::GpuTrace(Arc::clone(&pool)));
         }
+        if wants(Renderer::Mesh) {
+            all.insert(first, Painter::GpuMesh(pool));
+        }
+        Self { all, graphics }
     }
 }
 
@@ -88,20 +84,18 @@ mod tests {
 
     #[test]
     fn without_graphics_the_processor_is_measured_and_the_reason_is_told() {
-        let painters = Painters::open(&[], GpuUse::Off).unwrap();
-        assert_eq!(painters.all.len(), 2);
+        let painters = Painters::open(&[], GpuUse::Off);
+        let expected = [Painter::Splat, Painter::Mesh, Painter::Trace].map(|one| one.name());
+        assert_eq!(
+            painters.all.iter().map(Painter::name).collect::<Vec<_>>(),
+            expected
+        );
         assert_eq!(painters.graphics, "none: graphics are turned off");
     }
 
     #[test]
-    fn facets_that_were_asked_for_by_name_must_be_drawn() {
-        let error = Painters::open(&[Renderer::Mesh], GpuUse::Off).unwrap_err();
-        assert_eq!(error.status, ExitStatus::Unavailable);
-    }
-
-    #[test]
     fn one_renderer_may_be_asked_for() {
-        let painters = Painters::open(&[Renderer::Splat], GpuUse::Auto).unwrap();
+        let painters = Painters::open(&[Renderer::Splat], GpuUse::Auto);
         assert!(matches!(painters.all[..], [Painter::Splat]));
     }
 }

@@ -14,7 +14,7 @@ pub(super) fn html(description: &Value) -> String {
     let mut page = String::from(
         "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>Isocortex: the interface</title>\n<link rel=\"stylesheet\" href=\"docs.css\">\n<main>\n",
+         <title>Isocortex: the interface</title>\n<link rel=\"icon\" href=\"data:,\">\n<link rel=\"stylesheet\" href=\"docs.css\">\n<main>\n",
     );
     write_page(&mut page, description).expect("writing to memory cannot fail");
     page.push_str("</main>\n</html>\n");
