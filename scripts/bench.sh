@@ -44,11 +44,13 @@ count() {
 
 # Prints `name TAB instructions` for each step that the arguments want.
 count_all() {
-  local program name
+  local program name instructions
   for program in $programs; do
     while read -r name; do
       is_wanted "$name" "$@" || continue
-      printf '%s\t%s\n' "$name" "$(count "$program" "$name")"
+      # Apart, so that a failure ends the script.
+      instructions=$(count "$program" "$name")
+      printf '%s\t%s\n' "$name" "$instructions"
     done < <("$program" --list)
   done
 }

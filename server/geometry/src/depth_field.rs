@@ -224,14 +224,27 @@ fn weighted_sum(rows: &[&[i16]], kernel: &[i32], out: &mut [i16]) {
     const LANES: usize = 32;
     let total: i32 = kernel.iter().sum();
     let shift = total.trailing_zeros();
-    for (chunk, out) in out.chunks_mut(LANES).enumerate() {
+    let taps = || rows.iter().zip(kernel);
+    let Some(last) = out.len().checked_sub(LANES) else {
+        for (place, out) in out.iter_mut().enumerate() {
+            let sum: i32 = taps()
+                .map(|(row, weight)| weight * i32::from(row[place]))
+                .sum();
+            *out = ((sum + total / 2) >> shift) as i16;
+        }
+        return;
+    };
+    for start in (0..out.len()).step_by(LANES) {
+        // The last lanes may be done twice. Their number is fixed, so that the sums stay in registers.
+        let start = start.min(last);
         let mut sums = [total / 2; LANES];
-        for (row, &weight) in rows.iter().zip(kernel) {
-            for (sum, &value) in sums.iter_mut().zip(&row[chunk * LANES..]) {
+        for (row, &weight) in taps() {
+            let values: &[i16; LANES] = row[start..].first_chunk().expect("as many as of out");
+            for (sum, &value) in sums.iter_mut().zip(values) {
                 *sum += weight * i32::from(value);
             }
         }
-        for (out, sum) in out.iter_mut().zip(sums) {
+        for (out, sum) in out[start..].iter_mut().zip(sums) {
             *out = (sum >> shift) as i16;
         }
     }
