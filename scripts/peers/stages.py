@@ -200,8 +200,11 @@ def picture_vtk(inputs):
     """The full surface at the depth, grey by its points, drawn off the screen by a device or by Mesa in software, and read back."""
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401
     from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonCore import vtkObject
     from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter
 
+    # It warns that there is no X server, and takes Mesa.
+    vtkObject.GlobalWarningDisplayOff()
     surface = _surface(_vtk_distance(inputs), DEPTH_MM)
     # What the greys are does not matter to the time; that there is one at each point does.
     intensities = np.linspace(0.0, 1.0, surface.GetNumberOfPoints(), dtype=np.float32)
