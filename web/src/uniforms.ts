@@ -4,6 +4,7 @@ import { fromColumns, inColumns, product, scaleThenMove, transformDirection } fr
 import { project, towardsViewer, type View } from "./camera.ts";
 import type { Sphere, Window } from "./case.ts";
 import { smoothShare } from "./isosurface.ts";
+import { windowEnds } from "./state.ts";
 import { add, inverted, subtract, transform, type Affine, type Vec2, type Vec3 } from "./space.ts";
 import type { PathsTable, TextureLayout } from "./wire.ts";
 
@@ -77,10 +78,10 @@ function inverse(affine: Affine): Affine {
 const clipFromFrame = ([width, height]: Vec2, reach_mm: number): Affine =>
   scaleThenMove([2 / width, -2 / height, -0.5 / reach_mm], [-1, 1, 0.5]);
 
-/** The window's ramp, DICOM PS3.3 C.11.2.1.2.1: black up to `black`, then 255 in `width − 1`. */
-export function windowLine({ center, width }: Window): { readonly black: number; readonly factor: number } {
-  const length = Math.max(width, 1) - 1;
-  return { black: center - 0.5 - length / 2, factor: 255 / Math.max(length, 1e-9) };
+/** The window's ramp: black up to `black`, then by `factor` of 255 for each intensity. */
+export function windowLine(window: Window): { readonly black: number; readonly factor: number } {
+  const [black, white] = windowEnds(window);
+  return { black, factor: 255 / Math.max(white - black, 1e-9) };
 }
 
 /** Where a slab is sampled along the depth, in mm from the isosurface, at equal distances; nowhere when there is no slab. */
