@@ -5,6 +5,8 @@ import { after, before, test } from "node:test";
 
 import type { Browser, CDPSession, Page } from "playwright-core";
 
+import { NAMED_VIEWS, mirrored } from "../../web/src/camera.ts";
+import type { ReadyCase } from "../../web/src/case.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import { type Server, fragment, keep, launchBrowser, openPage, readyCase, scratchFolder, skip, startServer } from "./support.ts";
 
@@ -261,10 +263,14 @@ test("the mirrored half is the mirror image of the other hemisphere", { skip, ti
   await bare(page);
   const [width, height] = await canvasSize(page);
   const half = Math.floor(width / 2);
+  const shown = (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as Pick<ReadyCase, "midsagittal" | "envelope_sphere">;
+  assert.ok(shown.midsagittal);
+  const { orientation, pan_mm } = mirrored({ orientation: NAMED_VIEWS.left, zoom: 1, pan_mm: [0, 0] }, shown.midsagittal, shown.envelope_sphere);
+  const across = `orientation=${orientation.map((part) => part.toFixed(9))}&pan=${pan_mm.map((part) => part.toFixed(6))}`;
   for (const [way, renderer] of [["exact", "trace"], ["mesh", "mesh"]] as const) {
     await show(page, `#${id}&r=${way}&d=10&v=left&l=mirror`, way);
     const left = await agreement(page, await rendered("left", 10, renderer, [half, height]), { left: 0, width: half, is_flipped: false });
-    const right = await agreement(page, await rendered("right", 10, renderer, [half, height]), { left: width - half, width: half, is_flipped: true });
+    const right = await agreement(page, (await rendered("left", 10, renderer, [half, height])).replace("view=left", across), { left: width - half, width: half, is_flipped: true });
     // Neither is the other: the brain is not symmetrical.
     const plain = await agreement(page, await rendered("left", 10, renderer, [half, height]), { left: width - half, width: half, is_flipped: false });
     console.log(`mirror, ${way}: ${[left, right, plain].map(({ share }) => (100 * share).toFixed(2)).join(", ")}`);

@@ -5,10 +5,11 @@
 use std::path::{Path, PathBuf};
 
 use geometry::{
-    BrainMask, DepthField, DistanceMap, EnvelopeMesh, Forest, Mask, MeshSize, Paths, core,
-    distance_map, envelope, envelope_mesh, forest, path_table,
+    BrainMask, DepthField, DistanceMap, EnvelopeMesh, Forest, Grid, Mask, MeshSize,
+    MidsagittalPlane, Paths, Volume, core, distance_map, envelope, envelope_mesh, forest,
+    midsagittal_plane, path_table,
 };
-use glam::Vec3;
+use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 /// The folder of test data: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout.
 pub(crate) fn data() -> Option<PathBuf> {
@@ -138,6 +139,76 @@ fn one_brain_in_all_48_orders_of_axes_gives_one_mesh() {
         for (position, expected) in shrunk(path).iter().zip(&first) {
             let apart = Vec3::from_array(*position).distance(Vec3::from_array(*expected));
             assert!(apart < 1e-2, "{}: {apart} mm", path.display());
+        }
+    }
+}
+
+/// A head whose patient has moved.
+fn moved((volume, mask): (&Volume, &Mask), how: DAffine3) -> (Volume, Mask) {
+    let grid = |grid: &Grid| {
+        Grid::new(grid.size(), how * grid.patient_from_voxel()).expect("a grid as good as before")
+    };
+    let voxels = volume.voxels().to_vec();
+    let volume = Volume::new(grid(volume.grid()), voxels, volume.rescale());
+    let mask = Mask::new(grid(mask.grid()), mask.voxels().to_vec());
+    (
+        volume.expect("as many values"),
+        mask.expect("as many values"),
+    )
+}
+
+/// The plane of a head, with the centre of its volume.
+fn plane_of((volume, mask): &(Volume, Mask)) -> (MidsagittalPlane, DVec3) {
+    let grid = volume.grid();
+    let brain = BrainMask::from_mask(mask, grid).expect("a brain");
+    let envelope = envelope(&brain, 10.0).expect("a radius within range");
+    let middle = DVec3::from_array(grid.size().map(|side| (side - 1) as f64 / 2.0));
+    let centre = grid.patient_from_voxel().transform_point3(middle);
+    let begin = std::time::Instant::now();
+    let plane = midsagittal_plane(&envelope, volume);
+    println!("{:.1} ms", begin.elapsed().as_secs_f64() * 1000.0);
+    (plane, centre)
+}
+
+#[test]
+fn the_plane_between_the_hemispheres_of_a_real_head_turns_with_the_head() {
+    let Some(data) = data() else { return };
+    for (folder, volume, mask) in [
+        ("colin27", "ch2.nii.gz", "ch2bet.nii.gz"),
+        ("csi1", "t1.nii.gz", "mask_brain.nii.gz"),
+    ] {
+        let read = |name: &str| std::fs::read(data.join(folder).join(name)).expect("a file");
+        let volume = imaging::nifti::read_volume(&read(volume), &imaging::Limits::default());
+        let mask = read_mask(&data.join(folder).join(mask));
+        let head = (volume.expect("a sound file"), mask);
+        let (plane, centre) = plane_of(&head);
+        let [x, y, z] = plane.normal().to_array();
+        let tilts = [y.atan2(x), z.atan2(x)].map(f64::to_degrees);
+        println!("{folder}: {tilts:.2?} deg, {plane:?}, centre {centre:.1}");
+        assert!(
+            tilts.iter().all(|tilt| tilt.abs() < 6.0),
+            "{folder}: {plane:?}"
+        );
+        for (yaw, roll) in [(12.0_f64, -7.0_f64), (-5.0, 16.0)] {
+            let turn = DQuat::from_rotation_y(roll.to_radians())
+                * DQuat::from_rotation_z(yaw.to_radians());
+            let how = DAffine3::from_rotation_translation(turn, DVec3::new(6.0, -4.0, 3.0));
+            let (found, moved_centre) = plane_of(&moved((&head.0, &head.1), how));
+            let apart_deg = found
+                .normal()
+                .angle_between(turn * plane.normal())
+                .to_degrees();
+            let before_mm = plane.normal().dot(centre) - plane.offset_mm();
+            let after_mm = found.normal().dot(moved_centre) - found.offset_mm();
+            println!(
+                "{folder}: {apart_deg:.3} deg, {:.3} mm apart",
+                after_mm - before_mm
+            );
+            assert!(apart_deg < 0.5, "{folder}: {apart_deg} deg");
+            assert!(
+                (after_mm - before_mm).abs() < 0.5,
+                "{folder}: {before_mm}, {after_mm}"
+            );
         }
     }
 }

@@ -121,3 +121,24 @@ async fn pictures_and_slices_have_the_right_side_where_they_should() {
         }
     }
 }
+
+#[tokio::test]
+async fn orientations_along_the_axes_give_the_same_plane_between_the_hemispheres() {
+    let server = Server::start().await;
+    let mut planes = Vec::new();
+    for (_, case) in &cases(&server).await[..3] {
+        let plane = server.get(case).await.json()["midsagittal"].take();
+        let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+        let normal = plane["normal"].as_array().expect("three numbers");
+        let normal: Vec<f64> = normal.iter().map(number).collect();
+        planes.push((normal, number(&plane["offset_mm"])));
+    }
+    let (first, offset_mm) = &planes[0];
+    assert!(first[0] > 0.8, "to the patient's left: {first:?}");
+    assert!((first.iter().map(|part| part * part).sum::<f64>() - 1.0).abs() < 1e-9);
+    for (normal, other_mm) in &planes[1..] {
+        let cosine: f64 = normal.iter().zip(first).map(|(a, b)| a * b).sum();
+        assert!(cosine > 0.99999, "{normal:?} {first:?}");
+        assert!((other_mm - offset_mm).abs() < 0.1, "{other_mm} {offset_mm}");
+    }
+}

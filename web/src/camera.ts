@@ -1,8 +1,9 @@
 // Where the viewer stands: an orthographic camera around the envelope's sphere, as the server's `render::camera`.
 
-import type { Sphere } from "./case.ts";
+import type { MirrorPlane, Sphere } from "./case.ts";
+import { reflected } from "./midsagittal.ts";
 import {
-  type Quat, type Vec2, type Vec3, add, angleBetween, cross, fromRows, inverse, normalized, rotate, subtract,
+  type Quat, type Vec2, type Vec3, add, angleBetween, compose, cross, fromRows, inverse, normalized, rotate, subtract,
 } from "./space.ts";
 
 /** The standard directions, in the order of the page's buttons. */
@@ -41,10 +42,17 @@ export interface View {
   readonly pan_mm: Vec2;
 }
 
-/** The view whose picture, flipped left to right, shows the other hemisphere mirrored beside `view`. */
-export function mirrored(view: View): View {
-  const [x, y, z, w] = view.orientation;
-  return { orientation: [x, -y, -z, w], zoom: view.zoom, pan_mm: [-view.pan_mm[0], view.pan_mm[1]] };
+/**
+ * The view whose picture, flipped left to right, shows the head mirrored at the plane as `view` shows the head.
+ *
+ * A flip and a mirror are each a half turn, but for the sign: about the view's x axis, and about the plane's normal.
+ */
+export function mirrored(view: View, plane: MirrorPlane, { center_in_patient }: Sphere): View {
+  const [x, y, z, w] = compose(compose([1, 0, 0, 0], view.orientation), [...plane.normal, 0]);
+  // The sphere's centre may be beside the plane.
+  const [right, up] = rotate(view.orientation, subtract(reflected(center_in_patient, plane), center_in_patient));
+  const [pan_x, pan_y] = view.pan_mm;
+  return { orientation: [-x, -y, -z, -w], zoom: view.zoom, pan_mm: [-pan_x - right, pan_y + up] };
 }
 
 /** An orthographic projection onto a pane of `size` pixels; pixels count from the top left corner. */
@@ -104,12 +112,6 @@ export function edgesOf(orientation: Quat): Edges {
 
 /** The direction towards the viewer, in the patient. */
 export const towardsViewer = (orientation: Quat): Vec3 => rotate(inverse(orientation), [0, 0, 1]);
-
-/** The position mirrored at the sagittal plane through the sphere's centre. */
-export function acrossTheMiddle(position_in_patient: Vec3, sphere: Sphere): Vec3 {
-  const offset = position_in_patient[0] - sphere.center_in_patient[0];
-  return [sphere.center_in_patient[0] - offset, position_in_patient[1], position_in_patient[2]];
-}
 
 /** The direction from the sphere's centre to a position. */
 export const outwardAt = (position_in_patient: Vec3, sphere: Sphere): Vec3 =>

@@ -14,6 +14,12 @@ export interface Sphere {
   readonly radius_mm: number;
 }
 
+/** A plane in the patient: the points whose product with the normal is `offset_mm`. The normal is of length 1, to the left. */
+export interface MirrorPlane {
+  readonly normal: Vec3;
+  readonly offset_mm: number;
+}
+
 /** A problem of RFC 9457. */
 export interface ProblemBody {
   readonly type?: string;
@@ -57,6 +63,8 @@ export interface ReadyCase extends AnyCase {
   readonly envelope_ml: number;
   /** What zoom 1 fits into a picture. */
   readonly envelope_sphere: Sphere;
+  /** The plane between the hemispheres; absent where the case is older than its fitting. */
+  readonly midsagittal?: MirrorPlane;
   readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
   readonly quality?: Quality;
 }

@@ -2,13 +2,14 @@
 
 import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
 import { Problem } from "./api.ts";
-import { acrossTheMiddle, mirrored, project, towardsViewer } from "./camera.ts";
+import { mirrored, project, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { colorRow } from "./colors.ts";
 import { h } from "./dom.ts";
 import { borderBox, gradients, smoothed } from "./field.ts";
 import { TooLarge, type Gl, type ShaderTexts } from "./gl.ts";
 import { depthsOf, firstHit, type Depths } from "./isosurface.ts";
+import { mirrorPlane, reflected } from "./midsagittal.ts";
 import { fits, FULL_QUALITY, Painter, textureBytes, type Drawn, type FieldMaps, type Pane, type Quality } from "./painter.ts";
 import { patiently } from "./patience.ts";
 import { profileAt } from "./profile.ts";
@@ -129,7 +130,7 @@ class Cortex implements Surface {
     const isMirror = state.layout === "mirror";
     const size: Vec2 = isMirror ? [css[0] / 2, css[1]] : css;
     const isOther = isMirror && x >= size[0];
-    const view = isOther ? mirrored(state) : state;
+    const view = isOther ? mirrored(state, mirrorPlane(this.#case), this.#case.envelope_sphere) : state;
     const place: Vec2 = isOther ? [2 * size[0] - x, y] : [x, y];
     const reach_mm = this.#case.envelope_sphere.radius_mm + 10;
     const from = project(view, this.#case.envelope_sphere, size).positionOf([...place, reach_mm]);
@@ -147,7 +148,7 @@ class Cortex implements Surface {
 
   profile(position_in_patient: Vec3): Profile | null {
     const known = this.#known;
-    const opposite = acrossTheMiddle(position_in_patient, this.#case.envelope_sphere);
+    const opposite = reflected(position_in_patient, mirrorPlane(this.#case));
     return known && profileAt(known.depths, known.volume, position_in_patient, opposite);
   }
 
@@ -480,7 +481,8 @@ class Cortex implements Surface {
     const [gl, { shaders }] = [this.#gl, this.#fetched];
     if (!gl || !shaders || gl.isContextLost() || this.#fallback === "too-large") return;
     const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
-    const painter = new Painter(gl, shaders, { sphere: this.#case.envelope_sphere, native_spacing_mm });
+    const { envelope_sphere: sphere } = this.#case;
+    const painter = new Painter(gl, shaders, { sphere, plane: mirrorPlane(this.#case), native_spacing_mm });
     let fetched: Fetched;
     do {
       fetched = { ...this.#fetched };

@@ -75,7 +75,7 @@ export class Painter {
   readonly #paths: UniformBlock;
   readonly #programs: { readonly mesh: WebGLProgram; readonly shrink: WebGLProgram; readonly trace: WebGLProgram };
   readonly #screen: WebGLVertexArrayObject;
-  readonly #case: Pick<Maps, "sphere" | "native_spacing_mm">;
+  readonly #case: Pick<Maps, "sphere" | "plane" | "native_spacing_mm">;
   #indices: { readonly buffer: WebGLBuffer; readonly count: number; readonly bare: WebGLVertexArrayObject } | null = null;
   #positions: { readonly array: WebGLVertexArrayObject; readonly depth_mm: number } | null = null;
   #shrinking: Shrinking | null = null;
@@ -84,7 +84,7 @@ export class Painter {
   readonly #targets: { soft?: Target; hard?: Target; coarse?: Target } = {};
 
   /** Compiles the shaders and finds out what the device can do. */
-  constructor(gl: Gl, texts: ShaderTexts, shown: Pick<Maps, "sphere" | "native_spacing_mm">) {
+  constructor(gl: Gl, texts: ShaderTexts, shown: Pick<Maps, "sphere" | "plane" | "native_spacing_mm">) {
     this.#gl = gl;
     this.#case = shown;
     const encodings = findEncodings(gl);

@@ -3,6 +3,7 @@
 import { mirrored } from "./camera.ts";
 import { Problem } from "./api.ts";
 import type { ReadyCase } from "./case.ts";
+import { mirrorPlane } from "./midsagittal.ts";
 import { FollowingPicture } from "./picture.ts";
 import { pictureSize, renderQuery } from "./query.ts";
 import type { Vec2 } from "./space.ts";
@@ -50,7 +51,8 @@ export function createServerSurface(host: HTMLElement, shown: ReadyCase, options
       whole.picture.show(path(state, size), state);
       whole.picture.again();
       if (state.layout !== "mirror") return;
-      other.picture.show(path({ ...state, ...mirrored(state) }, size), state);
+      const across = mirrored(state, mirrorPlane(shown), shown.envelope_sphere);
+      other.picture.show(path({ ...state, ...across }, size), state);
       other.picture.again();
     },
     pick: () => null,

@@ -2,10 +2,11 @@
 
 import { fromColumns, inColumns, product, scaleThenMove, transformDirection } from "./affine.ts";
 import { project, towardsViewer, type View } from "./camera.ts";
-import type { Sphere, Window } from "./case.ts";
+import type { MirrorPlane, Sphere, Window } from "./case.ts";
 import { smoothShare } from "./isosurface.ts";
+import { reflected, reflection } from "./midsagittal.ts";
 import { windowEnds } from "./state.ts";
-import { add, inverted, subtract, transform, type Affine, type Vec2, type Vec3 } from "./space.ts";
+import { add, inverted, length, subtract, transform, type Affine, type Vec2, type Vec3 } from "./space.ts";
 import type { PathsTable, TextureLayout } from "./wire.ts";
 
 /** The fields of a uniform block by name. */
@@ -27,6 +28,8 @@ export interface Maps {
   /** The box around the border voxels' centres, in voxel coordinates of the field; null where the field is for light alone. */
   readonly border_box: readonly [Vec3, Vec3] | null;
   readonly sphere: Sphere;
+  /** What a mirrored look is mirrored at. */
+  readonly plane: MirrorPlane;
   /** The least edge of a native voxel, in mm. */
   readonly native_spacing_mm: number;
 }
@@ -39,7 +42,7 @@ export interface Look extends View {
   readonly ambient: number;
   /** Row of the table of colours. */
   readonly color_row: number;
-  /** Whether the head is mirrored at the sagittal plane through the sphere's centre. */
+  /** Whether the head is mirrored at the plane between its hemispheres. */
   readonly is_mirrored: boolean;
 }
 
@@ -51,21 +54,13 @@ const CLIP_MARGIN = 4;
 /** The most samples to either side of the isosurface that a slab is averaged over. */
 const MAX_SLAB_SAMPLES = 64;
 
-/** The patient mirrored at the sagittal plane through the sphere's centre. */
-export const mirrorOf = (sphere: Sphere): Affine => [
-  [-1, 0, 0, 2 * sphere.center_in_patient[0]],
-  [0, 1, 0, 0],
-  [0, 0, 1, 0],
-  [0, 0, 0, 1],
-];
-
 /** The affine from frame space (pixels right and down, mm towards the viewer) to what is seen there. */
-function patientFromFrame(look: Look, sphere: Sphere, size: Vec2): Affine {
+function patientFromFrame(look: Look, { sphere, plane }: Maps, size: Vec2): Affine {
   const { positionOf } = project(look, sphere, size);
   const origin = positionOf([0, 0, 0]);
   const axis = (place: Vec3): Vec3 => subtract(positionOf(place), origin);
   const straight = fromColumns(axis([1, 0, 0]), axis([0, 1, 0]), axis([0, 0, 1]), origin);
-  return look.is_mirrored ? product(mirrorOf(sphere), straight) : straight;
+  return look.is_mirrored ? product(reflection(plane), straight) : straight;
 }
 
 function inverse(affine: Affine): Affine {
@@ -77,6 +72,12 @@ function inverse(affine: Affine): Affine {
 /** From the frame to clip space: x and y within ±1, y up, z 0 at the height `reach_mm` and 1 at minus that. */
 const clipFromFrame = ([width, height]: Vec2, reach_mm: number): Affine =>
   scaleThenMove([2 / width, -2 / height, -0.5 / reach_mm], [-1, 1, 0.5]);
+
+/** How far from the frame's plane the sphere reaches. Mirrored, its centre need not stay where it was. */
+function reachOf({ is_mirrored }: Look, { sphere, plane }: Maps): number {
+  const moved = is_mirrored ? subtract(reflected(sphere.center_in_patient, plane), sphere.center_in_patient) : [0, 0, 0] as const;
+  return sphere.radius_mm + length(moved);
+}
 
 /** The window's ramp: black up to `black`, then by `factor` of 255 for each intensity. */
 export function windowLine(window: Window): { readonly black: number; readonly factor: number } {
@@ -94,12 +95,12 @@ export function slabOffsets(slab_mm: number, depth_mm: number, native_spacing_mm
 
 /** The block `Picture` for a pane of `size` pixels. */
 export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
-  const { field, volume, sphere } = maps;
-  const patient_from_frame = patientFromFrame(look, sphere, size);
+  const { field, volume, sphere, plane } = maps;
+  const patient_from_frame = patientFromFrame(look, maps, size);
   const field_from_patient = inverse(field.patient_from_voxel);
   const voxel_mm = Math.hypot(...[0, 1, 2].map((row) => field.patient_from_voxel[row]?.[0] ?? 0));
   const depth = look.depth_mm / voxel_mm;
-  const reach_mm = sphere.radius_mm + CLIP_MARGIN * voxel_mm;
+  const reach_mm = reachOf(look, maps) + CLIP_MARGIN * voxel_mm;
   const towards = towardsViewer(look.orientation);
   const slab = slabOffsets(look.slab_mm, look.depth_mm, maps.native_spacing_mm);
   const { black, factor } = windowLine(look.window);
@@ -114,7 +115,7 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
     stored_scale: volume.texel_scale,
     field_size: field.size,
     stored_offset: volume.texel_offset,
-    towards_viewer: look.is_mirrored ? transformDirection(mirrorOf(sphere), towards) : towards,
+    towards_viewer: look.is_mirrored ? transformDirection(reflection(plane), towards) : towards,
     depth_scale: field.texel_scale,
     box_low: add(low, [inset, inset, inset]),
     depth,

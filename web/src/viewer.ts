@@ -1,6 +1,6 @@
 // The chosen case: one state, the panes that show it, and the hands that change it.
 
-import { acrossTheMiddle, facing, edgesOf, mirrored, outwardAt, project, towardsViewer, viewName } from "./camera.ts";
+import { facing, edgesOf, mirrored, outwardAt, project, towardsViewer, viewName } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { profileChart } from "./chart.ts";
 import { type Change, type Command, deepen, dragWindow, invert, lookFrom, pan, pinch, turn, wheelZoom, zoomAt } from "./controls.ts";
@@ -10,6 +10,7 @@ import { h, setText } from "./dom.ts";
 import { readState, writeAddress } from "./fragment.ts";
 import { type GestureListener, listen } from "./gestures.ts";
 import { number, t } from "./i18n.ts";
+import { mirrorPlane, plainPlane, reflected } from "./midsagittal.ts";
 import { ColourBar, Overlay } from "./overlay.ts";
 import { type Actions, DepthBar, Panel, intensityWords } from "./panel.ts";
 import type { Preferences } from "./preferences.ts";
@@ -243,9 +244,10 @@ export class Viewer {
     this.#otherOverlay.element.hidden = !mirror;
     this.#pane.classList.toggle("halved", mirror);
     if (mirror) {
-      const edges = edgesOf(mirrored(state).orientation);
+      const edges = edgesOf(mirrored(state, mirrorPlane(this.shown), sphere).orientation);
       this.#otherOverlay.letter({ ...edges, left: edges.right, right: edges.left });
-      const other = viewName(mirrored(state).orientation);
+      // Of the side that is seen, from however near to its name's direction.
+      const other = viewName(mirrored(state, plainPlane(sphere), sphere).orientation);
       this.#otherOverlay.title(`${number(state.depth_mm, 1)} mm${other ? `  ${t(`view.${other}`)}` : ""}`, t("mirror.badge"));
       this.#otherOverlay.scale(mm_per_pixel, width);
     }
@@ -275,7 +277,7 @@ export class Viewer {
     const own = project(state, sphere, size).pixelOf(position);
     if (state.layout !== "mirror") return [own[0], own[1]];
     // Of the two halves the one that has the point in front.
-    const other = project(state, sphere, size).pixelOf(acrossTheMiddle(position, sphere));
+    const other = project(state, sphere, size).pixelOf(reflected(position, mirrorPlane(this.shown)));
     return own[2] >= other[2] ? [own[0], own[1]] : [other[0], other[1]];
   }
 

@@ -1,8 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { NAMED_VIEWS, VIEW_NAMES, acrossTheMiddle, edgesOf, facing, mirrored, project, viewName } from "../src/camera.ts";
-import { type Quat, type Vec3, angleBetween, between, compose, inverted, rotate, transform, turnAbout, unit } from "../src/space.ts";
+import { NAMED_VIEWS, VIEW_NAMES, edgesOf, facing, mirrored, project, viewName } from "../src/camera.ts";
+import { mirrorPlane, plainPlane, reflected, reflection } from "../src/midsagittal.ts";
+import { type Quat, type Vec3, angleBetween, between, compose, inverted, normalized, rotate, transform, turnAbout, unit } from "../src/space.ts";
 
 const SPHERE = { center_in_patient: [10, 20, 30], radius_mm: 100 } as const;
 
@@ -57,15 +58,50 @@ test("a direction is turned to the viewer with the head upright", () => {
   assert.equal(viewName(facing([0, 0, 1])), "superior");
 });
 
+const PLAIN = plainPlane(SPHERE);
+/** Tilted by some 20°, and beside the sphere's centre. */
+const TILTED = { normal: normalized([0.93, 0.3, -0.2]), offset_mm: 3 } as const;
+const VIEW = { orientation: unit([0.2, -0.4, 0.5, 0.7]) as Quat, zoom: 1.7, pan_mm: [12, -7] } as const;
+
 test("the mirrored view, flipped, puts the mirrored point where the view puts the point", () => {
-  const orientation = unit([0.2, -0.4, 0.5, 0.7]) as Quat;
-  const view = { orientation, zoom: 1.7, pan_mm: [12, -7] } as const;
   const size = [300, 200] as const;
+  for (const plane of [PLAIN, TILTED]) {
+    for (const point of [[60, -5, 44], [-33, 41, 2]] as Vec3[]) {
+      const [x, y] = project(VIEW, SPHERE, size).pixelOf(point);
+      const [other_x, other_y] = project(mirrored(VIEW, plane, SPHERE), SPHERE, size).pixelOf(reflected(point, plane));
+      near([300 - other_x, other_y], [x, y]);
+    }
+  }
+});
+
+test("at the plain plane the mirrored view has the turned orientation and the opposite pan, and of left it is right", () => {
+  const { orientation: [x, y, z, w], zoom, pan_mm: [right, up] } = VIEW;
+  const other = mirrored(VIEW, PLAIN, SPHERE);
+  near([...other.orientation, other.zoom, ...other.pan_mm], [x, -y, -z, w, zoom, -right, up]);
+  for (const [name, opposite] of [["left", "right"], ["right", "left"], ["anterior", "anterior"], ["superior", "superior"]] as const) {
+    assert.equal(viewName(mirrored({ ...VIEW, orientation: NAMED_VIEWS[name] }, PLAIN, SPHERE).orientation), opposite);
+  }
+});
+
+test("a view mirrored twice is itself", () => {
+  const back = mirrored(mirrored(VIEW, TILTED, SPHERE), TILTED, SPHERE);
+  assert.ok(angleBetween(back.orientation, VIEW.orientation) < 1e-7);
+  near([back.zoom, ...back.pan_mm], [VIEW.zoom, ...VIEW.pan_mm]);
+});
+
+test("a point reflected twice is itself, one on the plane stays, and the affine does the same", () => {
   const point: Vec3 = [60, -5, 44];
-  const [x, y, z] = project(view, SPHERE, size).pixelOf(point);
-  const [other_x, other_y, other_z] = project(mirrored(view), SPHERE, size).pixelOf(acrossTheMiddle(point, SPHERE));
-  near([300 - other_x, other_y, other_z], [x, y, z]);
-  assert.equal(viewName(mirrored({ ...view, orientation: NAMED_VIEWS.left }).orientation), "right");
+  const other = reflected(point, TILTED);
+  near(reflected(other, TILTED), point);
+  near(transform(reflection(TILTED), point), other);
+  const middle: Vec3 = [(point[0] + other[0]) / 2, (point[1] + other[1]) / 2, (point[2] + other[2]) / 2];
+  near(reflected(middle, TILTED), middle);
+  near(reflected(point, PLAIN), [-40, -5, 44]);
+});
+
+test("a case without a plane of its own is mirrored at the sagittal plane through the sphere's centre", () => {
+  assert.deepEqual(mirrorPlane({ envelope_sphere: SPHERE }), { normal: [1, 0, 0], offset_mm: 10 });
+  assert.equal(mirrorPlane({ envelope_sphere: SPHERE, midsagittal: TILTED }), TILTED);
 });
 
 test("the way between two orientations is steady", () => {

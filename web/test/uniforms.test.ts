@@ -1,8 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { transformDirection } from "../src/affine.ts";
 import { NAMED_VIEWS } from "../src/camera.ts";
-import type { Vec2, Vec3 } from "../src/space.ts";
+import { reflected, reflection } from "../src/midsagittal.ts";
+import { add, normalized, scale, type Vec2, type Vec3 } from "../src/space.ts";
 import { type Look, type Maps, pathsFields, pictureFields, slabOffsets, windowLine } from "../src/uniforms.ts";
 
 const grid = (side: number) => ({
@@ -18,6 +20,7 @@ const MAPS: Maps = {
   field: grid(2),
   border_box: [[3, 4, 5], [40, 50, 60]],
   sphere: { center_in_patient: [10, 20, 30], radius_mm: 100 },
+  plane: { normal: [1, 0, 0], offset_mm: 10 },
   native_spacing_mm: 1,
 };
 const SIZE: Vec2 = [200, 100];
@@ -71,6 +74,25 @@ test("the mirrored picture shows a left-sided mark where the plain one shows it 
     const [plain, mirrored] = [false, true].map((is_mirrored) => pictureFields({ ...look, is_mirrored }, MAPS, SIZE));
     const [x = 0, y = 0, z = 0] = plain?.towards_viewer as readonly number[];
     near(mirrored?.towards_viewer as readonly number[], [-x, y, z]);
+  }
+});
+
+test("at a tilted plane the mirrored picture shows a point where the plain one shows its mirror image, and clips nothing of the ball", () => {
+  const plane = { normal: normalized([0.93, 0.3, -0.2]), offset_mm: -8 };
+  const maps = { ...MAPS, plane };
+  for (const orientation of [NAMED_VIEWS.left, [0.1, 0.2, 0.3, Math.sqrt(1 - 0.14)] as const]) {
+    const look = { ...LOOK, orientation, zoom: 1.7, pan_mm: [3, 4] as Vec2 };
+    const [plain, other] = [false, true].map((is_mirrored) => pictureFields({ ...look, is_mirrored }, maps, SIZE));
+    assert.ok(plain && other);
+    for (const point of [[40, 0, 35], [-50, 60, 12]] as Vec3[]) {
+      near(through(other, "clip_from_patient", reflected(point, plane)).slice(0, 2), through(plain, "clip_from_patient", point).slice(0, 2));
+    }
+    const towards = other.towards_viewer as unknown as Vec3;
+    near(towards, transformDirection(reflection(plane), plain.towards_viewer as unknown as Vec3));
+    for (const side of [-1, 1]) {
+      const [, , depth = NaN] = through(other, "clip_from_patient", add(MAPS.sphere.center_in_patient, scale(towards, side * MAPS.sphere.radius_mm)));
+      assert.ok(depth > 0 && depth < 1, String(depth));
+    }
   }
 });
 

@@ -376,6 +376,15 @@ pub struct SphereFacts {
     pub radius_mm: f64,
 }
 
+/// A plane in the patient: the points `p` (LPS mm) with `normal · p = offset_mm`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PlaneFacts {
+    /// The direction across it, of length 1, LPS.
+    pub normal: [f64; 3],
+    /// Its distance from the origin along the normal, in mm.
+    pub offset_mm: f64,
+}
+
 /// What is known of a case once it is ready.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseFacts {
@@ -393,6 +402,10 @@ pub struct CaseFacts {
     pub native_patient_from_voxel: [[f64; 4]; 4],
     /// The sphere around the envelope that zoom 1 fits into a picture.
     pub envelope_sphere: SphereFacts,
+    /// The plane between the hemispheres, its normal to the patient's left; `None` for a case that was prepared before it
+    /// was fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub midsagittal: Option<PlaneFacts>,
     /// Depth of the deepest voxel, in mm.
     pub max_depth_mm: f32,
     /// Volume enclosed by the envelope, in ml.

@@ -28,7 +28,8 @@ use self::steps::Steps;
 use render::BoundingSphere;
 
 use crate::case::{
-    CaseFacts, DicomFacts, Failure, Parameters, Progress, SphereFacts, Stage, WindowFacts,
+    CaseFacts, DicomFacts, Failure, Parameters, PlaneFacts, Progress, SphereFacts, Stage,
+    WindowFacts,
 };
 use crate::quality::Quality;
 use crate::store::ObjectKind;
@@ -200,6 +201,7 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
     let [low, high] = volume
         .percentiles_inside(distance.envelope(), [0.02, 0.98])
         .unwrap_or([intensity_min, intensity_max]);
+    let midsagittal = geometry::midsagittal_plane(distance.envelope(), volume);
     let sphere = BoundingSphere::of_envelope(&ShellIndex::new(distance));
     Ok(CaseFacts {
         grid_size: grid.size(),
@@ -212,6 +214,10 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
             center_in_patient: sphere.centre_in_patient.to_array(),
             radius_mm: sphere.radius_mm,
         },
+        midsagittal: Some(PlaneFacts {
+            normal: midsagittal.normal().to_array(),
+            offset_mm: midsagittal.offset_mm(),
+        }),
         max_depth_mm: distance.max_depth_mm(),
         envelope_ml: distance.envelope().volume_ml(),
         intensity_min,

@@ -96,6 +96,10 @@ pub struct ReadyView {
     envelope_ml: f64,
     /// The sphere around the envelope that zoom 1 fits into a picture.
     envelope_sphere: SphereView,
+    /// The plane at which the head is most like its mirror image, which views that compare the hemispheres mirror at; absent
+    /// where the case was prepared before it was fitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    midsagittal: Option<PlaneView>,
     /// Intensities and how to show them.
     intensity: IntensityView,
     /// How far the mask can be trusted; absent where it was prepared before that was measured. Where it says `review` or
@@ -138,6 +142,15 @@ pub struct SphereView {
     center_in_patient: [f64; 3],
     /// Its radius.
     radius_mm: f64,
+}
+
+/// A plane in the patient: the points `p` with `normal · p = offset_mm`.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct PlaneView {
+    /// The direction across it, to the patient's left: of length 1, LPS.
+    normal: [f64; 3],
+    /// Its distance from the origin of patient space, along the normal.
+    offset_mm: f64,
 }
 
 /// Intensities and how to show them.
@@ -285,6 +298,10 @@ impl From<CaseFacts> for ReadyView {
                 center_in_patient: facts.envelope_sphere.center_in_patient,
                 radius_mm: facts.envelope_sphere.radius_mm,
             },
+            midsagittal: facts.midsagittal.map(|plane| PlaneView {
+                normal: plane.normal,
+                offset_mm: plane.offset_mm,
+            }),
             intensity: IntensityView {
                 min: facts.intensity_min,
                 max: facts.intensity_max,

@@ -41,6 +41,7 @@ pub(crate) fn facts() -> CaseFacts {
             center: 0.5,
             width: 1.0,
         },
+        midsagittal: None,
         quality: None,
         dicom: None,
         timings: vec![(Stage::Reading, 1.0)],

@@ -1,0 +1,215 @@
+//! How like its mirror image an image is, and the plane that makes it so.
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::image::Image;
+
+/// How far the plane may be turned from the patient's sagittal plane about either axis, as a tangent: 30°.
+const MAX_TANGENT: f64 = 0.577_350_269;
+/// How many turns to either side are tried first, and shifts.
+const TURNS: i32 = 3;
+const SHIFTS: i32 = 1;
+/// Distance of the first shifts, in voxels of the coarsest image.
+const SHIFT_STEP: f64 = 0.75;
+/// How far the plane may be from the centroid, as a share of the image's width.
+const MAX_SHIFT: f64 = 0.2;
+/// The difference from which on more difference hardly counts (Geman and McClure's function).
+const MODERATE: f64 = 0.3;
+/// What a turn costs that the head does not ask for, by the squared tangent; a turn of a head costs it some hundred times.
+const TURN_COST: f64 = 0.01;
+/// The same of a shift, by the squared voxel.
+const SHIFT_COST: f64 = 1e-6;
+/// The most steps on one image, and the step, in tangents and voxels, below which there is no further one.
+const MAX_STEPS: usize = 12;
+const LEAST_STEP: f64 = 3e-4;
+
+/// A plane: the tangents of its turns from the sagittal plane, towards y and z, and its shift from the centroid in mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pose(DVec3);
+
+impl Pose {
+    pub(super) fn normal(self) -> DVec3 {
+        DVec3::new(1.0, self.0.x, self.0.y).normalize()
+    }
+
+    pub(super) fn shift_mm(self) -> f64 {
+        self.0.z
+    }
+}
+
+/// A plane as a search sees it: the two tangents, and the shift in voxels of an image.
+type Parameters = DVec3;
+
+/// The cost of a plane, half of its gradient and the half of its curvature that Gauss and Newton take for the whole.
+struct Cost {
+    value: f64,
+    slope: DVec3,
+    curvature: DMat3,
+}
+
+impl Cost {
+    /// The step to the least cost that this one lets expect, shortened by damping.
+    fn step(&self, damping: f64) -> DVec3 {
+        let diagonal = DVec3::new(
+            self.curvature.x_axis.x,
+            self.curvature.y_axis.y,
+            self.curvature.z_axis.z,
+        );
+        // What each parameter costs by itself keeps the matrix invertible.
+        let damped = self.curvature + DMat3::from_diagonal(diagonal * damping);
+        -(damped.inverse() * self.slope)
+    }
+}
+
+/// What a plane costs whatever the head, and the weight of each parameter in that.
+fn own_cost(parameters: Parameters) -> (f64, DVec3) {
+    let weights = DVec3::new(TURN_COST, TURN_COST, SHIFT_COST);
+    (weights.dot(parameters * parameters), weights)
+}
+
+/// A plane in the coordinates of a level's places.
+struct Mirror {
+    normal: Vec3,
+    shift: f32,
+    /// How the normal turns with each tangent.
+    turns: [Vec3; 2],
+}
+
+impl Mirror {
+    fn new(parameters: Parameters) -> Self {
+        let across = DVec3::new(1.0, parameters.x, parameters.y);
+        let normal = across.normalize();
+        let turn = |axis: DVec3| ((axis - normal * normal.dot(axis)) / across.length()).as_vec3();
+        Self {
+            normal: normal.as_vec3(),
+            shift: parameters.z as f32,
+            turns: [turn(DVec3::Y), turn(DVec3::Z)],
+        }
+    }
+
+    fn distance(&self, place: Vec3) -> f32 {
+        self.normal.dot(place) - self.shift
+    }
+
+    fn image_of(&self, place: Vec3) -> Vec3 {
+        place - self.normal * (2.0 * self.distance(place))
+    }
+
+    /// How the difference between a place and its mirror image changes with the parameters, the image's slope being given.
+    fn slope_at(&self, place: Vec3, slope: Vec3) -> Vec3 {
+        let across = slope.dot(self.normal);
+        let lever = place * across + slope * self.distance(place);
+        let [y, z] = self.turns;
+        2.0 * Vec3::new(y.dot(lever), z.dot(lever), -across)
+    }
+}
+
+/// One image with the places that are compared.
+pub(super) struct Level {
+    image: Image,
+    /// Relative to the centroid, in voxels, with their values.
+    places: Vec<(Vec3, f32)>,
+    /// The centroid, in voxels.
+    centre: Vec3,
+    /// In voxels.
+    max_shift: f64,
+}
+
+impl Level {
+    pub(super) fn new(image: Image, stride: usize, centroid: DVec3) -> Self {
+        let centre = image.place_of(centroid);
+        let max_shift = MAX_SHIFT * image.width() as f64;
+        let places = image
+            .points(stride)
+            .map(|(position, value)| (image.place_of(position) - centre, value))
+            .collect();
+        Self {
+            image,
+            places,
+            centre,
+            max_shift,
+        }
+    }
+
+    /// The best of planes that are 10° apart, some of them beside the centroid.
+    pub(super) fn search(&self) -> Pose {
+        let tangent = |turn: i32| (f64::from(turn) * MAX_TANGENT.atan() / f64::from(TURNS)).tan();
+        let turns = || (-TURNS..=TURNS).map(tangent);
+        let shifts = || (-SHIFTS..=SHIFTS).map(|shift| f64::from(shift) * SHIFT_STEP);
+        let poses = turns().flat_map(|y| turns().map(move |z| (y, z)));
+        let poses = poses.flat_map(|(y, z)| shifts().map(move |shift| DVec3::new(y, z, shift)));
+        let costs = poses.map(|pose| (self.cost_of(pose), pose));
+        let best = costs.min_by(|(a, _), (b, _)| a.total_cmp(b));
+        self.pose(best.map_or(Parameters::ZERO, |(_, pose)| pose))
+    }
+
+    fn pose(&self, parameters: DVec3) -> Pose {
+        Pose(parameters * DVec3::new(1.0, 1.0, self.image.step_mm))
+    }
+
+    /// The pose after Gauss-Newton steps, damped so that each of them costs less than the one before (Levenberg, Marquardt).
+    pub(super) fn refined(&self, pose: Pose) -> Pose {
+        let mut parameters = pose.0 / DVec3::new(1.0, 1.0, self.image.step_mm);
+        let mut cost = self.cost(parameters);
+        let mut damping = 1e-3;
+        for _ in 0..MAX_STEPS {
+            let next = self.bounded(parameters + cost.step(damping));
+            let next_cost = self.cost(next);
+            let is_better = next_cost.value < cost.value;
+            let moved = (next - parameters).abs().max_element();
+            if is_better {
+                (parameters, cost) = (next, next_cost);
+                damping /= 5.0;
+            } else {
+                damping *= 10.0;
+            }
+            if moved < LEAST_STEP {
+                break;
+            }
+        }
+        self.pose(parameters)
+    }
+
+    fn bounded(&self, parameters: DVec3) -> DVec3 {
+        let bounds = DVec3::new(MAX_TANGENT, MAX_TANGENT, self.max_shift);
+        parameters.clamp(-bounds, bounds)
+    }
+
+    /// The cost alone.
+    fn cost_of(&self, parameters: Parameters) -> f64 {
+        let mirror = Mirror::new(parameters);
+        let cost = |&(place, value): &(Vec3, f32)| {
+            let (other, _) = self.image.sample(mirror.image_of(place) + self.centre);
+            let squared = f64::from(value - other).powi(2);
+            squared / (1.0 + squared / MODERATE.powi(2))
+        };
+        let sum: f64 = self.places.iter().map(cost).sum();
+        sum / self.places.len() as f64 + own_cost(parameters).0
+    }
+
+    fn cost(&self, parameters: Parameters) -> Cost {
+        let mirror = Mirror::new(parameters);
+        let (mut value, mut slope, mut curvature) = (0.0, DVec3::ZERO, DMat3::ZERO);
+        for &(place, here) in &self.places {
+            let (there, image_slope) = self.image.sample(mirror.image_of(place) + self.centre);
+            let difference = f64::from(here - there);
+            let change = mirror.slope_at(place, image_slope).as_dvec3();
+            let excess = 1.0 + (difference / MODERATE).powi(2);
+            let weighted = change / (excess * excess);
+            value += difference * difference / excess;
+            slope += weighted * difference;
+            curvature += outer_product(weighted, change);
+        }
+        let (own, weights) = own_cost(parameters);
+        let count = self.places.len() as f64;
+        Cost {
+            value: value / count + own,
+            slope: slope / count + weights * parameters,
+            curvature: curvature * (1.0 / count) + DMat3::from_diagonal(weights),
+        }
+    }
+}
+
+fn outer_product(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
