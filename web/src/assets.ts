@@ -10,7 +10,7 @@ import {
 } from "./wire.ts";
 
 /** Every so manieth depth is enough for the light of the first picture. */
-const FIRST_STEP = 4;
+export const COARSE_STEP = 4;
 
 /** Adds up the bytes of several requests. Until a request has answered it counts as many as it is thought to have. */
 export class ByteCount {
@@ -93,7 +93,7 @@ export class Assets {
 
   /** The depths: `coarse` for the light of a first picture, or all. */
   async distance(extent: "coarse" | "all", guess: number): Promise<Block<Int16Array<ArrayBuffer>>> {
-    const query = extent === "coarse" ? `?step=${FIRST_STEP}` : "";
+    const query = extent === "coarse" ? `?step=${COARSE_STEP}` : "";
     const { bytes, headers } = await this.#get(`distance${query}`, guess);
     return decodeDistance(bytes, readLayout(headers));
   }

@@ -51,17 +51,17 @@ const WINDOW_DRAG_PIXELS = 400;
 
 /** A drag by `move` pixels: right is wider; up is brighter or darker, as is preferred. */
 export function dragWindow(state: ViewState, shown: ReadyCase, move: Vec2, drag: Preferences["drag"]): Change {
-  const per_pixel = shown.intensity.window.width / WINDOW_DRAG_PIXELS;
+  const per_pixel = (shown.intensity.window.width - 1) / WINDOW_DRAG_PIXELS;
   // A higher level is a darker picture.
   const level = (drag === "up-darker" ? -move[1] : move[1]) * per_pixel;
   return { window: boundWindow({ center: state.window.center + level, width: state.window.width + move[0] * per_pixel }, shown) };
 }
 
-/** The nearest window that is of use: its level within the intensities, its width from a 500th of their range to twice it. */
+/** The nearest window that is of use: its level within the intensities, from black to white a 500th of their range to twice it. */
 export function boundWindow(window: Window, shown: ReadyCase): Window {
   const { min, max } = shown.intensity;
-  const range = Math.max(max - min, shown.intensity.window.width);
-  return { center: clamp(window.center, min - range, max + range), width: clamp(window.width, range / 500, 2 * range) };
+  const range = Math.max(max - min, shown.intensity.window.width - 1);
+  return { center: clamp(window.center, min - range, max + range), width: clamp(window.width, 1 + range / 500, 1 + 2 * range) };
 }
 
 /** Deeper by `steps` steps, fine or not. */

@@ -1,6 +1,6 @@
 // The surface of a case in its pane: drawn here by WebGL where that can be, else by the server.
 
-import { Assets, ByteCount } from "./assets.ts";
+import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
 import { Problem } from "./api.ts";
 import { mirrored, project, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
@@ -527,7 +527,7 @@ class Cortex implements Surface {
 
 /** The light alone, from every so manieth depth. */
 function* coarseMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
-  return { field, smoothed: null, gradients: yield* gradients(field.voxels, field.size, true), border_box: null };
+  return { field, smoothed: null, gradients: yield* gradients(field.voxels, field.size, COARSE_STEP), border_box: null };
 }
 
 /** All that is made of the depths. */

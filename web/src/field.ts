@@ -61,20 +61,22 @@ function convolve(values: Depths, start: number, { stride, side }: Axis, line: I
 
 /**
  * Central differences per voxel, in 1/127, four bytes a voxel, the last 0. On the faces, where there is nothing to take a
- * difference with, all are 0; or, with `one_sided`, the differences with the voxel before the face.
+ * difference with, all are 0. Of a coarse field, of which every `coarse_step`th depth is there, faces have the differences
+ * with the depth before them.
  */
-export function* gradients(values: Depths, size: Vec3, one_sided = false): Generator<void, Int8Array<ArrayBuffer>> {
+export function* gradients(values: Depths, size: Vec3, coarse_step?: number): Generator<void, Int8Array<ArrayBuffer>> {
   const [nx, ny, nz] = size;
   const out = new Int8Array(4 * values.length);
   const axes = axesOf(size);
-  const inset = one_sided ? 0 : 1;
+  const inset = coarse_step === undefined ? 1 : 0;
+  const voxels = coarse_step ?? 1;
   for (let z = inset; z < nz - inset; z += 1) {
     for (let y = inset; y < ny - inset; y += 1) {
       for (let x = inset; x < nx - inset; x += 1) {
         const index = x + nx * (y + ny * z);
-        out[4 * index] = difference(values, index, x, axes[0]);
-        out[4 * index + 1] = difference(values, index, y, axes[1]);
-        out[4 * index + 2] = difference(values, index, z, axes[2]);
+        out[4 * index] = difference(values, index, x, axes[0], voxels);
+        out[4 * index + 1] = difference(values, index, y, axes[1], voxels);
+        out[4 * index + 2] = difference(values, index, z, axes[2], voxels);
       }
     }
     yield;
@@ -82,11 +84,13 @@ export function* gradients(values: Depths, size: Vec3, one_sided = false): Gener
   return out;
 }
 
-function difference(values: Depths, index: number, place: number, { stride, side }: Axis): number {
+/** The slope along an axis whose neighbours are `voxels` apart. Depths change by a voxel in a voxel at most, so that it fits in eight bits. */
+function difference(values: Depths, index: number, place: number, { stride, side }: Axis, voxels: number): number {
   const before = place > 0 ? index - stride : index;
   const after = place + 1 < side ? index + stride : index;
   const steps = (values[after] as number) - (values[before] as number);
-  const scaled = (steps * 127) / (2 * STEPS_PER_VOXEL);
+  const apart = Math.max((after - before) / stride, 1) * voxels;
+  const scaled = (steps * 127) / (apart * STEPS_PER_VOXEL);
   // To the nearest, halves away from zero.
   return scaled < 0 ? Math.ceil(scaled - 0.5) : Math.floor(scaled + 0.5);
 }

@@ -78,7 +78,7 @@ export function readState(rest: string, shown: ReadyCase): ViewState {
     orientation: (turned && unit(turned)) ?? (view ? NAMED_VIEWS[view] : first.orientation),
     zoom: zoom === null ? first.zoom : clamp(zoom, ...ZOOM_RANGE),
     pan_mm: pan ? [clamp(pan[0], -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(pan[1], -PAN_LIMIT_MM, PAN_LIMIT_MM)] : first.pan_mm,
-    window: window && window[1] > 0 ? { center: window[0], width: window[1] } : first.window,
+    window: window && window[1] >= 1 ? { center: window[0], width: window[1] } : first.window,
     colormap: COLORMAPS.find((name) => name === said.get("m")) ?? first.colormap,
     slab_mm: slab === null ? first.slab_mm : clamp(slab, 0, SLAB_LIMIT_MM),
     ambient: ambient === null ? first.ambient : clamp(ambient, 0, 1),

@@ -6,7 +6,7 @@ import { h, setText, svg } from "./dom.ts";
 import { number, t } from "./i18n.ts";
 import { scaleBar } from "./readout.ts";
 import type { Vec2 } from "./space.ts";
-import type { Colormap } from "./state.ts";
+import { type Colormap, windowEnds } from "./state.ts";
 
 const SIDES = ["left", "right", "top", "bottom"] as const;
 
@@ -90,9 +90,10 @@ export class ColourBar {
     if (wanted === this.#shown) return;
     this.#shown = wanted;
     // Both ends to the same place, about a hundredth of the width.
-    const places = Math.min(Math.max(2 - Math.round(Math.log10(window.width)), 0), 6);
-    setText(this.#white, number(window.center + window.width / 2, places));
-    setText(this.#black, number(window.center - window.width / 2, places));
+    const [black, white] = windowEnds(window);
+    const places = Math.min(Math.max(2 - Math.round(Math.log10(white - black)), 0), 6);
+    setText(this.#white, number(white, places));
+    setText(this.#black, number(black, places));
     const context = this.#canvas.getContext("2d");
     if (!context) return;
     const ramp = context.createLinearGradient(0, 64, 0, 0);

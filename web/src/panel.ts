@@ -118,7 +118,7 @@ export class Panel {
       button(t(`window.${preset}`), () => actions.command({ kind: "window", preset }), { value: preset, "aria-pressed": "false" })));
     const { min, max } = shown.intensity;
     const range = max - min || 1;
-    this.#window = { center: this.#windowPart("center", [min, max]), width: this.#windowPart("width", [range / 500, range]) };
+    this.#window = { center: this.#windowPart("center", [min + 0.5, max + 0.5]), width: this.#windowPart("width", [1 + range / 500, 1 + range]) };
     this.#colormap = this.#choice("colormap", t("colormap.label"), COLORMAPS.map((name) => [name, t(`colormap.${name}`)]), (colormap) => ({ colormap }));
     this.#way = this.#choice("way", t("way.label"), WAYS.map((name) => [name, t(`way.${name}`)]), (way) => ({ way }));
     this.#slab = this.#slider("slab", t("slab.label"), [0, Math.min(SLAB_LIMIT_MM, 5), 0.5], (slab_mm) => ({ slab_mm }));
@@ -155,7 +155,7 @@ export class Panel {
     this.#zoom.setAttribute("aria-valuetext", `${number(state.zoom * 100)} %`);
     for (const part of ["center", "width"] as const) {
       setValue(this.#window[part].range, state.window[part]);
-      setValue(this.#window[part].number, Number(state.window[part].toPrecision(4)));
+      setValue(this.#window[part].number, Number(state.window[part].toPrecision(5)));
     }
     setValue(this.#colormap, state.colormap);
     setValue(this.#way, state.way);
@@ -209,7 +209,7 @@ export class Panel {
       const value = input.valueAsNumber;
       const other = part === "center" ? "width" : "center";
       state = { ...state, [other]: this.#window[other].range.valueAsNumber };
-      if (Number.isFinite(value) && (part === "center" || value > 0)) {
+      if (Number.isFinite(value) && (part === "center" || value >= 1)) {
         this.#actions.change({ window: boundWindow({ ...state, [part]: value }, this.#shown) });
       }
     };

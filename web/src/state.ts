@@ -86,28 +86,37 @@ export function stepDepth(depth_mm: number, steps: number, step_mm: number): num
   return Math.round((from + steps) * step_mm * 100) / 100;
 }
 
+/** The intensities that a window shows black and white: DICOM's linear window (PS3.3 C.11.2.1.2.1) goes from one to the other in `width − 1`. */
+export function windowEnds({ center, width }: Window): readonly [number, number] {
+  const half = (Math.max(width, 1) - 1) / 2;
+  return [center - 0.5 - half, center - 0.5 + half];
+}
+
+/** The window that shows one intensity black and another white. */
+export const windowBetween = (black: number, white: number): Window => ({ center: (black + white + 1) / 2, width: white - black + 1 });
+
 /** The window of a named preset, of the case's own window and range. */
 export const WINDOW_PRESETS = ["auto", "full", "brain", "narrow", "bright", "dark"] as const;
 export type WindowPreset = (typeof WINDOW_PRESETS)[number];
 
 export function presetWindow(preset: WindowPreset, shown: ReadyCase): Window {
   const { min, max, window } = shown.intensity;
-  const { center, width } = window;
-  const low = center - width / 2;
+  const [black, white] = windowEnds(window);
+  const width = white - black;
   switch (preset) {
     case "auto":
-      return { center, width };
+      return window;
     case "full":
-      return { center: (min + max) / 2, width: Math.max(max - min, width * 1e-3) };
+      return windowBetween(min, Math.max(max, min + width * 1e-3));
     // Cerebrospinal fluid, the darkest quarter, is black: what is left goes to grey and white matter.
     case "brain":
-      return { center: low + 0.65 * width, width: 0.7 * width };
+      return windowBetween(black + 0.3 * width, white);
     case "narrow":
-      return { center: low + 0.7 * width, width: 0.35 * width };
+      return windowBetween(black + 0.525 * width, black + 0.875 * width);
     case "bright":
-      return { center: low + 0.35 * width, width: 0.7 * width };
+      return windowBetween(black, black + 0.7 * width);
     case "dark":
-      return { center: low + 0.9 * width, width };
+      return windowBetween(black + 0.4 * width, black + 1.4 * width);
   }
 }
 

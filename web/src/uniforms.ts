@@ -5,6 +5,7 @@ import { project, towardsViewer, type View } from "./camera.ts";
 import type { MirrorPlane, Sphere, Window } from "./case.ts";
 import { smoothShare } from "./isosurface.ts";
 import { reflected, reflection } from "./midsagittal.ts";
+import { windowEnds } from "./state.ts";
 import { add, inverted, length, subtract, transform, type Affine, type Vec2, type Vec3 } from "./space.ts";
 import type { PathsTable, TextureLayout } from "./wire.ts";
 
@@ -78,10 +79,10 @@ function reachOf({ is_mirrored }: Look, { sphere, plane }: Maps): number {
   return sphere.radius_mm + length(moved);
 }
 
-/** The window's ramp, DICOM PS3.3 C.11.2.1.2.1: black up to `black`, then 255 in `width − 1`. */
-export function windowLine({ center, width }: Window): { readonly black: number; readonly factor: number } {
-  const length = Math.max(width, 1) - 1;
-  return { black: center - 0.5 - length / 2, factor: 255 / Math.max(length, 1e-9) };
+/** The window's ramp: black up to `black`, then by `factor` of 255 for each intensity. */
+export function windowLine(window: Window): { readonly black: number; readonly factor: number } {
+  const [black, white] = windowEnds(window);
+  return { black, factor: 255 / Math.max(white - black, 1e-9) };
 }
 
 /** Where a slab is sampled along the depth, in mm from the isosurface, at equal distances; nowhere when there is no slab. */

@@ -2,9 +2,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { NAMED_VIEWS, project } from "../src/camera.ts";
+import type { Window } from "../src/case.ts";
 import { type Key, Notches, boundWindow, commandOf, deepen, dragWindow, invert, pan, pinch, turn, wheelZoom, zoomAt } from "../src/controls.ts";
 import { type Vec2, type Vec3, rotate } from "../src/space.ts";
-import { type ViewState, firstState, presetWindow, stepDepth, sweptDepth } from "../src/state.ts";
+import {
+  type ViewState, type WindowPreset, firstState, presetWindow, stepDepth, sweptDepth, WINDOW_PRESETS, windowBetween, windowEnds,
+} from "../src/state.ts";
 import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
@@ -68,10 +71,10 @@ test("a pinch keeps both fingers on what they touch", () => {
 test("a window drag goes the way that is preferred, and never to nothing", () => {
   const darker = dragWindow(FIRST, SHOWN, [0, -40], "up-darker").window;
   const brighter = dragWindow(FIRST, SHOWN, [0, -40], "up-brighter").window;
-  assert.deepEqual([darker?.center, brighter?.center], [460, 340]);
-  assert.deepEqual(dragWindow(FIRST, SHOWN, [40, 0], "up-darker").window, { center: 400, width: 660 });
-  assert.equal(dragWindow(FIRST, SHOWN, [-1e6, 0], "up-darker").window?.width, 2);
-  assert.equal(boundWindow({ center: 1e9, width: 1e9 }, SHOWN).width, 2000);
+  assert.deepEqual([darker?.center, brighter?.center], [459.9, 340.1]);
+  assert.deepEqual(dragWindow(FIRST, SHOWN, [40, 0], "up-darker").window, { center: 400, width: 659.9 });
+  assert.equal(dragWindow(FIRST, SHOWN, [-1e6, 0], "up-darker").window?.width, 3);
+  assert.equal(boundWindow({ center: 1e9, width: 1e9 }, SHOWN).width, 2001);
 });
 
 test("depth goes in whole steps and stays in the case", () => {
@@ -92,9 +95,21 @@ test("a sweep turns round at both ends", () => {
 test("the presets are windows of the case's own, all different", () => {
   const windows = (["auto", "full", "brain", "narrow", "bright", "dark"] as const).map((preset) => presetWindow(preset, SHOWN));
   assert.deepEqual(windows[0], SHOWN.intensity.window);
-  assert.deepEqual(windows[1], { center: 500, width: 1000 });
+  assert.deepEqual(windowEnds(windows[1] as Window), [0, 1000]);
   assert.equal(new Set(windows.map(({ center, width }) => `${center},${width}`)).size, 6);
-  assert.ok(windows.every(({ width }) => width > 0));
+  assert.ok(windows.every(({ width }) => width >= 1));
+});
+
+test("windows of intensities from 0 to 1 are as wide as the server wants, and end where they should", () => {
+  const unit = { ...SHOWN, intensity: { min: 0, max: 1, window: windowBetween(0.125, 0.5) } };
+  const ends = (preset: WindowPreset): readonly number[] => windowEnds(presetWindow(preset, unit)).map((end) => Number(end.toFixed(6)));
+  assert.deepEqual(ends("auto"), [0.125, 0.5]);
+  assert.deepEqual(ends("full"), [0, 1]);
+  assert.deepEqual(ends("brain"), [0.2375, 0.5]);
+  assert.deepEqual(ends("narrow"), [0.321875, 0.453125]);
+  for (const preset of WINDOW_PRESETS) assert.ok(boundWindow(presetWindow(preset, unit), unit).width > 1, preset);
+  const narrowed = dragWindow({ ...FIRST, window: unit.intensity.window }, unit, [-100, 0], "up-darker").window as Window;
+  assert.deepEqual(windowEnds(narrowed).map((end) => Number(end.toFixed(6))), [0.171875, 0.453125]);
 });
 
 const key = (name: string, change: Partial<Key> = {}): Key =>
