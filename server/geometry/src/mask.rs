@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use crate::grid::bounds_through;
-use crate::runs::{Connectivity, fill_holes, keep_largest_component};
+use crate::runs::{Connectivity, fill_holes, keep_component_with_most_of, keep_largest_component};
 use crate::{GeometryError, Grid, MAX_WORKING_SIZE};
 
 /// Voxels between the brain and the faces of the working grid, so that depth can be sampled outside too.
@@ -99,15 +99,32 @@ impl Mask {
         }
     }
 
-    /// The component with most voxels (6-neighbourhood); of two equal ones, the first.
-    pub fn largest_component_by_faces(mut self) -> Self {
-        keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Faces);
-        self
+    /// The component (6-neighbourhood) that holds most voxels of another set on the same grid; of two equal ones, the first.
+    /// Empty where none holds any.
+    ///
+    /// # Errors
+    /// When the other set has another number of voxels.
+    pub fn component_with_most_of(mut self, other: &Self) -> Result<Self, GeometryError> {
+        if other.voxels.len() != self.voxels.len() {
+            return Err(GeometryError::ValueCount {
+                values: other.voxels.len(),
+                voxels: self.voxels.len(),
+            });
+        }
+        let size = self.grid.size();
+        keep_component_with_most_of(size, &mut self.voxels, &other.voxels, Connectivity::Faces);
+        Ok(self)
     }
 
     /// The component with most voxels (26-neighbourhood); of two equal ones, the first.
     pub fn largest_component(mut self) -> Self {
         keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Corners);
+        self
+    }
+
+    /// The set with its holes: what it keeps from the faces of the grid (6-neighbourhood).
+    pub fn filled(mut self) -> Self {
+        fill_holes(self.grid.size(), &mut self.voxels);
         self
     }
 

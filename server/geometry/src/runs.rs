@@ -141,6 +141,31 @@ pub(crate) fn keep_largest_component(
     }
 }
 
+/// Keeps the component that holds most voxels of another mask and clears the others; of two equal ones, the first. Where none
+/// holds any, nothing is left.
+pub(crate) fn keep_component_with_most_of(
+    size: [usize; 3],
+    mask: &mut [bool],
+    counted: &[bool],
+    connectivity: Connectivity,
+) {
+    let mut components = Components::find(size, mask, true, connectivity);
+    let mut held = vec![0usize; components.runs.len()];
+    for run in 0..components.runs.len() {
+        let Run { start, end } = components.runs[run];
+        let root = components.root(run as u32);
+        let voxels = &counted[start as usize..end as usize];
+        held[root as usize] += voxels.iter().filter(|&&voxel| voxel).count();
+    }
+    let most = (0..held.len()).rev().max_by_key(|&run| held[run]);
+    let most = most.filter(|&run| held[run] > 0);
+    for run in 0..components.runs.len() {
+        if Some(components.root(run as u32) as usize) != most {
+            components.fill(run, mask, false);
+        }
+    }
+}
+
 /// How much of a mask is in the component with most voxels; 1 where it is empty.
 pub(crate) fn largest_component_share(
     size: [usize; 3],
@@ -196,6 +221,21 @@ mod tests {
         let mut mask = mask_of(&[&large[..], &[[5, 4, 3], [5, 3, 3]]].concat());
         keep_largest_component(SIZE, &mut mask, Connectivity::Corners);
         assert_eq!(mask, mask_of(&large));
+    }
+
+    #[test]
+    fn the_component_that_holds_most_of_another_mask_is_kept() {
+        let (large, small) = ([[1, 1, 1], [2, 1, 1], [2, 2, 1]], [[5, 4, 3], [5, 3, 3]]);
+        let both = mask_of(&[&large[..], &small].concat());
+        for (counted, kept) in [
+            (vec![[2, 1, 1], [5, 4, 3], [5, 3, 3]], mask_of(&small)),
+            (vec![[2, 1, 1], [5, 4, 3], [4, 4, 3]], mask_of(&large)),
+            (vec![[4, 4, 3]], mask_of(&[])),
+        ] {
+            let mut mask = both.clone();
+            keep_component_with_most_of(SIZE, &mut mask, &mask_of(&counted), Connectivity::Faces);
+            assert_eq!(mask, kept, "{counted:?}");
+        }
     }
 
     #[test]

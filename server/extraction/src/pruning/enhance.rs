@@ -15,42 +15,81 @@ const BINS: usize = 1024;
 /// The fraction of the voxels that are at most as bright as the histogram's last bin.
 const BRIGHTEST: f64 = 0.999;
 
-/// Enhanced intensities on a grid of cubes.
+/// What of the marker's median above the dark class is as bright as an image gets. In T1 grey matter has about two thirds of what
+/// white matter has, and the marker is mostly white: both end as white, and what is left as a border is the brain's own.
+const WHITE_SHARE: f32 = 0.7;
+
+/// Intensities on a grid of cubes, in two classes.
 #[derive(Debug)]
-pub(super) struct Image {
+pub(super) struct Intensities {
     grid: Grid,
-    values: Vec<u16>,
-    threshold: u16,
+    values: Vec<f32>,
+    classes: Classes,
 }
 
-impl Image {
-    /// A volume on another grid, trilinear, its intensities brought to 0 to 4095 by an S that rises between the means of
-    /// the dark and the bright class.
-    pub(super) fn enhanced(volume: &Volume, grid: &Grid) -> Result<Self, ExtractionError> {
-        let intensities = resampled(volume, grid);
-        let classes = Classes::of(&intensities).ok_or(ExtractionError::NoBrain {
+impl Intensities {
+    /// Those of a volume on another grid, trilinear.
+    pub(super) fn of(volume: &Volume, grid: &Grid) -> Result<Self, ExtractionError> {
+        let values = resampled(volume, grid);
+        let classes = Classes::of(&values).ok_or(ExtractionError::NoBrain {
             what: "nearly all of it has one intensity",
         })?;
-        let enhance = |intensity: f32| (WHITE * classes.weight(intensity)) as u16;
-        let values = intensities
-            .par_iter()
-            .map(|&intensity| enhance(intensity))
-            .collect();
         Ok(Self {
             grid: grid.clone(),
             values,
-            threshold: enhance(classes.threshold),
+            classes,
         })
     }
 
     /// The voxels of the bright class.
     pub(super) fn bright(&self) -> Result<Mask, GeometryError> {
-        let voxels = self
-            .values
-            .iter()
-            .map(|&value| value > self.threshold)
-            .collect();
+        self.above(self.classes.threshold)
+    }
+
+    /// What is not air: all that is brighter than half-way from the mean of the dark class to the bright one.
+    pub(super) fn not_air(&self) -> Result<Mask, GeometryError> {
+        let Classes { threshold, dark } = self.classes;
+        self.above(dark + (threshold - dark) / 2.0)
+    }
+
+    fn above(&self, threshold: f32) -> Result<Mask, GeometryError> {
+        let values = self.values.par_iter();
+        let voxels = values.map(|&value| value > threshold).collect();
         Mask::new(self.grid.clone(), voxels)
+    }
+
+    /// The image in which the brain stands out: 0 to 4095 along an S that rises from the mean of the dark class to
+    /// [`WHITE_SHARE`] of the way to the median of the marker.
+    pub(super) fn enhanced(self, marker: &Mask) -> Result<Image, ExtractionError> {
+        let pairs = self.values.iter().zip(marker.voxels());
+        let mut marked: Vec<f32> = pairs
+            .filter_map(|(&value, &is_marked)| is_marked.then_some(value))
+            .collect();
+        let rank = marked.len() / 2;
+        let median = *marked.select_nth_unstable_by(rank, f32::total_cmp).1;
+        let dark = self.classes.dark;
+        let bright = dark + WHITE_SHARE * (median - dark);
+        let enhance = |&value: &f32| (WHITE * weight(value, [dark, bright])) as u16;
+        Ok(Image {
+            values: self.values.par_iter().map(enhance).collect(),
+            grid: self.grid,
+        })
+    }
+}
+
+/// Enhanced intensities on a grid of cubes.
+#[derive(Debug)]
+pub(super) struct Image {
+    grid: Grid,
+    values: Vec<u16>,
+}
+
+impl Image {
+    /// What of a set is in the upper half of the S: brain, where fluid, bone and air are dark.
+    pub(super) fn tissue(&self, within: Mask) -> Result<Mask, GeometryError> {
+        let pairs = self.values.par_iter().zip(within.voxels());
+        let voxels = pairs.map(|(&value, &is_within)| is_within && value > WHITE as u16 / 2);
+        Mask::new(self.grid.clone(), voxels.collect())
     }
 }
 
@@ -75,7 +114,8 @@ fn resampled(volume: &Volume, grid: &Grid) -> Vec<f32> {
 #[derive(Debug, Clone, Copy)]
 struct Classes {
     threshold: f32,
-    means: [f32; 2],
+    /// The mean of the dark one.
+    dark: f32,
 }
 
 impl Classes {
@@ -112,22 +152,21 @@ impl Classes {
                 best = between;
                 classes = Some(Self {
                     threshold: (middle(bin) + f64::from(range) / BINS as f64 / 2.0) as f32,
-                    means: means.map(|mean| mean as f32),
+                    dark: means[0] as f32,
                 });
             }
         }
         classes
     }
+}
 
-    /// From 0 at the mean of the dark class to 1 at that of the bright one, along an S of two parabolas.
-    fn weight(&self, intensity: f32) -> f32 {
-        let [dark, bright] = self.means;
-        let along = ((intensity - dark) / (bright - dark)).clamp(0.0, 1.0);
-        if along < 0.5 {
-            2.0 * along * along
-        } else {
-            1.0 - 2.0 * (1.0 - along) * (1.0 - along)
-        }
+/// From 0 at the dark intensity to 1 at the bright one, along an S of two parabolas.
+fn weight(intensity: f32, [dark, bright]: [f32; 2]) -> f32 {
+    let along = ((intensity - dark) / (bright - dark)).clamp(0.0, 1.0);
+    if along < 0.5 {
+        2.0 * along * along
+    } else {
+        1.0 - 2.0 * (1.0 - along) * (1.0 - along)
     }
 }
 

