@@ -47,15 +47,15 @@ export interface Part {
   readonly is_flipped: boolean;
 }
 
-/** Compares the canvas, or a part of it, with the server's picture at `address`. */
-export async function agreement(page: Page, address: string, part?: Part): Promise<Agreement> {
+/** Compares the canvas, or a part of it, with the server's picture at `address`: pixels within `tolerance` of 255 are alike. */
+export async function agreement(page: Page, address: string, part?: Part, tolerance = 4): Promise<Agreement> {
   // The screen's pixels that the canvas is painted on: its edges may lie between them.
   const clip = await page.locator("canvas.cortex").evaluate((canvas: HTMLCanvasElement) => {
     const { left, top } = canvas.getBoundingClientRect();
     return { x: Math.round(left), y: Math.round(top), width: canvas.width, height: canvas.height };
   });
   const shot = await page.screenshot({ clip });
-  return page.evaluate(async ({ base64, address, part }) => {
+  return page.evaluate(async ({ base64, address, part, tolerance }) => {
     const own = await createImageBitmap(new Blob([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))]));
     const answer = await fetch(address);
     if (!answer.ok) throw new Error(`${address}: ${await answer.text()}`);
@@ -73,10 +73,10 @@ export async function agreement(page: Page, address: string, part?: Part): Promi
     for (let at = 0; at < b.length; at += 4) {
       const off = Math.max(...[0, 1, 2].map((channel) => Math.abs((a[at + channel] ?? 0) - (b[at + channel] ?? 0))));
       const is_lit = (b[at] ?? 0) > 0;
-      near += off <= 4 ? 1 : 0;
+      near += off <= tolerance ? 1 : 0;
       lit += is_lit ? 1 : 0;
-      near_lit += is_lit && off <= 4 ? 1 : 0;
+      near_lit += is_lit && off <= tolerance ? 1 : 0;
     }
     return { share: (4 * near) / b.length, share_of_lit: near_lit / Math.max(lit, 1), size: [other.width, other.height] as const };
-  }, { base64: shot.toString("base64"), address, part });
+  }, { base64: shot.toString("base64"), address, part, tolerance });
 }

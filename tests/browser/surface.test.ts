@@ -146,6 +146,13 @@ test("the load can be cancelled; what is there stays, and other depths still com
   await page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames !== undefined, null, { timeout: 60_000 });
   await page.click(".cancel-load");
   await page.waitForFunction(() => document.querySelector<HTMLElement>(".cancel-load")?.closest<HTMLElement>("[hidden]") !== null);
+  // Eight bits, and light from every fourth depth: not the same picture, but nowhere another one.
+  await bare(page);
+  await keep(page, "first-picture");
+  const { share_of_lit } = await agreement(page, await rendered("left", 8, "mesh", await canvasSize(page)), undefined, 24);
+  console.log(`first picture within 24/255 of the server's: ${(100 * share_of_lit).toFixed(2)} % of the lit pixels`);
+  assert.ok(share_of_lit >= 0.99, String(share_of_lit));
+  await bare(page, false);
   await page.focus("#surface");
   await page.keyboard.press("]");
   await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "8.5");
