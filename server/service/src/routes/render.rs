@@ -232,10 +232,7 @@ impl Checked for RenderQuery {
                 "cannot be given together with `view`",
             ));
         }
-        if self.annotate && self.width.min(self.height) < MIN_ANNOTATED_SIDE {
-            let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
-            return Err(AppError::out_of_range("annotate", detail));
-        }
+        check_annotation(self.annotate, [self.width, self.height])?;
         // Any window and depth will do: those of the case are right by themselves.
         self.request(0.0, Window::between(0.0, 1.0)).map(drop)
     }
@@ -304,6 +301,18 @@ impl From<RenderError> for AppError {
 }
 
 /// A size that is accepted.
+/// Whether what is to be written into a picture fits into it.
+///
+/// # Errors
+/// [`AppError::Query`] for `annotate`.
+pub(crate) fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), AppError> {
+    if annotate && size.iter().any(|&side| side < MIN_ANNOTATED_SIDE) {
+        let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
+        return Err(AppError::out_of_range("annotate", detail));
+    }
+    Ok(())
+}
+
 ///
 /// # Errors
 /// [`AppError::Query`] that names the side.
