@@ -119,6 +119,15 @@ async fn a_volume_of_one_intensity() {
 }
 
 #[tokio::test]
+async fn a_volume_far_beyond_every_window() {
+    let mut head = plain_head();
+    let mask = mask_of(&head);
+    head.slope = 1e33;
+    let parts: [Part<'_>; 2] = [("volume", &head.bytes()), ("mask", &mask.bytes())];
+    refused(&parts, 422, "intensity-range").await;
+}
+
+#[tokio::test]
 async fn the_mask_of_another_head() {
     let head = plain_head();
     let mut mask = mask_of(&head);
