@@ -75,7 +75,8 @@ struct PictureArgs {
     /// Moves the head to the right and up, in mm.
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities. [default: that of the case]
+    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5. [default: that of
+    /// the case]
     #[arg(long, value_name = "C,W", allow_hyphen_values = true)]
     window: Option<Numbers<2>>,
     /// Colours for brightness.

@@ -184,7 +184,8 @@ pub struct RenderQuery {
     #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "0,0")]
     pub(crate) pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case.
+    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
+    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
     #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "80,120")]
     pub(crate) window: Option<Numbers<2>>,
@@ -285,10 +286,10 @@ impl From<RenderError> for AppError {
             RenderError::TooManyContours { .. } => "depth_mm",
             _ => return Self::Internal,
         };
-        // `window centre` and `window width` are both of the key `window`.
+        // `window centre` and `window width` are both of the key `window`: the rest of the name stays in the sentence.
         let key = name.split(' ').next().unwrap_or(name);
         let text = error.to_string();
-        let detail = match text.strip_prefix(name) {
+        let detail = match text.strip_prefix(key) {
             Some(rest) => rest.trim_start().to_owned(),
             None => text,
         };
@@ -300,7 +301,6 @@ impl From<RenderError> for AppError {
     }
 }
 
-/// A size that is accepted.
 /// Whether what is to be written into a picture fits into it.
 ///
 /// # Errors
@@ -313,6 +313,7 @@ pub(crate) fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), App
     Ok(())
 }
 
+/// A size that is accepted.
 ///
 /// # Errors
 /// [`AppError::Query`] that names the side.

@@ -89,18 +89,19 @@ pub struct SliceQuery {
     /// Millimetres by which the slice is moved to the right and up: `x,y`.
     #[param(value_type = Option<String>, example = "0,0")]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case.
+    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
+    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
     #[param(value_type = Option<String>, example = "80,120")]
     window: Option<Numbers<2>>,
     /// Colours for brightness.
     #[serde(default)]
     #[param(inline)]
     colormap: Colors,
-}
     /// Whether place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
+}
 
 impl Checked for SliceQuery {
     fn check(&self) -> Result<(), AppError> {
@@ -117,8 +118,8 @@ impl Checked for SliceQuery {
                 detail: "must not be negative: depth is counted inwards from the envelope".into(),
             });
         }
-        let any_window = render::Window::between(0.0, 1.0);
         check_annotation(self.annotate, [self.width, self.height])?;
+        let any_window = render::Window::between(0.0, 1.0);
         self.request(Plane::Axial, 0.0, any_window).map(drop)
     }
 }
