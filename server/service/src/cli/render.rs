@@ -8,7 +8,7 @@ use clap::Args;
 use super::case_file::{self, Picturable};
 use super::prepare::{head_of, prepare_here, source};
 use super::status::{CliError, ExitStatus};
-use super::{VolumeOptions, read_input, write_output};
+use super::{VolumeOptions, check_output, read_input, write_output};
 use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawing};
 use crate::finish::{Story, finish};
@@ -134,6 +134,7 @@ impl PictureArgs {
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     let query = args.picture.query()?;
+    check_output(&args.output)?;
     let picture = super::block_on(async {
         // Looked for while the case is read; splatting needs none.
         let use_of = if query.renderer == Renderer::Splat {
