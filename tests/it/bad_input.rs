@@ -119,6 +119,37 @@ async fn a_volume_of_one_intensity() {
 }
 
 #[tokio::test]
+async fn a_window_without_width_is_told_so() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    for address in ["render?window=0,0", "slices/axial?window=0,0.5"] {
+        let answer = server.get(&format!("{case}/{address}")).await;
+        assert_eq!(answer.problem(), "query-value-out-of-range");
+        let detail = answer.json()["detail"].as_str().unwrap().to_owned();
+        assert!(detail.starts_with("`window` width is 0"), "{detail}");
+        assert!(
+            detail.contains("1 to 1e9") && detail.contains("width - 1"),
+            "{detail}"
+        );
+    }
+    let answer = server.get(&format!("{case}/render?window=2e9,10")).await;
+    let detail = answer.json()["detail"].as_str().unwrap().to_owned();
+    assert!(
+        detail.starts_with("`window` centre is 2000000000;"),
+        "{detail}"
+    );
+}
+
+#[tokio::test]
+async fn a_volume_far_beyond_every_window() {
+    let mut head = plain_head();
+    let mask = mask_of(&head);
+    head.slope = 1e33;
+    let parts: [Part<'_>; 2] = [("volume", &head.bytes()), ("mask", &mask.bytes())];
+    refused(&parts, 422, "intensity-range").await;
+}
+
+#[tokio::test]
 async fn the_mask_of_another_head() {
     let head = plain_head();
     let mut mask = mask_of(&head);

@@ -326,6 +326,92 @@ async fn a_picture_tells_how_it_was_made() {
 }
 
 #[tokio::test]
+async fn a_slice_tells_how_it_was_made() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    let answer = server
+        .get(&format!(
+            "{case}/slices/coronal?position_mm=-12.5&depth_mm=5,10&zoom=2&pan=3,-4&window=300,400&colormap=hot"
+        ))
+        .await;
+    let texts = texts(&answer.body);
+    let expected = [
+        ("plane", "coronal"),
+        ("position_mm", "-12.5"),
+        ("depth_mm", "5,10"),
+        ("convention", "left R, right L, up S, down I"),
+        ("zoom", "2"),
+        ("pan", "3,-4"),
+        ("window", "300,400"),
+        ("colormap", "hot"),
+        ("case", case.rsplit('/').next().unwrap()),
+    ];
+    for (keyword, value) in expected {
+        assert_eq!(texts[keyword], value, "{keyword}");
+    }
+    assert!(texts["Disclaimer"].contains("research"));
+    assert!(texts["Software"].starts_with("Isocortex "));
+}
+
+#[tokio::test]
+async fn a_slice_drawn_from_its_own_texts_is_the_same() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    let first = server
+        .get(&format!("{case}/slices/axial?depth_mm=4&colormap=bone"))
+        .await;
+    let texts = texts(&first.body);
+    let keys = [
+        "position_mm",
+        "depth_mm",
+        "zoom",
+        "pan",
+        "window",
+        "colormap",
+    ];
+    let query = keys.map(|key| format!("{key}={}", texts[key])).join("&");
+    let again = server
+        .get(&format!("{case}/slices/{}?{query}", texts["plane"]))
+        .await;
+    assert!(again.body == first.body, "{query}");
+}
+
+#[tokio::test]
+async fn the_quality_sheet_tells_of_which_case_it_is() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    let texts = texts(&server.get(&format!("{case}/quality")).await.body);
+    assert_eq!(texts["case"], case.rsplit('/').next().unwrap());
+    assert_eq!(texts["window"].split(',').count(), 2);
+}
+
+#[tokio::test]
+async fn slices_are_annotated_on_request_only() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    let slice = async |query: &str| {
+        let address = format!("{case}/slices/axial?zoom=0.5&{query}");
+        server.get(&address).await
+    };
+    let [plain, annotated] = [slice("").await.grey(), slice("annotate=true").await.grey()];
+    // At this zoom nothing of the head is at the edges.
+    let bright = |picture: &image::GrayImage, columns: std::ops::Range<u32>| {
+        let pixels = picture.enumerate_pixels();
+        pixels
+            .filter(|(x, y, pixel)| {
+                columns.contains(x) && (240..272).contains(y) && pixel.0[0] > 240
+            })
+            .count()
+    };
+    for columns in [0..40, 472..512] {
+        assert_eq!(bright(&plain, columns.clone()), 0);
+        assert!(bright(&annotated, columns) > 15);
+    }
+    let small = slice("annotate=true&width=127").await;
+    assert_eq!(small.problem(), "query-value-out-of-range");
+}
+
+#[tokio::test]
 async fn annotations_are_written_on_request_only() {
     let server = without_graphics().await;
     let case = server.plain_case().await;

@@ -328,6 +328,13 @@ async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
         (answer.status.as_u16(), answer.problem().as_str()),
         (503, "timed-out")
     );
+    let detail = answer.json()["detail"].as_str().unwrap().to_owned();
+    assert!(
+        detail.contains("fewer") && !detail.contains("again"),
+        "{detail}"
+    );
+    assert!(detail.contains("within the 1 s"), "{detail}");
+    assert_eq!(answer.header("retry-after"), "");
     let next = server.get(&format!("{case}/render")).await;
     assert_eq!(next.status, StatusCode::OK);
     assert_eq!(server.state.pool.waiting(), 0, "nothing is left of it");

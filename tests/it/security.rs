@@ -75,6 +75,24 @@ async fn pages_of_other_sites_cannot_upload_or_delete() {
 }
 
 #[tokio::test]
+async fn what_comes_from_another_origin_changes_nothing() {
+    let server = Server::start().await;
+    let none = "/v1/cases/00000000000000000000000000000000";
+    let delete = async |origin: &str| {
+        let request = Request::delete(none)
+            .header("host", "127.0.0.1:8640")
+            .header("origin", origin);
+        server.send(request.body(Body::empty()).unwrap()).await
+    };
+    for other in ["null", "http://evil.example.org", "http://127.0.0.1:8641"] {
+        let answer = delete(other).await;
+        assert_eq!(answer.status.as_u16(), 403, "{other}");
+        assert_eq!(answer.problem(), "cross-site", "{other}");
+    }
+    assert_eq!(delete("http://127.0.0.1:8640").await.status, 404);
+}
+
+#[tokio::test]
 async fn every_answer_carries_the_security_headers_and_an_id() {
     let server = Server::start().await;
     for address in [

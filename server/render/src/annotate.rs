@@ -1,9 +1,10 @@
 //! What is written into a picture on request.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use crate::canvas::Canvas;
-use crate::{Frame, Projection, RenderRequest};
+use crate::slice::contour_color;
+use crate::{Frame, Projection, RenderRequest, SlicePlane, SliceRequest, Window};
 
 /// The smallest side of a picture that is written into, in pixels: the notice needs so much.
 pub const MIN_ANNOTATED_SIDE: u32 = 128;
@@ -24,22 +25,67 @@ const SECOND_LETTER: f64 = 0.5;
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it.
 pub fn annotate(frame: Frame, request: &RenderRequest, projection: &Projection) -> Frame {
-    let size = frame.size();
+    let parameters = request.parameters();
+    let lines = [
+        format!("{} mm", short(parameters.depth_mm)),
+        window_line(parameters.window),
+    ];
+    let mut canvas = canvas_of(frame);
+    let orientation = parameters.camera.orientation();
+    write_over(&mut canvas, &lines, (orientation, projection));
+    canvas.into_frame()
+}
+
+/// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the edges and the
+/// notice of research use into a slice.
+///
+/// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it, and one with more contours than fit above its middle says how
+/// many more there are.
+pub fn annotate_slice(frame: Frame, request: &SliceRequest, projection: &Projection) -> Frame {
+    let parameters = request.parameters();
+    let (plane, position_mm) = (parameters.plane, parameters.position_mm);
+    let lines = [
+        format!(
+            "{} {} {} mm",
+            plane.name(),
+            letter_at(plane, position_mm),
+            short(position_mm.abs())
+        ),
+        window_line(parameters.window),
+    ];
+    let mut canvas = canvas_of(frame);
+    let orientation = request.camera().orientation();
+    write_over(&mut canvas, &lines, (orientation, projection));
+    let size = projection.size();
+    let corner = [size.width() as i32, size.height() as i32 / 2];
+    legend(&mut canvas, &parameters.depths_mm, corner);
+    canvas.into_frame()
+}
+
+fn canvas_of(frame: Frame) -> Canvas {
+    let side = frame.size().width().min(frame.size().height());
+    Canvas::new(frame, side)
+}
+
+fn window_line(window: Window) -> String {
+    format!("C {} W {}", short(window.centre()), short(window.width()))
+}
+
+/// Writes what all pictures have: two lines in the corner, a scale bar, the patient's directions and the notice.
+fn write_over(
+    canvas: &mut Canvas,
+    lines: &[String; 2],
+    (orientation, projection): (DQuat, &Projection),
+) {
+    let size = projection.size();
     let side = size.width().min(size.height());
     let [width, height] = [size.width() as i32, size.height() as i32];
-    let mut canvas = Canvas::new(frame, side);
     let line = canvas.line_height();
     let margin = line / 2;
-    let parameters = request.parameters();
-    canvas.write(
-        &format!("{} mm", short(parameters.depth_mm)),
-        margin,
-        margin,
-    );
-    let window = parameters.window;
-    let text = format!("C {} W {}", short(window.centre()), short(window.width()));
-    canvas.write(&text, margin, margin + line);
-    let view_to_patient = parameters.camera.orientation().inverse();
+    for (number, text) in lines.iter().enumerate() {
+        canvas.write(text, margin, margin + number as i32 * line);
+    }
+    let view_to_patient = orientation.inverse();
     let [right, up] = [DVec3::X, DVec3::Y].map(|axis| letters(view_to_patient * axis));
     let [left, down] = [DVec3::X, DVec3::Y].map(|axis| letters(view_to_patient * -axis));
     let middle = (height - line) / 2;
@@ -47,28 +93,61 @@ pub fn annotate(frame: Frame, request: &RenderRequest, projection: &Projection) 
     canvas.write(&left, margin, middle);
     let end = width - margin - canvas.text_width(&right);
     canvas.write(&right, end, middle);
-    // The depth has the first line of its own where the picture is narrow.
-    let at = centred(&canvas, &up);
-    canvas.write(
-        &up,
-        at,
-        if side < 320 {
-            margin + 2 * line
-        } else {
-            margin
-        },
-    );
+    // The lines in the corner have the top to themselves where the picture is narrow.
+    let at = centred(canvas, &up);
+    let top = if side < 320 {
+        margin + 2 * line
+    } else {
+        margin
+    };
+    canvas.write(&up, at, top);
     let foot = height - margin - line;
-    let at = centred(&canvas, &down);
+    let at = centred(canvas, &down);
     canvas.write(&down, at, foot - 3 * line);
-    let at = centred(&canvas, NOTICE);
+    let at = centred(canvas, NOTICE);
     canvas.write(NOTICE, at, foot);
     scale_bar(
-        &mut canvas,
+        canvas,
         projection.mm_per_pixel(),
         [width, foot - line, margin],
     );
-    canvas.into_frame()
+}
+
+/// The depths of contours with their colours, down from the upper right corner as far as to the middle.
+///
+/// They begin below the lines of the other corner, which may be as wide as the picture.
+fn legend(canvas: &mut Canvas, depths_mm: &[f64], [width, middle]: [i32; 2]) {
+    let line = canvas.line_height();
+    let margin = line / 2;
+    let first = margin + 2 * line;
+    let room = ((middle - line - first) / line).max(1) as usize;
+    let shown = if depths_mm.len() > room {
+        room - 1
+    } else {
+        depths_mm.len()
+    };
+    let row = |number: usize| first + number as i32 * line;
+    for (number, &depth_mm) in depths_mm.iter().take(shown).enumerate() {
+        let text = format!("{} mm", short(depth_mm));
+        let left = width - margin - canvas.text_width(&text);
+        canvas.write(&text, left, row(number));
+        canvas.swatch(
+            [left - 2 * line, row(number) + line / 3],
+            [line + line / 2, line / 3],
+            contour_color(number),
+        );
+    }
+    if shown < depths_mm.len() {
+        let text = format!("+ {}", depths_mm.len() - shown);
+        let left = width - margin - canvas.text_width(&text);
+        canvas.write(&text, left, row(shown));
+    }
+}
+
+/// On which side of the scanner's origin a slice lies.
+pub(crate) fn letter_at(plane: SlicePlane, position_mm: f64) -> char {
+    let [towards, against] = LETTERS[plane.axis()];
+    if position_mm < 0.0 { against } else { towards }
 }
 
 /// A bar of a round length, at most a quarter of the picture, with its length above it.
@@ -111,7 +190,8 @@ pub(crate) fn short(number: f64) -> String {
 mod tests {
     use super::*;
     use crate::{
-        BoundingSphere, Camera, FrameSize, NamedView, PixelFormat, RenderParameters, Window,
+        BoundingSphere, Camera, FrameSize, NamedView, PixelFormat, RenderParameters,
+        SliceParameters,
     };
 
     fn annotated(view: NamedView, side: u32) -> Frame {
@@ -165,6 +245,59 @@ mod tests {
     fn every_size_is_written_into_without_harm() {
         for side in [1, 17, 128, 320, 4096] {
             let frame = annotated(NamedView::Left, side);
+            assert_eq!(frame.size().width(), side);
+        }
+    }
+
+    fn annotated_slice(plane: SlicePlane, depths_mm: Vec<f64>, side: u32) -> Frame {
+        let size = FrameSize::new(side, side).unwrap();
+        let window = Window::between(0.0, 100.0);
+        let request = SliceRequest::new(SliceParameters {
+            depths_mm,
+            size,
+            ..SliceParameters::new(plane, -20.0, window)
+        })
+        .unwrap();
+        let sphere = BoundingSphere {
+            centre_in_patient: DVec3::ZERO,
+            radius_mm: 100.0,
+        };
+        let projection = request.projection(&sphere);
+        let black = Frame::new(size, PixelFormat::Rgb8, vec![0; 3 * size.pixel_count()]);
+        annotate_slice(black, &request, &projection)
+    }
+
+    #[test]
+    fn a_slice_has_the_letters_of_the_view_that_it_is_seen_from() {
+        for (plane, view) in [
+            (SlicePlane::Axial, NamedView::Inferior),
+            (SlicePlane::Coronal, NamedView::Anterior),
+            (SlicePlane::Sagittal, NamedView::Left),
+        ] {
+            let found = edges(&annotated_slice(plane, Vec::new(), 512));
+            assert_eq!(found, edges(&annotated(view, 512)), "{plane:?}");
+        }
+    }
+
+    #[test]
+    fn every_contour_of_a_slice_is_named_beside_its_colour() {
+        let depths: Vec<_> = (1..=8).map(f64::from).collect();
+        let frame = annotated_slice(SlicePlane::Axial, depths, 640);
+        let shows = |frame: &Frame, number| {
+            let color = contour_color(number);
+            (0..640).any(|y| (320..640).any(|x| frame.pixel(x, y) == Some(&color)))
+        };
+        for number in 0..7 {
+            assert!(shows(&frame, number), "contour {number}");
+        }
+        let none = annotated_slice(SlicePlane::Axial, Vec::new(), 640);
+        assert!((0..7).all(|number| !shows(&none, number)));
+    }
+
+    #[test]
+    fn slices_of_every_size_are_written_into_without_harm() {
+        for side in [1, 17, 128, 320, 4096] {
+            let frame = annotated_slice(SlicePlane::Coronal, vec![3.0; 16], side);
             assert_eq!(frame.size().width(), side);
         }
     }

@@ -49,7 +49,7 @@ mod surface;
 mod trace;
 mod window;
 
-pub use annotate::{MIN_ANNOTATED_SIDE, annotate};
+pub use annotate::{MIN_ANNOTATED_SIDE, annotate, annotate_slice};
 pub use apng::AnimatedPng;
 pub use bounds::BoundingSphere;
 pub use camera::{Camera, NamedView, Projection};
@@ -66,7 +66,7 @@ pub use scene::{Background, RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};
 pub use slice::{MAX_CONTOURS, SliceParameters, SlicePlane, SliceRequest, draw_slice};
 pub use splat::{draw_splat, draw_splat_while, splat_hits};
-pub use state::state_texts;
+pub use state::{sheet_texts, slice_texts, state_texts};
 pub use surface::Wanted;
 pub use trace::{draw_trace, draw_trace_while, trace_hits};
 pub use window::Window;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::annotate::letters;
+use crate::annotate::{letter_at, letters};
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
@@ -24,9 +24,6 @@ const ZOOM: f64 = 0.78;
 
 /// What stands at the foot of the sheet.
 const NOTICE: &str = "For research use only. Not for diagnosis.";
-
-/// The letters of a patient axis, towards it and against it.
-const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];
 
 /// Draws three axial, three coronal and three sagittal slices, at a quarter, a half and three quarters of the brain's extent,
 /// with the contours of the isosurfaces at 0, 4, 8, 12 and 20 mm.
@@ -88,11 +85,13 @@ fn draw_cell(
     let side = CELL as i32;
     let line = canvas.line_height();
     let margin = line / 2;
-    let [towards, against] = LETTERS[plane.axis()];
-    let letter = if position_mm < 0.0 { against } else { towards };
-    let place = format!("{letter} {:.0} mm", position_mm.abs());
+    let place = format!(
+        "{} {:.0} mm",
+        letter_at(plane, position_mm),
+        position_mm.abs()
+    );
     canvas.write(&place, margin, margin);
-    let patient_from_view = request.orientation().inverse();
+    let patient_from_view = request.camera().orientation().inverse();
     let [left, right, up, down] = [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
         .map(|direction| letters(patient_from_view * direction));
     let middle = (side - line) / 2;

@@ -1,6 +1,12 @@
 //! The state of a picture, to be kept with it.
 
-use crate::{Background, RenderRequest};
+use glam::{DQuat, DVec3};
+
+use crate::annotate::letters;
+use crate::{Background, Camera, RenderRequest, SliceRequest, Window};
+
+/// The program, as every picture names its maker.
+const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
 
 /// All that is needed to draw a picture again, as PNG texts (keyword, value) for [`crate::encode_png`], which adds the notice itself.
 ///
@@ -12,35 +18,86 @@ pub fn state_texts(
     request: &RenderRequest,
 ) -> Vec<(&'static str, String)> {
     let parameters = request.parameters();
-    let camera = &parameters.camera;
-    let [x, y, z, w] = camera.orientation().to_array();
-    let [right, up] = camera.pan_mm();
-    let (centre, width) = (parameters.window.centre(), parameters.window.width());
     let background = match parameters.background {
         Background::Black => "black",
         Background::Transparent => "transparent",
     };
-    let software = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
-    vec![
-        ("Software", software.to_owned()),
+    let mut texts = vec![
+        ("Software", SOFTWARE.to_owned()),
         ("case", case.to_owned()),
         ("renderer", renderer.to_owned()),
         ("depth_mm", parameters.depth_mm.to_string()),
-        ("orientation", format!("{x},{y},{z},{w}")),
-        ("zoom", camera.zoom().to_string()),
-        ("pan", format!("{right},{up}")),
-        ("window", format!("{centre},{width}")),
+    ];
+    texts.extend(camera_texts(&parameters.camera));
+    texts.extend([
+        ("window", window_text(parameters.window)),
         ("colormap", parameters.colormap.name().to_owned()),
         ("slab_mm", parameters.slab_mm.to_string()),
         ("ambient", parameters.light.ambient().to_string()),
         ("background", background.to_owned()),
+    ]);
+    texts
+}
+
+/// All that is needed to draw a slice again, and to read it, as [`state_texts`] has it for a render.
+///
+/// `position_mm` is the LPS coordinate across the `plane`, `depth_mm` the depths of the contours with commas (empty where there are none),
+/// and `convention` says which way the patient lies: `left R, right L, up A, down P`.
+pub fn slice_texts(case: &str, request: &SliceRequest) -> Vec<(&'static str, String)> {
+    let parameters = request.parameters();
+    let depths: Vec<_> = parameters.depths_mm.iter().map(f64::to_string).collect();
+    let mut texts = vec![
+        ("Software", SOFTWARE.to_owned()),
+        ("case", case.to_owned()),
+        ("plane", parameters.plane.name().to_owned()),
+        ("position_mm", parameters.position_mm.to_string()),
+        ("depth_mm", depths.join(",")),
+        ("convention", convention(request.camera().orientation())),
+    ];
+    texts.extend(camera_texts(request.camera()));
+    texts.extend([
+        ("window", window_text(parameters.window)),
+        ("colormap", parameters.colormap.name().to_owned()),
+    ]);
+    texts
+}
+
+fn camera_texts(camera: &Camera) -> [(&'static str, String); 3] {
+    let [x, y, z, w] = camera.orientation().to_array();
+    let [right, up] = camera.pan_mm();
+    [
+        ("orientation", format!("{x},{y},{z},{w}")),
+        ("zoom", camera.zoom().to_string()),
+        ("pan", format!("{right},{up}")),
+    ]
+}
+
+/// A window as the interfaces take it: `c,w`.
+fn window_text(window: Window) -> String {
+    format!("{},{}", window.centre(), window.width())
+}
+
+/// Where the patient's directions are in a picture.
+fn convention(orientation: DQuat) -> String {
+    let patient_from_view = orientation.inverse();
+    let [left, right, up, down] = [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
+        .map(|direction| letters(patient_from_view * direction));
+    format!("left {left}, right {right}, up {up}, down {down}")
+}
+
+/// What a quality sheet is of, as [`state_texts`] has it for a render.
+pub fn sheet_texts(case: &str, window: Window) -> Vec<(&'static str, String)> {
+    vec![
+        ("Software", SOFTWARE.to_owned()),
+        ("case", case.to_owned()),
+        ("window", window_text(window)),
     ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Camera, RenderParameters, Window};
+    use crate::{RenderParameters, SliceParameters, SlicePlane};
 
     #[test]
     fn a_camera_comes_back_from_the_texts() {
@@ -66,5 +123,35 @@ mod tests {
         assert_eq!(numbers("pan"), [3.25, -4.5]);
         assert_eq!(numbers("depth_mm"), [8.125]);
         assert_eq!(numbers("window"), [50.5, 81.0]);
+    }
+    #[test]
+    fn a_slice_says_where_it_lies_and_which_way_the_patient_does() {
+        for (plane, convention) in [
+            (SlicePlane::Axial, "left R, right L, up A, down P"),
+            (SlicePlane::Coronal, "left R, right L, up S, down I"),
+            (SlicePlane::Sagittal, "left A, right P, up S, down I"),
+        ] {
+            let parameters = SliceParameters {
+                depths_mm: vec![5.0, 7.5],
+                zoom: 2.0,
+                pan_mm: [1.5, -3.0],
+                ..SliceParameters::new(plane, -20.25, Window::new(50.5, 81.0).unwrap())
+            };
+            let texts = slice_texts("abc", &SliceRequest::new(parameters).unwrap());
+            for (keyword, value) in [
+                ("case", "abc"),
+                ("plane", plane.name()),
+                ("position_mm", "-20.25"),
+                ("depth_mm", "5,7.5"),
+                ("convention", convention),
+                ("zoom", "2"),
+                ("pan", "1.5,-3"),
+                ("window", "50.5,81"),
+                ("colormap", "grey"),
+            ] {
+                let text = texts.iter().find(|text| text.0 == keyword).unwrap();
+                assert_eq!(text.1, value, "{keyword}");
+            }
+        }
     }
 }

@@ -14,6 +14,10 @@ pub struct Window {
     width: f64,
 }
 
+/// The widths that are accepted, in words.
+const WIDTHS: &str = "within 1 to 1e9: as DICOM has it (LINEAR), the ramp from black to white is width - 1 long, and its middle is \
+                      centre - 0.5";
+
 impl Window {
     /// A window of `centre` and `width`.
     ///
@@ -22,7 +26,7 @@ impl Window {
     pub fn new(centre: f64, width: f64) -> Result<Self, RenderError> {
         Ok(Self {
             centre: checked("window centre", centre, -1e9..=1e9, "within -1e9 to 1e9")?,
-            width: checked("window width", width, 1.0..=1e9, "within 1 to 1e9")?,
+            width: checked("window width", width, 1.0..=1e9, WIDTHS)?,
         })
     }
 

@@ -4,7 +4,7 @@ use std::any::Any;
 
 use axum::Router;
 use axum::extract::{Request, State};
-use axum::http::{HeaderName, HeaderValue, Response, header};
+use axum::http::{HeaderName, HeaderValue, Method, Response, header};
 use axum::middleware::{self, Next};
 use axum::response::IntoResponse;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -68,9 +68,19 @@ pub(crate) async fn answer_in_time(
     request: Request,
     next: Next,
 ) -> Result<axum::response::Response, AppError> {
-    tokio::time::timeout(state.answer_timeout, next.run(request))
+    let limit = state.answer_timeout;
+    // The only one that is posted is that for many pictures.
+    let is_of_many = request.method() == Method::POST;
+    tokio::time::timeout(limit, next.run(request))
         .await
-        .map_err(|_elapsed| AppError::TimedOut)
+        .map_err(|_elapsed| {
+            if is_of_many {
+                let limit_s = limit.as_secs();
+                AppError::TooManyPictures { limit_s }
+            } else {
+                AppError::TimedOut
+            }
+        })
 }
 
 async fn add_security_headers<B>(mut response: Response<B>) -> Response<B> {

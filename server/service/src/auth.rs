@@ -3,7 +3,8 @@
 use std::net::IpAddr;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, Method, Uri, header};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
@@ -108,10 +109,42 @@ fn is_name_of_this_machine(host: &str) -> bool {
         || address.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
 }
 
-/// Whether a browser says that a page of another site wants to change something.
-fn is_cross_site_change(method: &Method, headers: &HeaderMap) -> bool {
-    let site = headers.get("sec-fetch-site");
-    !method.is_safe() && site.is_some_and(|site| site != "same-origin" && site != "none")
+/// Whether a page of another site wants to change something, as far as its browser says.
+///
+/// `Sec-Fetch-Site` decides where it is sent: it is right behind a proxy that changes `Host`, too. Browsers leave it out on plain
+/// HTTP to other machines, and old ones always; there a change must come from the authority that it goes to, by `Origin`. What sends
+/// neither is no page.
+fn is_cross_site_change(method: &Method, uri: &Uri, headers: &HeaderMap) -> bool {
+    if method.is_safe() {
+        return false;
+    }
+    match headers.get("sec-fetch-site") {
+        Some(site) => site != "same-origin" && site != "none",
+        None => headers
+            .get_all(header::ORIGIN)
+            .iter()
+            .any(|origin| !is_own_origin(origin, uri, headers)),
+    }
+}
+
+/// Whether an origin names the host and port that the request goes to, whatever the scheme: a proxy may have ended TLS.
+fn is_own_origin(origin: &HeaderValue, uri: &Uri, headers: &HeaderMap) -> bool {
+    let host = headers
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
+    let asked = host.or_else(|| uri.authority().map(Authority::as_str));
+    let origin = origin.to_str().ok().and_then(|text| text.split_once("://"));
+    let (Some((scheme, named)), Some(asked)) = (origin, asked) else {
+        return false;
+    };
+    let usual_port = match scheme {
+        "http" => ":80",
+        "https" => ":443",
+        _ => return false,
+    };
+    let [named, asked] =
+        [named, asked].map(|authority| authority.strip_suffix(usual_port).unwrap_or(authority));
+    named.eq_ignore_ascii_case(asked)
 }
 
 /// Refuses requests that name another machine, and changes asked for by pages of other sites.
@@ -124,7 +157,7 @@ pub async fn guard_origin(
     next: Next,
 ) -> Result<Response, AppError> {
     access.check_host(request.uri(), request.headers())?;
-    if is_cross_site_change(request.method(), request.headers()) {
+    if is_cross_site_change(request.method(), request.uri(), request.headers()) {
         return Err(AppError::CrossSite);
     }
     Ok(next.run(request).await)
@@ -201,13 +234,57 @@ mod tests {
         }
     }
 
+    fn crosses(method: &Method, headers: &HeaderMap) -> bool {
+        is_cross_site_change(method, &Uri::from_static("/v1/cases"), headers)
+    }
+
     #[test]
     fn pages_of_other_sites_may_not_change_anything() {
         let site = |value| with_header("sec-fetch-site".parse().unwrap(), value);
-        assert!(is_cross_site_change(&Method::POST, &site("cross-site")));
-        assert!(is_cross_site_change(&Method::DELETE, &site("same-site")));
-        assert!(!is_cross_site_change(&Method::POST, &site("same-origin")));
-        assert!(!is_cross_site_change(&Method::GET, &site("cross-site")));
-        assert!(!is_cross_site_change(&Method::POST, &HeaderMap::new()));
+        assert!(crosses(&Method::POST, &site("cross-site")));
+        assert!(crosses(&Method::DELETE, &site("same-site")));
+        assert!(!crosses(&Method::POST, &site("same-origin")));
+        assert!(!crosses(&Method::GET, &site("cross-site")));
+        assert!(!crosses(&Method::POST, &HeaderMap::new()));
+    }
+
+    #[test]
+    fn without_fetch_metadata_the_origin_must_be_the_host() {
+        let change = |origin, host| {
+            let mut headers = with_header(header::ORIGIN, origin);
+            headers.insert(header::HOST, HeaderValue::from_static(host));
+            headers
+        };
+        for (origin, host) in [
+            ("http://127.0.0.1:8640", "127.0.0.1:8640"),
+            ("https://MRI.example.org", "mri.example.org"),
+            ("https://mri.example.org", "mri.example.org:443"),
+            ("http://[::1]:8640", "[::1]:8640"),
+        ] {
+            assert!(!crosses(&Method::DELETE, &change(origin, host)), "{origin}");
+        }
+        for (origin, host) in [
+            ("null", "127.0.0.1:8640"),
+            ("", "127.0.0.1:8640"),
+            ("http://127.0.0.1:8641", "127.0.0.1:8640"),
+            ("http://localhost:8640", "127.0.0.1:8640"),
+            ("https://example.org", "mri.example.org"),
+            ("https://mri.example.org:444", "mri.example.org"),
+            ("file://127.0.0.1", "127.0.0.1"),
+        ] {
+            let headers = change(origin, host);
+            for method in [Method::POST, Method::PUT, Method::DELETE] {
+                assert!(crosses(&method, &headers), "{method} {origin}");
+            }
+            assert!(!crosses(&Method::GET, &headers), "{origin}");
+        }
+        let mut trusted = change("https://mri.example.org", "127.0.0.1:8640");
+        assert!(crosses(&Method::POST, &trusted));
+        trusted.insert("sec-fetch-site", HeaderValue::from_static("same-origin"));
+        assert!(!crosses(&Method::POST, &trusted));
+        let nowhere = with_header(header::ORIGIN, "http://127.0.0.1");
+        assert!(crosses(&Method::POST, &nowhere));
+        let address = Uri::from_static("http://127.0.0.1/v1/cases");
+        assert!(!is_cross_site_change(&Method::POST, &address, &nowhere));
     }
 }

@@ -120,6 +120,14 @@ pub enum AppError {
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
     TimedOut,
+    /// Many pictures took too long together, which they would again.
+    #[error(
+        "these pictures were not drawn within the {limit_s} s that an answer may take: ask for fewer or smaller ones, in several requests"
+    )]
+    TooManyPictures {
+        /// What an answer may take, in seconds.
+        limit_s: u64,
+    },
     /// A step of the geometry refuses the parameters.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
@@ -199,7 +207,9 @@ impl AppError {
             Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
             Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
             Self::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
-            Self::TimedOut => (StatusCode::SERVICE_UNAVAILABLE, "timed-out"),
+            Self::TimedOut | Self::TooManyPictures { .. } => {
+                (StatusCode::SERVICE_UNAVAILABLE, "timed-out")
+            }
             Self::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
             Self::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
             Self::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),
@@ -274,6 +284,8 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             Some((header::CONTENT_RANGE, value))
         }
         AppError::NotReady { .. } => Some((header::RETRY_AFTER, RETRY_SECONDS.into())),
+        // To come again does not help.
+        AppError::TooManyPictures { .. } => None,
         _ if status == StatusCode::SERVICE_UNAVAILABLE => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
         }

@@ -161,9 +161,9 @@ impl SliceRequest {
         &self.parameters
     }
 
-    /// From patient to view space.
-    pub(crate) fn orientation(&self) -> glam::DQuat {
-        self.camera.orientation()
+    /// From where the slice is seen.
+    pub(crate) fn camera(&self) -> &Camera {
+        &self.camera
     }
 
     /// How the slice is projected: its pixels lie at frame-space z 0.

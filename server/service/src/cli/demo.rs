@@ -10,6 +10,7 @@ use super::read_input;
 use super::serve::{ServeArgs, Server};
 use super::status::{CliError, ExitStatus};
 use crate::case::Parameters;
+use crate::graphics::GpuUse;
 use crate::logs;
 use crate::prepare::Source;
 
@@ -48,6 +49,23 @@ pub(super) struct DemoArgs {
     /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     network: Option<PathBuf>,
+    /// Whether pictures may be drawn by a graphics device. [default: auto]
+    #[arg(long, value_enum, env = "ISOCORTEX_GPU")]
+    gpu: Option<GpuUse>,
+}
+
+impl DemoArgs {
+    /// What is served, with the store at `data`.
+    fn serve(&self, data: Option<PathBuf>) -> ServeArgs {
+        ServeArgs {
+            data,
+            listen: self.listen,
+            network: self.network.clone(),
+            gpu: self.gpu,
+            log: Some("warn".to_owned()),
+            ..ServeArgs::default()
+        }
+    }
 }
 
 /// A head to show.
@@ -62,17 +80,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         Some(_) => None,
         None => Some(temporary_directory()?),
     };
-    let serve = ServeArgs {
-        data: args
-            .data
-            .clone()
-            .or_else(|| temporary.as_ref().map(|made| made.path().to_owned())),
-        listen: args.listen,
-        network: args.network.clone(),
-        log: Some("warn".to_owned()),
-        ..ServeArgs::default()
-    };
-    let config = serve.config()?;
+    let made = temporary.as_ref().map(|made| made.path().to_owned());
+    let config = args.serve(args.data.clone().or(made)).config()?;
     logs::start(config.log_format, &config.log);
     let sample = sample(args)?;
     super::block_on(async {
@@ -157,4 +166,25 @@ fn phantom() -> Result<Sample, CliError> {
             ..Source::default()
         },
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Demo {
+        #[command(flatten)]
+        args: DemoArgs,
+    }
+
+    #[test]
+    fn the_demo_can_be_kept_from_a_graphics_device() {
+        for (flag, gpu) in [("off", GpuUse::Off), ("always", GpuUse::Always)] {
+            let demo = Demo::try_parse_from(["demo", "--gpu", flag]).unwrap();
+            assert_eq!(demo.args.serve(None).config().unwrap().gpu, gpu);
+        }
+    }
 }

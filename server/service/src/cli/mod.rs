@@ -179,10 +179,26 @@ fn read_input(path: &Path) -> Result<bytes::Bytes, CliError> {
 }
 
 fn write_output(path: &Path, contents: &[u8]) -> Result<(), CliError> {
-    std::fs::write(path, contents).map_err(|error| {
-        let message = format!("{} cannot be written: {error}", path.display());
-        CliError::new(ExitStatus::CannotCreate, message)
-    })
+    std::fs::write(path, contents).map_err(|error| unwritable(path, &error))
+}
+
+/// Whether a file can be written, as far as that can be told before there is anything to write. Nothing of it is changed.
+fn check_output(path: &Path) -> Result<(), CliError> {
+    let tried = match std::fs::metadata(path) {
+        // A pipe would be closed for its reader.
+        Ok(there) if !there.is_file() && !there.is_dir() => Ok(()),
+        Ok(_) => std::fs::OpenOptions::new()
+            .append(true)
+            .open(path)
+            .map(drop),
+        Err(_) => std::fs::File::create_new(path).and_then(|_| std::fs::remove_file(path)),
+    };
+    tried.map_err(|error| unwritable(path, &error))
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> CliError {
+    let message = format!("{} cannot be written: {error}", path.display());
+    CliError::new(ExitStatus::CannotCreate, message)
 }
 
 #[cfg(test)]
@@ -194,5 +210,21 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn an_output_is_tried_before_the_work_and_left_as_it_was() {
+        let directory = tempfile::tempdir().unwrap();
+        let output = directory.path().join("a.png");
+        assert!(check_output(&output).is_ok());
+        assert!(!output.exists());
+        std::fs::write(&output, b"kept").unwrap();
+        assert!(check_output(&output).is_ok());
+        assert_eq!(std::fs::read(&output).unwrap(), b"kept");
+        for wrong in [directory.path().join("none/a.png"), directory.path().into()] {
+            let error = check_output(&wrong).unwrap_err();
+            assert_eq!(error.status, ExitStatus::CannotCreate);
+            assert!(error.message.contains("cannot be written"));
+        }
     }
 }

@@ -12,7 +12,7 @@ use imaging::{Format, sniff};
 
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
-use super::{VolumeOptions, case_file, read_input, write_output};
+use super::{VolumeOptions, case_file, check_output, read_input, write_output};
 use crate::case::{CaseFacts, CaseId, CaseState, Parameters};
 use crate::dicom::{Choice, DicomReader, Options, Program};
 use crate::jobs::Workers;
@@ -51,6 +51,7 @@ pub(super) struct PrepareArgs {
 
 /// Prepares a volume.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
+    args.output.as_deref().map_or(Ok(()), check_output)?;
     let source = super::block_on(source(&args.volume, &args.options))?;
     let parameters = args.options.parameters(args.name.clone())?;
     let pipeline = args.options.pipeline()?;

@@ -8,7 +8,7 @@ use clap::Args;
 use super::case_file::{self, Picturable};
 use super::prepare::{head_of, prepare_here, source};
 use super::status::{CliError, ExitStatus};
-use super::{VolumeOptions, read_input, write_output};
+use super::{VolumeOptions, check_output, read_input, write_output};
 use crate::case::CaseId;
 use crate::drawing::{Drawer, Drawing};
 use crate::finish::{Story, finish};
@@ -75,7 +75,8 @@ struct PictureArgs {
     /// Moves the head to the right and up, in mm.
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities. [default: that of the case]
+    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5. [default: that of
+    /// the case]
     #[arg(long, value_name = "C,W", allow_hyphen_values = true)]
     window: Option<Numbers<2>>,
     /// Colours for brightness.
@@ -133,6 +134,7 @@ impl PictureArgs {
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     let query = args.picture.query()?;
+    check_output(&args.output)?;
     let picture = super::block_on(async {
         // Looked for while the case is read; splatting needs none.
         let use_of = if query.renderer == Renderer::Splat {

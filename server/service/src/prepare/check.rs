@@ -20,11 +20,8 @@ pub fn check(
 ) -> Result<Parameters, Failure> {
     parameters.check()?;
     let volume = read_volume(source, limits)?;
+    super::check_intensities(&volume)?;
     let given = given_mask(source, &volume, (&parameters, limits))?;
-    let [least, greatest] = volume.intensity_range();
-    if least >= greatest {
-        return Err(super::constant(least));
-    }
     let Some((mask, _)) = given else {
         // Whether there is a brain in the volume, the extraction tells.
         return extracting(parameters, has_network);

@@ -44,6 +44,13 @@ pub use imaging::Limits;
 /// N_F and N_P of the mesh whose paths are stored.
 pub const DEFAULT_MESH: [usize; 2] = [30, 30];
 
+/// The greatest magnitude of an intensity, and the greatest width of a window: those of [`render::Window`].
+const MOST_INTENSITY: f64 = 1e9;
+
+/// The least difference between the darkest and the brightest voxel. A window's centre and width are counted from 0.5 and from 1, as
+/// DICOM has it, so that double precision has no more than seven digits left of this.
+const LEAST_RANGE: f64 = 1e-9;
+
 /// Voxels of the volume kept around the working grid, which itself surrounds the brain by 4: what trilinear sampling needs.
 const CROP_MARGIN_VOXELS: usize = 1;
 
@@ -102,6 +109,7 @@ fn prepare(
     parameters.check()?;
     steps.begin(Stage::Reading)?;
     let native = read_volume(source, limits)?;
+    check_intensities(&native)?;
     let mut found = find_brain(source, &native, (parameters, limits, extractor), &mut steps)?;
 
     steps.begin(Stage::Closing)?;
@@ -168,18 +176,30 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
                     .to_owned(),
             )
         })?;
-    let [least, greatest] = volume.intensity_range();
-    if least >= greatest {
-        return Err(constant(least));
-    }
+    check_intensities(&volume)?;
     Ok(volume)
 }
 
-fn constant(intensity: f32) -> Failure {
+/// Whether the intensities differ, and a window can tell them apart.
+fn check_intensities(volume: &Volume) -> Result<(), Failure> {
+    let [least, greatest] = volume.intensity_range().map(f64::from);
+    if least >= greatest {
+        let detail = format!(
+            "every voxel around the brain has the intensity {least}; there is nothing to show"
+        );
+        return Err(Failure::unprocessable("volume-constant", detail));
+    }
+    let is_within = least >= -MOST_INTENSITY && greatest <= MOST_INTENSITY;
+    let range = greatest - least;
+    // The window of a ramp is wider by 1.
+    if is_within && range >= LEAST_RANGE && range + 1.0 <= MOST_INTENSITY {
+        return Ok(());
+    }
     let detail = format!(
-        "every voxel around the brain has the intensity {intensity}; there is nothing to show"
+        "the intensities run from {least:e} to {greatest:e}; they must lie within -1e9 to 1e9 and differ by 1e-9 to 1e9, or no window \
+         shows them: scale the volume"
     );
-    Failure::unprocessable("volume-constant", detail)
+    Err(Failure::unprocessable("intensity-range", detail))
 }
 
 fn default_paths(distance: &DistanceMap, forest: &Forest) -> Result<PathTable, Failure> {

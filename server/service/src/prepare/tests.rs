@@ -213,6 +213,41 @@ fn bad_volumes_are_named() {
     }
 }
 
+#[test]
+fn intensities_that_no_window_shows_are_refused() {
+    let head = phantom();
+    let scaled = |slope: f32, intercept: f32| {
+        let rescale = geometry::Rescale { slope, intercept };
+        let voxels = head.volume.voxels().to_vec();
+        let volume = Volume::new(head.volume.grid().clone(), voxels, rescale).unwrap();
+        Source {
+            volume: nifti(&volume),
+            ..upload(&head)
+        }
+    };
+    let [least, greatest] = head.volume.intensity_range();
+    assert!(least >= 0.0 && greatest > 100.0);
+    let unit = 1.0 / greatest;
+    for (slope, intercept) in [
+        (1e36 * unit, 0.0),
+        (1.1e9 * unit, 0.0),
+        (1e8 * unit, -2e9),
+        (1.8e9 * unit, -9e8),
+        (1e-10 * unit, 0.0),
+    ] {
+        let source = scaled(slope, intercept);
+        let expected = ("intensity-range".to_owned(), 422);
+        assert_eq!(kind_and_status(&source), expected, "{slope} {intercept}");
+        let checked = check(&source, Parameters::default(), &Limits::default(), false);
+        assert_eq!(checked.unwrap_err().kind, expected.0);
+    }
+    for slope in [0.9e9 * unit, unit, 1e-8 * unit] {
+        let source = scaled(slope, 0.0);
+        let checked = check(&source, Parameters::default(), &Limits::default(), false);
+        assert!(checked.is_ok(), "{slope}");
+    }
+}
+
 fn constant(grid: &Grid) -> Volume {
     let rescale = geometry::Rescale {
         slope: 1.0,

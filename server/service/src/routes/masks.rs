@@ -13,10 +13,11 @@ use utoipa::IntoParams;
 
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, Checked, NoQuery};
-use super::render::{PNG, SOFTWARE, window_of};
+use super::render::{PNG, window_of};
 use super::upload::{PartLimits, check_now, is_form, is_known, refuse_too_large, submitted};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
 use crate::case::{CaseFacts, CaseId, MaskKind, MaskSource, Parameters};
+use crate::finish::borrowed;
 use crate::negotiate::{Coding, media_type};
 use crate::prepare::read_volume;
 use crate::problem::{AppError, Problem};
@@ -332,9 +333,10 @@ pub async fn get_quality(
             volume: &volume,
             ..model.scene()
         };
-        let frame = render::draw_quality_sheet(&scene, window_of(&facts), &lines(&facts))?;
-        let texts = [("Software", SOFTWARE), ("Case", &id.to_string())];
-        Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
+        let window = window_of(&facts);
+        let frame = render::draw_quality_sheet(&scene, window, &lines(&facts))?;
+        let texts = render::sheet_texts(&id.to_string(), window);
+        Ok::<_, AppError>(render::encode_png(&frame, &borrowed(&texts))?)
     };
     let picture = state.pool.run(draw).await??;
     Representation {

@@ -184,7 +184,8 @@ pub struct RenderQuery {
     #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "0,0")]
     pub(crate) pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case.
+    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
+    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
     #[schema(value_type = Option<Vec<f64>>)]
     #[param(value_type = Option<String>, example = "80,120")]
     pub(crate) window: Option<Numbers<2>>,
@@ -232,10 +233,7 @@ impl Checked for RenderQuery {
                 "cannot be given together with `view`",
             ));
         }
-        if self.annotate && self.width.min(self.height) < MIN_ANNOTATED_SIDE {
-            let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
-            return Err(AppError::out_of_range("annotate", detail));
-        }
+        check_annotation(self.annotate, [self.width, self.height])?;
         // Any window and depth will do: those of the case are right by themselves.
         self.request(0.0, Window::between(0.0, 1.0)).map(drop)
     }
@@ -288,10 +286,10 @@ impl From<RenderError> for AppError {
             RenderError::TooManyContours { .. } => "depth_mm",
             _ => return Self::Internal,
         };
-        // `window centre` and `window width` are both of the key `window`.
+        // `window centre` and `window width` are both of the key `window`: the rest of the name stays in the sentence.
         let key = name.split(' ').next().unwrap_or(name);
         let text = error.to_string();
-        let detail = match text.strip_prefix(name) {
+        let detail = match text.strip_prefix(key) {
             Some(rest) => rest.trim_start().to_owned(),
             None => text,
         };
@@ -301,6 +299,18 @@ impl From<RenderError> for AppError {
             detail,
         }
     }
+}
+
+/// Whether what is to be written into a picture fits into it.
+///
+/// # Errors
+/// [`AppError::Query`] for `annotate`.
+pub(crate) fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), AppError> {
+    if annotate && size.iter().any(|&side| side < MIN_ANNOTATED_SIDE) {
+        let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
+        return Err(AppError::out_of_range("annotate", detail));
+    }
+    Ok(())
 }
 
 /// A size that is accepted.

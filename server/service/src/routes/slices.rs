@@ -10,10 +10,11 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::query::{ApiQuery, CasePath, Checked, NumberList, Numbers};
 use super::render::{
-    Colors, PNG, SOFTWARE, default_side, default_zoom, picture_size, window_of, window_or,
+    Colors, PNG, check_annotation, default_side, default_zoom, picture_size, window_of, window_or,
 };
 use crate::caching::{EntityTag, IMMUTABLE, Representation, not_modified};
 use crate::case::CaseFacts;
+use crate::finish::borrowed;
 use crate::models::Model;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
@@ -88,13 +89,18 @@ pub struct SliceQuery {
     /// Millimetres by which the slice is moved to the right and up: `x,y`.
     #[param(value_type = Option<String>, example = "0,0")]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case.
+    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
+    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
     #[param(value_type = Option<String>, example = "80,120")]
     window: Option<Numbers<2>>,
     /// Colours for brightness.
     #[serde(default)]
     #[param(inline)]
     colormap: Colors,
+    /// Whether place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
+    #[serde(default)]
+    #[param(default = false)]
+    annotate: bool,
 }
 
 impl Checked for SliceQuery {
@@ -112,6 +118,7 @@ impl Checked for SliceQuery {
                 detail: "must not be negative: depth is counted inwards from the envelope".into(),
             });
         }
+        check_annotation(self.annotate, [self.width, self.height])?;
         let any_window = render::Window::between(0.0, 1.0);
         self.request(Plane::Axial, 0.0, any_window).map(drop)
     }
@@ -182,7 +189,9 @@ pub async fn get_slice(
     let middle_mm = middle_mm(&facts, plane.axis());
     let drawing = query.request(plane, middle_mm, window_of(&facts))?;
     let model = state.model(&id).await?;
-    let picture = state.pool.run(move || draw(&model, &drawing)).await??;
+    let (case, annotate) = (id.to_string(), query.annotate);
+    let work = move || draw(&model, &case, &drawing, annotate);
+    let picture = state.pool.run(work).await??;
     Representation {
         vary: "accept",
         ..Representation::immutable(tag, PNG, picture)
@@ -190,9 +199,18 @@ pub async fn get_slice(
     .respond(&request)
 }
 
-fn draw(model: &Model, request: &SliceRequest) -> Result<Vec<u8>, AppError> {
-    let frame = render::draw_slice(&model.scene(), request);
-    let position_mm = request.parameters().position_mm.to_string();
-    let texts = [("Software", SOFTWARE), ("Position in mm", &position_mm)];
-    Ok(render::encode_png(&frame, &texts)?)
+fn draw(
+    model: &Model,
+    case: &str,
+    request: &SliceRequest,
+    annotate: bool,
+) -> Result<Vec<u8>, AppError> {
+    let scene = model.scene();
+    let mut frame = render::draw_slice(&scene, request);
+    if annotate {
+        frame = render::annotate_slice(frame, request, &request.projection(&scene.bounds));
+    }
+    let mut texts = render::slice_texts(case, request);
+    texts.retain(|(_, text)| !text.is_empty());
+    Ok(render::encode_png(&frame, &borrowed(&texts))?)
 }
