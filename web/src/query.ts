@@ -13,7 +13,7 @@ export const MESH_QUERY = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MES
 const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 
 function addColours(query: URLSearchParams, state: ViewState): void {
-  query.set("window", `${Number(state.window.center.toPrecision(7))},${Number(state.window.width.toPrecision(7))}`);
+  query.set("window", `${Number(state.window.center.toPrecision(12))},${Number(state.window.width.toPrecision(12))}`);
   if (state.colormap !== "grey") query.set("colormap", state.colormap);
 }
 
