@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::transform::{MAX_DISTANCE, squared_distances};
+use crate::transform::{MAX_DISTANCE, transformed};
 use crate::{Envelope, Grid};
 
 /// How far outside of the envelope distances are followed, in voxels; further out they are this.
@@ -68,19 +68,10 @@ impl DistanceMap {
 pub fn distance_map(envelope: &Envelope) -> DistanceMap {
     let size = envelope.grid().size();
     let inside = envelope.mask().voxels();
-    // Between a voxel inside and one outside lies a border voxel, so that the two bounds do not mix.
-    let mut bounds: Vec<u8> = inside
-        .par_iter()
-        .map(|&is_inside| {
-            if is_inside {
-                MAX_DISTANCE
-            } else {
-                OUTSIDE_REACH
-            }
-        })
-        .collect();
-    mark_border(size, inside, &mut bounds);
-    let squared = squared_distances(size, &bounds);
+    let mut bounds = bounds(size, inside);
+    // The axes of the bounds are x, z, y, and x, y, z again after this.
+    let [nx, ny, nz] = size;
+    let squared = transformed([nx, nz, ny], &mut bounds, 0, |squared| squared);
     let deepest = deepest_inside(inside, &squared);
     DistanceMap {
         envelope: envelope.clone(),
@@ -89,28 +80,42 @@ pub fn distance_map(envelope: &Envelope) -> DistanceMap {
     }
 }
 
-/// Sets the bound of each border voxel to 0. The mask does not reach the faces of the grid.
-fn mark_border([nx, ny, _]: [usize; 3], inside: &[bool], bounds: &mut [u8]) {
-    let plane = nx * ny;
-    let interior = plane..inside.len() - plane;
-    bounds[interior]
-        .par_chunks_mut(nx)
+/// Bounds of the distances: 0 at a border voxel, and what they are followed to elsewhere. Their axes are x, z, y.
+///
+/// Between a voxel inside and one outside lies a border voxel, so that the two bounds do not mix. The mask does not
+/// reach the faces of the grid.
+fn bounds([nx, ny, nz]: [usize; 3], inside: &[bool]) -> Vec<u8> {
+    let mut bounds = vec![OUTSIDE_REACH; inside.len()];
+    bounds
+        .par_chunks_mut(nx * nz)
         .enumerate()
-        .for_each(|(row, bounds)| {
-            let start = plane + row * nx;
-            let shifted = |offset: isize| inside[start.wrapping_add_signed(offset)..].iter();
-            let (nx, plane) = (nx as isize, plane as isize);
-            let along_x = shifted(-1).zip(shifted(1)).map(|(a, b)| a & b);
-            let along_y = shifted(-nx).zip(shifted(nx)).map(|(a, b)| a & b);
-            let along_z = shifted(-plane).zip(shifted(plane)).map(|(a, b)| a & b);
-            let surrounded = along_x
-                .zip(along_y)
-                .zip(along_z)
-                .map(|((x, y), z)| x & y & z);
-            for ((bound, &here), surrounded) in bounds.iter_mut().zip(shifted(0)).zip(surrounded) {
-                *bound = if here & !surrounded { 0 } else { *bound };
+        .filter(|&(y, _)| (1..ny - 1).contains(&y))
+        .for_each(|(y, slab)| {
+            for (z, row) in slab.chunks_exact_mut(nx).enumerate().take(nz - 1).skip(1) {
+                bound_row(&inside[nx * (y + ny * z) - nx * ny..], [nx, nx * ny], row);
             }
         });
+    bounds
+}
+
+/// The bounds of a row, which begins a plane after the first of `inside`.
+fn bound_row(inside: &[bool], [nx, plane]: [usize; 2], bounds: &mut [u8]) {
+    let shifted = |offset: isize| inside[plane.wrapping_add_signed(offset)..].iter();
+    let (nx, plane) = (nx as isize, plane as isize);
+    let along_x = shifted(-1).zip(shifted(1)).map(|(a, b)| a & b);
+    let along_y = shifted(-nx).zip(shifted(nx)).map(|(a, b)| a & b);
+    let along_z = shifted(-plane).zip(shifted(plane)).map(|(a, b)| a & b);
+    let surrounded = along_x
+        .zip(along_y)
+        .zip(along_z)
+        .map(|((x, y), z)| x & y & z);
+    for ((bound, &here), surrounded) in bounds.iter_mut().zip(shifted(0)).zip(surrounded) {
+        *bound = match (here, surrounded) {
+            (false, _) => OUTSIDE_REACH,
+            (true, false) => 0,
+            (true, true) => MAX_DISTANCE,
+        };
+    }
 }
 
 /// The first of the deepest voxels; 0 where nothing is inside.
