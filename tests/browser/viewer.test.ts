@@ -346,7 +346,9 @@ test("letters, cube, colour bar, scale, depth and notice are those of the pictur
     width: Number(document.querySelector<HTMLInputElement>("#window-width-number")?.value),
   }));
   const [white = NaN, black = NaN] = (await page.locator(".colour-bar span").allInnerTexts()).map(Number);
-  assert.ok(Math.abs(white - level - width / 2) < 1 && Math.abs(black - level + width / 2) < 1);
+  // DICOM's linear window: its ramp is `width − 1` long, and its middle half below the level.
+  const expected_white = level - 0.5 + (width - 1) / 2;
+  assert.ok(Math.abs(white - expected_white) < 0.51 && Math.abs(white - black - (width - 1)) < 0.51, `${black} to ${white}`);
   const bar = await page.locator("#surface .overlay:not(.other) .scale-line").boundingBox();
   const pane = await surface();
   const sphere = await page.evaluate(async (one) => (await (await fetch(`v1/cases/${one}`)).json()).envelope_sphere.radius_mm as number, id);
