@@ -5,7 +5,7 @@
 use rayon::prelude::*;
 
 use crate::envelope::close;
-use crate::transform::{MAX_DISTANCE, squared_distances};
+use crate::transform::{MAX_DISTANCE, exchanged, transformed};
 use crate::{GeometryError, Mask};
 
 impl Mask {
@@ -76,22 +76,15 @@ impl Mask {
 }
 
 /// The voxels within a distance of a set.
-fn within(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
+fn within(size @ [nx, ny, nz]: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
     if radius < 1.0 {
         return voxels.to_vec();
     }
     // Distances matter up to the radius alone; the bound is past it.
     let bound = radius.floor() as u8 + 1;
-    let bounds: Vec<u8> = voxels
-        .par_iter()
-        .map(|&voxel| if voxel { 0 } else { bound })
-        .collect();
+    let mut bounds = exchanged(size, voxels, |voxel| if voxel { 0 } else { bound });
     let square = (radius * radius).floor() as u16;
-    let squared = squared_distances(size, &bounds);
-    squared
-        .par_iter()
-        .map(|&squared| squared <= square)
-        .collect()
+    transformed([nx, nz, ny], &mut bounds, 0, |squared| squared <= square)
 }
 
 #[cfg(test)]

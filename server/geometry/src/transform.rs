@@ -27,21 +27,25 @@ pub(crate) const MAX_DISTANCE: u8 = 255;
 /// The largest distance whose square fits in eight bits.
 const MAX_SMALL_DISTANCE: u8 = 15;
 
-/// Squared distance of each voxel to the nearest seed, but at most the square of its bound.
-///
-/// As [`transformed`], with the axes x, y, z.
-pub(crate) fn squared_distances(size: [usize; 3], bounds: &[u8]) -> Vec<u16> {
-    let [nx, ny, nz] = size;
-    let mut exchanged = vec![0; bounds.len()];
+/// The values of a grid with the axes x, y, z in the order of x, z, y, each converted: what [`transformed`] turns back.
+pub(crate) fn exchanged<T: Copy + Sync, U: Copy + Default + Send>(
+    [nx, ny, nz]: [usize; 3],
+    values: &[T],
+    convert: impl Fn(T) -> U + Sync,
+) -> Vec<U> {
+    let mut exchanged = vec![U::default(); values.len()];
     exchanged
         .par_chunks_mut(nx * nz)
         .enumerate()
         .for_each(|(y, slab)| {
             for (z, row) in slab.chunks_exact_mut(nx).enumerate() {
-                row.copy_from_slice(&bounds[nx * (y + ny * z)..][..nx]);
+                let values = &values[nx * (y + ny * z)..][..nx];
+                for (out, &value) in row.iter_mut().zip(values) {
+                    *out = convert(value);
+                }
             }
         });
-    transformed([nx, nz, ny], &mut exchanged, 0, |squared| squared)
+    exchanged
 }
 
 /// What `convert` makes of the squared distance of each voxel to the nearest seed, which is at most the square of its bound.
@@ -433,6 +437,11 @@ fn lower<S: Square>(least: &mut Lanes<S>, values: &Lanes<S>, square: S) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn squared_distances(size @ [nx, ny, nz]: [usize; 3], bounds: &[u8]) -> Vec<u16> {
+        let mut bounds = exchanged(size, bounds, |bound| bound);
+        transformed([nx, nz, ny], &mut bounds, 0, |squared| squared)
+    }
 
     /// The definition, voxel by voxel.
     fn brute_force(size: [usize; 3], bounds: &[u8]) -> Vec<u16> {
