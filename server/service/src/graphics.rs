@@ -61,6 +61,15 @@ enum Found {
     Nothing(&'static str),
 }
 
+impl Found {
+    fn pool(&self) -> Option<Arc<GpuPool>> {
+        match self {
+            Self::Pool(pool) => Some(Arc::clone(pool)),
+            Self::Nothing(_) => None,
+        }
+    }
+}
+
 /// What is known of the graphics device, for people.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum GraphicsState {
@@ -110,24 +119,15 @@ impl Graphics {
 
     /// The device, if one is known by now.
     pub fn device(&self) -> Option<Arc<GpuPool>> {
-        match &*self.found.borrow() {
-            Some(Found::Pool(pool)) => Some(Arc::clone(pool)),
-            _ => None,
-        }
+        self.found.borrow().as_ref()?.pool()
     }
 
     /// The device, once its driver has answered; `None` where there is none, or its driver does not answer.
     pub(crate) async fn pool(&self) -> Option<Arc<GpuPool>> {
         let mut found = self.found.clone();
         let known = tokio::time::timeout(PATIENCE, found.wait_for(Option::is_some)).await;
-        match known {
-            Ok(Ok(found)) => match &*found {
-                Some(Found::Pool(pool)) => Some(Arc::clone(pool)),
-                Some(Found::Nothing(_)) | None => None,
-            },
-            Ok(Err(_closed)) => None,
-            Err(_elapsed) => None,
-        }
+        // Neither one who looked in vain nor one who has not answered has a device.
+        known.ok()?.ok()?.as_ref()?.pool()
     }
 }
 
