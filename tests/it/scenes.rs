@@ -2,76 +2,41 @@
 
 use std::sync::Arc;
 
-use geometry::{
-    BrainMask, DepthField, DistanceMap, Mask, MeshSize, PathTable, Paths, ShellIndex, Volume,
-    distance_map, envelope, envelope_mesh, path_table,
-};
+use geometry::{DepthField, MeshSize, PathTable, Paths, envelope_mesh, path_table};
+use measure::MeasuredCase;
 use render::gpu::{CaseKey, GpuCase, GpuError, GpuOptions, GpuPool};
-use render::{
-    Background, BoundingSphere, Camera, FrameSize, NamedView, RenderParameters, RenderRequest,
-    Scene, Window,
-};
+use render::{Background, Camera, FrameSize, NamedView, RenderParameters, RenderRequest, Scene};
 
 use crate::heads::data;
 
-/// A prepared head.
-pub(crate) struct Head {
-    key: CaseKey,
-    volume: Volume,
-    distance: DistanceMap,
-    field: DepthField,
-    normals: DepthField,
-    shell: ShellIndex,
-    bounds: BoundingSphere,
-    window: Window,
-}
+/// A head as the service prepares it: its mask closed by 10 mm, the window that of its intensities.
+pub(crate) struct Head(MeasuredCase);
 
 impl Head {
-    /// A head as the service prepares it: its mask closed by 10 mm, the window that of its intensities.
-    fn new(key: u128, volume: Volume, brain: &Mask) -> Arc<Self> {
-        let brain = BrainMask::from_mask(brain, brain.grid()).expect("a brain");
-        let envelope = envelope(&brain, 10.0).expect("a radius within range");
-        let distance = distance_map(&envelope);
-        let [black, white] = volume
-            .percentiles_inside(&envelope, [0.02, 0.98])
-            .expect("a volume around its envelope");
-        let field = DepthField::new(&distance);
-        let shell = ShellIndex::new(&distance);
-        Arc::new(Self {
-            key: CaseKey(key),
-            normals: field.smoothed(1.5),
-            bounds: BoundingSphere::of_envelope(&shell),
-            window: Window::between(black, white),
-            volume,
-            distance,
-            field,
-            shell,
-        })
+    fn new(head: &measure::Head) -> Arc<Self> {
+        let (case, _) = MeasuredCase::prepare(head, 10.0).expect("a sound head");
+        Arc::new(Self(case))
     }
 
     /// The made-up head, with voxels of 2 mm.
     pub(crate) fn phantom() -> Arc<Self> {
-        let head = geometry::phantom::head(2.0);
-        Self::new(1, head.volume, &head.brain)
+        Self::new(&measure::Head::phantom(2.0).expect("a head that can be written"))
     }
 
     /// Colin27, `None` without the test data.
     pub(crate) fn colin27() -> Option<Arc<Self>> {
         let folder = data()?.join("colin27");
         let read = |name| std::fs::read(folder.join(name)).expect("a file of the test data");
-        let limits = imaging::Limits::default();
-        let volume = imaging::nifti::read_volume(&read("ch2.nii.gz"), &limits);
-        let brain = imaging::nifti::read_mask(&read("ch2bet.nii.gz"), &limits);
-        Some(Self::new(
-            27,
-            volume.expect("a sound file"),
-            &brain.expect("a sound file"),
-        ))
+        Some(Self::new(&measure::Head {
+            name: "Colin27".to_owned(),
+            volume: read("ch2.nii.gz"),
+            mask: read("ch2bet.nii.gz"),
+        }))
     }
 
     /// The depth below its envelope.
     pub(crate) fn field(&self) -> &DepthField {
-        &self.field
+        &self.0.field
     }
 
     /// A square picture of `side` pixels on nothing, in the head's own window.
@@ -81,7 +46,7 @@ impl Head {
             camera: Camera::named(view),
             size: FrameSize::new(side, side).expect("a size within range"),
             background: Background::Transparent,
-            ..RenderParameters::new(self.window)
+            ..RenderParameters::new(self.0.window)
         };
         RenderRequest::new(parameters).expect("a depth within range")
     }
@@ -89,24 +54,18 @@ impl Head {
     /// The table of a mesh of `contours` × `points` along the gradient.
     pub(crate) fn table(&self, [contours, points]: [usize; 2]) -> PathTable {
         let size = MeshSize::new(contours, points).expect("a size within range");
-        let mesh = envelope_mesh(&self.field, size).expect("a mesh");
-        path_table(&mesh, &self.distance, &self.field, Paths::Flow)
+        let mesh = envelope_mesh(&self.0.field, size).expect("a mesh");
+        path_table(&mesh, &self.0.distance, &self.0.field, Paths::Flow)
     }
 }
 
 impl GpuCase for Head {
     fn key(&self) -> CaseKey {
-        self.key
+        self.0.key()
     }
 
     fn scene(&self) -> Scene<'_> {
-        Scene {
-            volume: &self.volume,
-            field: &self.field,
-            normals: &self.normals,
-            shell: &self.shell,
-            bounds: self.bounds,
-        }
+        self.0.scene()
     }
 }
 
