@@ -35,7 +35,7 @@ struct Picture {
     window_black: f32,
     window_factor: f32,
     window_offset: f32,
-    // The slab: samples along the depth; none at all for the isosurface alone.
+    // The slab: samples along the depth; one for the isosurface alone.
     slab_count: u32,
     slab_first: f32,
     slab_step: f32,

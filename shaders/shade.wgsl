@@ -1,30 +1,24 @@
 // From a point of the surface to its pixel.
 
 // The mean of the stored intensities over the slab: x, and in y whether any of it lies in the volume.
-fn slab_mean(position: vec3<f32>, inward: vec3<f32>) -> vec2<f32> {
+fn stored_on(position: vec3<f32>, inward: vec3<f32>) -> vec2<f32> {
     let along = (picture.volume_from_field * vec4<f32>(inward, 0.0)).xyz / picture.voxel_mm;
     var sum = 0.0;
     var count = 0.0;
-    for (var index = 0u; index < picture.slab_count; index++) {
+    var index = 0u;
+    // Left at its end: where software draws, all that follows a loop's exit is worked out once more for nothing.
+    loop {
         let offset_mm = picture.slab_first + f32(index) * picture.slab_step;
         let sample = position + offset_mm * along;
-        if is_in_volume(sample) {
-            sum += stored_at(sample);
-            count += 1.0;
+        let is_there = select(0.0, 1.0, is_in_volume(sample));
+        sum += is_there * stored_at(sample);
+        count += is_there;
+        index++;
+        if index >= picture.slab_count {
+            break;
         }
     }
     return vec2<f32>(sum / max(count, 1.0), min(count, 1.0));
-}
-
-// The stored intensity that a surface point shows: x, and in y whether there is one.
-fn stored_on(position: vec3<f32>, inward: vec3<f32>) -> vec2<f32> {
-    if picture.slab_count > 0u {
-        return slab_mean(position, inward);
-    }
-    if is_in_volume(position) {
-        return vec2<f32>(stored_at(position), 1.0);
-    }
-    return vec2<f32>(0.0);
 }
 
 // The pixel of a surface point in voxel coordinates of the depth field: background where the volume holds nothing.
@@ -32,10 +26,7 @@ fn shaded(position_in_field: vec3<f32>) -> vec4<f32> {
     let inward = inward_at(position_in_field);
     let position = (picture.volume_from_field * vec4<f32>(position_in_field, 1.0)).xyz;
     let stored = stored_on(position, inward);
-    if stored.y == 0.0 {
-        return vec4<f32>(0.0);
-    }
     let facing = -dot(inward, picture.towards_viewer);
     let lit = color_of(brightness(stored.x)) * light_on(facing);
-    return vec4<f32>(floor(lit + 0.5) / 255.0, 1.0);
+    return vec4<f32>(floor(lit + 0.5) / 255.0, 1.0) * stored.y;
 }

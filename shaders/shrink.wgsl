@@ -106,7 +106,19 @@ fn settled(position_in_patient: vec3<f32>) -> vec3<f32> {
     return position_in_patient + picture.voxel_mm * (place - start);
 }
 
+// The position of a vertex at the depth asked for, in LPS mm.
+fn shrunk_position(vertex: u32) -> vec3<f32> {
+    return settled(paths.origin_in_patient + paths.step_mm * shrunk(vertex));
+}
+
+struct Shrunk {
+    // There is nothing on the screen.
+    @builtin(position) nowhere: vec4<f32>,
+    @location(0) position_in_patient: vec3<f32>,
+}
+
+// Kept, and drawn with from then on.
 @vertex
-fn shrunk_vertex(@builtin(vertex_index) vertex: u32) -> OnFacet {
-    return on_facet(settled(paths.origin_in_patient + paths.step_mm * shrunk(vertex)));
+fn shrunk_vertex(@builtin(vertex_index) vertex: u32) -> Shrunk {
+    return Shrunk(vec4<f32>(0.0), shrunk_position(vertex));
 }

@@ -8,7 +8,7 @@ fn stored_at(position: vec3<f32>) -> f32 {
 
 // Whether a position lies in a voxel of the volume: within half a voxel of a centre.
 fn is_in_volume(position: vec3<f32>) -> bool {
-    return all(position >= vec3<f32>(-0.5)) && all(position <= picture.volume_size - 0.5);
+    return all(clamp(position, vec3<f32>(-0.5), picture.volume_size - 0.5) == position);
 }
 
 // How far a position lies below the isosurface, in voxels; negative above it.

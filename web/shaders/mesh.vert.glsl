@@ -43,15 +43,8 @@ layout(location = 0) in vec3 _p2vs_location0;
 smooth centroid out vec3 _vs2fs_location0;
 
 bool is_in_volume(vec3 position_1) {
-    bool local = false;
-    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
-        vec3 _e9 = _group_0_binding_0_vs.volume_size;
-        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
-    } else {
-        local = false;
-    }
-    bool _e16 = local;
-    return _e16;
+    vec3 _e5 = _group_0_binding_0_vs.volume_size;
+    return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
 float brightness(float stored) {

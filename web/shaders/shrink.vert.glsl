@@ -33,10 +33,6 @@ struct Picture {
     float clip_piece;
     float smooth_share;
 };
-struct OnFacet {
-    vec4 position;
-    vec3 position_in_field;
-};
 struct Paths {
     vec3 origin_in_patient;
     float step_mm;
@@ -46,6 +42,10 @@ struct Paths {
     uint vertex_count;
     uint first_piece;
     uint piece_count;
+};
+struct Shrunk {
+    vec4 nowhere;
+    vec3 position_in_patient;
 };
 const uint PIECE_WORDS = 6u;
 const int MOVES = 4;
@@ -65,18 +65,11 @@ uniform highp usampler2D _group_1_binding_1_vs;
 
 uniform highp usampler2D _group_1_binding_2_vs;
 
-smooth centroid out vec3 _vs2fs_location0;
+smooth out vec3 _vs2fs_location0;
 
 bool is_in_volume(vec3 position_1) {
-    bool local = false;
-    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
-        vec3 _e9 = _group_0_binding_0_vs.volume_size;
-        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
-    } else {
-        local = false;
-    }
-    bool _e16 = local;
-    return _e16;
+    vec3 _e5 = _group_0_binding_0_vs.volume_size;
+    return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
 float below(vec3 position_2) {
@@ -109,37 +102,16 @@ vec3 inward_at(vec3 position_3) {
     return (gradient / vec3(max(length(gradient), 1e-6)));
 }
 
-float brightness(float stored) {
-    float _e3 = _group_0_binding_0_vs.window_black;
-    float _e7 = _group_0_binding_0_vs.window_factor;
-    float _e11 = _group_0_binding_0_vs.window_offset;
-    float ramp = (((stored - _e3) * _e7) + _e11);
-    return clamp(ramp, 0.0, 255.0);
-}
-
-float light_on(float facing) {
-    float _e3 = _group_0_binding_0_vs.ambient;
-    float _e6 = _group_0_binding_0_vs.ambient;
-    return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
-}
-
-OnFacet on_facet(vec3 position_in_patient_1) {
-    vec4 patient = vec4(position_in_patient_1, 1.0);
-    mat4x4 _e5 = _group_0_binding_0_vs.clip_from_patient;
-    mat4x4 _e9 = _group_0_binding_0_vs.field_from_patient;
-    return OnFacet((_e5 * patient), (_e9 * patient).xyz);
-}
-
-vec3 stored_position(uint index_1) {
+vec3 stored_position(uint index) {
     uint width = uvec2(textureSize(_group_1_binding_1_vs, 0).xy).x;
-    ivec2 texel_1 = ivec2(int((index_1 % width)), int((index_1 / width)));
+    ivec2 texel_1 = ivec2(int((index % width)), int((index / width)));
     uvec4 _e11 = texelFetch(_group_1_binding_1_vs, texel_1, 0);
     return vec3(_e11.xyz);
 }
 
-uint piece_word(uint index_2) {
+uint piece_word(uint index_1) {
     uint width_1 = uvec2(textureSize(_group_1_binding_2_vs, 0).xy).x;
-    ivec2 texel_2 = ivec2(int((index_2 % width_1)), int((index_2 / width_1)));
+    ivec2 texel_2 = ivec2(int((index_1 % width_1)), int((index_1 / width_1)));
     uvec4 _e11 = texelFetch(_group_1_binding_2_vs, texel_2, 0);
     return _e11.x;
 }
@@ -200,21 +172,21 @@ uint first_piece_of(uint vertex_1) {
 }
 
 vec3 shrunk(uint vertex_2) {
-    vec3 position_6 = vec3(0.0);
+    vec3 position_4 = vec3(0.0);
     uint piece = 0u;
-    bool local_1 = false;
+    bool local = false;
     uint _e3 = _group_1_binding_0_vs.row;
     uint _e6 = _group_1_binding_0_vs.vertex_count;
-    uint index_3 = ((_e3 * _e6) + vertex_2);
+    uint index_2 = ((_e3 * _e6) + vertex_2);
     float _e11 = _group_1_binding_0_vs.depth_mm;
     uint _e14 = _group_1_binding_0_vs.row;
     float _e18 = _group_1_binding_0_vs.row_mm;
     float _e23 = _group_1_binding_0_vs.row_mm;
     float fraction = ((_e11 - (float(_e14) * _e18)) / _e23);
-    vec3 _e25 = stored_position(index_3);
+    vec3 _e25 = stored_position(index_2);
     uint _e28 = _group_1_binding_0_vs.vertex_count;
-    vec3 _e30 = stored_position((index_3 + _e28));
-    position_6 = mix(_e25, _e30, fraction);
+    vec3 _e30 = stored_position((index_2 + _e28));
+    position_4 = mix(_e25, _e30, fraction);
     uint _e35 = _group_1_binding_0_vs.first_piece;
     uint _e38 = _group_1_binding_0_vs.piece_count;
     uint end = (_e35 + _e38);
@@ -245,30 +217,30 @@ vec3 shrunk(uint vertex_2) {
             float _e61 = _group_1_binding_0_vs.depth_mm;
             if ((depths_mm_1.x < _e61)) {
                 float _e67 = _group_1_binding_0_vs.depth_mm;
-                local_1 = (_e67 <= depths_mm_1.y);
+                local = (_e67 <= depths_mm_1.y);
             } else {
-                local_1 = false;
+                local = false;
             }
-            bool _e71 = local_1;
+            bool _e71 = local;
             if (_e71) {
                 vec3 _e72 = on_piece(start_1, depths_mm_1);
-                position_6 = _e72;
+                position_4 = _e72;
             }
         }
     }
-    vec3 _e76 = position_6;
+    vec3 _e76 = position_4;
     return _e76;
 }
 
-vec3 settled(vec3 position_in_patient_2) {
+vec3 settled(vec3 position_in_patient) {
     vec3 place = vec3(0.0);
     int move = 0;
     float _e3 = _group_0_binding_0_vs.smooth_share;
     if ((_e3 == 0.0)) {
-        return position_in_patient_2;
+        return position_in_patient;
     }
     mat4x4 _e8 = _group_0_binding_0_vs.field_from_patient;
-    vec3 start_2 = (_e8 * vec4(position_in_patient_2, 1.0)).xyz;
+    vec3 start_2 = (_e8 * vec4(position_in_patient, 1.0)).xyz;
     place = start_2;
     bool loop_init_1 = true;
     while(true) {
@@ -293,18 +265,23 @@ vec3 settled(vec3 position_in_patient_2) {
     }
     float _e34 = _group_0_binding_0_vs.voxel_mm;
     vec3 _e35 = place;
-    return (position_in_patient_2 + (_e34 * (_e35 - start_2)));
+    return (position_in_patient + (_e34 * (_e35 - start_2)));
+}
+
+vec3 shrunk_position(uint vertex_3) {
+    vec3 _e3 = _group_1_binding_0_vs.origin_in_patient;
+    float _e6 = _group_1_binding_0_vs.step_mm;
+    vec3 _e7 = shrunk(vertex_3);
+    vec3 _e10 = settled((_e3 + (_e6 * _e7)));
+    return _e10;
 }
 
 void main() {
     uint vertex = uint(gl_VertexID);
-    vec3 _e3 = _group_1_binding_0_vs.origin_in_patient;
-    float _e6 = _group_1_binding_0_vs.step_mm;
-    vec3 _e7 = shrunk(vertex);
-    vec3 _e10 = settled((_e3 + (_e6 * _e7)));
-    OnFacet _e11 = on_facet(_e10);
-    gl_Position = _e11.position;
-    _vs2fs_location0 = _e11.position_in_field;
+    vec3 _e3 = shrunk_position(vertex);
+    Shrunk _tmp_return = Shrunk(vec4(0.0), _e3);
+    gl_Position = _tmp_return.nowhere;
+    _vs2fs_location0 = _tmp_return.position_in_patient;
     return;
 }
 

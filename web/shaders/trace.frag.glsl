@@ -71,15 +71,8 @@ float stored_at(vec3 position) {
 }
 
 bool is_in_volume(vec3 position_1) {
-    bool local = false;
-    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
-        vec3 _e9 = _group_0_binding_0_fs.volume_size;
-        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
-    } else {
-        local = false;
-    }
-    bool _e16 = local;
-    return _e16;
+    vec3 _e5 = _group_0_binding_0_fs.volume_size;
+    return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
 float below(vec3 position_2) {
@@ -133,77 +126,52 @@ float light_on(float facing) {
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
-vec2 slab_mean(vec3 position_4, vec3 inward) {
+vec2 stored_on(vec3 position_4, vec3 inward) {
     float sum = 0.0;
     float count = 0.0;
     uint index = 0u;
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
     float _e11 = _group_0_binding_0_fs.voxel_mm;
     vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
-    bool loop_init = true;
     while(true) {
-        if (!loop_init) {
-            uint _e45 = index;
-            index = (_e45 + 1u);
-        }
-        loop_init = false;
-        uint _e20 = index;
-        uint _e23 = _group_0_binding_0_fs.slab_count;
-        if ((_e20 < _e23)) {
-        } else {
+        float _e22 = _group_0_binding_0_fs.slab_first;
+        uint _e23 = index;
+        float _e27 = _group_0_binding_0_fs.slab_step;
+        float offset_mm = (_e22 + (float(_e23) * _e27));
+        vec3 sample_ = (position_4 + (offset_mm * along));
+        bool _e32 = is_in_volume(sample_);
+        float is_there = (_e32 ? 1.0 : 0.0);
+        float _e36 = sum;
+        float _e37 = stored_at(sample_);
+        sum = (_e36 + (is_there * _e37));
+        float _e40 = count;
+        count = (_e40 + is_there);
+        uint _e43 = index;
+        index = (_e43 + 1u);
+        uint _e45 = index;
+        uint _e48 = _group_0_binding_0_fs.slab_count;
+        if ((_e45 >= _e48)) {
             break;
         }
-        {
-            float _e27 = _group_0_binding_0_fs.slab_first;
-            uint _e28 = index;
-            float _e32 = _group_0_binding_0_fs.slab_step;
-            float offset_mm = (_e27 + (float(_e28) * _e32));
-            vec3 sample_ = (position_4 + (offset_mm * along));
-            bool _e37 = is_in_volume(sample_);
-            if (_e37) {
-                float _e38 = sum;
-                float _e39 = stored_at(sample_);
-                sum = (_e38 + _e39);
-                float _e41 = count;
-                count = (_e41 + 1.0);
-            }
-        }
     }
-    float _e47 = sum;
-    float _e48 = count;
-    float _e52 = count;
-    return vec2((_e47 / max(_e48, 1.0)), min(_e52, 1.0));
-}
-
-vec2 stored_on(vec3 position_5, vec3 inward_1) {
-    uint _e4 = _group_0_binding_0_fs.slab_count;
-    if ((_e4 > 0u)) {
-        vec2 _e7 = slab_mean(position_5, inward_1);
-        return _e7;
-    }
-    bool _e8 = is_in_volume(position_5);
-    if (_e8) {
-        float _e9 = stored_at(position_5);
-        return vec2(_e9, 1.0);
-    }
-    return vec2(0.0);
+    float _e50 = sum;
+    float _e51 = count;
+    float _e55 = count;
+    return vec2((_e50 / max(_e51, 1.0)), min(_e55, 1.0));
 }
 
 vec4 shaded(vec3 position_in_field) {
     vec3 _e1 = inward_at(position_in_field);
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_6 = (_e4 * vec4(position_in_field, 1.0)).xyz;
-    vec2 _e9 = stored_on(position_6, _e1);
-    if ((_e9.y == 0.0)) {
-        return vec4(0.0);
-    }
-    vec3 _e17 = _group_0_binding_0_fs.towards_viewer;
-    float facing_1 = -(dot(_e1, _e17));
-    float _e21 = brightness(_e9.x);
-    vec3 _e22 = color_of(_e21);
-    float _e23 = light_on(facing_1);
-    vec3 lit = (_e22 * _e23);
-    return vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0);
+    vec3 position_5 = (_e4 * vec4(position_in_field, 1.0)).xyz;
+    vec2 _e9 = stored_on(position_5, _e1);
+    vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
+    float facing_1 = -(dot(_e1, _e12));
+    float _e16 = brightness(_e9.x);
+    vec3 _e17 = color_of(_e16);
+    float _e18 = light_on(facing_1);
+    vec3 lit = (_e17 * _e18);
+    return (vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y);
 }
 
 vec3 foot_of(vec2 place_in_frame) {
@@ -217,7 +185,7 @@ vec3 at_height(vec3 foot, float height) {
 }
 
 vec2 reach(vec3 foot_1) {
-    bool local_1 = false;
+    bool local = false;
     vec3 _e3 = _group_0_binding_0_fs.sphere_centre;
     vec3 from_centre = (foot_1 - _e3);
     vec3 _e7 = _group_0_binding_0_fs.towards_viewer;
@@ -228,11 +196,11 @@ vec2 reach(vec3 foot_1) {
     float half_squared = ((_e16 * _e19) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
         float _e30 = _group_0_binding_0_fs.sphere_radius;
-        local_1 = (_e30 < 0.0);
+        local = (_e30 < 0.0);
     } else {
-        local_1 = true;
+        local = true;
     }
-    bool _e34 = local_1;
+    bool _e34 = local;
     if (_e34) {
         return vec2(0.0, -1.0);
     }
@@ -258,13 +226,13 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
     int round_ = 0;
     high = above;
     low = under;
-    bool loop_init_1 = true;
+    bool loop_init = true;
     while(true) {
-        if (!loop_init_1) {
+        if (!loop_init) {
             int _e64 = round_;
             round_ = (_e64 + 1);
         }
-        loop_init_1 = false;
+        loop_init = false;
         int _e9 = round_;
         if ((_e9 < MAX_ROUNDS)) {
         } else {
@@ -321,13 +289,13 @@ float first_hit(vec3 foot_3) {
     vec3 _e9 = at_height(foot_3, _e8);
     float _e10 = below(_e9);
     distance_ = -(_e10);
-    bool loop_init_2 = true;
+    bool loop_init_1 = true;
     while(true) {
-        if (!loop_init_2) {
+        if (!loop_init_1) {
             int _e94 = steps;
             steps = (_e94 + 1);
         }
-        loop_init_2 = false;
+        loop_init_1 = false;
         int _e17 = steps;
         if ((_e17 < MAX_STEPS)) {
         } else {

@@ -347,8 +347,8 @@ class Cortex implements Surface {
    */
   #qualityOf(way: Drawn): Quality {
     if (this.#full_ms[way] <= SLOW_FRAME_MS) return FULL_QUALITY;
-    if (way === "exact") return this.#moving ? { share: COARSE_SHARE, soft_edges: true } : FULL_QUALITY;
-    return this.#resting ? FULL_QUALITY : { share: 1, soft_edges: false };
+    if (way === "exact") return this.#moving ? { share: COARSE_SHARE, depths: 2 } : FULL_QUALITY;
+    return this.#resting ? FULL_QUALITY : { share: 1, depths: 1 };
   }
 
   /** What was drawn with less is drawn in full. */
@@ -443,7 +443,7 @@ class Cortex implements Surface {
   /** Takes a context. */
   #begin(): void {
     const gl = this.#canvas.getContext("webgl2", {
-      alpha: true, antialias: false, depth: false, powerPreference: "high-performance", premultipliedAlpha: true,
+      alpha: false, antialias: false, depth: false, powerPreference: "high-performance",
     });
     if (!gl) {
       this.#fallback = "no-webgl2";

@@ -73,7 +73,7 @@ function isFiltered(gl: Gl, { format, unit, encode }: Encoding, pair: Voxels): b
   const texture = createBlock(gl, format, size);
   fillSlices(gl, texture, format, size, { first: 0, count: 1, texels: encode(pair) });
   const program = createProgram(gl, PROBE_VERTEX, PROBE_FRAGMENT);
-  const target = createTarget(gl, [1, 1], 0);
+  const target = createTarget(gl, [1, 1]);
   const [low = 0, high = 0] = Array.from(pair, (stored) => stored / unit);
   gl.useProgram(program);
   gl.uniform2f(gl.getUniformLocation(program, "expected"), low + (high - low) / 4, (high - low) / 64);

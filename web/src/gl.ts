@@ -7,6 +7,7 @@ import type { Vec2, Vec3 } from "./space.ts";
 export type Gl = WebGL2RenderingContext;
 type BlockName = keyof typeof names.blocks;
 export type ShaderName = keyof typeof names.shaders;
+type VertexShaderName = ShaderName & `${string}.vert.glsl`;
 
 /** Something of the graphics device could not be made; `message` holds the compiler's log where there is one. */
 export class GlError extends Error {}
@@ -31,12 +32,23 @@ function compiled(gl: Gl, type: GLenum, text: string): WebGLShader {
   return shader;
 }
 
-/** A program of two shaders; an attribute, where there is one, is number 0. Throws the compiler's log, with the linker's. */
-export function createProgram(gl: Gl, vertex: string, fragment: string, attribute?: string): WebGLProgram {
+/** What stands for a fragment shader where there are no colours. */
+const NO_COLOR = `#version 300 es
+void main() {}`;
+
+/** What else a program has: an attribute, which is number 0, and what of its vertex shader can be kept. */
+interface Ends {
+  readonly attribute?: string | undefined;
+  readonly captured?: readonly string[];
+}
+
+/** A program of two shaders. Throws the compiler's log, with the linker's. */
+export function createProgram(gl: Gl, vertex: string, fragment: string, { attribute, captured }: Ends = {}): WebGLProgram {
   const program = made(gl.createProgram(), "program");
   const shaders = [compiled(gl, gl.VERTEX_SHADER, vertex), compiled(gl, gl.FRAGMENT_SHADER, fragment)];
   for (const shader of shaders) gl.attachShader(program, shader);
   if (attribute) gl.bindAttribLocation(program, 0, attribute);
+  if (captured) gl.transformFeedbackVaryings(program, captured, gl.SEPARATE_ATTRIBS);
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
     const logs = [...shaders.map((shader) => gl.getShaderInfoLog(shader)), gl.getProgramInfoLog(program)];
@@ -48,14 +60,26 @@ export function createProgram(gl: Gl, vertex: string, fragment: string, attribut
 
 /** Binding points of uniform blocks and units of textures, the same in all programs. */
 const BLOCK_BINDINGS: Readonly<Record<string, number>> = { picture: 0, paths: 1 };
-export const UNITS = { volume: 0, field: 1, normals: 2, smoothed: 3, colors: 4, rows: 5, pieces: 6 } as const;
+export const UNITS = { volume: 0, field: 1, normals: 2, smoothed: 3, colors: 4, rows: 5, pieces: 6, depths: 7 } as const;
 
-/** A program of a vertex and a fragment shader, their blocks and samplers bound to their places. */
-export function createTranslated(gl: Gl, texts: ShaderTexts, pair: readonly [ShaderName, ShaderName]): WebGLProgram {
-  const [attribute] = Object.values(names.shaders[pair[0]].attributes);
-  const program = createProgram(gl, texts[pair[0]], texts[pair[1]], attribute);
+/** A program of a vertex and a fragment shader, their blocks and samplers bound to their places; without the latter it has no colours. */
+export function createTranslated(gl: Gl, texts: ShaderTexts, vertex: VertexShaderName, fragment?: ShaderName): WebGLProgram {
+  const [attribute] = Object.values(names.shaders[vertex].attributes);
+  const program = createProgram(gl, texts[vertex], fragment ? texts[fragment] : NO_COLOR, { attribute });
+  bindPlaces(gl, program, fragment ? [vertex, fragment] : [vertex]);
+  return program;
+}
+
+/** A program that draws nothing: what its vertex shader hands on can be kept. */
+export function createCapturing(gl: Gl, texts: ShaderTexts, vertex: VertexShaderName): WebGLProgram {
+  const program = createProgram(gl, texts[vertex], NO_COLOR, { captured: Object.values(names.shaders[vertex].outputs) });
+  bindPlaces(gl, program, [vertex]);
+  return program;
+}
+
+function bindPlaces(gl: Gl, program: WebGLProgram, shaders: readonly ShaderName[]): void {
   gl.useProgram(program);
-  for (const name of pair) {
+  for (const name of shaders) {
     const { blocks, samplers } = names.shaders[name];
     for (const [block, named] of Object.entries(blocks)) {
       const index = gl.getUniformBlockIndex(program, named);
@@ -65,7 +89,6 @@ export function createTranslated(gl: Gl, texts: ShaderTexts, pair: readonly [Sha
       gl.uniform1i(gl.getUniformLocation(program, named), UNITS[sampler as keyof typeof UNITS]);
     }
   }
-  return program;
 }
 
 /** A uniform block on the device and its bytes here. */
@@ -103,12 +126,6 @@ export class UniformBlock {
   }
 }
 
-/** Triangles, with or without positions: a vertex array that knows them. */
-export interface Mesh {
-  readonly array: WebGLVertexArrayObject;
-  readonly index_count: number;
-}
-
 /** Vertex numbers in the least room, as they are drawn. */
 export function createIndices(gl: Gl, triangles: Uint32Array): WebGLBuffer {
   const buffer = made(gl.createBuffer(), "buffer");
@@ -118,27 +135,44 @@ export function createIndices(gl: Gl, triangles: Uint32Array): WebGLBuffer {
   return buffer;
 }
 
-/** A vertex array over indices and, as attribute 0, positions. */
-export function createVertices(gl: Gl, indices: WebGLBuffer, positions: Float32Array | null): WebGLVertexArrayObject {
-  const array = made(gl.createVertexArray(), "vertex array");
-  gl.bindVertexArray(array);
-  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
-  if (positions) {
-    gl.bindBuffer(gl.ARRAY_BUFFER, made(gl.createBuffer(), "buffer"));
-    gl.bufferData(gl.ARRAY_BUFFER, positions, gl.STATIC_DRAW);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-  }
-  gl.bindVertexArray(null);
-  return array;
+/** Triangles and, as attribute 0, the positions of their vertices. */
+export interface Vertices {
+  readonly array: WebGLVertexArrayObject;
+  readonly positions: WebGLBuffer;
+  readonly count: number;
 }
 
-/** Other positions of the same number in a vertex array of `createVertices`. */
-export function replacePositions(gl: Gl, array: WebGLVertexArrayObject, positions: Float32Array): void {
+/** Room for the positions of so many vertices. */
+export function createVertices(gl: Gl, indices: WebGLBuffer, count: number): Vertices {
+  const [array, positions] = [made(gl.createVertexArray(), "vertex array"), made(gl.createBuffer(), "buffer")];
   gl.bindVertexArray(array);
-  gl.bindBuffer(gl.ARRAY_BUFFER, gl.getVertexAttrib(0, gl.VERTEX_ATTRIB_ARRAY_BUFFER_BINDING) as WebGLBuffer);
-  gl.bufferSubData(gl.ARRAY_BUFFER, 0, positions);
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
+  gl.bindBuffer(gl.ARRAY_BUFFER, positions);
+  gl.bufferData(gl.ARRAY_BUFFER, 12 * count, gl.DYNAMIC_DRAW);
+  gl.enableVertexAttribArray(0);
+  gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
   gl.bindVertexArray(null);
+  gl.bindBuffer(gl.ARRAY_BUFFER, null);
+  return { array, positions, count };
+}
+
+export function writePositions(gl: Gl, { positions }: Vertices, values: Float32Array): void {
+  gl.bindBuffer(gl.ARRAY_BUFFER, positions);
+  gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
+  gl.bindBuffer(gl.ARRAY_BUFFER, null);
+}
+
+/** Runs a program's vertex shader, without attributes, once for each vertex and keeps its first output as the positions. */
+export function computePositions(gl: Gl, program: WebGLProgram, { positions, count }: Vertices): void {
+  gl.useProgram(program);
+  gl.bindVertexArray(null);
+  gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, positions);
+  gl.enable(gl.RASTERIZER_DISCARD);
+  gl.beginTransformFeedback(gl.POINTS);
+  gl.drawArrays(gl.POINTS, 0, count);
+  gl.endTransformFeedback();
+  gl.disable(gl.RASTERIZER_DISCARD);
+  gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, null);
 }
 
 /** How texels of a texture are kept and handed over. */
@@ -197,22 +231,41 @@ export interface Target {
   dispose(): void;
 }
 
-/** A picture with a depth buffer, `samples` samples a pixel; 0 for plain ones. */
-export function createTarget(gl: Gl, size: Vec2, samples: number): Target {
+/** A picture of colours. */
+export function createTarget(gl: Gl, size: Vec2): Target {
   const frame = made(gl.createFramebuffer(), "frame buffer");
+  const buffer = made(gl.createRenderbuffer(), "render buffer");
   gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-  const buffers = ([[gl.COLOR_ATTACHMENT0, gl.RGBA8], [gl.DEPTH_ATTACHMENT, gl.DEPTH_COMPONENT24]] as const).map(([place, format]) => {
-    const buffer = made(gl.createRenderbuffer(), "render buffer");
-    gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
-    gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, format, size[0], size[1]);
-    gl.framebufferRenderbuffer(gl.FRAMEBUFFER, place, gl.RENDERBUFFER, buffer);
-    return buffer;
-  });
+  gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
+  gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA8, size[0], size[1]);
+  gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, buffer);
   return {
     frame,
     size,
     dispose() {
-      for (const buffer of buffers) gl.deleteRenderbuffer(buffer);
+      gl.deleteRenderbuffer(buffer);
+      gl.deleteFramebuffer(frame);
+    },
+  };
+}
+
+/** A picture of depths, which shaders can read. */
+export interface DepthTarget extends Target {
+  readonly texture: WebGLTexture;
+}
+
+export function createDepthTarget(gl: Gl, size: Vec2): DepthTarget {
+  const frame = made(gl.createFramebuffer(), "frame buffer");
+  const texture = createTexture(gl, gl.TEXTURE_2D, gl.NEAREST);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, size[0], size[1]);
+  gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, texture, 0);
+  return {
+    frame,
+    texture,
+    size,
+    dispose() {
+      gl.deleteTexture(texture);
       gl.deleteFramebuffer(frame);
     },
   };

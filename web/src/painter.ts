@@ -4,11 +4,12 @@ import { COLOR_TABLE } from "./colors.ts";
 import { STEPS_PER_VOXEL } from "./field.ts";
 import { findEncodings, type Encoding, type Encodings } from "./formats.ts";
 import {
-  createBlock, createIndices, createTable, createTarget, createTranslated, createVertices, fillSlices, replacePositions,
-  GlError, UniformBlock, UNITS, type Gl, type ShaderTexts, type Target,
+  computePositions, createBlock, createCapturing, createDepthTarget, createIndices, createTable, createTarget, createTranslated,
+  createVertices, fillSlices, writePositions, GlError, UniformBlock, UNITS, type DepthTarget, type Gl, type ShaderTexts, type Target,
+  type Vertices,
 } from "./gl.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import { depthGrid, pathsFields, pictureFields, texelGrid, type Look, type Maps, type TexelGrid } from "./uniforms.ts";
+import { depthGrid, extentOf, pathsFields, pictureFields, texelGrid, type Look, type Maps, type TexelGrid } from "./uniforms.ts";
 import type { Block, PathsTable } from "./wire.ts";
 import { voxelCount } from "./wire.ts";
 
@@ -16,8 +17,6 @@ import { voxelCount } from "./wire.ts";
 const UPLOAD_BYTES = 1 << 20;
 /** Texels in a line of a table. */
 const TABLE_WIDTH = 1024;
-/** Samples of a pixel of the mesh, as the server takes them. */
-const MESH_SAMPLES = 4;
 /** The fields of the blocks that are whole numbers. */
 const WHOLES: ReadonlySet<string> = new Set(["color_row", "slab_count", "row", "vertex_count", "first_piece", "piece_count"]);
 
@@ -43,11 +42,11 @@ export type Drawn = "mesh" | "exact";
 export interface Quality {
   /** Below 1, it is drawn so much smaller and then enlarged. */
   readonly share: number;
-  /** Several samples a pixel at the edges of the mesh. */
-  readonly soft_edges: boolean;
+  /** Depths of the mesh along a pixel's side: with 2 its edges are soft. */
+  readonly depths: 1 | 2;
 }
 
-export const FULL_QUALITY: Quality = Object.freeze({ share: 1, soft_edges: true });
+export const FULL_QUALITY: Quality = Object.freeze({ share: 1, depths: 2 });
 
 interface Texture {
   readonly texture: WebGLTexture;
@@ -73,15 +72,16 @@ export class Painter {
   readonly #encodings: Encodings;
   readonly #picture: UniformBlock;
   readonly #paths: UniformBlock;
-  readonly #programs: { readonly mesh: WebGLProgram; readonly shrink: WebGLProgram; readonly trace: WebGLProgram };
-  readonly #screen: WebGLVertexArrayObject;
+  readonly #programs: Readonly<Record<"mesh" | "shrink" | "reduce" | "trace", WebGLProgram>>;
   readonly #case: Pick<Maps, "sphere" | "plane" | "native_spacing_mm">;
-  #indices: { readonly buffer: WebGLBuffer; readonly count: number; readonly bare: WebGLVertexArrayObject } | null = null;
-  #positions: { readonly array: WebGLVertexArrayObject; readonly depth_mm: number } | null = null;
+  #mesh: { readonly vertices: Vertices; readonly index_count: number } | null = null;
+  /** What the vertices' positions are of. */
+  #positioned: { readonly depth_mm: number; readonly by: FieldTextures | "server" } | null = null;
   #shrinking: Shrinking | null = null;
   #volume: Texture | null = null;
   #field: FieldTextures | null = null;
-  readonly #targets: { soft?: Target; hard?: Target; coarse?: Target } = {};
+  #coarse: Target | null = null;
+  #depths: DepthTarget | null = null;
 
   /** Compiles the shaders and finds out what the device can do. */
   constructor(gl: Gl, texts: ShaderTexts, shown: Pick<Maps, "sphere" | "plane" | "native_spacing_mm">) {
@@ -93,11 +93,11 @@ export class Painter {
     this.#picture = new UniformBlock(gl, "Picture");
     this.#paths = new UniformBlock(gl, "Paths");
     this.#programs = {
-      mesh: createTranslated(gl, texts, ["mesh.vert.glsl", "mesh.frag.glsl"]),
-      shrink: createTranslated(gl, texts, ["shrink.vert.glsl", "mesh.frag.glsl"]),
-      trace: createTranslated(gl, texts, ["trace.vert.glsl", "trace.frag.glsl"]),
+      mesh: createTranslated(gl, texts, "mesh.vert.glsl"),
+      shrink: createCapturing(gl, texts, "shrink.vert.glsl"),
+      reduce: createTranslated(gl, texts, "screen.vert.glsl", "reduce.frag.glsl"),
+      trace: createTranslated(gl, texts, "screen.vert.glsl", "trace.frag.glsl"),
     };
-    this.#screen = createVertices(gl, createIndices(gl, new Uint32Array([0, 1, 2])), null);
     gl.activeTexture(gl.TEXTURE0 + UNITS.colors);
     createTable(gl, { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE }, [256, COLOR_TABLE.length / 1024], COLOR_TABLE);
   }
@@ -110,16 +110,17 @@ export class Painter {
 
   /** Takes a mesh's triangles. */
   setTriangles(triangles: Uint32Array): void {
-    const buffer = createIndices(this.#gl, triangles);
-    this.#indices = { buffer, count: triangles.length, bare: createVertices(this.#gl, buffer, null) };
+    const vertex_count = triangles.reduce((most, vertex) => Math.max(most, vertex + 1), 0);
+    const indices = createIndices(this.#gl, triangles);
+    this.#mesh = { vertices: createVertices(this.#gl, indices, vertex_count), index_count: triangles.length };
+    this.#positioned = null;
   }
 
   /** Takes the positions of one depth; `setTriangles` comes first. */
   setPositions(positions: Float32Array, depth_mm: number): void {
-    if (!this.#indices) throw new GlError("Positions came before their triangles.");
-    if (this.#positions) replacePositions(this.#gl, this.#positions.array, positions);
-    const array = this.#positions?.array ?? createVertices(this.#gl, this.#indices.buffer, positions);
-    this.#positions = { array, depth_mm };
+    if (!this.#mesh) throw new GlError("Positions came before their triangles.");
+    writePositions(this.#gl, this.#mesh.vertices, positions);
+    this.#positioned = { depth_mm, by: "server" };
   }
 
   /** Takes the table of all depths. */
@@ -179,80 +180,92 @@ export class Painter {
   canDraw(way: Drawn, depth_mm: number): boolean {
     if (!this.#volume || !this.#field) return false;
     if (way === "exact") return this.#field.depths !== null;
-    return this.#indices !== null && (this.#shrinking !== null || this.#positions?.depth_mm === depth_mm);
+    return this.#mesh !== null && (this.#shrinking !== null || this.#positioned?.depth_mm === depth_mm);
   }
 
   /** Draws panes side by side into the canvas. */
-  draw(panes: readonly Pane[], way: Drawn, quality: Quality): void {
+  draw(panes: readonly Pane[], way: Drawn, { share, depths }: Quality): void {
     const gl = this.#gl;
-    const { share } = quality;
     const full: Vec2 = [gl.drawingBufferWidth, gl.drawingBufferHeight];
-    const size: Vec2 = [Math.max(1, Math.round(full[0] * share)), Math.max(1, Math.round(full[1] * share))];
-    const target = this.#targetOf(way, size, quality);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, target?.frame ?? null);
-    gl.viewport(0, 0, ...size);
+    const size = scaled(full, share);
+    const target = share < 1 ? this.#coarseTarget(size) : null;
+    const frame = target?.frame ?? null;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
     gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.clear(gl.COLOR_BUFFER_BIT);
     for (const pane of panes) {
-      const [width, height] = pane.size.map((side) => Math.max(1, Math.round(side * share))) as [number, number];
+      const [width, height] = scaled(pane.size, share);
+      const maps = this.#takeUp(pane.look, [width, height]);
+      if (way === "mesh") this.#drawDepths(pane.look.depth_mm, scaled([width, height], depths));
       const left = Math.round(pane.left * share);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
       gl.viewport(left, size[1] - height, width, height);
-      gl.scissor(left, size[1] - height, width, height);
+      // Software works out every pixel, lit or not.
+      const extent = extentOf(pane.look, maps, [width, height]);
       gl.enable(gl.SCISSOR_TEST);
-      this.#drawPane(pane.look, [width, height], way);
+      gl.scissor(left + extent.left, size[1] - extent.top - extent.size[1], ...extent.size);
+      this.#shade(way);
       gl.disable(gl.SCISSOR_TEST);
     }
     if (!target) return;
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, target.frame);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
-    const filter = share < 1 ? gl.LINEAR : gl.NEAREST;
-    gl.blitFramebuffer(0, 0, ...size, 0, 0, ...full, gl.COLOR_BUFFER_BIT, filter);
+    gl.blitFramebuffer(0, 0, ...size, 0, 0, ...full, gl.COLOR_BUFFER_BIT, gl.LINEAR);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
-  #drawPane(look: Look, size: Vec2, way: Drawn): void {
+  /** Hands over what all passes of a pane are given. */
+  #takeUp(look: Look, size: Vec2): Maps {
     const { volume, field } = { volume: this.#volume, field: this.#field };
     if (!volume || !field) throw new GlError("A picture was asked for before there was anything to draw.");
     const maps: Maps = { ...this.#case, volume: volume.grid, field: field.grid, border_box: field.border_box };
     this.#picture.write(pictureFields(look, maps, size), WHOLES);
     this.#bind(UNITS.volume, volume.texture);
     this.#bind(UNITS.normals, field.normals);
-    if (way === "exact") this.#trace(field);
-    else this.#drawMesh(look.depth_mm, field);
+    if (field.depths) {
+      this.#bind(UNITS.field, field.depths[0]);
+      this.#bind(UNITS.smoothed, field.depths[1]);
+    }
+    return maps;
   }
 
-  #trace({ depths }: FieldTextures): void {
+  /** Draws the mesh into a depth buffer of `size`. */
+  #drawDepths(depth_mm: number, size: Vec2): void {
     const gl = this.#gl;
-    if (!depths) throw new GlError("The depths are not there yet.");
-    this.#bind(UNITS.field, depths[0]);
-    this.#bind(UNITS.smoothed, depths[1]);
-    gl.disable(gl.DEPTH_TEST);
-    gl.useProgram(this.#programs.trace);
-    gl.bindVertexArray(this.#screen);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
-  }
-
-  #drawMesh(depth_mm: number, { depths }: FieldTextures): void {
-    const gl = this.#gl;
-    const indices = this.#indices;
-    if (!indices) throw new GlError("The mesh is not there yet.");
+    const mesh = this.#mesh;
+    if (!mesh) throw new GlError("The mesh is not there yet.");
+    this.#shrink(mesh.vertices, depth_mm);
+    this.#depths = fitting(this.#depths, size) ?? createDepthTarget(gl, size);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.#depths.frame);
+    gl.viewport(0, 0, ...size);
     gl.enable(gl.DEPTH_TEST);
-    if (this.#shrinking) {
-      const { table, rows, pieces } = this.#shrinking;
-      this.#paths.write(pathsFields(table, depth_mm), WHOLES);
-      this.#bind(UNITS.rows, rows, gl.TEXTURE_2D);
-      this.#bind(UNITS.pieces, pieces, gl.TEXTURE_2D);
-      if (depths) {
-        this.#bind(UNITS.field, depths[0]);
-        this.#bind(UNITS.smoothed, depths[1]);
-      }
-      gl.useProgram(this.#programs.shrink);
-      gl.bindVertexArray(indices.bare);
-    } else if (this.#positions?.depth_mm === depth_mm) {
-      gl.useProgram(this.#programs.mesh);
-      gl.bindVertexArray(this.#positions.array);
-    } else throw new GlError("The mesh of another depth is there.");
-    gl.drawElements(gl.TRIANGLES, indices.count, gl.UNSIGNED_INT, 0);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    gl.useProgram(this.#programs.mesh);
+    gl.bindVertexArray(mesh.vertices.array);
+    gl.drawElements(gl.TRIANGLES, mesh.index_count, gl.UNSIGNED_INT, 0);
+    gl.disable(gl.DEPTH_TEST);
+    this.#bind(UNITS.depths, this.#depths.texture, gl.TEXTURE_2D);
+  }
+
+  /** Brings the vertices to a depth, unless they are there. */
+  #shrink(vertices: Vertices, depth_mm: number): void {
+    const field = this.#field;
+    if (this.#positioned?.depth_mm === depth_mm && (!this.#shrinking || this.#positioned.by === field)) return;
+    if (!this.#shrinking || !field) throw new GlError("The mesh of another depth is there.");
+    const { table, rows, pieces } = this.#shrinking;
+    this.#paths.write(pathsFields(table, depth_mm), WHOLES);
+    this.#bind(UNITS.rows, rows, this.#gl.TEXTURE_2D);
+    this.#bind(UNITS.pieces, pieces, this.#gl.TEXTURE_2D);
+    computePositions(this.#gl, this.#programs.shrink, vertices);
+    this.#positioned = { depth_mm, by: field };
+  }
+
+  /** Shades each pixel once. */
+  #shade(way: Drawn): void {
+    const gl = this.#gl;
+    gl.useProgram(way === "mesh" ? this.#programs.reduce : this.#programs.trace);
+    gl.bindVertexArray(null);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   #bind(unit: number, texture: WebGLTexture, target: GLenum = this.#gl.TEXTURE_3D): void {
@@ -260,15 +273,20 @@ export class Painter {
     this.#gl.bindTexture(target, texture);
   }
 
-  /** Where a picture is drawn before it comes to the canvas; null where it is drawn there at once. */
-  #targetOf(way: Drawn, size: Vec2, { share, soft_edges }: Quality): Target | null {
-    if (way === "exact" && share === 1) return null;
-    const place = way === "exact" ? "coarse" : soft_edges ? "soft" : "hard";
-    const old = this.#targets[place];
-    if (old && old.size[0] === size[0] && old.size[1] === size[1]) return old;
-    old?.dispose();
-    return (this.#targets[place] = createTarget(this.#gl, size, place === "soft" ? MESH_SAMPLES : 0));
+  /** Where a picture is drawn that is enlarged for the canvas. */
+  #coarseTarget(size: Vec2): Target {
+    return (this.#coarse = fitting(this.#coarse, size) ?? createTarget(this.#gl, size));
   }
+}
+
+/** A size in other pixels; at least one. */
+const scaled = ([width, height]: Vec2, by: number): Vec2 => [Math.max(1, Math.round(width * by)), Math.max(1, Math.round(height * by))];
+
+/** The target, if it has this size; one of another size is given back. */
+function fitting<T extends Target>(target: T | null, size: Vec2): T | null {
+  if (target?.size.every((side, axis) => side === size[axis])) return target;
+  target?.dispose();
+  return null;
 }
 
 /** Numbers as texels of `parts` numbers each, in lines of a table; what is missing of the last line is 0. */

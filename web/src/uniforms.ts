@@ -1,7 +1,7 @@
 // From a state to what the shaders are given: `render::gpu::uniforms`, with intensities in the place of stored values.
 
 import { fromColumns, inColumns, product, scaleThenMove, transformDirection } from "./affine.ts";
-import { project, towardsViewer, type View } from "./camera.ts";
+import { project, towardsViewer, type Projection, type View } from "./camera.ts";
 import type { MirrorPlane, Sphere, Window } from "./case.ts";
 import { smoothShare } from "./isosurface.ts";
 import { reflected, reflection } from "./midsagittal.ts";
@@ -51,12 +51,13 @@ const BOX_MARGIN = 2.01;
 const BALL_MARGIN = 4;
 /** How far the mesh may be outside of the ball around the envelope, in voxels. */
 const CLIP_MARGIN = 4;
+/** How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: `render::gpu::uniforms`. */
+const PIECE_PIXELS = 8;
 /** The most samples to either side of the isosurface that a slab is averaged over. */
 const MAX_SLAB_SAMPLES = 64;
 
 /** The affine from frame space (pixels right and down, mm towards the viewer) to what is seen there. */
-function patientFromFrame(look: Look, { sphere, plane }: Maps, size: Vec2): Affine {
-  const { positionOf } = project(look, sphere, size);
+function patientFromFrame(look: Look, { plane }: Maps, { positionOf }: Projection): Affine {
   const origin = positionOf([0, 0, 0]);
   const axis = (place: Vec3): Vec3 => subtract(positionOf(place), origin);
   const straight = fromColumns(axis([1, 0, 0]), axis([0, 1, 0]), axis([0, 0, 1]), origin);
@@ -69,9 +70,9 @@ function inverse(affine: Affine): Affine {
   return other;
 }
 
-/** From the frame to clip space: x and y within ±1, y up, z 0 at the height `reach_mm` and 1 at minus that. */
+/** From the frame to the clip space of WebGL: x, y and z within ±1, y up, z -1 at the height `reach_mm` and 1 at minus that. */
 const clipFromFrame = ([width, height]: Vec2, reach_mm: number): Affine =>
-  scaleThenMove([2 / width, -2 / height, -0.5 / reach_mm], [-1, 1, 0.5]);
+  scaleThenMove([2 / width, -2 / height, -1 / reach_mm], [-1, 1, 0]);
 
 /** How far from the frame's plane the sphere reaches. Mirrored, its centre need not stay where it was. */
 function reachOf({ is_mirrored }: Look, { sphere, plane }: Maps): number {
@@ -96,7 +97,8 @@ export function slabOffsets(slab_mm: number, depth_mm: number, native_spacing_mm
 /** The block `Picture` for a pane of `size` pixels. */
 export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
   const { field, volume, sphere, plane } = maps;
-  const patient_from_frame = patientFromFrame(look, maps, size);
+  const projection = project(look, sphere, size);
+  const patient_from_frame = patientFromFrame(look, maps, projection);
   const field_from_patient = inverse(field.patient_from_voxel);
   const voxel_mm = Math.hypot(...[0, 1, 2].map((row) => field.patient_from_voxel[row]?.[0] ?? 0));
   const depth = look.depth_mm / voxel_mm;
@@ -129,14 +131,29 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
     window_black: black,
     window_factor: factor,
     window_offset: 0,
-    slab_count: slab.length,
+    slab_count: Math.max(slab.length, 1),
     slab_first: slab[0] ?? 0,
     slab_step: slab.length > 1 ? (slab[1] ?? 0) - (slab[0] ?? 0) : 0,
     clip_reach: reach_mm / voxel_mm,
-    clip_piece: 0,
+    clip_piece: (PIECE_PIXELS * projection.mm_per_pixel) / (2 * reach_mm),
     // Where there is light alone, nothing is known of the isosurface.
     smooth_share: maps.border_box ? smoothShare(depth) : 0,
   };
+}
+
+/** Where on a pane of `size` pixels anything of the envelope may be, in whole pixels; `top` counts from the top edge. */
+export function extentOf(look: Look, maps: Maps, size: Vec2): { readonly left: number; readonly top: number; readonly size: Vec2 } {
+  const { patient_from_voxel, size: voxels } = maps.field;
+  const [low, high] = maps.border_box ?? [[0, 0, 0], subtract(voxels, [1, 1, 1])];
+  const frame_from_field = product(inverse(patientFromFrame(look, maps, project(look, maps.sphere, size))), patient_from_voxel);
+  const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((corner) => transform(frame_from_field, [0, 1, 2].map((axis) =>
+    (corner >> axis) & 1 ? (high[axis] ?? 0) + CLIP_MARGIN : (low[axis] ?? 0) - CLIP_MARGIN) as unknown as Vec3));
+  const span = (axis: 0 | 1): readonly [number, number] => {
+    const places = corners.map((corner) => Math.min(Math.max(corner[axis], 0), size[axis]));
+    return [Math.floor(Math.min(...places)), Math.ceil(Math.max(...places))];
+  };
+  const [[left, right], [top, bottom]] = [span(0), span(1)];
+  return { left, top, size: [right - left, bottom - top] };
 }
 
 /** The block `Paths` for a depth. */

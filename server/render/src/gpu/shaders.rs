@@ -18,7 +18,11 @@ pub(super) const MESH: &str = wgsl!(
     "mesh"
 );
 
-/// The mesh from the table of all depths: `shrunk_vertex` beside the entry points of [`MESH`]. The page draws with it.
+/// The mesh's vertices from the table of all depths: `shrunk_vertex`. The page draws with them.
+#[cfg(test)]
+pub(super) const SHRINK: &str = wgsl!("picture", "trilinear", "gradient", "shrink");
+
+/// The same beside the entry points of [`MESH`], for a test to draw with.
 #[cfg(test)]
 pub(super) const SHRUNK_MESH: &str = wgsl!(
     "picture",
@@ -55,5 +59,21 @@ pub(super) const RESOLVE: &str = wgsl!(
     "light",
     "shade",
     "sight",
-    "resolve"
+    "resolve",
+    "multisampled"
+);
+
+/// The mesh from a depth buffer of the pane's own size or twice that: `screen_vertex`, `mesh_reduced`. The page draws with it.
+#[cfg(test)]
+pub(super) const REDUCE: &str = wgsl!(
+    "picture",
+    "trilinear",
+    "gradient",
+    "window",
+    "colormap",
+    "light",
+    "shade",
+    "sight",
+    "resolve",
+    "enlarged"
 );

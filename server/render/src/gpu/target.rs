@@ -20,7 +20,7 @@ pub(super) const COLOR: TextureFormat = TextureFormat::Rgba8Unorm;
 /// Heights in mm; far below every height where nothing is.
 pub(super) const HEIGHT: TextureFormat = TextureFormat::R32Float;
 
-/// Samples of a pixel of the mesh's depth buffer, where they are offered: `SAMPLES` in `resolve.wgsl`.
+/// Samples of a pixel of the mesh's depth buffer, where they are offered: `SAMPLES` in `multisampled.wgsl`.
 pub(super) const SAMPLES: u32 = 4;
 
 /// What is nearer to the viewer.

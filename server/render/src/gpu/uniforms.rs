@@ -63,7 +63,7 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
         window_black: window.black,
         window_factor: window.factor,
         window_offset: window.offset,
-        slab_count: slab.len() as u32,
+        slab_count: slab.len().max(1) as u32,
         slab_first: slab.first().copied().unwrap_or_default(),
         slab_step: slab.get(1).map_or(0.0, |second| second - slab[0]),
         clip_reach: (reach_mm / voxel_mm) as f32,

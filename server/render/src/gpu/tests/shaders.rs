@@ -43,15 +43,13 @@ fn every_shader_is_valid_and_has_its_entry_points() {
             shaders::MESH,
             &["mesh_vertex", "mesh_shaded", "mesh_height"][..],
         ),
-        (
-            shaders::SHRUNK_MESH,
-            &["mesh_vertex", "mesh_shaded", "mesh_height", "shrunk_vertex"],
-        ),
+        (shaders::SHRINK, &["shrunk_vertex"]),
         (
             shaders::TRACE,
             &["screen_vertex", "trace_shaded", "trace_height"],
         ),
         (shaders::RESOLVE, &["screen_vertex", "mesh_resolved"]),
+        (shaders::REDUCE, &["screen_vertex", "mesh_reduced"]),
     ];
     for (source, names) in expected {
         let (module, _) = validated(source);
@@ -72,7 +70,7 @@ macro_rules! offsets {
 
 #[test]
 fn the_twins_lie_in_memory_as_the_shaders_want_them() {
-    let (module, _) = validated(shaders::SHRUNK_MESH);
+    let (module, _) = validated(shaders::SHRINK);
     let twin = offsets!(Picture:
         field_from_frame, volume_from_field, field_from_patient, clip_from_patient,
         volume_size, stored_scale, field_size, stored_offset, towards_viewer, depth_scale,

@@ -21,6 +21,14 @@ use crate::settle::settled;
 /// Texels in a line of the table's textures: not a divisor of anything, so that lines break within rows and pieces.
 const LINE: usize = 127;
 
+/// Draws with a vertex at once.
+const DRAWN_VERTEX: &str = "
+    @vertex
+    fn drawn_vertex(@builtin(vertex_index) vertex: u32) -> OnFacet {
+        return on_facet(shrunk_position(vertex));
+    }
+";
+
 /// A texture of whole numbers, line after line, as the page makes them.
 fn texture(
     open: &OpenDevice,
@@ -151,9 +159,10 @@ fn bind(
 
 fn pipeline(studio: &Studio, layout: &BindGroupLayout) -> RenderPipeline {
     let device = &studio.open.device;
+    let source = [shaders::SHRUNK_MESH, DRAWN_VERTEX].concat();
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: None,
-        source: wgpu::ShaderSource::Wgsl(shaders::SHRUNK_MESH.into()),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
     });
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
@@ -165,7 +174,7 @@ fn pipeline(studio: &Studio, layout: &BindGroupLayout) -> RenderPipeline {
         layout: Some(&layout),
         vertex: wgpu::VertexState {
             module: &module,
-            entry_point: Some("shrunk_vertex"),
+            entry_point: Some("drawn_vertex"),
             compilation_options: Default::default(),
             buffers: &[],
         },

@@ -51,15 +51,8 @@ layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
 smooth out vec2 _vs2fs_location0;
 
 bool is_in_volume(vec3 position_1) {
-    bool local = false;
-    if (all(greaterThanEqual(position_1, vec3(-0.5)))) {
-        vec3 _e9 = _group_0_binding_0_vs.volume_size;
-        local = all(lessThanEqual(position_1, (_e9 - vec3(0.5))));
-    } else {
-        local = false;
-    }
-    bool _e16 = local;
-    return _e16;
+    vec3 _e5 = _group_0_binding_0_vs.volume_size;
+    return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
 float brightness(float stored) {
@@ -87,7 +80,7 @@ vec3 at_height(vec3 foot, float height) {
 }
 
 vec2 reach(vec3 foot_1) {
-    bool local_1 = false;
+    bool local = false;
     vec3 _e3 = _group_0_binding_0_vs.sphere_centre;
     vec3 from_centre = (foot_1 - _e3);
     vec3 _e7 = _group_0_binding_0_vs.towards_viewer;
@@ -98,11 +91,11 @@ vec2 reach(vec3 foot_1) {
     float half_squared = ((_e16 * _e19) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
         float _e30 = _group_0_binding_0_vs.sphere_radius;
-        local_1 = (_e30 < 0.0);
+        local = (_e30 < 0.0);
     } else {
-        local_1 = true;
+        local = true;
     }
-    bool _e34 = local_1;
+    bool _e34 = local;
     if (_e34) {
         return vec2(0.0, -1.0);
     }

@@ -1,0 +1,190 @@
+#version 300 es
+
+precision highp float;
+precision highp int;
+
+struct Picture {
+    mat4x4 field_from_frame;
+    mat4x4 volume_from_field;
+    mat4x4 field_from_patient;
+    mat4x4 clip_from_patient;
+    vec3 volume_size;
+    float stored_scale;
+    vec3 field_size;
+    float stored_offset;
+    vec3 towards_viewer;
+    float depth_scale;
+    vec3 box_low;
+    float depth;
+    vec3 box_high;
+    float voxel_mm;
+    vec3 sphere_centre;
+    float sphere_radius;
+    vec2 size;
+    float ambient;
+    uint color_row;
+    float window_black;
+    float window_factor;
+    float window_offset;
+    uint slab_count;
+    float slab_first;
+    float slab_step;
+    float clip_reach;
+    float clip_piece;
+    float smooth_share;
+};
+struct OnScreen {
+    vec4 position;
+    vec2 place_in_frame;
+};
+layout(std140) uniform Picture_block_0Fragment { Picture _group_0_binding_0_fs; };
+
+uniform highp sampler3D _group_0_binding_1_fs;
+
+uniform highp sampler3D _group_0_binding_3_fs;
+
+uniform highp sampler2D _group_0_binding_4_fs;
+
+uniform highp sampler2D _group_1_binding_3_fs;
+
+smooth in vec2 _vs2fs_location0;
+layout(location = 0) out vec4 _fs2p_location0;
+
+float stored_at(vec3 position) {
+    vec3 _e6 = _group_0_binding_0_fs.volume_size;
+    vec3 place = ((position + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place), 0.0);
+    float _e15 = _group_0_binding_0_fs.stored_scale;
+    float _e19 = _group_0_binding_0_fs.stored_offset;
+    return ((_e11.x * _e15) + _e19);
+}
+
+bool is_in_volume(vec3 position_1) {
+    vec3 _e5 = _group_0_binding_0_fs.volume_size;
+    return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
+}
+
+vec3 inward_at(vec3 position_3) {
+    vec3 _e6 = _group_0_binding_0_fs.field_size;
+    vec3 place_1 = ((position_3 + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_3_fs, vec3(place_1), 0.0);
+    vec3 gradient = _e11.xyz;
+    return (gradient / vec3(max(length(gradient), 1e-6)));
+}
+
+float brightness(float stored) {
+    float _e3 = _group_0_binding_0_fs.window_black;
+    float _e7 = _group_0_binding_0_fs.window_factor;
+    float _e11 = _group_0_binding_0_fs.window_offset;
+    float ramp = (((stored - _e3) * _e7) + _e11);
+    return clamp(ramp, 0.0, 255.0);
+}
+
+vec3 color_of(float level) {
+    uint _e6 = _group_0_binding_0_fs.color_row;
+    ivec2 texel_1 = ivec2(int((level + 0.5)), int(_e6));
+    vec4 _e11 = texelFetch(_group_0_binding_4_fs, texel_1, 0);
+    return (_e11.xyz * 255.0);
+}
+
+float light_on(float facing) {
+    float _e3 = _group_0_binding_0_fs.ambient;
+    float _e6 = _group_0_binding_0_fs.ambient;
+    return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
+}
+
+vec2 stored_on(vec3 position_4, vec3 inward) {
+    float sum = 0.0;
+    float count = 0.0;
+    uint index = 0u;
+    mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
+    float _e11 = _group_0_binding_0_fs.voxel_mm;
+    vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
+    while(true) {
+        float _e22 = _group_0_binding_0_fs.slab_first;
+        uint _e23 = index;
+        float _e27 = _group_0_binding_0_fs.slab_step;
+        float offset_mm = (_e22 + (float(_e23) * _e27));
+        vec3 sample_ = (position_4 + (offset_mm * along));
+        bool _e32 = is_in_volume(sample_);
+        float is_there = (_e32 ? 1.0 : 0.0);
+        float _e36 = sum;
+        float _e37 = stored_at(sample_);
+        sum = (_e36 + (is_there * _e37));
+        float _e40 = count;
+        count = (_e40 + is_there);
+        uint _e43 = index;
+        index = (_e43 + 1u);
+        uint _e45 = index;
+        uint _e48 = _group_0_binding_0_fs.slab_count;
+        if ((_e45 >= _e48)) {
+            break;
+        }
+    }
+    float _e50 = sum;
+    float _e51 = count;
+    float _e55 = count;
+    return vec2((_e50 / max(_e51, 1.0)), min(_e55, 1.0));
+}
+
+vec4 shaded(vec3 position_in_field) {
+    vec3 _e1 = inward_at(position_in_field);
+    mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
+    vec3 position_5 = (_e4 * vec4(position_in_field, 1.0)).xyz;
+    vec2 _e9 = stored_on(position_5, _e1);
+    vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
+    float facing_1 = -(dot(_e1, _e12));
+    float _e16 = brightness(_e9.x);
+    vec3 _e17 = color_of(_e16);
+    float _e18 = light_on(facing_1);
+    vec3 lit = (_e17 * _e18);
+    return (vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y);
+}
+
+vec3 foot_of(vec2 place_in_frame) {
+    mat4x4 _e3 = _group_0_binding_0_fs.field_from_frame;
+    return (_e3 * vec4(place_in_frame, 0.0, 1.0)).xyz;
+}
+
+vec3 at_height(vec3 foot, float height) {
+    vec3 _e4 = _group_0_binding_0_fs.towards_viewer;
+    return (foot + (height * _e4));
+}
+
+float height_of(float depth) {
+    float _e7 = _group_0_binding_0_fs.clip_reach;
+    return ((1.0 - (2.0 * depth)) * _e7);
+}
+
+vec4 resolved(vec2 place_in_frame_1, vec4 samples) {
+    float nearest = min(min(samples.x, samples.y), min(samples.z, samples.w));
+    if ((nearest >= 1.0)) {
+        return vec4(0.0);
+    }
+    float _e19 = _group_0_binding_0_fs.clip_piece;
+    vec4 is_near = mix(vec4(0.0), vec4(1.0), lessThanEqual(samples, vec4((nearest + _e19))));
+    float _e29 = height_of((dot(samples, is_near) / dot(is_near, vec4(1.0))));
+    float coverage = dot(mix(vec4(0.0), vec4(0.25), lessThan(samples, vec4(1.0))), vec4(1.0));
+    vec3 _e41 = foot_of(place_in_frame_1);
+    vec3 _e42 = at_height(_e41, _e29);
+    vec4 _e43 = shaded(_e42);
+    return (_e43 * coverage);
+}
+
+void main() {
+    OnScreen pixel = OnScreen(gl_FragCoord, _vs2fs_location0);
+    vec2 _e6 = _group_0_binding_0_fs.size;
+    ivec2 side = (ivec2(uvec2(textureSize(_group_1_binding_3_fs, 0).xy)) / ivec2(_e6));
+    ivec2 place_2 = ivec2(pixel.place_in_frame);
+    float _e15 = _group_0_binding_0_fs.size.y;
+    ivec2 low = (ivec2(place_2.x, ((int(_e15) - 1) - place_2.y)) * side);
+    ivec2 high = ((low + side) - ivec2(1));
+    vec4 _e30 = texelFetch(_group_1_binding_3_fs, low, 0);
+    vec4 _e37 = texelFetch(_group_1_binding_3_fs, ivec2(high.x, low.y), 0);
+    vec4 _e44 = texelFetch(_group_1_binding_3_fs, ivec2(low.x, high.y), 0);
+    vec4 _e48 = texelFetch(_group_1_binding_3_fs, high, 0);
+    vec4 _e51 = resolved(pixel.place_in_frame, vec4(_e30.x, _e37.x, _e44.x, _e48.x));
+    _fs2p_location0 = _e51;
+    return;
+}
+
