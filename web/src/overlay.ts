@@ -8,7 +8,9 @@ import { scaleBar } from "./readout.ts";
 import type { Vec2 } from "./space.ts";
 import { type Colormap, windowEnds } from "./state.ts";
 
-const SIDES = ["left", "right", "top", "bottom"] as const;
+export const SIDES = ["left", "right", "top", "bottom"] as const;
+/** How far a mark of the cursor reaches from its middle, in CSS pixels. */
+const MARK_REACH = 14;
 
 /** The writing on one picture. */
 export class Overlay {
@@ -18,7 +20,7 @@ export class Overlay {
   readonly #badge = h("span", { class: "badge" });
   readonly #scaleLine = h("span", { class: "scale-line" });
   readonly #scaleText = h("span", { class: "scale-text" });
-  readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true" });
+  readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true", hidden: true });
   #cursorShown = "";
 
   constructor(host: HTMLElement) {
@@ -52,14 +54,21 @@ export class Overlay {
     this.#cursorShown = wanted;
     this.#cursor.replaceChildren();
     this.#cursor.setAttribute("class", `cursor ${kind}`);
-    if (!place || !place.every(Number.isFinite)) return;
+    const isShown = place !== null && place.every(Number.isFinite);
+    this.#cursor.toggleAttribute("hidden", !isShown);
+    if (!isShown) return;
     const [x, y] = place;
-    const [gap, reach] = kind === "lines" ? [10, Math.max(...size)] : [5, 14];
+    const [gap, reach] = kind === "lines" ? [10, Math.max(...size)] : [5, MARK_REACH];
     const line = (x1: number, y1: number, x2: number, y2: number): SVGElement => svg("line", { x1, y1, x2, y2 });
     this.#cursor.append(
       line(x - reach, y, x - gap, y), line(x + gap, y, x + reach, y),
       line(x, y - reach, x, y - gap), line(x, y + gap, x, y + reach));
-    if (kind !== "lines") this.#cursor.append(svg("circle", { cx: x, cy: y, r: gap }));
+    if (kind === "lines") return;
+    this.#cursor.append(svg("circle", { cx: x, cy: y, r: gap }));
+    // No larger than the mark, for all of it is laid over the picture with every frame.
+    const [left, top, side] = [x - MARK_REACH, y - MARK_REACH, 2 * MARK_REACH];
+    this.#cursor.setAttribute("viewBox", `${left} ${top} ${side} ${side}`);
+    Object.assign(this.#cursor.style, { left: `${left}px`, top: `${top}px` });
   }
 }
 

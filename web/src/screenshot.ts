@@ -55,7 +55,9 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
   }
   for (const line of panes.querySelectorAll<SVGLineElement>(".cursor line")) {
     if (!line.checkVisibility()) continue;
-    const frame = within(panes, line.ownerSVGElement ?? line);
+    const owner = line.ownerSVGElement;
+    const frame = within(panes, owner ?? line);
+    const { x: from_x, y: from_y } = owner?.viewBox.baseVal ?? { x: 0, y: 0 };
     const at = (name: "x1" | "y1" | "x2" | "y2"): number => line[name].baseVal.value;
     context.save();
     context.beginPath();
@@ -63,8 +65,8 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
     context.clip();
     context.strokeStyle = getComputedStyle(line).stroke;
     context.beginPath();
-    context.moveTo(frame.x + at("x1"), frame.y + at("y1"));
-    context.lineTo(frame.x + at("x2"), frame.y + at("y2"));
+    context.moveTo(frame.x + at("x1") - from_x, frame.y + at("y1") - from_y);
+    context.lineTo(frame.x + at("x2") - from_x, frame.y + at("y2") - from_y);
     context.stroke();
     context.restore();
   }

@@ -11,7 +11,7 @@ import { readState, writeAddress } from "./fragment.ts";
 import { type GestureListener, listen } from "./gestures.ts";
 import { number, t } from "./i18n.ts";
 import { mirrorPlane, plainPlane, reflected } from "./midsagittal.ts";
-import { ColourBar, Overlay } from "./overlay.ts";
+import { ColourBar, Overlay, SIDES } from "./overlay.ts";
 import { type Actions, DepthBar, Panel, intensityWords } from "./panel.ts";
 import type { Preferences } from "./preferences.ts";
 import { problemWords } from "./problem-words.ts";
@@ -87,6 +87,7 @@ export class Viewer {
     this.#overlay = new Overlay(this.#pane);
     this.#otherOverlay = new Overlay(this.#pane);
     this.#otherOverlay.element.classList.add("other");
+    this.#pane.append(...SIDES.map((side) => h("span", { class: `ring ${side}` })));
     this.#pane.append(this.#colourBar.element, this.#cube.element, h("p", { id: "surface-keys", class: "visually-hidden" }, t("surface.keys")));
     this.#slices = PLANE_NAMES.map((plane) => new SlicePane(plane, shown, {
       move: (position, done) => this.#moveCross(position, done),
