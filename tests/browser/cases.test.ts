@@ -276,6 +276,19 @@ test("a server that dies is missed in words, and found again when it is back", {
   await page.waitForSelector("#surface[data-depth='6.5']", { timeout: 20_000 });
 });
 
+test("the versions of a case are told apart in the list", { skip, timeout: 60_000 }, async () => {
+  const first = page.locator("#case-list li", { hasText: "Marked" });
+  const id = await first.getAttribute("data-id");
+  const answer = await fetch(new URL(`v1/cases/${id}/mask?offset_mm=1`, server.address), { method: "PUT" });
+  const { id: version } = (await answer.json()) as { id: string };
+  await page.waitForSelector(`#case-list li[data-id="${version}"][data-state=ready]`, { timeout: 40_000 });
+  const words = (one: string | null): Promise<string> => page.locator(`#case-list li[data-id="${one}"]`).innerText();
+  assert.match(await words(version), /Version of .*\d:\d\d/);
+  await page.waitForFunction((one) => /First version, of .*\d:\d\d/.test(document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? ""), id);
+  await fetch(new URL(`v1/cases/${version}`, server.address), { method: "DELETE" });
+  await page.waitForSelector(`#case-list li[data-id="${version}"]`, { state: "detached" });
+});
+
 test("a case is deleted only after a confirmation", { skip }, async () => {
   const item = page.locator("#case-list li", { hasText: "Marked" });
   const id = await item.getAttribute("data-id");
@@ -289,6 +302,8 @@ test("a case is deleted only after a confirmation", { skip }, async () => {
   await page.locator("dialog.confirm-delete button[value=delete]").click();
   await item.waitFor({ state: "detached" });
   assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address))).status, 404);
+  await page.evaluate((gone) => (location.hash = gone ?? ""), id);
+  await page.waitForFunction(() => /no such case|no case/i.test(document.querySelector("#case-note")?.textContent ?? ""));
 });
 
 test("nothing failed but what was made to, and nothing broke the content security policy", { skip }, () => {

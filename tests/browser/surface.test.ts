@@ -157,6 +157,11 @@ test("the load can be cancelled; what is there stays, and other depths still com
   await page.keyboard.press("]");
   await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "8.5");
   assert.equal(await page.evaluate(() => document.querySelector<HTMLElement>(".viewer")?.dataset.way), "mesh");
+  assert.match((await page.textContent(".notices")) ?? "", /Loading was cancelled/);
+  await page.unroute(/(bits=16|\/distance$|\/mesh\/paths)/);
+  await page.click(".load-again");
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.complete === "true", null, { timeout: 60_000 });
+  assert.equal(await page.locator(".load-again").isVisible(), false);
   assert.deepEqual(troubles, []);
   await context.close();
 });

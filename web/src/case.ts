@@ -32,7 +32,12 @@ interface AnyCase {
   /** 32 hexadecimal digits. */
   readonly id: string;
   readonly name: string | null;
+  /** RFC 3339. */
   readonly created_at: string;
+  /** The case of which it is a version, with another mask or other parameters. */
+  readonly previous?: string;
+  /** Its own versions. */
+  readonly next?: readonly string[];
 }
 
 export interface WaitingCase extends AnyCase {

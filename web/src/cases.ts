@@ -4,7 +4,7 @@ import { getPicture, listCases, watchCase } from "./api.ts";
 import type { Case } from "./case.ts";
 import { NAMED_VIEWS } from "./camera.ts";
 import { h, iconButton, setText } from "./dom.ts";
-import { known, number, t } from "./i18n.ts";
+import { known, moment, number, t } from "./i18n.ts";
 import { decoded } from "./picture.ts";
 import { problemWords, sentence } from "./problem-words.ts";
 import { qualityOf } from "./quality.ts";
@@ -49,6 +49,13 @@ function failureWords(one: Case & { state: "failed" }): string {
   const key = known(`problem.${kind}`);
   if (key) return t(key);
   return one.error?.detail ? sentence(one.error.detail) : t("case.failed");
+}
+
+/** What tells a case from its versions, which have its name. */
+function versionOf(one: Case): string {
+  const isVersion = one.previous !== undefined;
+  if (!isVersion && !one.next?.length) return "";
+  return t(isVersion ? "case.version" : "case.original", { time: moment(one.created_at) });
 }
 
 /** Whether a case is what the words look for: all of them, in its name, id or state. */
@@ -188,6 +195,7 @@ class Row {
   readonly #thumb = h("span", { class: "thumb", "aria-hidden": "true" });
   readonly #title = h("span", { class: "title" });
   readonly #status = h("span", { class: "status" });
+  readonly #version = h("span", { class: "status", hidden: true });
   readonly #badge = h("span", { class: "quality-badge", hidden: true });
   readonly #bar = h("progress", { max: 1, "aria-label": t("case.progress"), hidden: true });
   readonly #delete: HTMLButtonElement;
@@ -196,7 +204,7 @@ class Row {
 
   constructor(one: Case, remove: (one: Case) => void) {
     this.#case = one;
-    this.#link = h("a", { href: `#${one.id}` }, this.#thumb, h("span", { class: "words" }, this.#title, this.#status, this.#badge, this.#bar));
+    this.#link = h("a", { href: `#${one.id}` }, this.#thumb, h("span", { class: "words" }, this.#title, this.#status, this.#version, this.#badge, this.#bar));
     this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
     this.#delete.classList.add("delete");
     this.element = h("li", { "data-id": one.id }, this.#link, this.#delete);
@@ -207,6 +215,9 @@ class Row {
     this.element.dataset.state = one.state;
     setText(this.#title, caseTitle(one));
     setText(this.#status, caseStatus(one));
+    const version = versionOf(one);
+    setText(this.#version, version);
+    this.#version.hidden = version === "";
     const quality = one.state === "ready" ? qualityOf(one) : null;
     this.#badge.hidden = !quality || quality.state === "ok";
     if (quality && quality.state !== "ok") {

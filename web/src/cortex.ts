@@ -90,7 +90,7 @@ class Cortex implements Surface {
     this.#case = shown;
     this.#options = options;
     this.#canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;display:block";
-    this.#times.style.cssText = "position:absolute;left:0;bottom:0;padding:2px 6px;background:#000c;color:#fff;font:12px monospace;z-index:2";
+    this.#times.style.cssText = "position:absolute;left:0;top:2.6rem;padding:2px 6px;background:#000c;color:#fff;font:12px monospace;z-index:2";
     host.append(this.#canvas, this.#times);
     this.#canvas.addEventListener("webglcontextlost", this.#onLost);
     this.#canvas.addEventListener("webglcontextrestored", this.#onRestored);
@@ -104,8 +104,10 @@ class Cortex implements Surface {
     const both = AbortSignal.any([signal, this.#gone.signal]);
     const assets = new Assets(this.#case.id, both, new ByteCount(onProgress));
     if (!this.#fitsMemory()) return;
+    this.#gave_up = false;
     try {
-      if (this.#gl) await this.#loadFirst(assets, both);
+      // Asked for again, the rest alone is wanted where the first picture came.
+      if (this.#gl && !this.#fetchPositions) await this.#loadFirst(assets, both);
       await this.#loadRest(assets, both);
     } catch (error) {
       this.#gave_up = !this.#fetched.field;

@@ -1,7 +1,7 @@
 // The state in the address: `#<case>&d=8.5&v=left`. What is as at first is left out; what is not understood is passed over.
 
 import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
-import type { ReadyCase } from "./case.ts";
+import type { ReadyCase, Window } from "./case.ts";
 import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
 import {
   COLORMAPS, LAYOUTS, PAN_LIMIT_MM, SLAB_LIMIT_MM, type ViewState, WAYS, ZOOM_RANGE, clamp, clampDepth, firstState,
@@ -20,8 +20,11 @@ export function readAddress(fragment: string): Address {
 
 const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 const list = (values: readonly number[], digits: number): string => values.map((value) => short(value, digits)).join(",");
-/** Five figures: an intensity may be of any size. */
-const figures = (value: number): string => String(Number(value.toPrecision(5)));
+/** To a ten-thousandth of the way from black to white: intensities may be of any size. */
+const windowText = ({ center, width }: Window): string => {
+  const digits = clamp(4 - Math.floor(Math.log10(Math.max(width - 1, 1e-9))), 0, 12);
+  return list([center, width], digits);
+};
 
 export function writeAddress(state: ViewState, shown: ReadyCase): string {
   const first = firstState(shown);
@@ -35,8 +38,7 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   else say("q", list(state.orientation, 4), "");
   say("z", short(state.zoom, 3), "1");
   say("p", list(state.pan_mm, 1), "0,0");
-  const { center, width } = state.window;
-  say("w", `${figures(center)},${figures(width)}`, `${figures(first.window.center)},${figures(first.window.width)}`);
+  say("w", windowText(state.window), windowText(first.window));
   say("m", state.colormap, first.colormap);
   say("s", short(state.slab_mm, 1), "0");
   say("a", short(state.ambient, 2), short(first.ambient, 2));
@@ -71,8 +73,7 @@ export function readState(rest: string, shown: ReadyCase): ViewState {
   const crosshair = numbers(said.get("x"), 3) as Vec3 | null;
   const view = VIEW_NAMES.find((name) => name === said.get("v"));
   const { center_in_patient, radius_mm } = shown.envelope_sphere;
-  const inside = (value: number, axis: 0 | 1 | 2): number =>
-    clamp(value, center_in_patient[axis] - 2 * radius_mm, center_in_patient[axis] + 2 * radius_mm);
+  const isNear = (position: Vec3): boolean => position.every((value, axis) => Math.abs(value - (center_in_patient[axis] ?? 0)) <= 2 * radius_mm);
   return {
     depth_mm: depth === null ? first.depth_mm : clampDepth(depth, shown),
     orientation: (turned && unit(turned)) ?? (view ? NAMED_VIEWS[view] : first.orientation),
@@ -85,6 +86,6 @@ export function readState(rest: string, shown: ReadyCase): ViewState {
     way: WAYS.find((name) => name === said.get("r")) ?? first.way,
     layout: LAYOUTS.find((name) => name === said.get("l")) ?? first.layout,
     convention: said.get("c") === "n" ? "neurological" : first.convention,
-    crosshair_mm: crosshair && [inside(crosshair[0], 0), inside(crosshair[1], 1), inside(crosshair[2], 2)],
+    crosshair_mm: crosshair && isNear(crosshair) ? crosshair : null,
   };
 }

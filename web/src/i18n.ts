@@ -57,6 +57,9 @@ export function number(value: number, digits = 0): string {
   return format.format(Number(value.toFixed(digits)) === 0 ? 0 : value);
 }
 
+/** Day and time as the language writes them, of an RFC 3339 text. */
+export const moment = (text: string): string => new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short", hourCycle: "h23" }).format(new Date(text));
+
 /** An intensity: three figures, or all before the point. */
 export function intensity(value: number): string {
   const size = Math.abs(value);

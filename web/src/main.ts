@@ -35,6 +35,8 @@ class App {
   readonly #root: HTMLElement;
   #viewer: Viewer | null = null;
   #chosen: Case | null = null;
+  /** Why the case of the address cannot be shown; empty where it can. */
+  #absence = "";
   #routed = 0;
 
   constructor() {
@@ -87,6 +89,7 @@ class App {
     const turn = (this.#routed += 1);
     const address = readAddress(location.hash);
     const id = address.id ?? this.#list.cases.find((one) => one.state === "ready")?.id ?? null;
+    this.#absence = "";
     const chosen = this.#list.cases.find((one) => one.id === id) ?? (id ? await this.#askFor(id) : null);
     // Another address may have come in the meantime.
     if (turn !== this.#routed) return;
@@ -110,7 +113,7 @@ class App {
     // The name of a case may be a patient's: it does not go into the window's title, which the browser's history keeps.
     document.title = "Isocortex";
     const ready = chosen?.state === "ready" ? chosen : null;
-    setText(this.#note, ready ? "" : chosen ? caseStatus(chosen) : t("case.choose"));
+    setText(this.#note, ready ? "" : chosen ? caseStatus(chosen) : `${this.#absence} ${t("case.choose")}`.trim());
     this.#note.hidden = ready !== null;
     this.#note.classList.toggle("bad", chosen?.state === "failed");
     this.#layouts.hidden = !ready;
@@ -193,7 +196,7 @@ class App {
     try {
       return await getCase(id);
     } catch (problem) {
-      this.#announce(problemWords(problem));
+      this.#absence = problemWords(problem);
       return null;
     }
   }

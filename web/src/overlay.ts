@@ -25,9 +25,9 @@ export class Overlay {
 
   constructor(host: HTMLElement) {
     this.element = h("div", { class: "overlay" },
-      ...this.#edges, h("div", { class: "pane-head" }, this.#title, this.#badge),
+      // Letters stand before its lines.
+      this.#cursor, ...this.#edges, h("div", { class: "pane-head" }, this.#title, this.#badge),
       h("div", { class: "scale" }, this.#scaleText, this.#scaleLine), h("span", { class: "pane-notice" }, t("notice.short")));
-    this.element.append(this.#cursor);
     host.append(this.element);
   }
 

@@ -54,11 +54,13 @@ export class Viewer {
   readonly #trouble = h("p", { class: "notice-line bad", role: "alert", hidden: true });
   readonly #loading: HTMLElement;
   readonly #loadingBar = h("progress", { max: 1, "aria-label": t("load.label") });
+  readonly #cancelLoad = h("button", { type: "button", class: "cancel-load", click: () => this.#loadAbort.abort() }, t("load.cancel"));
+  readonly #loadAgain = h("button", { type: "button", class: "load-again", click: () => void this.load() }, t("load.again"));
   readonly #loadingText = h("span", {});
   readonly #depthBar: DepthBar;
   readonly #slices: readonly SlicePane[];
   readonly #observer: ResizeObserver;
-  readonly #loadAbort = new AbortController();
+  #loadAbort = new AbortController();
   #surface: Surface;
   #state: ViewState;
   #drawn: ViewState | null = null;
@@ -93,8 +95,7 @@ export class Viewer {
       move: (position, done) => this.#moveCross(position, done),
       complain: (problem) => this.#complain(problem),
     }));
-    this.#loading = h("div", { class: "notice-line", hidden: true }, this.#loadingText, this.#loadingBar,
-      h("button", { type: "button", class: "cancel-load", click: () => this.#loadAbort.abort() }, t("load.cancel")));
+    this.#loading = h("div", { class: "notice-line", hidden: true }, this.#loadingText, this.#loadingBar, this.#cancelLoad, this.#loadAgain);
     this.#notices.append(this.#trouble, this.#fallback, this.#loading);
     this.#panes.append(this.#pane, h("div", { class: "slices" }, ...this.#slices.map((pane) => pane.element)));
     this.element = h("div", { class: "viewer" }, this.#notices, this.#panes, this.#depthBar.element);
@@ -117,18 +118,34 @@ export class Viewer {
 
   /** Begins to fetch what the surface draws with; the element is in the page by now. */
   async load(): Promise<void> {
+    this.#loadAbort = new AbortController();
+    this.#showLoading(true);
     try {
       await this.#surface.load(this.#loadAbort.signal, (progress) => this.#onProgress(progress));
       this.#loading.hidden = true;
     } catch (error) {
       this.#loading.hidden = true;
       if (this.#disposed) return;
-      if (this.#loadAbort.signal.aborted) this.#host.announce(t("load.cancelled"));
+      if (this.#loadAbort.signal.aborted) this.#sayCancelled();
       else this.#complain(error);
     }
     this.element.dataset.loaded = "true";
     this.#showPoint();
     this.#schedule();
+  }
+
+  #sayCancelled(): void {
+    this.#showLoading(false);
+    setText(this.#loadingText, t("load.cancelled"));
+    this.#loading.hidden = false;
+    this.#host.announce(t("load.cancelled"));
+    // The focus was on the button that is gone.
+    if (document.activeElement === document.body) this.#loadAgain.focus();
+  }
+
+  #showLoading(isUnderWay: boolean): void {
+    for (const element of [this.#loadingBar, this.#cancelLoad]) element.hidden = !isUnderWay;
+    this.#loadAgain.hidden = isUnderWay;
   }
 
   /** Shows what the address says, which Back has changed. */

@@ -29,6 +29,14 @@ test("every part of a state comes back from the address, which stays short", () 
   assert.deepEqual({ ...back, orientation: null }, { ...state, orientation: null });
 });
 
+test("a window comes back to a ten-thousandth of its ramp, however small it is", () => {
+  for (const [center, width] of [[0.512345, 1.000987], [0.00051, 1.00000123], [12345.678, 30000.5]] as const) {
+    const { window } = readState(readAddress(writeAddress({ ...FIRST, window: { center, width } }, SHOWN)).rest, SHOWN);
+    const near = (width - 1) / 1e4;
+    assert.ok(Math.abs(window.center - center) <= near && Math.abs(window.width - width) <= near, `${window.center}, ${window.width}`);
+  }
+});
+
 test("a named view is written by its name", () => {
   assert.match(writeAddress({ ...FIRST, orientation: NAMED_VIEWS.superior }, SHOWN), /&v=superior$/);
 });
@@ -40,8 +48,9 @@ test("what is malformed or out of range is passed over, the rest is taken", () =
   ];
   for (const text of malformed) assert.deepEqual(readState(text, SHOWN), FIRST, text);
   assert.deepEqual(readState(`${malformed.join("&")}&d=3`, SHOWN), { ...FIRST, depth_mm: 3 });
-  const far = readState("d=1e9&z=1e9&p=-1e9,1e9&s=99&a=7&x=1e9,0,0", SHOWN);
-  assert.deepEqual([far.depth_mm, far.zoom, far.pan_mm, far.slab_mm, far.ambient, far.crosshair_mm], [41.23, 20, [-300, 300], 20, 1, [160, 0, 15 - 15]]);
+  const far = readState("d=1e9&z=1e9&p=-1e9,1e9&s=99&a=7", SHOWN);
+  assert.deepEqual([far.depth_mm, far.zoom, far.pan_mm, far.slab_mm, far.ambient], [41.23, 20, [-300, 300], 20, 1]);
+  assert.equal(readState("x=1e9,0,0", SHOWN).crosshair_mm, null, "a point far from the head is none");
   assert.equal(readState("d=-4", SHOWN).depth_mm, 0);
 });
 
