@@ -493,6 +493,7 @@ test("a tablet shows every view without scrolling sideways", { skip }, async () 
     await page.waitForSelector(`body[data-layout=${layout}]`);
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= 820), layout);
     assert.ok((await surface()).height > 350, layout);
+    if (layout === "slices") await page.waitForFunction(() => document.querySelectorAll(".slice-image img").length === 3);
     await keep(page, `tablet-${layout}`);
   }
   await page.setViewportSize({ width: 1440, height: 900 });

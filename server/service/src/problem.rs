@@ -58,11 +58,11 @@ pub enum AppError {
     #[error(transparent)]
     Failure(#[from] Failure),
     /// A value of the query is not accepted.
-    #[error("`{parameter}` {detail}")]
+    #[error("{} {detail}", named(parameter))]
     Query {
         /// Last part of the problem's type.
         kind: &'static str,
-        /// The key.
+        /// The key; `.` is all of a body.
         parameter: Cow<'static, str>,
         /// What is wrong with it: a sentence that begins with its verb.
         detail: String,
@@ -168,6 +168,14 @@ impl From<PathsError> for AppError {
             PathsError::Store(error) => error.into(),
             PathsError::Geometry(error) => error.into(),
         }
+    }
+}
+
+/// What a problem is about, in words.
+fn named(parameter: &str) -> String {
+    match parameter {
+        "." => "the body".to_owned(),
+        key => format!("`{key}`"),
     }
 }
 

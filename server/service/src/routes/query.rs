@@ -95,8 +95,22 @@ fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -
     AppError::Query {
         kind,
         parameter: key.into(),
-        detail: format!("cannot be read: {reason}"),
+        detail: unreadable_words(&reason),
     }
+}
+
+/// What is wrong with a value, of a parser's words.
+pub(super) fn unreadable_words(reason: &str) -> String {
+    if let Some(choice) = reason.strip_prefix("unknown variant ") {
+        return format!("is {}", choice.replacen(", expected", ", not", 1));
+    }
+    if reason.contains("float literal") || reason.contains("float from empty string") {
+        return "must be a number".to_owned();
+    }
+    if reason.contains("found in string") || reason.contains("integer from empty string") {
+        return "must be a whole number, not negative".to_owned();
+    }
+    format!("cannot be read: {reason}")
 }
 
 /// A query of an address that takes none.
@@ -240,6 +254,16 @@ mod tests {
         #[serde(default)]
         depth_mm: f32,
         window: Option<Numbers<2>>,
+        side: Option<Side>,
+        count: Option<u32>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum Side {
+        Left,
+        Right,
+        Both,
     }
 
     impl Checked for Example {
@@ -260,6 +284,31 @@ mod tests {
         assert_eq!(query.depth_mm, 8.5);
         assert_eq!(query.window, Some(Numbers([40.0, 80.0])));
         assert_eq!(parse::<Example>("").unwrap().depth_mm, 0.0);
+        let query: Example = parse("side=both&count=3").unwrap();
+        assert!(matches!(query.side, Some(Side::Both)));
+        assert_eq!(query.count, Some(3));
+    }
+
+    #[test]
+    fn values_that_cannot_be_read_are_refused_in_words() {
+        let words = [
+            ("depth_mm=abc", "`depth_mm` must be a number"),
+            ("depth_mm=", "`depth_mm` must be a number"),
+            (
+                "window=1",
+                "`window` cannot be read: 2 numbers with commas are wanted, not 1",
+            ),
+            (
+                "side=up",
+                "`side` is `up`, not one of `left`, `right`, `both`",
+            ),
+            ("count=-1", "`count` must be a whole number, not negative"),
+            ("count=", "`count` must be a whole number, not negative"),
+        ];
+        for (text, expected) in words {
+            let error = parse::<Example>(text).unwrap_err();
+            assert_eq!(error.to_string(), expected);
+        }
     }
 
     #[test]

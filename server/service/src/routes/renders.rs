@@ -15,7 +15,7 @@ use render::{AnimatedPng, Sheet, SheetPlan, Wanted};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::query::{ApiQuery, CasePath, Checked as _, NoQuery, Numbers};
+use super::query::{ApiQuery, CasePath, Checked as _, NoQuery, Numbers, unreadable_words};
 use super::render::{PNG, RenderQuery, drawing};
 use crate::caching::{self, EntityTag};
 use crate::case::CaseId;
@@ -239,7 +239,17 @@ fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
             let detail = "is not a key of this place".to_owned();
             return refuse("body-unknown-key", path, detail);
         }
-        refuse("body-unreadable", path, format!("cannot be read: {reason}"))
+        let detail = match error.inner().classify() {
+            serde_json::error::Category::Data => unreadable_words(&reason),
+            _ => {
+                return refuse(
+                    "body-unreadable",
+                    ".".to_owned(),
+                    format!("is not JSON: {reason}"),
+                );
+            }
+        };
+        refuse("body-unreadable", path, detail)
     })?;
     json.end().map_err(|_| {
         refuse(
