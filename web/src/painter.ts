@@ -235,6 +235,7 @@ export class Painter {
     const mesh = this.#mesh;
     if (!mesh) throw new GlError("The mesh is not there yet.");
     this.#shrink(mesh.vertices, depth_mm);
+    gl.activeTexture(gl.TEXTURE0 + UNITS.depths);
     this.#depths = fitting(this.#depths, size) ?? createDepthTarget(gl, size);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.#depths.frame);
     gl.viewport(0, 0, ...size);
