@@ -158,6 +158,8 @@ test("the load can be cancelled; what is there stays, and other depths still com
   await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "8.5");
   assert.equal(await page.evaluate(() => document.querySelector<HTMLElement>(".viewer")?.dataset.way), "mesh");
   assert.match((await page.textContent(".notices")) ?? "", /Loading was cancelled/);
+  await page.dblclick("#surface");
+  assert.match((await page.textContent("#live")) ?? "", /cannot be told/);
   await page.unroute(/(bits=16|\/distance$|\/mesh\/paths)/);
   await page.click(".load-again");
   await page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.complete === "true", null, { timeout: 60_000 });
@@ -176,6 +178,8 @@ test("a lost context is said, the server draws, and a restored one draws again b
     handle?.loseContext();
   });
   await page.waitForSelector(".viewer[data-fallback=context-lost][data-way=server]");
+  // An opaque canvas is white where its context is gone.
+  assert.equal(await page.locator("canvas.cortex").isVisible(), false);
   await page.waitForSelector(".surface-host img");
   await keep(page, "context-lost");
   await page.evaluate(() => (globalThis as unknown as { handle: WEBGL_lose_context }).handle.restoreContext());

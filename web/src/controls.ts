@@ -84,20 +84,30 @@ export function pinch(state: ViewState, shown: ReadyCase, { from, to }: Pinch, s
   return { zoom: zoomed.zoom, ...pan(zoomed, shown, [after[0] - before[0], after[1] - before[1]], size) };
 }
 
-/** Whole notches out of a wheel's or a touchpad's movement. */
+/** Whole notches out of a wheel's or a touchpad's movement, in pixels. */
 export class Notches {
-  static readonly PIXELS = 60;
+  /** Browsers that count lines have three of them to a notch, the others 100 or 120 pixels. */
+  static readonly LINE_PIXELS = 40;
   #moved = 0;
 
-  take(delta: number, in_pixels: boolean): number {
+  take(pixels: number): number {
+    if (Math.abs(pixels) >= LEAST_NOTCH_PIXELS) {
+      this.#moved = 0;
+      return Math.sign(pixels) * Math.max(Math.round(Math.abs(pixels) / NOTCH_PIXELS), 1);
+    }
     // What is left over from the other direction is forgotten.
-    if (this.#moved * delta < 0) this.#moved = 0;
-    this.#moved += in_pixels ? delta : delta * Notches.PIXELS;
-    const whole = Math.trunc(this.#moved / Notches.PIXELS);
-    this.#moved -= whole * Notches.PIXELS;
+    if (this.#moved * pixels < 0) this.#moved = 0;
+    this.#moved += pixels;
+    const whole = Math.trunc(this.#moved / TOUCHPAD_PIXELS);
+    this.#moved -= whole * TOUCHPAD_PIXELS;
     return whole;
   }
 }
+
+/** A wheel's notch, and what is so much at once that it is one; a touchpad's smaller movements are added up. */
+const NOTCH_PIXELS = 120;
+const LEAST_NOTCH_PIXELS = 50;
+const TOUCHPAD_PIXELS = 60;
 
 /** The zoom of a wheel's movement in pixels: a notch of 100 pixels is a sixth more or less. */
 export const wheelZoom = (pixels: number): number => Math.exp(-clamp(pixels, -300, 300) * 0.0015);

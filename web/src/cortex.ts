@@ -66,6 +66,8 @@ class Cortex implements Surface {
   readonly #fetched: Fetched = { shaders: null, triangles: null, positions: null, paths: null, volume: null, field: null };
   readonly #timer = new FrameTimer();
   #gl: Gl | null = null;
+  /** Ends with the context: what was being brought to it is of no use to the next one. */
+  #context = new AbortController();
   #painter: Painter | null = null;
   #is_software = false;
   #fallback: Fallback | null = null;
@@ -276,10 +278,11 @@ class Cortex implements Surface {
   async #bring(work: (painter: Painter) => Generator<void, void>, signal: AbortSignal): Promise<void> {
     const painter = this.#painter;
     if (!painter) return;
+    const context = this.#context.signal;
     try {
-      await patiently(work(painter), signal);
+      await patiently(work(painter), AbortSignal.any([signal, context]));
     } catch (error) {
-      if (!this.#gl?.isContextLost()) throw error;
+      if (!context.aborted) throw error;
     }
     this.#schedule();
   }
@@ -469,6 +472,10 @@ class Cortex implements Surface {
     // Without this, the context would never come back.
     event.preventDefault();
     this.#painter = null;
+    this.#context.abort(new DOMException("The context was lost.", "AbortError"));
+    this.#context = new AbortController();
+    // An opaque canvas without its context is white.
+    this.#canvas.style.visibility = "hidden";
     this.#fallback = "context-lost";
     this.#schedule();
     this.#tell();
@@ -482,6 +489,21 @@ class Cortex implements Surface {
   async #restore(signal: AbortSignal): Promise<void> {
     const [gl, { shaders }] = [this.#gl, this.#fetched];
     if (!gl || !shaders || gl.isContextLost() || this.#fallback === "too-large") return;
+    const context = this.#context.signal;
+    try {
+      this.#painter = await this.#filled(gl, shaders, AbortSignal.any([signal, context]));
+    } catch (error) {
+      // The next context begins anew.
+      if (context.aborted) return;
+      throw error;
+    }
+    this.#fallback = null;
+    this.#schedule();
+    this.#tell();
+  }
+
+  /** A painter that has all that has been fetched. */
+  async #filled(gl: Gl, shaders: ShaderTexts, signal: AbortSignal): Promise<Painter> {
     const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
     const { envelope_sphere: sphere } = this.#case;
     const painter = new Painter(gl, shaders, { sphere, plane: mirrorPlane(this.#case), native_spacing_mm });
@@ -491,11 +513,8 @@ class Cortex implements Surface {
       await this.#fill(painter, { ...fetched, field: await withGradients(fetched.field, signal) }, signal);
       // What came meanwhile is brought as well.
     } while (fetched.paths !== this.#fetched.paths || fetched.volume !== this.#fetched.volume || fetched.field !== this.#fetched.field);
-    if (gl.isContextLost()) return;
-    this.#painter = painter;
-    this.#fallback = null;
-    this.#schedule();
-    this.#tell();
+    signal.throwIfAborted();
+    return painter;
   }
 
   // -- Telling

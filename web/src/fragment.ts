@@ -2,6 +2,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
+import { boundWindow } from "./controls.ts";
 import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
 import {
   COLORMAPS, LAYOUTS, PAN_LIMIT_MM, SLAB_LIMIT_MM, type ViewState, WAYS, ZOOM_RANGE, clamp, clampDepth, firstState,
@@ -79,7 +80,7 @@ export function readState(rest: string, shown: ReadyCase): ViewState {
     orientation: (turned && unit(turned)) ?? (view ? NAMED_VIEWS[view] : first.orientation),
     zoom: zoom === null ? first.zoom : clamp(zoom, ...ZOOM_RANGE),
     pan_mm: pan ? [clamp(pan[0], -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(pan[1], -PAN_LIMIT_MM, PAN_LIMIT_MM)] : first.pan_mm,
-    window: window && window[1] >= 1 ? { center: window[0], width: window[1] } : first.window,
+    window: window && window[1] >= 1 ? boundWindow({ center: window[0], width: window[1] }, shown) : first.window,
     colormap: COLORMAPS.find((name) => name === said.get("m")) ?? first.colormap,
     slab_mm: slab === null ? first.slab_mm : clamp(slab, 0, SLAB_LIMIT_MM),
     ambient: ambient === null ? first.ambient : clamp(ambient, 0, 1),

@@ -70,7 +70,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     event.preventDefault();
     // Some systems turn the wheel sideways while alt or shift is held.
     const delta = event.deltaY || event.deltaX;
-    const in_pixels = event.deltaMode === WheelEvent.DOM_DELTA_PIXEL;
-    listener.wheel(in_pixels ? delta : delta * Notches.PIXELS, notches.take(delta, in_pixels), placeOf(event), event);
+    const pixels = event.deltaMode === WheelEvent.DOM_DELTA_PIXEL ? delta : delta * Notches.LINE_PIXELS;
+    listener.wheel(pixels, notches.take(pixels), placeOf(event), event);
   }, { passive: false });
 }

@@ -71,6 +71,7 @@ class App {
   }
 
   dispose(): void {
+    this.#viewer?.settle();
     this.#list.dispose();
     this.#viewer?.dispose();
     this.#viewer = null;
@@ -208,6 +209,8 @@ class App {
       if (this.#chosen?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
       await this.#list.refresh();
       this.#announce(t("delete.done"));
+      // The button that had the focus is gone.
+      if (document.activeElement === document.body) this.#stage.focus();
     } catch (problem) {
       setText(this.#note, problemWords(problem));
       this.#note.hidden = false;

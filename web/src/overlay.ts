@@ -17,7 +17,7 @@ export class Overlay {
   readonly element: HTMLElement;
   readonly #edges = SIDES.map((side) => h("span", { class: `edge ${side}` }));
   readonly #title = h("span", { class: "pane-title" });
-  readonly #badge = h("span", { class: "badge" });
+  readonly #badge = h("span", { class: "badge", hidden: true });
   readonly #scaleLine = h("span", { class: "scale-line" });
   readonly #scaleText = h("span", { class: "scale-text" });
   readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true", hidden: true });
@@ -47,8 +47,11 @@ export class Overlay {
     setText(this.#scaleText, `${number(bar.mm)} mm`);
   }
 
-  /** Crossed lines with a gap at `place`, over a pane of `size`; `lines` from edge to edge or a small mark. */
-  cursor(place: Vec2 | null, size: Vec2, kind: "lines" | "mark" | "ghost"): void {
+  /**
+   * Crossed lines with a gap at `place`, over a pane of `size`: `lines` from edge to edge or a small mark. It is broken where
+   * it lies behind the surface, `hidden`, and of another colour where it is a mirror image or the pointer's, a `ghost`.
+   */
+  cursor(place: Vec2 | null, size: Vec2, kind: "lines" | "mark" | "hidden" | "ghost"): void {
     const wanted = [kind, ...(place ? [...place, ...size] : [])].join(" ");
     if (wanted === this.#cursorShown) return;
     this.#cursorShown = wanted;
@@ -90,7 +93,7 @@ export class ColourBar {
   #shown = "";
 
   constructor() {
-    this.element = h("div", { class: "colour-bar" }, this.#white, this.#canvas, this.#black);
+    this.element = h("div", { class: "colour-bar", hidden: true }, this.#white, this.#canvas, this.#black);
   }
 
   show(window: Window, colormap: Colormap): void {
@@ -98,6 +101,7 @@ export class ColourBar {
     const wanted = `${window.center} ${window.width} ${colormap}`;
     if (wanted === this.#shown) return;
     this.#shown = wanted;
+    this.element.hidden = false;
     // Both ends to the same place, about a hundredth of the width.
     const [black, white] = windowEnds(window);
     const places = Math.min(Math.max(2 - Math.round(Math.log10(white - black)), 0), 6);

@@ -46,17 +46,26 @@ export class DepthBar {
   readonly #range: HTMLInputElement;
   readonly #number: HTMLInputElement;
   readonly #play: HTMLButtonElement;
+  /** What the number is to say. */
+  #depth = "";
   #playing: boolean | null = null;
 
   constructor(shown: ReadyCase, actions: Actions) {
     const deepest = clampDepth(Infinity, shown);
-    const take = (input: HTMLInputElement): void => actions.change({ depth_mm: clampDepth(input.valueAsNumber, shown) });
+    const take = (input: HTMLInputElement): void => {
+      if (Number.isFinite(input.valueAsNumber)) actions.change({ depth_mm: clampDepth(input.valueAsNumber, shown) });
+    };
     this.#range = h("input", {
       type: "range", id: "depth", min: 0, max: deepest, step: DEPTH_STEP_MM, "aria-label": t("depth.label"), input: () => take(this.#range),
     });
     this.#number = h("input", {
       // "change", not "input": a number is not corrected while it is being typed.
-      type: "number", id: "depth-number", min: 0, max: deepest, step: 0.1, "aria-label": t("depth.number"), change: () => take(this.#number),
+      type: "number", id: "depth-number", min: 0, max: deepest, step: 0.1, "aria-label": t("depth.number"),
+      change: () => {
+        take(this.#number);
+        // What was typed may be out of range, or no number.
+        this.#number.value = this.#depth;
+      },
     });
     this.#play = h("button", { type: "button", class: "icon-button play", click: () => actions.command({ kind: "play" }) });
     const step = (steps: number): void => actions.command({ kind: "depth", steps, fine: false });
@@ -69,7 +78,8 @@ export class DepthBar {
   show(depth_mm: number, playing: boolean): void {
     this.#range.setAttribute("aria-valuetext", `${number(depth_mm, 1)} mm`);
     setValue(this.#range, depth_mm);
-    setValue(this.#number, Number(depth_mm.toFixed(2)));
+    this.#depth = String(Number(depth_mm.toFixed(2)));
+    setValue(this.#number, this.#depth);
     if (playing === this.#playing) return;
     this.#playing = playing;
     const label = t(playing ? "depth.pause" : "depth.play");
@@ -96,6 +106,7 @@ export class Panel {
   readonly #presets: HTMLElement;
   readonly #zoom: HTMLInputElement;
   readonly #window: Readonly<Record<keyof Window, { range: HTMLInputElement; number: HTMLInputElement }>>;
+  #window_shown: Window;
   readonly #colormap: HTMLSelectElement;
   readonly #way: HTMLSelectElement;
   readonly #slab: HTMLInputElement;
@@ -109,6 +120,7 @@ export class Panel {
 
   constructor(shown: ReadyCase, actions: Actions) {
     this.#shown = shown;
+    this.#window_shown = shown.intensity.window;
     this.#actions = actions;
     this.#views = h("div", { class: "buttons" }, ...VIEW_NAMES.map((name) =>
       button(t(`view.${name}`), () => actions.command({ kind: "view", name }), { value: name, "aria-pressed": "false" })));
@@ -147,6 +159,7 @@ export class Panel {
   }
 
   show(state: ViewState): void {
+    this.#window_shown = state.window;
     press(this.#views, viewName(state.orientation));
     const same = (window: Window): boolean =>
       Math.abs(window.center - state.window.center) + Math.abs(window.width - state.window.width) < 1e-3 * state.window.width;
@@ -155,7 +168,7 @@ export class Panel {
     this.#zoom.setAttribute("aria-valuetext", `${number(state.zoom * 100)} %`);
     for (const part of ["center", "width"] as const) {
       setValue(this.#window[part].range, state.window[part]);
-      setValue(this.#window[part].number, Number(state.window[part].toPrecision(5)));
+      setValue(this.#window[part].number, windowNumber(state.window[part]));
     }
     setValue(this.#colormap, state.colormap);
     setValue(this.#way, state.way);
@@ -215,7 +228,10 @@ export class Panel {
     };
     const step = (max - min) / 500;
     const range = h("input", { type: "range", id: `window-${part}`, min, max, step, "aria-label": label, input: () => take(range) });
-    const field = h("input", { type: "number", id: `window-${part}-number`, step: "any", "aria-label": label, change: () => take(field) });
+    const field = h("input", { type: "number", id: `window-${part}-number`, step: "any", "aria-label": label, change: () => {
+      take(field);
+      field.value = windowNumber(this.#window_shown[part]);
+    } });
     return { range, number: field };
   }
 
@@ -230,6 +246,9 @@ export class Panel {
     return h("div", { class: "pads" }, pad("turn"), pad("pan"));
   }
 }
+
+/** A window's level or width in five figures. */
+const windowNumber = (value: number): string => String(Number(value.toPrecision(5)));
 
 /** Marks the chosen one of a group of buttons. */
 export function press(group: HTMLElement, value: string | null): void {

@@ -33,6 +33,7 @@ export function paintPanes(panes: HTMLElement, surface: CanvasImageSource, surfa
   }
   for (const ramp of panes.querySelectorAll<HTMLCanvasElement>("canvas.ramp")) draw(ramp, ramp, false);
   paintWriting(context, panes);
+  paintCube(context, panes);
   return canvas;
 }
 
@@ -49,6 +50,11 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
       context.fillStyle = style.backgroundColor;
       context.fillRect(x, y, width, height);
     } else {
+      context.shadowColor = "transparent";
+      context.fillStyle = style.backgroundColor;
+      context.fillRect(x, y, width, height);
+      context.shadowColor = "#000";
+      context.fillStyle = style.color;
       context.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
       context.fillText(element.textContent ?? "", x + parseFloat(style.paddingLeft), y + height / 2);
     }
@@ -63,13 +69,60 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
     context.beginPath();
     context.rect(frame.x, frame.y, frame.width, frame.height);
     context.clip();
-    context.strokeStyle = getComputedStyle(line).stroke;
+    stroked(context, line);
     context.beginPath();
     context.moveTo(frame.x + at("x1") - from_x, frame.y + at("y1") - from_y);
     context.lineTo(frame.x + at("x2") - from_x, frame.y + at("y2") - from_y);
     context.stroke();
     context.restore();
   }
+  for (const circle of panes.querySelectorAll<SVGCircleElement>(".cursor circle")) {
+    if (!circle.checkVisibility()) continue;
+    const { x, y, width, height } = within(panes, circle);
+    context.save();
+    stroked(context, circle);
+    context.beginPath();
+    context.arc(x + width / 2, y + height / 2, circle.r.baseVal.value, 0, 2 * Math.PI);
+    context.stroke();
+    context.restore();
+  }
+}
+
+/** Takes over how a shape is stroked. */
+function stroked(context: CanvasRenderingContext2D, shape: SVGElement): void {
+  const style = getComputedStyle(shape);
+  context.strokeStyle = style.stroke;
+  context.lineWidth = parseFloat(style.strokeWidth);
+  context.setLineDash(style.strokeDasharray === "none" ? [] : style.strokeDasharray.split(/[ ,]+/).map(parseFloat));
+}
+
+/** The orientation cube, as it stands. */
+function paintCube(context: CanvasRenderingContext2D, panes: HTMLElement): void {
+  const cube = panes.querySelector<SVGSVGElement>("svg.cube");
+  if (!cube?.checkVisibility()) return;
+  const { x, y, width } = within(panes, cube);
+  const { x: from_x, y: from_y, width: side } = cube.viewBox.baseVal;
+  context.save();
+  context.translate(x, y);
+  context.scale(width / side, width / side);
+  context.translate(-from_x, -from_y);
+  for (const face of cube.querySelectorAll<SVGGElement>("g")) {
+    const [polygon, letter] = [face.querySelector("polygon"), face.querySelector("text")];
+    if (!polygon || !letter) continue;
+    context.globalAlpha = Number(face.getAttribute("opacity"));
+    const outline = new Path2D(`M${polygon.getAttribute("points")}Z`);
+    context.fillStyle = getComputedStyle(polygon).fill;
+    context.fill(outline);
+    stroked(context, polygon);
+    context.stroke(outline);
+    const style = getComputedStyle(letter);
+    context.fillStyle = style.fill;
+    context.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.fillText(letter.textContent ?? "", Number(letter.getAttribute("x")), Number(letter.getAttribute("y")));
+  }
+  context.restore();
 }
 
 /** Saves the panes as a file whose name tells nothing of the patient. */

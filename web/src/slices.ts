@@ -135,7 +135,8 @@ export class SlicePane {
     this.element.addEventListener("wheel", (event) => {
       event.preventDefault();
       // Away from the user is towards the head, the face and the patient's left, as the numbers grow on a slider.
-      const steps = notches.take(event.deltaY || event.deltaX, event.deltaMode === WheelEvent.DOM_DELTA_PIXEL);
+      const delta = event.deltaY || event.deltaX;
+      const steps = notches.take(event.deltaMode === WheelEvent.DOM_DELTA_PIXEL ? delta : delta * Notches.LINE_PIXELS);
       if (steps !== 0) this.#step(-steps);
     }, { passive: false });
     this.element.addEventListener("keydown", (event) => {

@@ -26,6 +26,8 @@ import { createSurface } from "./surfaces.ts";
 
 /** How long the state rests before the address follows it and the depth is read out. */
 const REST_MS = 350;
+/** A marked point that lies deeper than this behind what is seen of the surface is hidden. */
+const HIDDEN_MM = 3;
 /** The sweep's steps. */
 const SWEEP_MS = 100;
 
@@ -174,6 +176,12 @@ export class Viewer {
     this.#schedule();
   }
 
+  /** Brings the address to where a sweep is, before the page is built anew from it. */
+  settle(): void {
+    this.#stopSweep();
+    this.#follow("replace");
+  }
+
   dispose(): void {
     this.#disposed = true;
     this.#stopSweep();
@@ -283,20 +291,36 @@ export class Viewer {
     if (!state) return;
     const size = this.#paneSize(state);
     const mirror = state.layout === "mirror";
-    const place = this.#crossPlace(state, size);
-    this.#overlay.cursor(place ?? (mirror ? this.#ghost : null), size, place ? "mark" : "ghost");
-    this.#otherOverlay.cursor(place ?? this.#ghost, size, place ? "mark" : "ghost");
+    const position = this.#state.crosshair_mm;
+    if (!position) {
+      this.#overlay.cursor(mirror ? this.#ghost : null, size, "ghost");
+      return this.#otherOverlay.cursor(this.#ghost, size, "ghost");
+    }
+    const { pixelOf } = project(state, this.shown.envelope_sphere, size);
+    const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, mirrorPlane(this.shown)))];
+    // Of the two halves the one that has the point in front: the other one has its mirror image.
+    const isOther = mirror && reflection[2] > own[2];
+    const [x, y] = isOther ? reflection : own;
+    const kind = this.#isHidden(position, state, [isOther ? size[0] + x : x, y]) ? "hidden" : "mark";
+    this.#overlay.cursor([x, y], size, isOther ? "ghost" : kind);
+    this.#otherOverlay.cursor([x, y], size, isOther ? kind : "ghost");
   }
 
-  #crossPlace(state: ViewState, size: Vec2): Vec2 | null {
-    const position = this.#state.crosshair_mm;
-    if (!position) return null;
+  /** Whether the surface lies before a position that is at a place of the pane. */
+  #isHidden(position: Vec3, state: ViewState, place: Vec2): boolean {
     const sphere = this.shown.envelope_sphere;
-    const own = project(state, sphere, size).pixelOf(position);
-    if (state.layout !== "mirror") return [own[0], own[1]];
-    // Of the two halves the one that has the point in front.
-    const other = project(state, sphere, size).pixelOf(reflected(position, mirrorPlane(this.shown)));
-    return own[2] >= other[2] ? [own[0], own[1]] : [other[0], other[1]];
+    const size = this.#paneSize(state);
+    const isOther = state.layout === "mirror" && place[0] >= size[0];
+    const { pixelOf } = project(isOther ? mirrored(state, mirrorPlane(this.shown), sphere) : state, sphere, size);
+    const height_mm = pixelOf(position)[2];
+    const seen = this.#surface.pick(state, ...place);
+    if (seen) return pixelOf(seen.position_in_patient)[2] > height_mm + HIDDEN_MM;
+    // Until the surface is known, the far half of the head is behind it.
+    return !this.#knowsSurface() && height_mm < 0;
+  }
+
+  #knowsSurface(): boolean {
+    return this.#surface.probe(this.shown.envelope_sphere.center_in_patient) !== null;
   }
 
   #hover(event: PointerEvent | null): void {
@@ -416,7 +440,7 @@ export class Viewer {
     const picked = this.#surface.pick(this.#state, place[0], place[1]);
     if (!picked) {
       // Until the depths are here nothing knows where the surface is.
-      const words = t(this.element.dataset.loaded ? "point.none" : "point.loading");
+      const words = t(this.#knowsSurface() ? "point.none" : this.element.dataset.loaded ? "point.unknown" : "point.loading");
       this.panel.hint(words);
       return this.#host.announce(words);
     }
