@@ -97,7 +97,8 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
       field.select();
     }
   };
-  open(t("server.title", { depth: number(state.depth_mm, 1) }), "server-picture", place, h("div", { class: "line" }, field,
+  open(t("server.title", { depth: number(state.depth_mm, 1) }), "server-picture", place,
+    ...(state.layout === "mirror" ? [h("p", { class: "quiet" }, t("server.half"))] : []), h("div", { class: "line" }, field,
     h("button", { type: "button", click: () => void copy() }, t("server.copy"))), said,
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })));
   void fill(place, path, t("server.alt", { depth: number(state.depth_mm, 1) }));

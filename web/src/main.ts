@@ -96,6 +96,8 @@ class App {
     if (turn !== this.#routed) return;
     this.#list.mark(id);
     this.#show(chosen, address.rest);
+    // There is something to choose from.
+    if (this.#absence && this.#list.cases.length > 0) this.#showSidebar(true);
   }
 
   /** The address was changed by Back, or by hand. */
