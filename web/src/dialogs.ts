@@ -69,6 +69,7 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
     h("p", {}, t("help.intro")),
     h("div", { class: "help-columns" }, ...HELP.map(([title, keys_]) => h("section", {}, h("h3", {}, t(title)), lines(keys_)))),
     h("p", { class: "quiet" }, t("help.mirror")),
+    h("p", { class: "quiet" }, t("help.slices")),
     h("h3", {}, t("help.choices")),
     h("label", { class: "inline" }, t("wheel.label"), wheel),
     h("label", { class: "inline" }, t("drag.label"), drag),
