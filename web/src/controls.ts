@@ -84,10 +84,20 @@ export function pinch(state: ViewState, shown: ReadyCase, { from, to }: Pinch, s
   return { zoom: zoomed.zoom, ...pan(zoomed, shown, [after[0] - before[0], after[1] - before[1]], size) };
 }
 
+/** Browsers that count lines have three of them to a notch, the others 100 or 120 pixels. */
+const LINE_PIXELS = 40;
+/** `WheelEvent.DOM_DELTA_PIXEL`. */
+const IN_PIXELS = 0;
+
+/** A wheel's movement in pixels; positive is towards the user. */
+export function wheelPixels({ deltaX, deltaY, deltaMode }: Pick<WheelEvent, "deltaX" | "deltaY" | "deltaMode">): number {
+  // Some systems turn the wheel sideways while alt or shift is held.
+  const delta = deltaY || deltaX;
+  return deltaMode === IN_PIXELS ? delta : delta * LINE_PIXELS;
+}
+
 /** Whole notches out of a wheel's or a touchpad's movement, in pixels. */
 export class Notches {
-  /** Browsers that count lines have three of them to a notch, the others 100 or 120 pixels. */
-  static readonly LINE_PIXELS = 40;
   #moved = 0;
 
   take(pixels: number): number {

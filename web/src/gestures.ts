@@ -1,7 +1,7 @@
 // Pointers, wheel and touch on a pane, told as drags, pinches and clicks.
 
 import type { Vec2 } from "./space.ts";
-import { Notches, type Pinch } from "./controls.ts";
+import { Notches, type Pinch, wheelPixels } from "./controls.ts";
 
 /** What a drag does, by its button and modifier. */
 export type DragKind = "turn" | "pan" | "window";
@@ -68,9 +68,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
   pane.addEventListener("contextmenu", (event) => event.preventDefault());
   pane.addEventListener("wheel", (event) => {
     event.preventDefault();
-    // Some systems turn the wheel sideways while alt or shift is held.
-    const delta = event.deltaY || event.deltaX;
-    const pixels = event.deltaMode === WheelEvent.DOM_DELTA_PIXEL ? delta : delta * Notches.LINE_PIXELS;
+    const pixels = wheelPixels(event);
     listener.wheel(pixels, notches.take(pixels), placeOf(event), event);
   }, { passive: false });
 }

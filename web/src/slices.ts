@@ -6,7 +6,7 @@ import { number, t } from "./i18n.ts";
 import { Overlay } from "./overlay.ts";
 import { FollowingPicture } from "./picture.ts";
 import { PLANES, type Plane, pictureSize, sliceQuery } from "./query.ts";
-import { Notches } from "./controls.ts";
+import { Notches, wheelPixels } from "./controls.ts";
 import { type SliceView, isFlipped, reachOf, sliceEdges, sliceMmPerPixel, slicePixel, slicePosition, withinReach } from "./slice-geometry.ts";
 import type { Vec2, Vec3 } from "./space.ts";
 import type { ViewState } from "./state.ts";
@@ -135,8 +135,7 @@ export class SlicePane {
     this.element.addEventListener("wheel", (event) => {
       event.preventDefault();
       // Away from the user is towards the head, the face and the patient's left, as the numbers grow on a slider.
-      const delta = event.deltaY || event.deltaX;
-      const steps = notches.take(event.deltaMode === WheelEvent.DOM_DELTA_PIXEL ? delta : delta * Notches.LINE_PIXELS);
+      const steps = notches.take(wheelPixels(event));
       if (steps !== 0) this.#step(-steps);
     }, { passive: false });
     this.element.addEventListener("keydown", (event) => {

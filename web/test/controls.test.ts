@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { NAMED_VIEWS, project } from "../src/camera.ts";
 import type { Window } from "../src/case.ts";
-import { type Key, Notches, boundWindow, commandOf, deepen, dragWindow, invert, pan, pinch, turn, wheelZoom, zoomAt } from "../src/controls.ts";
+import { type Key, Notches, boundWindow, commandOf, deepen, dragWindow, invert, pan, pinch, turn, wheelPixels, wheelZoom, zoomAt } from "../src/controls.ts";
 import { type Vec2, type Vec3, rotate } from "../src/space.ts";
 import {
   type ViewState, type WindowPreset, firstState, presetWindow, stepDepth, sweptDepth, WINDOW_PRESETS, windowBetween, windowEnds,
@@ -140,7 +140,8 @@ test("the browser's own keys are left to it", () => {
 test("a touchpad's small movements add up to notches", () => {
   const notches = new Notches();
   assert.deepEqual([25, 25, 25, -25, -40].map((delta) => notches.take(delta) + 0), [0, 0, 1, 0, -1], "a touchpad's movements are added up");
-  assert.deepEqual([100, 120, 120, -53, 360, 3 * Notches.LINE_PIXELS].map((delta) => notches.take(delta)), [1, 1, 1, -1, 3, 1], "a wheel's notch is one");
+  assert.deepEqual([100, 120, 120, -53, 360, wheelPixels({ deltaX: 0, deltaY: 3, deltaMode: 1 })].map((delta) => notches.take(delta)), [1, 1, 1, -1, 3, 1], "a wheel's notch is one");
+  assert.equal(wheelPixels({ deltaX: -120, deltaY: 0, deltaMode: 0 }), -120, "turned sideways by the system");
 });
 
 test("inverting twice is grey again", () => {

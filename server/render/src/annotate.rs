@@ -85,9 +85,7 @@ fn write_over(
     for (number, text) in lines.iter().enumerate() {
         canvas.write(text, margin, margin + number as i32 * line);
     }
-    let view_to_patient = orientation.inverse();
-    let [right, up] = [DVec3::X, DVec3::Y].map(|axis| letters(view_to_patient * axis));
-    let [left, down] = [DVec3::X, DVec3::Y].map(|axis| letters(view_to_patient * -axis));
+    let [left, right, up, down] = edge_letters(orientation);
     let middle = (height - line) / 2;
     let centred = |canvas: &Canvas, text: &str| (width - canvas.text_width(text)) / 2;
     canvas.write(&left, margin, middle);
@@ -166,8 +164,15 @@ fn scale_bar(canvas: &mut Canvas, mm_per_pixel: f64, [width, foot, margin]: [i32
     );
 }
 
+/// The letters of the patient's directions to the left, to the right, up and down in a picture.
+pub(crate) fn edge_letters(orientation: DQuat) -> [String; 4] {
+    let patient_from_view = orientation.inverse();
+    [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
+        .map(|direction| letters(patient_from_view * direction))
+}
+
 /// The letters of a patient direction: that of the nearest axis, and a second one where it is oblique.
-pub(crate) fn letters(direction: DVec3) -> String {
+fn letters(direction: DVec3) -> String {
     let mut axes = [0, 1, 2].map(|axis| (direction[axis], LETTERS[axis]));
     axes.sort_by(|(a, _), (b, _)| b.abs().total_cmp(&a.abs()));
     let letter = |(along, [towards, against]): (f64, [char; 2])| {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::annotate::{letter_at, letters};
+use crate::annotate::{edge_letters, letter_at};
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
@@ -91,9 +91,7 @@ fn draw_cell(
         position_mm.abs()
     );
     canvas.write(&place, margin, margin);
-    let patient_from_view = request.camera().orientation().inverse();
-    let [left, right, up, down] = [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
-        .map(|direction| letters(patient_from_view * direction));
+    let [left, right, up, down] = edge_letters(request.camera().orientation());
     let middle = (side - line) / 2;
     let far = side - margin - canvas.text_width(&right);
     for (text, at) in [

@@ -1,8 +1,8 @@
 //! The state of a picture, to be kept with it.
 
-use glam::{DQuat, DVec3};
+use glam::DQuat;
 
-use crate::annotate::letters;
+use crate::annotate::edge_letters;
 use crate::{Background, Camera, RenderRequest, SliceRequest, Window};
 
 /// The program, as every picture names its maker.
@@ -79,9 +79,7 @@ fn window_text(window: Window) -> String {
 
 /// Where the patient's directions are in a picture.
 fn convention(orientation: DQuat) -> String {
-    let patient_from_view = orientation.inverse();
-    let [left, right, up, down] = [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
-        .map(|direction| letters(patient_from_view * direction));
+    let [left, right, up, down] = edge_letters(orientation);
     format!("left {left}, right {right}, up {up}, down {down}")
 }
 
