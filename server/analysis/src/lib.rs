@@ -1,0 +1,1 @@
+//! What is computed from one head to help the eye: values in, values out, with no files and no tasks.
