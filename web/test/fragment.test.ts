@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { NAMED_VIEWS } from "../src/camera.ts";
-import { readAddress, readState, writeAddress } from "../src/fragment.ts";
-import { type Quat, angleBetween, unit } from "../src/space.ts";
-import { type ViewState, firstState } from "../src/state.ts";
+import { NAMED_VIEWS } from "../src/model/camera.ts";
+import { readAddress, readState, writeAddress } from "../src/model/fragment.ts";
+import { type Quat, angleBetween, unit } from "../src/model/space.ts";
+import { type ViewState, firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
@@ -16,9 +16,18 @@ test("the first state is the case alone", () => {
 
 test("every part of a state comes back from the address, which stays short", () => {
   const state: ViewState = {
-    depth_mm: 12.3, orientation: unit([0.1, -0.5, 0.3, 0.7]) as Quat, zoom: 2.125, pan_mm: [-12.5, 30.1],
-    window: { center: 512.5, width: 99.25 }, colormap: "viridis", slab_mm: 1.5, ambient: 0.55, way: "exact", layout: "mirror",
-    convention: "neurological", crosshair_mm: [-30.1, 44.2, 15],
+    depth_mm: 12.3,
+    orientation: unit([0.1, -0.5, 0.3, 0.7]) as Quat,
+    zoom: 2.125,
+    pan_mm: [-12.5, 30.1],
+    window: { center: 512.5, width: 99.25 },
+    colormap: "viridis",
+    slab_mm: 1.5,
+    ambient: 0.55,
+    way: "exact",
+    layout: "mirror",
+    convention: "neurological",
+    crosshair_mm: [-30.1, 44.2, 15],
   };
   const address = writeAddress(state, SHOWN);
   assert.ok(address.length < 200, `${address.length}`);
@@ -30,12 +39,22 @@ test("every part of a state comes back from the address, which stays short", () 
 });
 
 test("a window comes back to a ten-thousandth of its ramp, however small it is", () => {
-  for (const [center, width] of [[0.512345, 1.000987], [0.00051, 1.00000123], [12345.678, 30000.5]] as const) {
-    const shown = { ...SHOWN, intensity: { min: center - width + 1, max: center + width - 1, window: { center, width } } };
+  for (const [center, width] of [
+    [0.512345, 1.000987],
+    [0.00051, 1.00000123],
+    [12345.678, 30000.5],
+  ] as const) {
+    const shown = {
+      ...SHOWN,
+      intensity: { min: center - width + 1, max: center + width - 1, window: { center, width } },
+    };
     const state = { ...FIRST, window: { center: center + (width - 1) / 7, width: 1 + 0.7 * (width - 1) } };
     const { window } = readState(readAddress(writeAddress(state, shown)).rest, shown);
     const near = (width - 1) / 1e4;
-    assert.ok(Math.abs(window.center - state.window.center) <= near && Math.abs(window.width - state.window.width) <= near, `${window.center}, ${window.width}`);
+    assert.ok(
+      Math.abs(window.center - state.window.center) <= near && Math.abs(window.width - state.window.width) <= near,
+      `${window.center}, ${window.width}`,
+    );
   }
 });
 
@@ -45,8 +64,31 @@ test("a named view is written by its name", () => {
 
 test("what is malformed or out of range is passed over, the rest is taken", () => {
   const malformed = [
-    "d=abc", "d=", "d=Infinity", "q=0,0,0,0", "q=1,2,3", "q=NaN,0,0,1", "z=x", "p=1", "w=5,0", "w=5,-3", "w=1", "m=purple", "s=", "a=nil",
-    "r=psychic", "l=round", "c=y", "x=1,2", "v=top", "&&&", "=", "d", "%%%", "__proto__=1", "d=1,2",
+    "d=abc",
+    "d=",
+    "d=Infinity",
+    "q=0,0,0,0",
+    "q=1,2,3",
+    "q=NaN,0,0,1",
+    "z=x",
+    "p=1",
+    "w=5,0",
+    "w=5,-3",
+    "w=1",
+    "m=purple",
+    "s=",
+    "a=nil",
+    "r=psychic",
+    "l=round",
+    "c=y",
+    "x=1,2",
+    "v=top",
+    "&&&",
+    "=",
+    "d",
+    "%%%",
+    "__proto__=1",
+    "d=1,2",
   ];
   for (const text of malformed) assert.deepEqual(readState(text, SHOWN), FIRST, text);
   assert.deepEqual(readState(`${malformed.join("&")}&d=3`, SHOWN), { ...FIRST, depth_mm: 3 });
