@@ -149,14 +149,17 @@ const TOUCHPAD_PIXELS = 60;
 /** The zoom of a wheel's movement in pixels: a notch of 100 pixels is a sixth more or less. */
 export const wheelZoom = (pixels: number): number => Math.exp(-clamp(pixels, -300, 300) * 0.0015);
 
-/** What a key asks for. */
-export type Command =
+/** What changes the state and does nothing else. */
+export type ChangingCommand =
   | { readonly kind: "depth"; readonly steps: number; readonly fine: boolean }
   | { readonly kind: "turn" | "pan"; readonly move: Vec2 }
   | { readonly kind: "zoom"; readonly factor: number }
   | { readonly kind: "view"; readonly name: ViewName }
   | { readonly kind: "window"; readonly preset: WindowPreset }
-  | { readonly kind: "invert" | "reset" | "help" | "play" | "timer" | "mark" };
+  | { readonly kind: "invert" | "reset" };
+
+/** What a key asks for. */
+export type Command = ChangingCommand | { readonly kind: "help" | "play" | "timer" | "mark" };
 
 /** A key, as a keyboard event has it. */
 export interface Key {

@@ -8,7 +8,7 @@ import { askToken, confirmDelete, helpDialog, maskDialog } from "./dialogs.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
 import { readAddress } from "../model/fragment.ts";
 import { LANGUAGES, isLanguage, learn, t } from "../base/i18n.ts";
-import { press } from "./panel.ts";
+import { press } from "./fields.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";

@@ -2,131 +2,24 @@
 
 import { VIEW_NAMES, viewName } from "../model/camera.ts";
 import type { ReadyCase, Window } from "../model/case.ts";
-import { ARROW_PIXELS, type Command, boundWindow } from "../model/controls.ts";
+import { ARROW_PIXELS, boundWindow } from "../model/controls.ts";
 import type { Change } from "../model/controls.ts";
-import { type Child, h, icon, iconButton, setText, setValue } from "../base/dom.ts";
-import { intensity, number, t } from "../base/i18n.ts";
+import { h, iconButton, setText, setValue } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
 import {
   COLORMAPS,
   CONVENTIONS,
-  DEPTH_STEP_MM,
   SLAB_LIMIT_MM,
   type ViewState,
   WAYS,
   WINDOW_PRESETS,
   ZOOM_RANGE,
-  clampDepth,
   presetWindow,
 } from "../model/state.ts";
 
-/** What the controls can ask for. */
-export interface Actions {
-  /** A change; `step` is one that Back undoes. */
-  change(change: Change, step?: boolean): void;
-  command(command: Command): void;
-  turnToCross(): void;
-  forgetCross(): void;
-  depthOfCross(): void;
-  screenshot(): void;
-  serverPicture(): void;
-  copyAddress(): void;
-}
-
-const button = (words: Child, onClick: () => void, attributes: Record<string, string> = {}): HTMLButtonElement =>
-  h("button", { type: "button", click: onClick, ...attributes }, words);
-
-const section = (title: string, open: boolean, ...children: Child[]): HTMLElement =>
-  h("details", { class: "group", open }, h("summary", {}, title), h("div", { class: "group-body" }, ...children));
-
-/** A labelled line: the label, then its controls. */
-const line = (label: string, ...controls: HTMLElement[]): HTMLElement =>
-  h("div", { class: "line" }, h("span", { class: "line-label", "aria-hidden": "true" }, label), ...controls);
-
-/** The same with what is too long for a line below its label. */
-const tall = (label: string, control: HTMLElement): HTMLElement => {
-  const element = line(label, control);
-  element.classList.add("tall");
-  return element;
-};
-
-/** The bar below the picture: the depth, its steps and the sweep. */
-export class DepthBar {
-  readonly element: HTMLElement;
-  readonly #range: HTMLInputElement;
-  readonly #number: HTMLInputElement;
-  readonly #play: HTMLButtonElement;
-  /** What the number is to say. */
-  #depth = "";
-  #playing: boolean | null = null;
-
-  constructor(shown: ReadyCase, actions: Actions) {
-    const deepest = clampDepth(Infinity, shown);
-    const take = (input: HTMLInputElement): void => {
-      if (Number.isFinite(input.valueAsNumber)) actions.change({ depth_mm: clampDepth(input.valueAsNumber, shown) });
-    };
-    this.#range = h("input", {
-      type: "range",
-      id: "depth",
-      min: 0,
-      max: deepest,
-      step: DEPTH_STEP_MM,
-      "aria-label": t("depth.label"),
-      input: () => take(this.#range),
-    });
-    this.#number = h("input", {
-      // "change", not "input": a number is not corrected while it is being typed.
-      type: "number",
-      id: "depth-number",
-      min: 0,
-      max: deepest,
-      step: 0.1,
-      "aria-label": t("depth.number"),
-      change: () => {
-        take(this.#number);
-        // What was typed may be out of range, or no number.
-        this.#number.value = this.#depth;
-      },
-    });
-    this.#play = h("button", {
-      type: "button",
-      class: "icon-button play",
-      click: () => actions.command({ kind: "play" }),
-    });
-    const step = (steps: number): void => actions.command({ kind: "depth", steps, fine: false });
-    this.element = h(
-      "div",
-      { class: "depth-bar", role: "group", "aria-label": t("depth.label") },
-      this.#play,
-      iconButton("minus", t("depth.less"), () => step(-1)),
-      this.#range,
-      iconButton("plus", t("depth.more"), () => step(1)),
-      this.#number,
-      h("span", { class: "unit" }, "mm"),
-    );
-    this.show(0, false);
-  }
-
-  show(depth_mm: number, playing: boolean): void {
-    this.#range.setAttribute("aria-valuetext", `${number(depth_mm, 1)} mm`);
-    setValue(this.#range, depth_mm);
-    this.#depth = String(Number(depth_mm.toFixed(2)));
-    setValue(this.#number, this.#depth);
-    if (playing === this.#playing) return;
-    this.#playing = playing;
-    const label = t(playing ? "depth.pause" : "depth.play");
-    this.#play.replaceChildren(icon(playing ? "pause" : "play"));
-    this.#play.setAttribute("aria-label", label);
-    this.#play.title = label;
-  }
-}
-
-/** What is known of the point that was picked, in words. */
-export interface PointWords {
-  readonly position: string;
-  readonly voxel: string;
-  readonly depth: string;
-  readonly intensity: string;
-}
+import type { Actions } from "./actions.ts";
+import { button, line, press, row, section, tall } from "./fields.ts";
+import { PointSection } from "./point-section.ts";
 
 /** The panel beside the picture. */
 export class Panel {
@@ -143,10 +36,8 @@ export class Panel {
   readonly #slab: HTMLInputElement;
   readonly #light: HTMLInputElement;
   readonly #convention: HTMLSelectElement;
-  readonly #point = h("dl", { class: "point" });
-  readonly #pointTools: HTMLElement;
-  readonly #pointHint = h("p", { class: "quiet" }, t("point.hint"));
-  readonly #profile = h("div", {});
+  /** What is known of the marked point. */
+  readonly point: PointSection;
   readonly #note = h("p", { class: "quiet", role: "status" });
 
   constructor(shown: ReadyCase, actions: Actions) {
@@ -209,13 +100,7 @@ export class Panel {
       CONVENTIONS.map((name) => [name, t(`convention.${name}`)]),
       (convention) => ({ convention }),
     );
-    this.#pointTools = h(
-      "div",
-      { class: "row" },
-      button(t("point.turn"), () => actions.turnToCross()),
-      button(t("point.depth"), () => actions.depthOfCross()),
-      button(t("point.forget"), () => actions.forgetCross()),
-    );
+    this.point = new PointSection(actions);
     this.element = h(
       "aside",
       { class: "panel", "aria-label": t("panel.label") },
@@ -225,11 +110,7 @@ export class Panel {
         this.#views,
         line(t("zoom.label"), this.#zoom),
         this.#pads(),
-        h(
-          "div",
-          { class: "row" },
-          button(t("reset"), () => actions.command({ kind: "reset" })),
-        ),
+        row(button(t("reset"), () => actions.command({ kind: "reset" }))),
       ),
       section(
         t("panel.window"),
@@ -243,19 +124,7 @@ export class Panel {
           button(t("invert"), () => actions.command({ kind: "invert" })),
         ),
       ),
-      section(
-        t("panel.point"),
-        true,
-        this.#pointHint,
-        this.#point,
-        this.#pointTools,
-        this.#profile,
-        h(
-          "div",
-          { class: "row" },
-          button(t("point.mark"), () => actions.command({ kind: "mark" })),
-        ),
-      ),
+      section(t("panel.point"), true, ...this.point.parts),
       section(
         t("panel.drawing"),
         false,
@@ -267,9 +136,7 @@ export class Panel {
       section(
         t("panel.export"),
         false,
-        h(
-          "div",
-          { class: "row" },
+        row(
           button(t("export.screenshot"), () => actions.screenshot()),
           button(t("export.server"), () => actions.serverPicture()),
           button(t("export.copy"), () => actions.copyAddress()),
@@ -277,7 +144,6 @@ export class Panel {
         this.#note,
       ),
     );
-    this.point(null, null);
   }
 
   show(state: ViewState): void {
@@ -302,38 +168,6 @@ export class Panel {
     this.#slab.setAttribute("aria-valuetext", `${number(state.slab_mm, 1)} mm`);
     setValue(this.#light, (1 - state.ambient).toFixed(2));
     setValue(this.#convention, state.convention);
-  }
-
-  /** Shows what is known of the picked point; `profile` its chart, where there is one. */
-  point(words: PointWords | null, profile: HTMLElement | null): void {
-    const rows = words
-      ? ([
-          ["position", words.position],
-          ["voxel", words.voxel],
-          ["depth", words.depth],
-          ["intensity", words.intensity],
-        ] as const)
-      : [];
-    this.#point.replaceChildren(
-      ...rows.flatMap(([key, value]) => [
-        h("dt", {}, t(key === "depth" ? "point.depth-label" : `point.${key}`)),
-        h("dd", { class: key }, value),
-      ]),
-    );
-    this.#point.hidden = !words;
-    this.#pointTools.hidden = !words;
-    this.#pointHint.hidden = words !== null;
-    setText(this.#pointHint, t("point.hint"));
-    const open = this.#profile.querySelector("details")?.open ?? false;
-    this.#profile.replaceChildren(...(profile ? [profile] : []));
-    const table = this.#profile.querySelector("details");
-    if (table) table.open = open;
-  }
-
-  /** Says why no point was marked. */
-  hint(words: string): void {
-    setText(this.#pointHint, words);
-    this.#pointHint.hidden = false;
   }
 
   note(words: string): void {
@@ -434,12 +268,3 @@ export class Panel {
 
 /** A window's level or width in five figures. */
 const windowNumber = (value: number): string => String(Number(value.toPrecision(5)));
-
-/** Marks the chosen one of a group of buttons. */
-export function press(group: HTMLElement, value: string | null): void {
-  for (const one of group.querySelectorAll("button")) one.setAttribute("aria-pressed", String(one.value === value));
-}
-
-/** An intensity, or a dash where it is not known. */
-export const intensityWords = (value: number | null | undefined): string =>
-  value === null || value === undefined || !Number.isFinite(value) ? "–" : intensity(value);

@@ -2,6 +2,7 @@
 // else of the page; what stands on the picture (letters, scale, cursor) the page puts there.
 
 import type { ReadyCase } from "../model/case.ts";
+import type { Picked, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { ViewState, Way } from "../model/state.ts";
@@ -22,16 +23,6 @@ export interface SurfaceStatus {
   readonly fallback: Fallback | null;
   /** In words of the server, when a picture could not be had; empty otherwise. */
   readonly trouble: string;
-}
-
-/** The point of the surface that is seen at a place of the pane. */
-export interface Picked {
-  readonly position_in_patient: Vec3;
-  readonly depth_mm: number;
-  /** Null where it is not known (yet). */
-  readonly intensity: number | null;
-  /** Outwards, of length 1. */
-  readonly normal_in_patient: Vec3;
 }
 
 export interface SurfaceOptions {
@@ -64,7 +55,7 @@ export interface Surface {
   /** At the point of the surface nearest to the position; null where nothing here knows (yet). */
   profile(position_in_patient: Vec3): Profile | null;
   /** The surface's depth and intensity at a position; null where nothing here knows (yet). */
-  probe(position_in_patient: Vec3): { readonly depth_mm: number; readonly intensity: number } | null;
+  probe(position_in_patient: Vec3): Probed | null;
   /** The picture of the state as it stands in the pane, for a screenshot. */
   picture(state: ViewState): Promise<CanvasImageSource>;
   /** Whether the frame timer stands on the picture. */
