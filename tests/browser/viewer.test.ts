@@ -81,8 +81,13 @@ async function drag(right: number, down: number, button: "left" | "right" | "mid
   await page.mouse.up({ button });
 }
 
-test("the first ready case is shown at once", { skip }, async () => {
+test("the only case is shown at once, and named in the picture, in the tab and in the list", { skip }, async () => {
   assert.equal(await page.locator("#case-list [aria-current=true]").count(), 1);
+  const name = await text("#surface .overlay:not(.other) .pane-case");
+  assert.match(name, /· \d+ \w+ \d+ · [0-9a-f]{8}$|· \w+ \d+, \d+ · [0-9a-f]{8}$/);
+  assert.ok(name.endsWith(id.slice(0, 8)), name);
+  assert.equal(await page.title(), `${name} · Isocortex`);
+  assert.ok(page.url().includes(id), "the address names it from then on");
   await keep(page, "desktop-surface");
 });
 
@@ -488,41 +493,50 @@ test("letters, cube, colour bar, scale, depth and notice are those of the pictur
   assert.match(await text("#surface .overlay:not(.other) .pane-notice"), /research use only/i);
 });
 
-test(
-  "the address holds the state: a reload restores it, Back goes back, nonsense is passed over",
-  { skip },
-  async () => {
-    await reset();
-    await page.goto(`${origin}#${id}&d=11.2&v=superior&z=1.5&l=slices&c=n`);
-    await page.reload();
-    await page.waitForSelector("#surface[data-drawn=true]");
-    assert.equal(await depth(), 11.2);
-    assert.equal(await letters("#surface"), "L R A P");
-    assert.equal(await text(".slice.axial .badge"), "Neurological");
-    await page.getByRole("button", { name: "Right", exact: true }).click();
-    await page.locator(".layouts button[value=single]").click();
-    assert.equal((await fragment(page)).v, "right");
-    await page.goBack();
-    await page.waitForSelector("body[data-layout=slices]");
-    await page.goBack();
-    await page.waitForFunction(() => document.querySelector("#surface .pane-title")?.textContent?.includes("Superior"));
-    assert.equal(await depth(), 11.2);
-    for (const nonsense of [`#${id}&d=x&q=0,0,0,0&l=&&%E0%A4%A&w=1`, "#%%%", "#<img src=x>", "#&&&"]) {
-      await page.goto(`${origin}${nonsense}`);
-      await page.waitForSelector("#surface[data-drawn=true]");
-      assert.equal(await page.locator("#surface").isVisible(), true, nonsense);
-    }
-    await page.goto(`${origin}#${"0".repeat(32)}`);
-    await page.waitForFunction(() => document.querySelector("#case-note")?.textContent?.includes("Choose a case"));
-    await page.goto(`${origin}#${id}`);
-    await shown(page);
-    watched.troubles.splice(
-      0,
-      watched.troubles.length,
-      ...watched.troubles.filter((one) => !one.includes(`${"0".repeat(32)}`)),
-    );
-  },
-);
+test("the address holds the state: a reload restores it, Back goes back, nonsense is named", { skip }, async () => {
+  await reset();
+  await page.goto(`${origin}#${id}&d=11.2&v=superior&z=1.5&l=slices&c=n`);
+  await page.reload();
+  await page.waitForSelector("#surface[data-drawn=true]");
+  assert.equal(await depth(), 11.2);
+  assert.equal(await letters("#surface"), "L R A P");
+  assert.equal(await text(".slice.axial .badge"), "Neurological");
+  await page.getByRole("button", { name: "Right", exact: true }).click();
+  await page.locator(".layouts button[value=single]").click();
+  assert.equal((await fragment(page)).v, "right");
+  await page.goBack();
+  await page.waitForSelector("body[data-layout=slices]");
+  await page.goBack();
+  await page.waitForFunction(() => document.querySelector("#surface .pane-title")?.textContent?.includes("Superior"));
+  assert.equal(await depth(), 11.2);
+  await page.goto(`${origin}#${id}&d=abc&v=up&q=0,0,0,0&x=999,999,999&%E0%A4%A&z=2`);
+  await page.waitForSelector("#surface[data-drawn=true]");
+  const remark = await text(".remark span");
+  for (const part of ["d=abc", "v=up", "q=0,0,0,0", "x=999,999,999", "%E0%A4%A"])
+    assert.ok(remark.includes(part), remark);
+  assert.ok(!remark.includes("z=2"), remark);
+  assert.equal((await fragment(page)).z, "2", "what can be read is taken");
+  await keep(page, "unread-address");
+  await page.locator(".remark button").click();
+  await page.waitForSelector(".remark", { state: "hidden" });
+  for (const nonsense of [`#${id.slice(1)}`, "#%%%", "#<img src=x>", "#&&&", `#x${id}`]) {
+    await page.goto(`${origin}${nonsense}`);
+    await page.waitForFunction(() => /names no case/.test(document.querySelector("#case-note")?.textContent ?? ""));
+    assert.equal(await page.locator("#surface").count(), 0, nonsense);
+    assert.equal(await page.locator("#sidebar").isVisible(), true, "the list is there to choose from");
+    assert.equal(await page.title(), "Isocortex");
+  }
+  await keep(page, "unknown-address");
+  await page.goto(`${origin}#${"0".repeat(32)}`);
+  await page.waitForFunction(() => document.querySelector("#case-note")?.textContent?.includes("Choose a case"));
+  await page.goto(`${origin}#${id}`);
+  await shown(page);
+  watched.troubles.splice(
+    0,
+    watched.troubles.length,
+    ...watched.troubles.filter((one) => !one.includes(`${"0".repeat(32)}`)),
+  );
+});
 
 test("the screenshot is a PNG of the panes, and the server's picture has an address to copy", { skip }, async () => {
   await reset();
@@ -530,7 +544,7 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   const waiting = page.waitForEvent("download");
   await page.getByRole("button", { name: "Screenshot" }).click();
   const download = await waiting;
-  assert.equal(download.suggestedFilename(), "isocortex-8.0mm.png");
+  assert.equal(download.suggestedFilename(), `isocortex-${id.slice(0, 8)}-8.0mm.png`);
   const png = readFileSync(await download.path());
   const box = await page.locator(".panes").boundingBox();
   assert.equal(png.readUInt32BE(16), Math.round(box?.width ?? 0));
@@ -544,8 +558,13 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   await page.locator("dialog.server-picture button[value=close]").click();
 });
 
-test("a change of depth is announced", { skip }, async () => {
+test("what is shown is read out: depth, side, place and grey", { skip }, async () => {
   await reset();
+  await page.waitForFunction(() =>
+    /^Depth 8\.0 millimetres, Left\. Middle of the picture: L\s\d.* millimetres, 8\.0 millimetres deep, grey \d/.test(
+      document.querySelector("#surface-keys")?.textContent ?? "",
+    ),
+  );
   await page.locator("#depth").fill("14.5");
   await page.waitForFunction(() => document.querySelector("#live")?.textContent?.includes("Depth 14.5 millimetres"));
 });

@@ -9,9 +9,16 @@ import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
 
+/** What an address says of the case. */
+function restOf(fragment: string): string {
+  const address = readAddress(fragment);
+  assert.ok(address.kind === "case" && address.id === SHOWN.id, fragment);
+  return address.rest;
+}
+
 test("the first state is the case alone", () => {
   assert.equal(writeAddress(FIRST, SHOWN), `#${SHOWN.id}`);
-  assert.deepEqual(readState("", SHOWN), FIRST);
+  assert.deepEqual(readState("", SHOWN), { state: FIRST, unread: [] });
 });
 
 test("every part of a state comes back from the address, which stays short", () => {
@@ -31,9 +38,8 @@ test("every part of a state comes back from the address, which stays short", () 
   };
   const address = writeAddress(state, SHOWN);
   assert.ok(address.length < 200, `${address.length}`);
-  const { id, rest } = readAddress(address);
-  assert.equal(id, SHOWN.id);
-  const back = readState(rest, SHOWN);
+  const { state: back, unread } = readState(restOf(address), SHOWN);
+  assert.deepEqual(unread, []);
   assert.ok(angleBetween(back.orientation, state.orientation) < 1e-3);
   assert.deepEqual({ ...back, orientation: null }, { ...state, orientation: null });
 });
@@ -49,7 +55,7 @@ test("a window comes back to a ten-thousandth of its ramp, however small it is",
       intensity: { min: center - width + 1, max: center + width - 1, window: { center, width } },
     };
     const state = { ...FIRST, window: { center: center + (width - 1) / 7, width: 1 + 0.7 * (width - 1) } };
-    const { window } = readState(readAddress(writeAddress(state, shown)).rest, shown);
+    const { window } = readState(restOf(writeAddress(state, shown)), shown).state;
     const near = (width - 1) / 1e4;
     assert.ok(
       Math.abs(window.center - state.window.center) <= near && Math.abs(window.width - state.window.width) <= near,
@@ -62,7 +68,9 @@ test("a named view is written by its name", () => {
   assert.match(writeAddress({ ...FIRST, orientation: NAMED_VIEWS.superior }, SHOWN), /&v=superior$/);
 });
 
-test("what is malformed or out of range is passed over, the rest is taken", () => {
+const FIRST_AT_0 = { ...FIRST, depth_mm: 0 };
+
+test("what is malformed or out of range is named, the rest is taken", () => {
   const malformed = [
     "d=abc",
     "d=",
@@ -83,23 +91,38 @@ test("what is malformed or out of range is passed over, the rest is taken", () =
     "c=y",
     "x=1,2",
     "v=top",
-    "&&&",
     "=",
     "d",
     "%%%",
     "__proto__=1",
     "d=1,2",
   ];
-  for (const text of malformed) assert.deepEqual(readState(text, SHOWN), FIRST, text);
-  assert.deepEqual(readState(`${malformed.join("&")}&d=3`, SHOWN), { ...FIRST, depth_mm: 3 });
-  const far = readState("d=1e9&z=1e9&p=-1e9,1e9&s=99&a=7", SHOWN);
+  for (const text of malformed) assert.deepEqual(readState(text, SHOWN), { state: FIRST, unread: [text] }, text);
+  const some = readState(`${malformed.join("&")}&d=3&&&`, SHOWN);
+  assert.deepEqual(some, { state: { ...FIRST, depth_mm: 3 }, unread: malformed });
+  const parts = ["d=1e9", "z=1e9", "p=-1e9,1e9", "s=99", "a=7", "x=1e9,0,0"];
+  const { state: far, unread } = readState(parts.join("&"), SHOWN);
   assert.deepEqual([far.depth_mm, far.zoom, far.pan_mm, far.slab_mm, far.ambient], [41.23, 20, [-300, 300], 20, 1]);
-  assert.equal(readState("x=1e9,0,0", SHOWN).crosshair_mm, null, "a point far from the head is none");
-  assert.equal(readState("d=-4", SHOWN).depth_mm, 0);
+  assert.equal(far.crosshair_mm, null, "a point far from the head is none");
+  assert.deepEqual(unread, parts, "what was brought into its range is named as well");
+  assert.deepEqual(readState("d=-4", SHOWN), { state: FIRST_AT_0, unread: ["d=-4"] });
 });
 
-test("an address without a case's id names none", () => {
-  for (const fragment of ["", "#", "#d=3", "#0123", `#${SHOWN.id.toUpperCase()}`, "#<script>"]) {
-    assert.equal(readAddress(fragment).id, null, fragment);
+test("what an address does not say is as in the state it is read upon", () => {
+  const base = { ...FIRST, zoom: 3, depth_mm: 20 };
+  assert.deepEqual(readState("d=5", SHOWN, base), { state: { ...base, depth_mm: 5 }, unread: [] });
+});
+
+test("an address names a case, nothing, or something that is no case", () => {
+  for (const fragment of ["", "#"]) assert.deepEqual(readAddress(fragment), { kind: "none" });
+  for (const fragment of [
+    "#d=3",
+    "#0123",
+    `#${SHOWN.id.toUpperCase()}`,
+    "#<script>",
+    "#&&&",
+    `#${SHOWN.id.slice(1)}`,
+  ]) {
+    assert.deepEqual(readAddress(fragment), { kind: "unknown" }, fragment);
   }
 });

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { afterEach, before, test } from "node:test";
 
 import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/base/api.ts";
-import { caseStatus, matches } from "../src/page/cases.ts";
+import { caseIdentity, caseStatus } from "../src/base/case-words.ts";
+import { matches } from "../src/page/cases.ts";
 import { pathOf, ticks } from "../src/page/chart.ts";
 import { EventReader } from "../src/base/events.ts";
 import { type Words, intensity, languageFor, number, speak, t } from "../src/base/i18n.ts";
@@ -149,6 +150,11 @@ test("a case is found by its name, and says what it is at", () => {
 });
 
 const file = (name: string, size = 1000): { name: string; size: number } => ({ name, size });
+
+test("a case is told from all others by label, day and the first digits of its id", () => {
+  assert.equal(caseIdentity(SHOWN), "A case · Jan 1, 2026 · 01234567");
+  assert.equal(caseIdentity({ ...SHOWN, name: null }), "Jan 1, 2026 · 01234567");
+});
 
 test("files are sorted by what they are", () => {
   const [head, mask] = [file("head.nii.gz", 900), file("head_mask.nii.gz", 5000)];

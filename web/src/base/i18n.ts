@@ -57,6 +57,10 @@ export function number(value: number, digits = 0): string {
   return format.format(Number(value.toFixed(digits)) === 0 ? 0 : value);
 }
 
+/** The day as the language writes it, of an RFC 3339 text. */
+export const day = (text: string): string =>
+  new Intl.DateTimeFormat(language, { dateStyle: "medium" }).format(new Date(text));
+
 /** Day and time as the language writes them, of an RFC 3339 text. */
 export const moment = (text: string): string =>
   new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short", hourCycle: "h23" }).format(

@@ -3,7 +3,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
-import { boundWindow } from "./controls.ts";
+import { type Change, boundWindow } from "./controls.ts";
 import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
 import {
   COLORMAPS,
@@ -18,15 +18,19 @@ import {
   firstState,
 } from "./state.ts";
 
-/** What an address holds: a case, and its state in a form that only the case can read. */
-export interface Address {
-  readonly id: string | null;
-  readonly rest: string;
-}
+/** What an address holds. */
+export type Address =
+  | { readonly kind: "none" }
+  /** A case, and its state in a form that only the case can read. */
+  | { readonly kind: "case"; readonly id: string; readonly rest: string }
+  /** Something that is no case. */
+  | { readonly kind: "unknown" };
 
 export function readAddress(fragment: string): Address {
-  const [first = "", ...rest] = fragment.replace(/^#/, "").split("&");
-  return /^[0-9a-f]{32}$/.test(first) ? { id: first, rest: rest.join("&") } : { id: null, rest: "" };
+  const text = fragment.replace(/^#/, "");
+  const [first = "", ...rest] = text.split("&");
+  if (/^[0-9a-f]{32}$/.test(first)) return { kind: "case", id: first, rest: rest.join("&") };
+  return { kind: text === "" ? "none" : "unknown" };
 }
 
 const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
@@ -68,41 +72,86 @@ function numbers(text: string | undefined, count: number): number[] | null {
   return values.length === count && values.every(Number.isFinite) ? values : null;
 }
 
-export function readState(rest: string, shown: ReadyCase): ViewState {
-  const first = firstState(shown);
-  const said = new Map(
-    rest.split("&").map((pair): [string, string] => {
-      const at = pair.indexOf("=");
-      return [pair.slice(0, Math.max(at, 0)), pair.slice(at + 1)];
-    }),
-  );
-  const one = (key: string): number | null => numbers(said.get(key), 1)?.[0] ?? null;
-  const depth = one("d");
-  const zoom = one("z");
-  const slab = one("s");
-  const ambient = one("a");
-  const pan = numbers(said.get("p"), 2) as Vec2 | null;
-  const window = numbers(said.get("w"), 2) as Vec2 | null;
-  const turned = numbers(said.get("q"), 4) as Quat | null;
-  const crosshair = numbers(said.get("x"), 3) as Vec3 | null;
-  const view = VIEW_NAMES.find((name) => name === said.get("v"));
+/** What an address says of a case, and the parts of it that could not be taken as they are. */
+export interface ReadState {
+  readonly state: ViewState;
+  readonly unread: readonly string[];
+}
+
+/** Whether a number was left as it is when it was brought into its range, to a hundredth. */
+const isKept = (before: number, after: number): boolean => Math.abs(before - after) <= 0.0051;
+
+/** What a part's text changes in the state, each by its key; null where it cannot be read or had to be altered. */
+function readers(shown: ReadyCase): Readonly<Record<string, (text: string) => Reading>> {
   const { center_in_patient, radius_mm } = shown.envelope_sphere;
-  const isNear = (position: Vec3): boolean =>
-    position.every((value, axis) => Math.abs(value - (center_in_patient[axis] ?? 0)) <= 2 * radius_mm);
-  return {
-    depth_mm: depth === null ? first.depth_mm : clampDepth(depth, shown),
-    orientation: (turned && unit(turned)) ?? (view ? NAMED_VIEWS[view] : first.orientation),
-    zoom: zoom === null ? first.zoom : clamp(zoom, ...ZOOM_RANGE),
-    pan_mm: pan
-      ? [clamp(pan[0], -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(pan[1], -PAN_LIMIT_MM, PAN_LIMIT_MM)]
-      : first.pan_mm,
-    window: window && window[1] >= 1 ? boundWindow({ center: window[0], width: window[1] }, shown) : first.window,
-    colormap: COLORMAPS.find((name) => name === said.get("m")) ?? first.colormap,
-    slab_mm: slab === null ? first.slab_mm : clamp(slab, 0, SLAB_LIMIT_MM),
-    ambient: ambient === null ? first.ambient : clamp(ambient, 0, 1),
-    way: WAYS.find((name) => name === said.get("r")) ?? first.way,
-    layout: LAYOUTS.find((name) => name === said.get("l")) ?? first.layout,
-    convention: said.get("c") === "n" ? "neurological" : first.convention,
-    crosshair_mm: crosshair && isNear(crosshair) ? crosshair : null,
+  const number = (text: string, low: number, high: number, change: (value: number) => Change): Reading => {
+    const [value] = numbers(text, 1) ?? [];
+    if (value === undefined) return UNREAD;
+    const kept = clamp(value, low, high);
+    return { change: change(kept), isWhole: isKept(value, kept) };
   };
+  const word = <Word extends string>(text: string, words: readonly Word[], change: (word: Word) => Change): Reading => {
+    const found = words.find((one) => one === text);
+    return found === undefined ? UNREAD : { change: change(found), isWhole: true };
+  };
+  return {
+    d: (text) => number(text, 0, clampDepth(Infinity, shown), (depth) => ({ depth_mm: clampDepth(depth, shown) })),
+    v: (text) => word(text, VIEW_NAMES, (view) => ({ orientation: NAMED_VIEWS[view] })),
+    q: (text) => {
+      const turned = numbers(text, 4) as Quat | null;
+      const orientation = turned && unit(turned);
+      return orientation ? { change: { orientation }, isWhole: true } : UNREAD;
+    },
+    z: (text) => number(text, ...ZOOM_RANGE, (zoom) => ({ zoom })),
+    p: (text) => {
+      const pan = numbers(text, 2) as Vec2 | null;
+      if (!pan) return UNREAD;
+      const kept: Vec2 = [clamp(pan[0], -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(pan[1], -PAN_LIMIT_MM, PAN_LIMIT_MM)];
+      return { change: { pan_mm: kept }, isWhole: pan.every((value, axis) => isKept(value, kept[axis] ?? 0)) };
+    },
+    w: (text) => {
+      const [center, width] = numbers(text, 2) ?? [];
+      if (center === undefined || width === undefined || width < 1) return UNREAD;
+      const window = boundWindow({ center, width }, shown);
+      const tolerance = 1e-3 * width;
+      const isWhole = Math.abs(window.center - center) <= tolerance && Math.abs(window.width - width) <= tolerance;
+      return { change: { window }, isWhole };
+    },
+    m: (text) => word(text, COLORMAPS, (colormap) => ({ colormap })),
+    s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
+    a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),
+    r: (text) => word(text, WAYS, (way) => ({ way })),
+    l: (text) => word(text, LAYOUTS, (layout) => ({ layout })),
+    c: (text) => word(text, ["n"], () => ({ convention: "neurological" })),
+    x: (text) => {
+      const position = numbers(text, 3) as Vec3 | null;
+      const isNear = position?.every(
+        (value, axis) => Math.abs(value - (center_in_patient[axis] ?? 0)) <= 2 * radius_mm,
+      );
+      return position && isNear ? { change: { crosshair_mm: position }, isWhole: true } : UNREAD;
+    },
+  };
+}
+
+interface Reading {
+  readonly change: Change;
+  /** Whether all of the part was taken as it is. */
+  readonly isWhole: boolean;
+}
+
+const UNREAD: Reading = { change: {}, isWhole: false };
+
+/** `base` is the state of what the address does not say. */
+export function readState(rest: string, shown: ReadyCase, base: ViewState = firstState(shown)): ReadState {
+  const byKey = readers(shown);
+  const unread: string[] = [];
+  let state = base;
+  for (const part of rest.split("&").filter((one) => one !== "")) {
+    const at = part.indexOf("=");
+    const key = part.slice(0, Math.max(at, 0));
+    const { change, isWhole } = (Object.hasOwn(byKey, key) && byKey[key]?.(part.slice(at + 1))) || UNREAD;
+    state = { ...state, ...change };
+    if (!isWhole) unread.push(part);
+  }
+  return { state, unread };
 }

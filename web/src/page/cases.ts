@@ -4,9 +4,10 @@ import { getPicture, listCases, watchCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
-import { known, moment, number, t } from "../base/i18n.ts";
+import { caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
+import { t } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
-import { problemWords, sentence } from "../base/problem-words.ts";
+import { problemWords } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";
 import { renderQuery } from "../model/query.ts";
 import { firstState } from "../model/state.ts";
@@ -22,43 +23,6 @@ export interface CaseListListener {
   /** The cases, or one of them, are not what they were. */
   changed(): void;
   remove(one: Case): void;
-}
-
-/** A case's name in the list. */
-export const caseTitle = (one: Case): string => one.name || t("case.unnamed", { id: one.id.slice(0, 8) });
-
-/** What a case is at, in words. */
-export function caseStatus(one: Case): string {
-  switch (one.state) {
-    case "queued":
-      return t("case.queued");
-    case "preparing": {
-      const stage = known(`stage.${one.progress?.stage ?? ""}`) ?? "case.preparing";
-      const fraction = one.progress?.fraction;
-      return t(stage) + (typeof fraction === "number" ? ` · ${number(100 * fraction)} %` : "");
-    }
-    case "ready":
-      return t("case.ready", { depth: number(one.max_depth_mm, 1) });
-    case "failed":
-      return failureWords(one);
-  }
-}
-
-function failureWords(one: Case & { state: "failed" }): string {
-  const kind =
-    String(one.error?.type ?? "")
-      .split(":")
-      .at(-1) ?? "";
-  const key = known(`problem.${kind}`);
-  if (key) return t(key);
-  return one.error?.detail ? sentence(one.error.detail) : t("case.failed");
-}
-
-/** What tells a case from its versions, which have its name. */
-function versionOf(one: Case): string {
-  const isVersion = one.previous !== undefined;
-  if (!isVersion && !one.next?.length) return "";
-  return t(isVersion ? "case.version" : "case.original", { time: moment(one.created_at) });
 }
 
 /** Whether a case is what the words look for: all of them, in its name, id or state. */
@@ -123,6 +87,11 @@ export class CaseList {
     const unwatched = this.cases.filter(isBusy).length > this.#watched.size;
     if (!document.hidden && !this.#disposed)
       this.#timer = window.setTimeout(() => void this.refresh(), unwatched ? BUSY_MS : IDLE_MS);
+  }
+
+  /** The id of the only case there is; null where there is none, or more. */
+  get only(): string | null {
+    return this.cases.length === 1 && !this.#next ? (this.cases[0]?.id ?? null) : null;
   }
 
   /** Marks the case that is shown. */

@@ -2,7 +2,8 @@
 
 import { deleteCase, getCase, onReach, onTokenWanted } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
-import { CaseList, caseStatus, caseTitle } from "./cases.ts";
+import { caseIdentity, caseStatus, caseTitle } from "../base/case-words.ts";
+import { CaseList } from "./cases.ts";
 import { commandOf } from "../model/controls.ts";
 import { askToken, confirmDelete, helpDialog, maskDialog } from "./dialogs.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
@@ -112,19 +113,21 @@ class App {
     this.#viewer?.again();
   }
 
-  /** Shows what the address names; the first case that is ready where it names none. */
+  /** Shows the case that the address names; without an address the only case there is. */
   async route(): Promise<void> {
     const turn = (this.#routed += 1);
     const address = readAddress(location.hash);
-    const id = address.id ?? this.#list.cases.find((one) => one.state === "ready")?.id ?? null;
-    this.#absence = "";
+    const id = address.kind === "case" ? address.id : address.kind === "none" ? this.#list.only : null;
+    this.#absence = address.kind === "unknown" ? t("address.unknown") : "";
     const chosen = this.#list.cases.find((one) => one.id === id) ?? (id ? await this.#askFor(id) : null);
     // Another address may have come in the meantime.
     if (turn !== this.#routed) return;
     this.#list.mark(id);
-    this.#show(chosen, address.rest);
+    // What was shown without being named keeps its place, whatever else is added.
+    if (chosen && address.kind === "none") history.replaceState(null, "", `#${chosen.id}`);
+    this.#show(chosen, address.kind === "case" ? address.rest : "");
     // There is something to choose from.
-    if (this.#absence && this.#list.cases.length > 0) this.#showSidebar(true);
+    if (!chosen && this.#list.cases.length > 0) this.#showSidebar(true);
   }
 
   /** The address was changed by Back, or by hand. */
@@ -132,7 +135,8 @@ class App {
     const before = this.#viewer;
     await this.route();
     const address = readAddress(location.hash);
-    if (before && before === this.#viewer && address.id === before.shown.id) before.restore(address.rest);
+    const isSame = address.kind === "case" && address.id === before?.shown.id;
+    if (isSame && before === this.#viewer) before.restore(address.rest);
     this.#pressLayout();
   }
 
@@ -140,8 +144,8 @@ class App {
     this.#chosen = chosen;
     const title = chosen ? caseTitle(chosen) : t("case.none");
     setText(this.#title, title);
-    // The name of a case may be a patient's: it does not go into the window's title, which the browser's history keeps.
-    document.title = "Isocortex";
+    // The label that a user gave, never an identity out of DICOM: the browser's history keeps titles.
+    document.title = chosen ? `${caseIdentity(chosen)} · Isocortex` : "Isocortex";
     const ready = chosen?.state === "ready" ? chosen : null;
     setText(this.#note, ready ? "" : chosen ? caseStatus(chosen) : `${this.#absence} ${t("case.choose")}`.trim());
     this.#note.hidden = ready !== null;

@@ -1,6 +1,6 @@
 // The lines above the picture: what went wrong, who draws, and how far the loading is.
 
-import { h, setText } from "../base/dom.ts";
+import { h, iconButton, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Fallback, LoadProgress } from "../panes/surface.ts";
@@ -14,6 +14,8 @@ export class Notices {
   readonly element: HTMLElement;
   readonly #fallback = h("p", { class: "notice-line", role: "status", hidden: true });
   readonly #trouble = h("p", { class: "notice-line bad", role: "alert", hidden: true });
+  readonly #remark: HTMLElement;
+  readonly #remarkText = h("span", {});
   readonly #loading: HTMLElement;
   readonly #text = h("span", {});
   readonly #bar = h("progress", { max: 1, "aria-label": t("load.label") });
@@ -26,7 +28,9 @@ export class Notices {
     this.#cancel = button("cancel-load", t("load.cancel"), () => listener.cancelLoad());
     this.#again = button("load-again", t("load.again"), () => listener.loadAgain());
     this.#loading = h("div", { class: "notice-line", hidden: true }, this.#text, this.#bar, this.#cancel, this.#again);
-    this.element = h("div", { class: "notices" }, this.#trouble, this.#fallback, this.#loading);
+    const dismiss = iconButton("close", t("notice.dismiss"), () => this.remark(""));
+    this.#remark = h("div", { class: "notice-line remark", role: "status", hidden: true }, this.#remarkText, dismiss);
+    this.element = h("div", { class: "notices" }, this.#trouble, this.#fallback, this.#remark, this.#loading);
   }
 
   complain(problem: unknown): void {
@@ -42,6 +46,12 @@ export class Notices {
   fallback(fallback: Fallback | null): void {
     setText(this.#fallback, fallback ? t(`fallback.${fallback}`) : "");
     this.#fallback.hidden = fallback === null;
+  }
+
+  /** Something to know, which can be dismissed. Empty words: nothing. */
+  remark(words: string): void {
+    setText(this.#remarkText, words);
+    this.#remark.hidden = words === "";
   }
 
   begin(): void {

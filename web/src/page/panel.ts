@@ -2,8 +2,7 @@
 
 import { VIEW_NAMES, viewName } from "../model/camera.ts";
 import type { ReadyCase, Window } from "../model/case.ts";
-import { ARROW_PIXELS, boundWindow } from "../model/controls.ts";
-import type { Change } from "../model/controls.ts";
+import { ARROW_PIXELS, type Change, boundWindow } from "../model/controls.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import {
@@ -16,7 +15,6 @@ import {
   ZOOM_RANGE,
   presetWindow,
 } from "../model/state.ts";
-
 import type { Actions } from "./actions.ts";
 import { button, line, press, row, section, tall } from "./fields.ts";
 import { PointSection } from "./point-section.ts";

@@ -26,7 +26,12 @@ import { Notices } from "./notices.ts";
 import { Panel } from "./panel.ts";
 import { intensityWords } from "./point-section.ts";
 import type { Preferences } from "./preferences.ts";
+import { spokenWords } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
+
+/** So many parts of an address are named, and so much of each. */
+const MOST_UNREAD = 5;
+const LONGEST_UNREAD = 40;
 
 /** What the page around the viewer does for it. */
 export interface ViewerHost {
@@ -55,14 +60,15 @@ export class Viewer {
   #frame = 0;
   #moving = false;
   #timerShown = false;
-  #saidDepth: number;
+  /** What was read out last; null before the first picture. */
+  #said: string | null = null;
   #disposed = false;
 
   constructor(shown: ReadyCase, rest: string, host: ViewerHost) {
     this.shown = shown;
     this.#host = host;
-    this.#state = readState(rest, shown);
-    this.#saidDepth = this.#state.depth_mm;
+    const { state, unread } = readState(rest, shown);
+    this.#state = state;
     const actions = this.#actions();
     this.panel = new Panel(shown, actions);
     this.#depthBar = new DepthBar(shown, actions);
@@ -87,6 +93,7 @@ export class Viewer {
     );
     this.#observer = new ResizeObserver(() => this.#schedule());
     for (const pane of [this.#surface, ...this.#slices]) this.#observer.observe(pane.element);
+    this.#tellUnread(unread);
     this.#apply({});
   }
 
@@ -118,8 +125,10 @@ export class Viewer {
   restore(rest: string): void {
     this.#stopSweep();
     this.#picked = null;
-    this.#state = readState(rest, this.shown);
+    const { state, unread } = readState(rest, this.shown);
+    this.#state = state;
     this.#apply({});
+    this.#tellUnread(unread);
   }
 
   setLayout(layout: Layout): void {
@@ -230,9 +239,23 @@ export class Viewer {
     if (this.#sweep.isRunning) return;
     this.#address.replace();
     this.element.dataset.rested = "true";
-    if (this.#saidDepth === this.#state.depth_mm) return;
-    this.#saidDepth = this.#state.depth_mm;
-    this.#host.announce(t("depth.said", { depth: number(this.#state.depth_mm, 1) }));
+    this.#say();
+  }
+
+  /** Reads out what is shown, if that is not what was said before. */
+  #say(): void {
+    const words = spokenWords(this.#state, this.#surface);
+    this.#surface.describe(words);
+    for (const slice of this.#slices) slice.describe(words);
+    if (this.#said === words) return;
+    // At first the page has enough to say.
+    if (this.#said !== null) this.#host.announce(words);
+    this.#said = words;
+  }
+
+  #tellUnread(unread: readonly string[]): void {
+    const parts = unread.slice(0, MOST_UNREAD).map((part) => `“${part.slice(0, LONGEST_UNREAD)}”`);
+    this.#notices.remark(parts.length > 0 ? t("address.unread", { parts: parts.join(", ") }) : "");
   }
 
   #schedule(): void {
@@ -332,7 +355,7 @@ export class Viewer {
 
   async #screenshot(): Promise<void> {
     try {
-      const name = `isocortex-${this.#state.depth_mm.toFixed(1)}mm.png`;
+      const name = `isocortex-${this.shown.id.slice(0, 8)}-${this.#state.depth_mm.toFixed(1)}mm.png`;
       await saveScreenshot(this.#panes, await this.#surface.picture(), this.#surface.host, name);
       this.panel.note(t("export.saved"));
     } catch (error) {

@@ -19,6 +19,7 @@ export class Overlay {
   readonly #edges = SIDES.map((side) => h("span", { class: `edge ${side}` }));
   readonly #title = h("span", { class: "pane-title" });
   readonly #badge = h("span", { class: "badge", hidden: true });
+  readonly #case = h("span", { class: "pane-case", hidden: true });
   readonly #scaleLine = h("span", { class: "scale-line" });
   readonly #scaleText = h("span", { class: "scale-text" });
   readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true", hidden: true });
@@ -31,7 +32,7 @@ export class Overlay {
       // Letters stand before its lines.
       this.#cursor,
       ...this.#edges,
-      h("div", { class: "pane-head" }, this.#title, this.#badge),
+      h("div", { class: "pane-head" }, h("div", { class: "pane-line" }, this.#title, this.#badge), this.#case),
       h("div", { class: "scale" }, this.#scaleText, this.#scaleLine),
       h("span", { class: "pane-notice" }, t("notice.short")),
     );
@@ -46,6 +47,12 @@ export class Overlay {
     setText(this.#title, words);
     setText(this.#badge, badge);
     this.#badge.hidden = badge === "";
+  }
+
+  /** Names the case that is shown. */
+  identity(words: string): void {
+    setText(this.#case, words);
+    this.#case.hidden = words === "";
   }
 
   scale(mm_per_pixel: number, width: number): void {

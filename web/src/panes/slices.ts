@@ -1,7 +1,7 @@
 // One slice with the outline of the cut, its cursor and its control.
 
 import type { ReadyCase } from "../model/case.ts";
-import { h, setValue } from "../base/dom.ts";
+import { h, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { Overlay } from "./overlay.ts";
 import { FollowingPicture } from "../base/picture.ts";
@@ -39,6 +39,7 @@ export class SlicePane {
   readonly #picture: FollowingPicture<{ state: ViewState; view: SliceView }>;
   readonly #image = h("div", { class: "slice-image" });
   readonly #range: HTMLInputElement;
+  readonly #words: HTMLElement;
   #state: ViewState | null = null;
 
   constructor(plane: Plane, shown: ReadyCase, listener: SliceListener) {
@@ -62,7 +63,9 @@ export class SlicePane {
       "aria-label": t("slice.position", { plane: label }),
       input: () => this.#goTo(this.#range.valueAsNumber),
     });
-    this.element.append(this.#range);
+    this.#words = h("p", { id: `slice-${plane}-words`, class: "visually-hidden" });
+    this.element.setAttribute("aria-describedby", this.#words.id);
+    this.element.append(this.#range, this.#words);
     this.#picture = new FollowingPicture({
       put: (image, { state, view }) => this.#put(image, state, view),
       complain: (problem) => {
@@ -88,6 +91,11 @@ export class SlicePane {
     setValue(this.#range, view.position_mm);
     // The convention and the cross are the page's own: they need no other picture.
     this.#write(state, view);
+  }
+
+  /** Says what is shown, for those who do not see it. */
+  describe(words: string): void {
+    setText(this.#words, `${this.#range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
   }
 
   dispose(): void {

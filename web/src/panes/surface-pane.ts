@@ -19,6 +19,7 @@ import type { Picked, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
+import { caseIdentity } from "../base/case-words.ts";
 import { h, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { createSurface } from "./cortex.ts";
@@ -79,6 +80,7 @@ export class SurfacePane {
       this.host,
     );
     this.#overlay = new Overlay(this.element);
+    this.#overlay.identity(caseIdentity(shown));
     this.#otherOverlay = new Overlay(this.element);
     this.#otherOverlay.element.classList.add("other");
     this.element.append(...SIDES.map((side) => h("span", { class: `ring ${side}` })));
@@ -117,6 +119,11 @@ export class SurfacePane {
 
   profile(position: Vec3): Profile | null {
     return this.#surface.profile(position);
+  }
+
+  /** Says what is shown, for those who do not see it. */
+  describe(words: string): void {
+    setText(this.#keys, `${words} ${t("surface.keys")}`);
   }
 
   /** Whether it is known where the surface is. */
@@ -161,7 +168,6 @@ export class SurfacePane {
     this.#cube.show(state.orientation);
     this.element.dataset.depth = String(state.depth_mm);
     this.element.dataset.drawn = "true";
-    setText(this.#keys, `${surfaceWords(state)} ${t("surface.keys")}`);
     this.#cross();
   }
 
@@ -248,10 +254,4 @@ export class SurfacePane {
 function titleOf({ depth_mm }: ViewState, orientation: ViewState["orientation"]): string {
   const name = viewName(orientation);
   return `${number(depth_mm, 1)} mm${name ? `  ${t(`view.${name}`)}` : ""}`;
-}
-
-/** The surface of a state, for those who do not see it. */
-function surfaceWords({ depth_mm, orientation }: ViewState): string {
-  const view = t(`view.${viewName(orientation) ?? "oblique"}`);
-  return t("surface.alt", { depth: number(depth_mm, 1), view });
 }
