@@ -72,6 +72,22 @@ fn extraction_stands_on_geometry_alone() {
 }
 
 #[test]
+fn analysis_stands_on_geometry_alone() {
+    let beside_or_above = [
+        "tokio",
+        "axum",
+        "sqlx",
+        "object_store",
+        "wgpu",
+        "isocortex-extraction",
+        "isocortex-imaging",
+        "isocortex-render",
+        "isocortex-service",
+    ];
+    assert_needs_none_of("isocortex-analysis", &beside_or_above);
+}
+
+#[test]
 fn imaging_and_render_do_not_know_each_other_or_the_server() {
     let above = ["tokio", "axum", "sqlx", "object_store", "isocortex-service"];
     assert_needs_none_of(
