@@ -40,6 +40,8 @@ pub(crate) struct Choice {
     pub(crate) limit: usize,
 }
 
+/// Below this depth there are nuclei and the brain stem, of which the border is blurred in everybody, and no cortex, in mm.
+const DEEPEST_MM: f32 = 30.0;
 /// How many voxels are sorted at first: the highest places are few.
 const FIRST_SORTED: usize = 20_000;
 
@@ -75,8 +77,14 @@ impl<'a> Scores<'a> {
         }
     }
 
-    /// The highest places (by their number in the junction), each at least `apart_mm` from every higher one, highest first.
-    pub(crate) fn maxima(&self, block: &Block, choice: Choice) -> Vec<usize> {
+    /// The highest places (by their number in the junction) that are eligible, each at least `apart_mm` from every higher one,
+    /// highest first.
+    fn maxima(
+        &self,
+        block: &Block,
+        choice: Choice,
+        is_eligible: impl Fn(DVec3) -> bool,
+    ) -> Vec<usize> {
         let mut order: Vec<u32> = (0..self.junction.len() as u32).collect();
         // Of equal scores the first voxel comes first, so that the order is the same everywhere.
         let higher = |a: &u32, b: &u32| {
@@ -97,7 +105,7 @@ impl<'a> Scores<'a> {
                 let is_apart = found
                     .iter()
                     .all(|(_, other)| other.distance_squared(position) >= choice.apart_mm.powi(2));
-                if is_apart && found.len() < choice.limit {
+                if is_apart && found.len() < choice.limit && is_eligible(position) {
                     found.push((place as usize, position));
                 }
             }
@@ -174,21 +182,28 @@ pub(crate) fn candidates(
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
     let rows = scores.rows(block);
+    let working_from_patient = depth.grid().voxel_from_patient();
+    let depth_mm = |position| {
+        depth_at(
+            depth,
+            working_from_patient.transform_point3(position).as_vec3(),
+        )
+    };
     let candidate = |place: usize| {
         let position = scores.position(block, place);
-        let in_working = depth.grid().voxel_from_patient().transform_point3(position);
         let volume_mm3 = scores.extent(block, &rows, place) as f64 * voxel_mm3;
         let is_left = plane.normal().dot(position) > plane.offset_mm();
         Candidate {
             position_in_patient: position,
-            depth_mm: depth_at(depth, in_working.as_vec3()),
+            depth_mm: depth_mm(position),
             side: if is_left { Side::Left } else { Side::Right },
             score: scores.scores[place],
             size_mm: (6.0 * volume_mm3 / std::f64::consts::PI).cbrt() as f32,
         }
     };
-    let maxima = scores.maxima(block, choice).into_iter();
+    let maxima = scores.maxima(block, choice, |position| depth_mm(position) <= DEEPEST_MM);
     maxima
+        .into_iter()
         .filter(|&place| scores.scores[place] > 0.0)
         .map(candidate)
         .collect()
