@@ -229,7 +229,7 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
     let [low, high] = volume
         .percentiles_inside(distance.envelope(), [0.02, 0.98])
         .unwrap_or([intensity_min, intensity_max]);
-    let midsagittal = geometry::midsagittal_plane(distance.envelope(), volume);
+    let midsagittal = analysis::midsagittal_plane(distance.envelope(), volume);
     let sphere = BoundingSphere::of_envelope(&ShellIndex::new(distance));
     Ok(CaseFacts {
         grid_size: grid.size(),

@@ -1,7 +1,7 @@
 use glam::{DQuat, DVec3};
 
 use super::*;
-use crate::{BrainMask, Grid, Mask, Rescale, envelope, phantom};
+use geometry::{BrainMask, Grid, Mask, Rescale, envelope, phantom};
 
 /// A head as [`intensity_at`] has it, turned and moved.
 #[derive(Clone, Copy)]

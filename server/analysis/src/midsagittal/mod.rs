@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use self::fit::Level;
 use self::image::Image;
-use crate::{Envelope, Volume};
+use geometry::{Envelope, Volume};
 
 /// The plane at which a head is most like its mirror image: the points `p` (LPS mm) with `normal · p = offset_mm`.
 ///

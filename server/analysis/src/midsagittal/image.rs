@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::{Envelope, Volume};
+use geometry::{Envelope, Volume};
 
 /// Voxels along the longest side of the envelope, where the working grid has as many.
 const LONGEST_SIDE: f64 = 64.0;
