@@ -3,9 +3,9 @@
 use std::fmt;
 use std::sync::Arc;
 
-use geometry::{MeshSize, ShrunkMesh};
+use geometry::{DeformableModel, MeshSize, ShrunkMesh};
 
-use crate::{Frame, RenderRequest, Scene};
+use crate::{RenderRequest, Scene};
 
 /// Which case a scene is of: textures are kept under it. The same key must always mean the same scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -18,6 +18,41 @@ pub trait GpuCase: Send + Sync {
 
     /// Its scene. It is read when the textures of the case are made, and for each picture.
     fn scene(&self) -> Scene<'_>;
+}
+
+/// A model that threads share, and the key of its textures.
+#[derive(Clone)]
+pub struct KeyedModel {
+    /// The key: the same one always means the same model.
+    pub key: CaseKey,
+    /// The model.
+    pub model: Arc<DeformableModel>,
+}
+
+impl KeyedModel {
+    /// Its scene.
+    pub fn scene(&self) -> Scene<'_> {
+        Scene::from(&*self.model)
+    }
+}
+
+impl fmt::Debug for KeyedModel {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("KeyedModel")
+            .field("key", &self.key)
+            .finish_non_exhaustive()
+    }
+}
+
+impl GpuCase for KeyedModel {
+    fn key(&self) -> CaseKey {
+        self.key
+    }
+
+    fn scene(&self) -> Scene<'_> {
+        self.scene()
+    }
 }
 
 /// What is drawn of a case.
@@ -73,13 +108,4 @@ impl fmt::Debug for GpuJob {
             .field("request", &self.request)
             .finish_non_exhaustive()
     }
-}
-
-/// A picture that was drawn.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct GpuFrame {
-    /// Its pixels, in the format that the software renderers give for the same request.
-    pub frame: Frame,
-    /// How many native voxels along x, y and z became one, when the volume is too large for a texture of this device.
-    pub reduction: Option<[usize; 3]>,
 }

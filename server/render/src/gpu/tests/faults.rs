@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::super::{CaseKey, GpuCase, GpuError, GpuJob, GpuOptions, GpuPool};
-use super::support::{Case, LIMITS, painter, parameters, skip, trace};
+use super::support::{Case, LIMITS, parameters, skip, trace, worker};
 use crate::{FrameSize, NamedView, RenderParameters, Scene};
 
 /// Set in the process that runs without a driver.
@@ -45,33 +45,33 @@ fn pool(options: GpuOptions) -> Option<GpuPool> {
 
 #[test]
 fn a_device_that_is_destroyed_is_opened_anew() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(20);
     let job = trace(&case, parameters(NamedView::Left, 4.0));
-    let expected = painter.attempt(|studio| studio.draw(&job)).unwrap();
-    painter
-        .attempt(|studio| {
-            studio.open.device.destroy();
+    let expected = worker.attempt(|renderer| renderer.draw(&job)).unwrap();
+    worker
+        .attempt(|renderer| {
+            renderer.open.device.destroy();
             Ok(())
         })
         .unwrap();
-    let again = painter.attempt(|studio| studio.draw(&job)).unwrap();
+    let again = worker.attempt(|renderer| renderer.draw(&job)).unwrap();
     assert_eq!(again, expected);
-    assert_eq!(painter.reopened(), 1);
+    assert_eq!(worker.reopened(), 1);
 }
 
 #[test]
 fn a_device_that_is_destroyed_while_it_draws_is_opened_anew() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(21);
     let job = trace(&case, parameters(NamedView::Left, 4.0));
-    let expected = painter.attempt(|studio| studio.draw(&job)).unwrap();
-    let device = painter
-        .attempt(|studio| Ok(studio.open.device.clone()))
+    let expected = worker.attempt(|renderer| renderer.draw(&job)).unwrap();
+    let device = worker
+        .attempt(|renderer| Ok(renderer.open.device.clone()))
         .unwrap();
     std::thread::scope(|scope| {
         scope.spawn(move || {
@@ -79,14 +79,14 @@ fn a_device_that_is_destroyed_while_it_draws_is_opened_anew() {
             device.destroy();
         });
         let begun = std::time::Instant::now();
-        while painter.reopened() == 0 && begun.elapsed().as_secs() < 60 {
+        while worker.reopened() == 0 && begun.elapsed().as_secs() < 60 {
             assert_eq!(
-                painter.attempt(|studio| studio.draw(&job)).unwrap(),
+                worker.attempt(|renderer| renderer.draw(&job)).unwrap(),
                 expected
             );
         }
     });
-    assert_eq!(painter.reopened(), 1);
+    assert_eq!(worker.reopened(), 1);
 }
 
 #[test]
@@ -139,7 +139,7 @@ fn a_full_queue_says_so_and_the_next_picture_is_drawn() {
 
 /// A case that counts how often it is looked at, and panics if it is to.
 struct Watched {
-    case: Arc<Case>,
+    case: Case,
     looks: AtomicUsize,
     panics: bool,
 }

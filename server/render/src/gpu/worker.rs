@@ -1,32 +1,32 @@
 //! A device that is opened anew when it is lost.
 
 use super::GpuError;
-use super::host::Host;
-use super::studio::{Studio, StudioLimits};
+use super::adapter::Adapter;
+use super::renderer::{GpuLimits, GpuRenderer};
 
 /// How often a picture is tried: once more on a new device, or with its memory freed.
 const ATTEMPTS: usize = 2;
 
 /// Draws on a device, and goes on with another when that is lost.
 #[derive(Debug)]
-pub(super) struct Painter {
-    host: Host,
-    limits: StudioLimits,
-    studio: Option<Studio>,
+pub(super) struct GpuWorker {
+    adapter: Adapter,
+    limits: GpuLimits,
+    renderer: Option<GpuRenderer>,
     reopened: u64,
     /// Attempts that are to find no memory.
     #[cfg(feature = "faults")]
     shortages: u32,
 }
 
-impl Painter {
-    /// Opens a device of `host`.
-    pub(super) fn new(host: Host, limits: StudioLimits) -> Result<Self, GpuError> {
-        let studio = Studio::open(&host, limits)?;
+impl GpuWorker {
+    /// Opens a device of `adapter`.
+    pub(super) fn new(adapter: Adapter, limits: GpuLimits) -> Result<Self, GpuError> {
+        let renderer = GpuRenderer::open(&adapter, limits)?;
         Ok(Self {
-            host,
+            adapter,
             limits,
-            studio: Some(studio),
+            renderer: Some(renderer),
             reopened: 0,
             #[cfg(feature = "faults")]
             shortages: 0,
@@ -42,15 +42,15 @@ impl Painter {
     /// Draws; on a lost device, once more on a new one; without memory, once more with everything else freed.
     pub(super) fn attempt<T>(
         &mut self,
-        mut draw: impl FnMut(&mut Studio) -> Result<T, GpuError>,
+        mut draw: impl FnMut(&mut GpuRenderer) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let mut result = Err(GpuError::Closed);
         for _ in 0..ATTEMPTS {
             #[cfg(feature = "faults")]
             self.run_short();
-            result = self.studio().and_then(&mut draw);
+            result = self.renderer().and_then(&mut draw);
             match &result {
-                Err(GpuError::Lost { .. }) => self.studio = None,
+                Err(GpuError::Lost { .. }) => self.renderer = None,
                 Err(GpuError::OutOfMemory | GpuError::Failed { .. }) => self.free_memory(),
                 _ => return result,
             }
@@ -61,9 +61,9 @@ impl Painter {
     /// Breaks the device.
     #[cfg(feature = "faults")]
     pub(super) fn meet(&mut self, fault: super::pool::Fault) {
-        match (fault, &self.studio) {
+        match (fault, &self.renderer) {
             (super::pool::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
-            (super::pool::Fault::Loss, Some(studio)) => studio.open.device.destroy(),
+            (super::pool::Fault::Loss, Some(renderer)) => renderer.open.device.destroy(),
             (super::pool::Fault::Loss, None) => {}
         }
     }
@@ -71,33 +71,33 @@ impl Painter {
     /// Lets the driver say that there is no memory, if it is to.
     #[cfg(feature = "faults")]
     fn run_short(&mut self) {
-        if let (Some(studio), 1..) = (&self.studio, self.shortages) {
+        if let (Some(renderer), 1..) = (&self.renderer, self.shortages) {
             self.shortages -= 1;
-            studio.open.run_short();
+            renderer.open.run_short();
         }
     }
 
     /// Gives the device up: the next picture opens another.
     pub(super) fn give_up(&mut self) {
-        self.studio = None;
+        self.renderer = None;
     }
 
     fn free_memory(&mut self) {
-        if let Some(studio) = &mut self.studio {
-            studio.free_memory();
+        if let Some(renderer) = &mut self.renderer {
+            renderer.free_memory();
         }
     }
 
     /// The device, opened anew if there is none. Its adapter may have gone with it and is looked for again.
-    fn studio(&mut self) -> Result<&mut Studio, GpuError> {
-        let studio = match self.studio.take() {
-            Some(studio) => studio,
+    fn renderer(&mut self) -> Result<&mut GpuRenderer, GpuError> {
+        let renderer = match self.renderer.take() {
+            Some(renderer) => renderer,
             None => {
                 self.reopened += 1;
-                self.host = Host::find()?;
-                Studio::open(&self.host, self.limits)?
+                self.adapter = Adapter::find()?;
+                GpuRenderer::open(&self.adapter, self.limits)?
             }
         };
-        Ok(self.studio.insert(studio))
+        Ok(self.renderer.insert(renderer))
     }
 }

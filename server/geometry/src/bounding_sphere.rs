@@ -1,9 +1,10 @@
-//! What the camera looks at.
+//! The sphere around an envelope.
 
-use geometry::{ShellIndex, ShellVoxel};
 use glam::DVec3;
 
-/// The sphere around an envelope that zoom 1 fits into the picture.
+use crate::{ShellIndex, ShellVoxel};
+
+/// The sphere around an envelope: a camera at zoom 1 fits it into the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundingSphere {
     /// Centre of the box around the envelope, LPS mm.
@@ -16,7 +17,7 @@ impl BoundingSphere {
     /// The sphere around the envelope whose voxels `shell` holds.
     ///
     /// Its centre is that of the box around the border voxels' centres; its radius reaches half a voxel beyond the
-    /// farthest of them. Of an empty index it is a voxel-sized sphere at the grid's origin.
+    /// farthest of them. An empty index gives a sphere of half a voxel at the grid's origin.
     pub fn of_envelope(shell: &ShellIndex) -> Self {
         let patient_from_voxel = shell.grid().patient_from_voxel();
         let spacing_mm = shell.grid().spacing_mm()[0];
@@ -42,5 +43,20 @@ impl BoundingSphere {
             centre_in_patient,
             radius_mm: farthest_squared.sqrt() + 0.5 * spacing_mm,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{distance_map, envelope, phantom};
+
+    #[test]
+    fn the_sphere_of_an_ellipsoid_has_its_centre_and_its_longest_half_axis() {
+        let brain = phantom::ellipsoid([20.0, 12.0, 9.0], 1.5);
+        let distance = distance_map(&envelope(&brain, 0.0).unwrap());
+        let sphere = BoundingSphere::of_envelope(&ShellIndex::new(&distance));
+        assert!(sphere.centre_in_patient.length() < 1e-9, "{sphere:?}");
+        assert!((sphere.radius_mm - 20.5 * 1.5).abs() < 1e-9, "{sphere:?}");
     }
 }

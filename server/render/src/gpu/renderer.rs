@@ -8,19 +8,19 @@ use wgpu::{
     Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, RenderPass, TextureView,
 };
 
+use super::adapter::Adapter;
 use super::block::Block;
 use super::cache::Cache;
 use super::case::{CasePlan, CaseTextures};
 use super::device::OpenDevice;
-use super::host::Host;
 use super::job::Call;
 use super::layout::Picture;
 use super::pipelines::{Pass, Pipelines};
 use super::target::{Output, Plan, Surface, Target};
-use super::{CaseKey, GpuError, GpuFrame, GpuJob, GpuSurface, pixels, uniforms};
+use super::{CaseKey, GpuError, GpuJob, GpuSurface, pixels, uniforms};
 use crate::settle::settled;
 use crate::shade::pixel_format;
-use crate::{ColorMap, Hits};
+use crate::{ColorMap, Hits, RenderedFrame};
 
 /// Pictures larger than this have their textures made for them alone, so that none linger.
 const KEPT_PIXELS: usize = 2 << 20;
@@ -33,7 +33,7 @@ const KEPT_MESHES: usize = 8;
 
 /// What a device may be given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct StudioLimits {
+pub(super) struct GpuLimits {
     /// Bytes of the textures of all cases together.
     pub(super) case_bytes: u64,
     /// The longest side of a 3-D texture, where it is to be less than the device's.
@@ -42,9 +42,9 @@ pub(super) struct StudioLimits {
 
 /// A device with its passes, the textures of cases and the targets of pictures.
 #[derive(Debug)]
-pub(super) struct Studio {
+pub(super) struct GpuRenderer {
     pub(super) open: OpenDevice,
-    limits: StudioLimits,
+    limits: GpuLimits,
     pub(super) pipelines: Pipelines,
     picture: Buffer,
     colors: TextureView,
@@ -54,12 +54,12 @@ pub(super) struct Studio {
     vertices: Option<Buffer>,
 }
 
-impl Studio {
+impl GpuRenderer {
     /// Opens a device and compiles its shaders.
-    pub(super) fn open(host: &Host, limits: StudioLimits) -> Result<Self, GpuError> {
-        let open = OpenDevice::open(host)?;
+    pub(super) fn open(adapter: &Adapter, limits: GpuLimits) -> Result<Self, GpuError> {
+        let open = OpenDevice::open(adapter)?;
         let pipelines = Pipelines::new(&open);
-        let studio = Self {
+        let renderer = Self {
             picture: open.device.create_buffer(&BufferDescriptor {
                 label: Some("picture"),
                 size: size_of::<Picture>() as u64,
@@ -75,7 +75,7 @@ impl Studio {
             vertices: None,
             open,
         };
-        studio.open.fault().map_or(Ok(studio), Err)
+        renderer.open.fault().map_or(Ok(renderer), Err)
     }
 
     /// Forgets what takes memory.
@@ -87,12 +87,8 @@ impl Studio {
     }
 
     /// Draws a picture.
-    pub(super) fn draw(&mut self, job: &GpuJob) -> Result<GpuFrame, GpuError> {
-        self.draw_call(&job.call())
-    }
-
-    /// Draws a picture of a scene.
-    pub(super) fn draw_call(&mut self, call: &Call<'_>) -> Result<GpuFrame, GpuError> {
+    pub(super) fn draw(&mut self, job: &GpuJob) -> Result<RenderedFrame, GpuError> {
+        let call = &job.call();
         let surface = surface_of(call);
         let call = &Call {
             surface: &surface,
@@ -105,7 +101,7 @@ impl Studio {
             target.read(open, |rows| pixels::frame(size, format, rows))
         })?;
         let reduction = self.cases.get(call.key).map(|case| case.maps.reduction);
-        Ok(GpuFrame {
+        Ok(RenderedFrame {
             frame,
             reduction: reduction.filter(|&factors| factors != [1; 3]),
         })
@@ -113,15 +109,11 @@ impl Studio {
 
     /// Finds what each pixel shows.
     pub(super) fn hits(&mut self, job: &GpuJob) -> Result<Hits, GpuError> {
-        self.hits_call(&job.call())
-    }
-
-    /// Finds what each pixel of a scene's picture shows.
-    pub(super) fn hits_call(&mut self, call: &Call<'_>) -> Result<Hits, GpuError> {
-        let surface = surface_of(call);
+        let call = job.call();
+        let surface = surface_of(&call);
         let heights_mm = self.heights(&Call {
             surface: &surface,
-            ..*call
+            ..call
         })?;
         let projection = call.request.projection(&call.scene);
         Ok(Hits::new(projection, heights_mm))

@@ -1,6 +1,6 @@
 //! The machine's graphics adapter.
 
-use wgpu::{Adapter, Backends, DeviceType, Instance, InstanceDescriptor};
+use wgpu::{Backends, DeviceType, Instance, InstanceDescriptor};
 
 use super::GpuError;
 
@@ -19,29 +19,27 @@ pub struct AdapterSummary {
 
 /// An adapter, found once, of which each thread opens a device.
 #[derive(Debug, Clone)]
-pub(super) struct Host {
-    adapter: Adapter,
-}
+pub(super) struct Adapter(wgpu::Adapter);
 
-impl Host {
-    /// Looks for an adapter: Vulkan, of software if need be; failing that, a GPU with OpenGL.
+impl Adapter {
+    /// Looks for an adapter: Vulkan, in software if there is no other; failing that, a GPU with OpenGL.
     ///
     /// Software OpenGL is not taken: it does nothing that the CPU renderers do not do faster.
     pub(super) fn find() -> Result<Self, GpuError> {
-        adapter(Backends::VULKAN).or_else(|reason| {
-            adapter(Backends::GL)
+        request(Backends::VULKAN).or_else(|reason| {
+            request(Backends::GL)
                 .ok()
-                .filter(|host| host.adapter.get_info().device_type != DeviceType::Cpu)
+                .filter(|adapter| adapter.0.get_info().device_type != DeviceType::Cpu)
                 .ok_or(reason)
         })
     }
 
-    pub(super) fn adapter(&self) -> &Adapter {
-        &self.adapter
+    pub(super) fn wgpu(&self) -> &wgpu::Adapter {
+        &self.0
     }
 
     pub(super) fn summary(&self) -> AdapterSummary {
-        let info = self.adapter.get_info();
+        let info = self.0.get_info();
         AdapterSummary {
             interface: info.backend.to_string(),
             driver: format!("{} {}", info.driver, info.driver_info)
@@ -53,7 +51,7 @@ impl Host {
     }
 }
 
-fn adapter(backends: Backends) -> Result<Host, GpuError> {
+fn request(backends: Backends) -> Result<Adapter, GpuError> {
     let instance = Instance::new(InstanceDescriptor {
         backends,
         ..InstanceDescriptor::new_without_display_handle()
@@ -63,9 +61,7 @@ fn adapter(backends: Backends) -> Result<Host, GpuError> {
         ..Default::default()
     };
     let found = pollster::block_on(instance.request_adapter(&options));
-    found
-        .map(|adapter| Host { adapter })
-        .map_err(|error| GpuError::NoAdapter {
-            reason: error.to_string(),
-        })
+    found.map(Adapter).map_err(|error| GpuError::NoAdapter {
+        reason: error.to_string(),
+    })
 }
