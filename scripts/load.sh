@@ -29,7 +29,7 @@ until page=$(grep -oE 'http://[^ ]+' "$scratch/said"); do
 done
 address=${page%%/#*} case=${page##*/#}
 # The first answers read the case from the disk.
-curl -sS -o "$scratch/warm" "$address/v1/cases/$case/mesh" "$address/v1/cases/$case/render?renderer=splat"
+for route in mesh "render?renderer=splat"; do curl -sS -o "$scratch/warm" "$address/v1/cases/$case/$route"; done
 
 {
   echo "request,connections,requests/s,50 % ms,99 % ms,KiB,errors"
