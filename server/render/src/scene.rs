@@ -34,6 +34,9 @@ impl<'a> From<&'a DeformableModel> for Scene<'a> {
 
 /// What is behind the brain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub enum Background {
     /// Opaque black.
     #[default]
