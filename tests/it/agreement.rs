@@ -1,14 +1,8 @@
 //! How far the renderers' pictures of a real head are apart.
 
-use std::path::{Path, PathBuf};
-
-use render::agreement::{
-    Agreement, DepthLine, MESH_SIZES, markdown_table, mesh_against_exact, svg_plot,
-};
-use render::{
-    Background, Frame, FrameSize, Hits, NamedView, PixelFormat, RenderBackend, RenderParameters,
-    RenderRequest, SheetPlan, encode_png,
-};
+use bench::agreement::Agreement;
+use geometry::PathTable;
+use render::{Frame, Hits, NamedView, RenderBackend, RenderRequest};
 
 use crate::scenes::{Head, device};
 
@@ -20,6 +14,20 @@ fn exact(head: &Head, depth_mm: f64, side: u32) -> Vec<(RenderRequest, Frame)> {
     requests
         .map(|request| (request, head.draw(&RenderBackend::Trace, &request)))
         .to_vec()
+}
+
+/// The mesh of a table, drawn on the CPU, against exact pictures; the pixels of all pictures count alike.
+fn mesh_against_exact(
+    head: &Head,
+    table: &PathTable,
+    exact: &[(RenderRequest, Frame)],
+) -> Agreement {
+    let mut sum = Agreement::default();
+    for (request, exact) in exact {
+        let found = head.draw_mesh(&RenderBackend::Mesh, table, request);
+        sum += &Agreement::of(&found, exact);
+    }
+    sum
 }
 
 #[test]
@@ -104,12 +112,12 @@ fn a_fine_mesh_of_colin27_agrees_with_the_exact_pictures() {
     let table = head.table([200, 200]);
     for depth_mm in DEPTHS_MM {
         let exact = exact(&head, depth_mm, 512);
-        let all = mesh_against_exact(&head.scene(), &table, &exact);
+        let all = mesh_against_exact(&head, &table, &exact);
         let mean = all.mean_difference();
         assert!(mean <= 3.0, "{depth_mm} mm: {mean} levels apart");
         for exact in &exact {
             let one = std::slice::from_ref(exact);
-            let one = mesh_against_exact(&head.scene(), &table, one);
+            let one = mesh_against_exact(&head, &table, one);
             // Deep down its facets cut the corners of the isosurface's edges.
             let mean = one.mean_difference();
             assert!(mean <= 4.0, "{depth_mm} mm: {mean} levels apart");
@@ -136,66 +144,4 @@ fn the_device_draws_the_mesh_of_colin27_as_the_processor_does() {
             assert_eq!(agreement.beyond_edge(), 0, "{what}");
         }
     }
-}
-
-/// Writes `docs/renderers.png`: all five back ends side by side.
-#[test]
-#[ignore = "it makes a picture of the documentation"]
-fn five_back_ends_side_by_side() {
-    let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
-        return;
-    };
-    let table = head.table([200, 200]);
-    let depths_mm = [0.0, 8.0];
-    let columns = ["splat", "mesh", "trace", "mesh, device", "trace, device"].map(str::to_owned);
-    let rows = depths_mm.map(|depth_mm| format!("{depth_mm} mm"));
-    let cell = FrameSize::new(224, 224).expect("a size within range");
-    let plan = SheetPlan::new(cell, rows.to_vec(), columns.to_vec()).expect("a sheet");
-    let mut sheet = plan.begin(PixelFormat::Grey8);
-    for (row, depth_mm) in depths_mm.into_iter().enumerate() {
-        let request = head.request(NamedView::Left, depth_mm, cell.width());
-        let request = RenderParameters {
-            background: Background::Black,
-            ..*request.parameters()
-        };
-        let request = RenderRequest::new(request).expect("a checked request");
-        let backends = [
-            RenderBackend::Splat,
-            RenderBackend::Mesh,
-            RenderBackend::Trace,
-            RenderBackend::GpuMesh(pool.clone()),
-            RenderBackend::GpuTrace(pool.clone()),
-        ];
-        let frames = backends.map(|backend| head.draw_mesh(&backend, &table, &request));
-        for (column, frame) in frames.iter().enumerate() {
-            sheet.put(frame, row, column);
-        }
-    }
-    let png = encode_png(&sheet.finish(), &[]).expect("a PNG");
-    std::fs::write(docs().join("renderers.png"), png).expect("a written picture");
-}
-
-fn docs() -> PathBuf {
-    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
-    std::fs::create_dir_all(&docs).expect("a folder");
-    docs
-}
-
-/// Writes `docs/agreement.svg` and prints the table of `docs/renderers.md`.
-#[test]
-#[ignore = "it makes a figure of the documentation"]
-fn ten_meshes_of_colin27_against_the_exact_pictures() {
-    let Some(head) = Head::colin27() else { return };
-    let tables = MESH_SIZES.map(|size| head.table(size));
-    let lines = DEPTHS_MM.map(|depth_mm| {
-        let exact = exact(&head, depth_mm, 512);
-        let meshes = tables.iter().map(|table| {
-            let agreement = mesh_against_exact(&head.scene(), table, &exact);
-            (table.size.triangle_count(), agreement)
-        });
-        let meshes = meshes.collect();
-        DepthLine { depth_mm, meshes }
-    });
-    println!("{}", markdown_table(&lines));
-    std::fs::write(docs().join("agreement.svg"), svg_plot(&lines)).expect("a written plot");
 }

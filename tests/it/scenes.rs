@@ -1,76 +1,45 @@
 //! Heads to draw with no server between: the made-up one, and Colin27 where it is at hand.
 
-use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
-use geometry::{
-    BrainMask, BuiltModel, ClosedBrain, DeformableModel, GeometryError, Mask, MeshSize, PathTable,
-    Paths, Volume, phantom,
-};
-use render::gpu::{CaseKey, GpuError, GpuOptions, GpuPool, KeyedModel};
+use bench::PreparedHead;
+use geometry::{DeformableModel, MeshSize, PathTable, Paths};
+use render::gpu::{GpuError, GpuOptions, GpuPool};
 use render::{
-    Background, Camera, Frame, FrameSize, Hits, NamedView, RenderBackend, RenderJob,
-    RenderParameters, RenderRequest, Scene, SizedMesh, Window,
+    Background, Camera, Frame, FrameSize, Hits, NamedView, RenderBackend, RenderParameters,
+    RenderRequest, SizedMesh,
 };
 
 use crate::heads::data;
 
 /// A head as the service prepares it: its mask closed by 10 mm, the window that of its intensities.
-pub(crate) struct Head {
-    built: BuiltModel,
-    case: KeyedModel,
-    window: Window,
-}
+pub(crate) struct Head(PreparedHead);
 
 impl Head {
-    fn new(volume: &Volume, mask: &Mask) -> Self {
-        let brain = BrainMask::from_mask(mask, volume.grid()).expect("a brain");
-        let envelope = geometry::envelope(&brain, 10.0).expect("a radius within range");
-        let volume = DeformableModel::crop(volume, &envelope).expect("a mask of this volume");
-        let window = volume.percentiles_inside(&envelope, [0.02, 0.98]);
-        let [black, white] = window.expect("voxels inside of the envelope");
-        let closed = ClosedBrain::Envelope(envelope);
-        let built = DeformableModel::build(volume, closed, |_| Ok::<_, GeometryError>(()));
-        let built = built.expect("a head that is large enough");
-        static KEYS: AtomicU64 = AtomicU64::new(0);
-        Self {
-            case: KeyedModel {
-                key: CaseKey(KEYS.fetch_add(1, Ordering::Relaxed).into()),
-                model: Arc::new(built.model.clone()),
-            },
-            window: Window::between(black, white),
-            built,
-        }
+    fn new(head: &bench::Head) -> Self {
+        let (prepared, _) = PreparedHead::prepare(head, 10.0).expect("a sound head");
+        Self(prepared)
     }
 
     /// The made-up head, with voxels of 2 mm.
     pub(crate) fn phantom() -> Self {
-        let head = phantom::head(2.0);
-        Self::new(&head.volume, &head.brain)
+        Self::new(&bench::Head::phantom(2.0).expect("a head that can be written"))
     }
 
     /// Colin27, `None` without the test data.
     pub(crate) fn colin27() -> Option<Self> {
         let folder = data()?.join("colin27");
-        let read = |path: &Path| std::fs::read(path).expect("a file of the test data");
-        let limits = imaging::Limits::default();
-        let volume = imaging::nifti::read_volume(&read(&folder.join("ch2.nii.gz")), &limits);
-        let mask = imaging::nifti::read_mask(&read(&folder.join("ch2bet.nii.gz")), &limits);
-        Some(Self::new(
-            &volume.expect("a sound volume"),
-            &mask.expect("a sound mask"),
-        ))
+        let read = |name| std::fs::read(folder.join(name)).expect("a file of the test data");
+        Some(Self::new(&bench::Head {
+            name: "Colin27".to_owned(),
+            volume: read("ch2.nii.gz"),
+            mask: read("ch2bet.nii.gz"),
+        }))
     }
 
     /// Its model.
     pub(crate) fn model(&self) -> &DeformableModel {
-        &self.case.model
-    }
-
-    /// What a renderer needs of it.
-    pub(crate) fn scene(&self) -> Scene<'_> {
-        self.case.scene()
+        self.0.model()
     }
 
     /// A square picture of `side` pixels on nothing, in the head's own window.
@@ -80,7 +49,7 @@ impl Head {
             camera: Camera::named(view),
             size: FrameSize::new(side, side).expect("a size within range"),
             background: Background::Transparent,
-            ..RenderParameters::new(self.window)
+            ..RenderParameters::new(self.0.window)
         };
         RenderRequest::new(parameters).expect("a depth within range")
     }
@@ -88,15 +57,13 @@ impl Head {
     /// The table of a mesh of `contours` × `points` along the gradient.
     pub(crate) fn table(&self, [contours, points]: [usize; 2]) -> PathTable {
         let size = MeshSize::new(contours, points).expect("a size within range");
-        let table = self
-            .model()
-            .path_table(size, &self.built.distance, Paths::Flow);
+        let table = self.model().path_table(size, &self.0.distance, Paths::Flow);
         table.expect("a mesh")
     }
 
     /// A picture without a mesh.
     pub(crate) fn draw(&self, backend: &RenderBackend, request: &RenderRequest) -> Frame {
-        let drawn = backend.draw(&self.job(request, None));
+        let drawn = backend.draw(&self.0.job(*request, None));
         drawn.expect("a picture").frame
     }
 
@@ -111,21 +78,13 @@ impl Head {
             size: table.size,
             mesh: table.shrink(request.parameters().depth_mm as f32),
         };
-        let drawn = backend.draw(&self.job(request, Some(mesh)));
+        let drawn = backend.draw(&self.0.job(*request, Some(mesh)));
         drawn.expect("a picture").frame
     }
 
     /// What a picture without a mesh shows.
     pub(crate) fn hits(&self, backend: &RenderBackend, request: &RenderRequest) -> Hits {
-        backend.hits(&self.job(request, None)).expect("hits")
-    }
-
-    fn job(&self, request: &RenderRequest, mesh: Option<SizedMesh>) -> RenderJob {
-        RenderJob {
-            case: self.case.clone(),
-            request: *request,
-            mesh,
-        }
+        backend.hits(&self.0.job(*request, None)).expect("hits")
     }
 }
 

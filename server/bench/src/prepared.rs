@@ -53,21 +53,17 @@ impl PreparedHead {
             Ok::<_, BenchError>(())
         };
         let built = DeformableModel::build(volume, ClosedBrain::Envelope(envelope), observe)?;
+        clock.begin(Step::Facts);
+        let window = pipeline::facts(&built).window;
+        let [black, white] = [-0.5, 0.5].map(|half| window.center + half * window.width);
+        clock.begin(Step::Normals);
+        built.model.normals();
+        let costs = clock.finish();
         let BuiltModel {
             model,
             distance,
             forest,
         } = built;
-        clock.begin(Step::Facts);
-        let volume = model.volume();
-        let [least, greatest] = volume.intensity_range();
-        let [black, white] = volume
-            .percentiles_inside(distance.envelope(), [0.02, 0.98])
-            .unwrap_or([least, greatest]);
-        std::hint::black_box(geometry::midsagittal_plane(distance.envelope(), volume));
-        clock.begin(Step::Normals);
-        model.normals();
-        let costs = clock.finish();
         let prepared = Self {
             case: KeyedModel {
                 key: next_key(),

@@ -14,13 +14,20 @@ const NORMAL_SIGMA_VOXELS: f32 = 1.5;
 /// Voxels of the volume kept around the working grid, which itself surrounds the brain by 4: what trilinear sampling needs.
 const CROP_MARGIN_VOXELS: usize = 1;
 
-/// What pictures need from a distance map: some 8 bytes for each voxel of its grid.
-#[derive(Debug, Clone, PartialEq)]
+/// What pictures need from a distance map: some 5 bytes for each voxel of its grid.
+#[derive(Debug, Clone)]
 pub struct DepthMaps {
     field: DepthField,
     normals: OnceLock<DepthField>,
     shell: ShellIndex,
     bounds: BoundingSphere,
+}
+
+/// Two are equal if they are of the same depths, whether or not the smoothed field was computed.
+impl PartialEq for DepthMaps {
+    fn eq(&self, other: &Self) -> bool {
+        (&self.field, &self.shell, self.bounds) == (&other.field, &other.shell, other.bounds)
+    }
 }
 
 impl DepthMaps {

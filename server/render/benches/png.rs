@@ -12,7 +12,7 @@ fn png(criterion: &mut Criterion) {
     let parameters = RenderParameters::new(Window::between(40.0, 160.0));
     let frame = draw_splat(&scene, &RenderRequest::new(parameters).expect("a request"));
     criterion.bench_function("png of a grey frame 512x512", |bencher| {
-        bencher.iter(|| encode_png(&frame, &[("renderer", "splat")]));
+        bencher.iter(|| encode_png(&frame, &[("renderer", "splat".to_owned())]));
     });
 }
 

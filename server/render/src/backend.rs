@@ -1,9 +1,11 @@
 //! Who draws a picture, and the drawing of it.
 
+use std::fmt;
 use std::sync::Arc;
 
 use geometry::{MeshSize, ShrunkMesh};
 
+use crate::choice::Renderer;
 use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, KeyedModel};
 use crate::mesh::{draw_mesh_while, mesh_hits};
 use crate::splat::{draw_splat_while, splat_hits};
@@ -28,7 +30,14 @@ pub enum RenderBackend {
     GpuTrace(Arc<GpuPool>),
 }
 
-/// A picture that can be drawn: everything it needs is at hand.
+/// The renderer and its device: `splat on cpu`.
+impl fmt::Display for RenderBackend {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{} on {}", self.name(), self.device())
+    }
+}
+
+/// A picture that can be drawn: everything it needs is at hand. Cheap to clone but for its mesh.
 #[derive(Debug, Clone)]
 pub struct RenderJob {
     /// The model to draw.
@@ -58,6 +67,18 @@ pub struct RenderedFrame {
 }
 
 impl RenderBackend {
+    /// The backend for a renderer: `auto`, `mesh` and `trace` take the graphics device if there is one.
+    pub fn choose(renderer: Renderer, device: Option<Arc<GpuPool>>) -> Self {
+        match (renderer, device) {
+            (Renderer::Mesh, Some(pool)) => Self::GpuMesh(pool),
+            (Renderer::Auto | Renderer::Trace, Some(pool)) => Self::GpuTrace(pool),
+            (Renderer::Mesh, None) => Self::Mesh,
+            (Renderer::Trace, None) => Self::Trace,
+            // As near to the exact picture as any on the CPU, and the fastest that is.
+            (Renderer::Splat, _) | (Renderer::Auto, None) => Self::Splat,
+        }
+    }
+
     /// Its name in the interfaces: `splat`, `mesh` or `trace`.
     pub fn name(&self) -> &'static str {
         match self {
@@ -73,6 +94,12 @@ impl RenderBackend {
             Self::Splat | Self::Mesh | Self::Trace => None,
             Self::GpuMesh(pool) | Self::GpuTrace(pool) => Some(pool.adapter()),
         }
+    }
+
+    /// The device that draws: `cpu`, or the graphics adapter in one line.
+    pub fn device(&self) -> String {
+        self.adapter()
+            .map_or_else(|| "cpu".to_owned(), AdapterSummary::line)
     }
 
     /// Whether it draws [`RenderJob::mesh`].
@@ -137,7 +164,7 @@ impl RenderBackend {
             GpuSurface::Trace
         };
         Ok(GpuJob {
-            case: Arc::new(job.case.clone()),
+            case: job.case.clone(),
             request: job.request,
             surface,
         })
@@ -206,6 +233,15 @@ mod tests {
             let wanted = backend.draw_while(&job, &|| true).unwrap();
             assert_eq!(wanted, Some(backend.draw(&job).unwrap()));
         }
+    }
+
+    #[test]
+    fn without_a_device_each_renderer_draws_on_the_cpu_and_auto_splats() {
+        let chosen = |renderer| RenderBackend::choose(renderer, None).to_string();
+        assert_eq!(chosen(Renderer::Auto), "splat on cpu");
+        assert_eq!(chosen(Renderer::Splat), "splat on cpu");
+        assert_eq!(chosen(Renderer::Mesh), "mesh on cpu");
+        assert_eq!(chosen(Renderer::Trace), "trace on cpu");
     }
 
     #[test]

@@ -13,7 +13,6 @@
 //! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
 //! camera looks: x to the right of the picture, y up, z towards the viewer.
 
-pub mod agreement;
 mod annotate;
 mod apng;
 mod backend;
@@ -54,7 +53,6 @@ pub use camera::{Camera, NamedView, Projection};
 pub use colormap::ColorMap;
 pub use error::RenderError;
 pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
-pub use geometry::BoundingSphere;
 pub use hits::Hits;
 pub use light::Light;
 pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};

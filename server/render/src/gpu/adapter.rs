@@ -17,6 +17,21 @@ pub struct AdapterSummary {
     pub is_software: bool,
 }
 
+impl AdapterSummary {
+    /// Name, interface and driver in one line of printable ASCII, at most 200 letters, as headers require it.
+    pub fn line(&self) -> String {
+        let text = format!("{} ({}, {})", self.name, self.interface, self.driver);
+        let printable = |letter: char| {
+            if matches!(letter, ' '..='~') {
+                letter
+            } else {
+                '?'
+            }
+        };
+        text.chars().take(200).map(printable).collect()
+    }
+}
+
 /// An adapter, found once, of which each thread opens a device.
 #[derive(Debug, Clone)]
 pub(super) struct Adapter(wgpu::Adapter);

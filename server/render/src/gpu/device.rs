@@ -67,7 +67,7 @@ impl OpenDevice {
     }
 
     /// As if the driver had said that there is no memory.
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     pub(super) fn run_short(&self) {
         self.faults.note(GpuError::OutOfMemory);
     }

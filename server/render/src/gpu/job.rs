@@ -11,15 +11,6 @@ use crate::{RenderRequest, Scene};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CaseKey(pub u128);
 
-/// A case that threads can share, to be drawn by a graphics device.
-pub trait GpuCase: Send + Sync {
-    /// Which case this is, of all that are drawn: part of a digest of its content.
-    fn key(&self) -> CaseKey;
-
-    /// Its scene. It is read when the textures of the case are made, and for each picture.
-    fn scene(&self) -> Scene<'_>;
-}
-
 /// A model that threads share, and the key of its textures.
 #[derive(Clone)]
 pub struct KeyedModel {
@@ -45,16 +36,6 @@ impl fmt::Debug for KeyedModel {
     }
 }
 
-impl GpuCase for KeyedModel {
-    fn key(&self) -> CaseKey {
-        self.key
-    }
-
-    fn scene(&self) -> Scene<'_> {
-        self.scene()
-    }
-}
-
 /// What is drawn of a case.
 #[derive(Debug, Clone, PartialEq)]
 pub enum GpuSurface {
@@ -70,13 +51,13 @@ pub enum GpuSurface {
 }
 
 /// A picture that is asked for.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct GpuJob {
-    /// Of which case.
-    pub case: Arc<dyn GpuCase>,
-    /// How.
+    /// The model to draw.
+    pub case: KeyedModel,
+    /// How to draw it.
     pub request: RenderRequest,
-    /// And of what.
+    /// What to draw of it.
     pub surface: GpuSurface,
 }
 
@@ -92,20 +73,10 @@ pub(super) struct Call<'a> {
 impl GpuJob {
     pub(super) fn call(&self) -> Call<'_> {
         Call {
-            key: self.case.key(),
+            key: self.case.key,
             scene: self.case.scene(),
             request: &self.request,
             surface: &self.surface,
         }
-    }
-}
-
-impl fmt::Debug for GpuJob {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("GpuJob")
-            .field("case", &self.case.key())
-            .field("request", &self.request)
-            .finish_non_exhaustive()
     }
 }

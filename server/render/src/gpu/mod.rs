@@ -32,7 +32,7 @@ mod worker;
 
 pub use adapter::AdapterSummary;
 pub use error::GpuError;
-pub use job::{CaseKey, GpuCase, GpuJob, GpuSurface, KeyedModel};
-#[cfg(feature = "faults")]
+pub use job::{CaseKey, GpuJob, GpuSurface, KeyedModel};
+#[cfg(any(test, feature = "faults"))]
 pub use pool::Fault;
 pub use pool::{GpuOptions, GpuPool, GpuTicket};

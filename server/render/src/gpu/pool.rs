@@ -54,18 +54,20 @@ type Reply<T> = Sender<Result<T, GpuError>>;
 enum Task {
     Frame(GpuJob, Reply<RenderedFrame>, Waiting),
     Hits(GpuJob, Reply<Hits>, Waiting),
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     Break(Fault),
 }
 
 /// What can happen to a graphics device.
-#[cfg(feature = "faults")]
+#[cfg(any(test, feature = "faults"))]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// It is lost.
     Loss,
     /// It has no memory for the next attempts, so many, at a picture.
     OutOfMemory(u32),
+    /// Its thread panics at the next picture.
+    Panic,
 }
 
 /// Whether anyone still waits for an answer.
@@ -176,7 +178,7 @@ impl GpuPool {
     ///
     /// # Errors
     /// [`GpuError::Busy`] when too many pictures wait.
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     pub fn break_device(&self, fault: Fault) -> Result<(), GpuError> {
         self.enqueue(Task::Break(fault))
     }
@@ -236,7 +238,7 @@ fn work(
                     worker.attempt(|renderer| renderer.hits(&job))
                 });
             }
-            #[cfg(feature = "faults")]
+            #[cfg(any(test, feature = "faults"))]
             Ok(Task::Break(fault)) => worker.meet(fault),
             Err(_) => return,
         }

@@ -15,8 +15,11 @@ pub(super) struct GpuWorker {
     renderer: Option<GpuRenderer>,
     reopened: u64,
     /// Attempts that are to find no memory.
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     shortages: u32,
+    /// Whether the next attempt is to panic.
+    #[cfg(any(test, feature = "faults"))]
+    panics: bool,
 }
 
 impl GpuWorker {
@@ -28,8 +31,10 @@ impl GpuWorker {
             limits,
             renderer: Some(renderer),
             reopened: 0,
-            #[cfg(feature = "faults")]
+            #[cfg(any(test, feature = "faults"))]
             shortages: 0,
+            #[cfg(any(test, feature = "faults"))]
+            panics: false,
         })
     }
 
@@ -46,8 +51,8 @@ impl GpuWorker {
     ) -> Result<T, GpuError> {
         let mut result = Err(GpuError::Closed);
         for _ in 0..ATTEMPTS {
-            #[cfg(feature = "faults")]
-            self.run_short();
+            #[cfg(any(test, feature = "faults"))]
+            self.fail_on_request();
             result = self.renderer().and_then(&mut draw);
             match &result {
                 Err(GpuError::Lost { .. }) => self.renderer = None,
@@ -59,18 +64,20 @@ impl GpuWorker {
     }
 
     /// Breaks the device.
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     pub(super) fn meet(&mut self, fault: super::pool::Fault) {
         match (fault, &self.renderer) {
             (super::pool::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
+            (super::pool::Fault::Panic, _) => self.panics = true,
             (super::pool::Fault::Loss, Some(renderer)) => renderer.open.device.destroy(),
             (super::pool::Fault::Loss, None) => {}
         }
     }
 
-    /// Lets the driver say that there is no memory, if it is to.
-    #[cfg(feature = "faults")]
-    fn run_short(&mut self) {
+    /// Panics, or lets the driver report that there is no memory, if a test asked for it.
+    #[cfg(any(test, feature = "faults"))]
+    fn fail_on_request(&mut self) {
+        assert!(!std::mem::take(&mut self.panics), "a fault for a test");
         if let (Some(renderer), 1..) = (&self.renderer, self.shortages) {
             self.shortages -= 1;
             renderer.open.run_short();

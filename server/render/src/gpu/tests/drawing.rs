@@ -525,5 +525,5 @@ fn a_mesh_of_other_vertices_is_refused() {
             expected: 402
         })
     );
-    assert_eq!(job.case.key(), case.keyed.key);
+    assert_eq!(job.case.key, case.keyed.key);
 }

@@ -214,7 +214,7 @@ fn heights(
     let target = Target::new(&renderer.open, &renderer.pipelines, plan);
     let case = renderer
         .cases
-        .get(job.case.key())
+        .get(job.case.key)
         .expect("it was drawn before");
     let mut encoder = renderer
         .open

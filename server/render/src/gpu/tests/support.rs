@@ -92,7 +92,7 @@ pub(super) fn parameters(view: NamedView, depth_mm: f64) -> RenderParameters {
 /// The isosurface itself, as `parameters` say.
 pub(super) fn trace(case: &Case, parameters: RenderParameters) -> GpuJob {
     GpuJob {
-        case: Arc::new(case.keyed.clone()),
+        case: case.keyed.clone(),
         request: RenderRequest::new(parameters).unwrap(),
         surface: GpuSurface::Trace,
     }
