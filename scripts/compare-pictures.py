@@ -124,6 +124,14 @@ class Server:
             sys.exit(f"{volume} cannot be prepared: {told}")
         return told
 
+    def memory_mib(self):
+        """Memory held now and at most, in MiB, if the system tells."""
+        try:
+            text = Path(f"/proc/{self.process.pid}/status").read_text()
+        except OSError:
+            return None
+        return [int(re.search(rf"{line}:\s+(\d+)", text).group(1)) / 1024 for line in ("VmRSS", "VmHWM")]
+
     def end(self):
         self.process.terminate()
         self.process.wait()
@@ -163,7 +171,7 @@ def shown(content):
 
 
 def answers(program, volume, mask):
-    """Everything that a program answers about a head: name to (digest, digest of what is shown, length)."""
+    """What is told of a head, everything that is answered about it (name to digest, digest of what is shown, length), and the memory."""
     server = Server(program)
     try:
         told = server.prepare(volume, mask)
@@ -174,7 +182,7 @@ def answers(program, volume, mask):
             if re.match(rb"[45]\d\d ", content):
                 sys.exit(f"{program} refuses {path}: {content[:300]!r}")
             found[name] = (digest(content), shown(content), len(content))
-        return told, found
+        return told, found, server.memory_mib()
     finally:
         server.end()
 
@@ -191,7 +199,7 @@ def main():
     is_same = True
     for head in arguments.heads:
         volume, _, mask = head.partition(",")
-        (old_told, old), (new_told, new) = (answers(program, volume, mask) for program in (arguments.old, arguments.new))
+        (old_told, old, old_memory), (new_told, new, new_memory) = (answers(program, volume, mask) for program in (arguments.old, arguments.new))
         names = {"pictures": picture_names, "binary routes": [name for name in old if name not in picture_names]}
         print(f"{Path(volume).parent.name}/{Path(volume).name}: id {'the same' if old_told['id'] == new_told['id'] else 'DIFFERENT'}")
         is_same &= old_told["id"] == new_told["id"]
@@ -207,6 +215,9 @@ def main():
             if arguments.list:
                 for name in names:
                     print(f"    {old[name][1][:16]} {new[name][1][:16]} {name}")
+        if old_memory and new_memory:
+            (old_now, old_most), (new_now, new_most) = old_memory, new_memory
+            print(f"  memory: {old_now:.0f} MiB and {new_now:.0f} at the end, {old_most:.0f} and {new_most:.0f} at most")
         sys.stdout.flush()
     sys.exit(0 if is_same else 1)
 

@@ -26,7 +26,7 @@ impl Backends {
         Self { all, graphics }
     }
 
-    /// All that this machine has. A device in hardware comes first.
+    /// All that this machine has: the CPU's, then those of its graphics device.
     pub fn open() -> Self {
         let Self { mut all, .. } = Self::on_cpu();
         let pool = match GpuPool::start(GpuOptions::default()) {
@@ -36,22 +36,22 @@ impl Backends {
                 return Self { all, graphics };
             }
         };
-        let adapter = pool.adapter().clone();
-        let graphics = format!(
-            "{} ({}, {})",
-            adapter.name, adapter.interface, adapter.driver
-        );
-        if adapter.is_software {
-            // Tracing by a driver in software is slower than by the program itself.
-            all.push(RenderBackend::GpuMesh(pool));
-        } else {
-            let device = [
-                RenderBackend::GpuMesh(Arc::clone(&pool)),
-                RenderBackend::GpuTrace(pool),
-            ];
-            all.splice(0..0, device);
-        }
+        let graphics = pool.adapter().line();
+        all.push(RenderBackend::GpuMesh(Arc::clone(&pool)));
+        all.push(RenderBackend::GpuTrace(pool));
         Self { all, graphics }
+    }
+
+    /// Those whose frame rates are worth a table: a device in hardware comes first, and none traces by a driver in software, which
+    /// is slower than the program itself.
+    pub fn for_rates(mut self) -> Self {
+        let is_software =
+            |backend: &RenderBackend| backend.adapter().map(|adapter| adapter.is_software);
+        self.all
+            .retain(|backend| backend.needs_mesh() || is_software(backend) != Some(true));
+        self.all
+            .sort_by_key(|backend| is_software(backend) != Some(false));
+        self
     }
 
     /// Only the backends of these names, or all if there are none.

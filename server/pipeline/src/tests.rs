@@ -121,7 +121,7 @@ fn a_skull_stripped_volume_is_its_own_mask() {
     };
     let own = run(&stripped, &Parameters::default()).unwrap();
     let given = run(&upload(&head), &Parameters::default()).unwrap();
-    assert!(own.distance == given.distance);
+    assert!(own.built.distance == given.built.distance);
     let raw = Source {
         mask: None,
         ..upload(&head)

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use geometry::MeshSize;
+use geometry::{MeshSize, PathTable, Paths};
 use render::{
     Camera, Frame, FrameSize, NamedView, PixelFormat, RenderBackend, RenderParameters,
     RenderRequest, SheetPlan, SizedMesh,
@@ -46,9 +46,8 @@ pub fn ten_meshes(head: &PreparedHead, size: FrameSize) -> Result<Table, BenchEr
     let exact = DEPTHS_MM.map(|depth_mm| exact_pictures(head, depth_mm, size));
     let exact = exact.into_iter().collect::<Result<Vec<_>, _>>()?;
     for [contours, points] in MESH_SIZES {
-        let size = MeshSize::new(contours, points)?;
-        let (_, paths) = head.table(size)?;
-        let mut row = vec![size.triangle_count().into()];
+        let paths = flow_table(head, [contours, points])?;
+        let mut row = vec![paths.size.triangle_count().into()];
         for exact in &exact {
             let agreement = mesh_against_exact(head, &paths, exact)?;
             row.push(agreement.mean_difference().into());
@@ -56,8 +55,18 @@ pub fn ten_meshes(head: &PreparedHead, size: FrameSize) -> Result<Table, BenchEr
         }
         table.push(row);
     }
-    table.note("Over the pixels that both pictures cover, from all six sides.");
+    table.note(
+        "Meshes along the gradient; over the pixels that both pictures cover, from all six sides.",
+    );
     Ok(table)
+}
+
+/// All depths of a mesh along the gradient: the meshes that are nearest to the isosurface.
+fn flow_table(head: &PreparedHead, size: [usize; 2]) -> Result<PathTable, BenchError> {
+    let [contours, points] = size;
+    let size = MeshSize::new(contours, points)?;
+    let table = head.model().path_table(size, &head.distance, Paths::Flow);
+    Ok(table?)
 }
 
 /// The table of [`ten_meshes`] in Markdown: the mean, and the 95th percentile in brackets.
@@ -86,8 +95,7 @@ pub fn markdown(table: &Table) -> String {
 /// # Errors
 /// When a picture cannot be drawn.
 pub fn side_by_side(head: &PreparedHead, backends: &[RenderBackend]) -> Result<Frame, BenchError> {
-    let [contours, points] = FINE_MESH;
-    let (_, table) = head.table(MeshSize::new(contours, points)?)?;
+    let table = flow_table(head, FINE_MESH)?;
     let cell = FrameSize::new(CELL, CELL)?;
     let rows = SIDE_BY_SIDE_MM.map(|depth_mm| format!("{depth_mm} mm"));
     let columns = backends

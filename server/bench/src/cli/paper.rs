@@ -108,7 +108,7 @@ impl PaperArgs {
         let backends = if self.cpu_only {
             bench::Backends::on_cpu()
         } else {
-            bench::Backends::open()
+            bench::Backends::open().for_rates()
         };
         let names: Vec<&str> = self.renderer.iter().map(|one| one.name()).collect();
         backends.only(&names)

@@ -219,6 +219,14 @@ mod tests {
     }
 
     #[test]
+    fn the_old_bench_names_the_program_that_took_its_place() {
+        let old = ["isocortex", "bench", "--growth", "--plot", "plots"];
+        let error = run(Cli::try_parse_from(old).unwrap().command).unwrap_err();
+        assert_eq!(error.status, ExitStatus::Usage);
+        assert!(error.message.contains("isocortex-bench paper"));
+    }
+
+    #[test]
     fn an_output_is_tried_before_the_work_and_left_as_it_was() {
         let directory = tempfile::tempdir().unwrap();
         let output = directory.path().join("a.png");
