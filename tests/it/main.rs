@@ -2,7 +2,6 @@
 
 mod agreement;
 mod bad_input;
-mod bench;
 mod dicom;
 mod extraction;
 mod faults;

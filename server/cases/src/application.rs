@@ -8,14 +8,15 @@ use case::{CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
+use render::{RenderBackend, RenderJob, SizedMesh};
 use storage::{Store, StoreError};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
-use crate::models::{Model, Models};
+use crate::models::{Models, WarmModel};
 use crate::pictures::{
-    Drawer, Drawing, Graphics, GraphicsOptions, PictureRequest, RenderPool, Turnstile, window_of,
+    Graphics, GraphicsOptions, PictureJob, PictureRequest, RenderPool, Turnstile, window_of,
 };
 
 /// How many cases are remembered to be ready.
@@ -149,7 +150,7 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::ready`].
-    pub async fn model(&self, id: &CaseId) -> Result<Arc<Model>, Error> {
+    pub async fn model(&self, id: &CaseId) -> Result<Arc<WarmModel>, Error> {
         if let Some(model) = self.models.get(id).await? {
             return Ok(model);
         }
@@ -168,32 +169,34 @@ impl Cases {
     ///
     /// # Errors
     /// When the mesh cannot be had, or too much work waits.
-    pub async fn drawing(
+    pub async fn picture_job(
         &self,
-        model: &Arc<Model>,
+        warm: &WarmModel,
         request: &PictureRequest,
-        drawer: Drawer,
-    ) -> Result<Drawing, Error> {
-        let depth_mm = request.depth_mm.min(model.facts.max_depth_mm);
-        let mesh = if drawer.wants_mesh() {
+        backend: RenderBackend,
+    ) -> Result<PictureJob, Error> {
+        let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
+        let mesh = if backend.needs_mesh() {
             let (size, kind) = (request.mesh_size()?, request.paths);
-            let shrunk = model.shrink(size, kind, depth_mm);
-            let shrunk = if model.has_at_hand(size, kind) {
+            let shrunk = warm.shrink(size, kind, depth_mm);
+            let mesh = if warm.has_at_hand(size, kind) {
                 shrunk.await?
             } else {
                 self.turnstile.pass(shrunk).await??
             };
-            Some((size, shrunk))
+            Some(SizedMesh { size, mesh })
         } else {
             None
         };
-        let window = window_of(&model.facts);
-        Ok(Drawing {
-            case: Arc::clone(model) as Arc<_>,
-            request: request.at(depth_mm, window)?,
+        let window = window_of(&warm.facts);
+        Ok(PictureJob {
+            job: RenderJob {
+                case: warm.keyed(),
+                request: request.at(depth_mm, window)?,
+                mesh,
+            },
             asked: request.renderer,
-            drawer,
-            mesh,
+            backend,
         })
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use case::CaseId;
 use cases::Cases;
-use cases::models::Model;
+use cases::models::WarmModel;
 use tokio::sync::watch;
 
 use crate::auth::Access;
@@ -89,7 +89,7 @@ impl Shared {
     ///
     /// # Errors
     /// As [`Cases::ready`].
-    pub async fn model(&self, id: &CaseId) -> Result<Arc<Model>, AppError> {
+    pub async fn model(&self, id: &CaseId) -> Result<Arc<WarmModel>, AppError> {
         let model = self.cases.model(id).await;
         if model.is_err() {
             self.bodies.forget(id);

@@ -8,7 +8,6 @@ use cases::Error;
 use futures_util::StreamExt as _;
 use geometry::Mask;
 use render::Scene;
-use render::gpu::GpuCase as _;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
@@ -21,7 +20,7 @@ use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
-use cases::pictures::{borrowed, window_of};
+use cases::pictures::window_of;
 use pipeline::codec::{decode_brain, decode_envelope};
 use pipeline::read_volume;
 use storage::{NewMask, Spooled, StoreError, Version};
@@ -342,7 +341,7 @@ pub async fn get_quality(
         let window = window_of(&facts);
         let frame = render::draw_quality_sheet(&scene, window, &lines(&facts))?;
         let texts = render::sheet_texts(&id.to_string(), window);
-        Ok::<_, AppError>(render::encode_png(&frame, &borrowed(&texts))?)
+        Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
     };
     let picture = state.cases.pool.run(draw).await??;
     Representation {
