@@ -44,6 +44,7 @@ mod tests;
 mod watch;
 
 use std::fmt;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -340,7 +341,7 @@ impl Store {
         self.rows().check().await?;
         self.inner.objects.check().await?;
         let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
-        tokio::task::spawn_blocking(move || check_room(&scratch, wanted)).await??;
+        tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
         Ok(())
     }
 
@@ -409,13 +410,17 @@ impl Store {
     }
 }
 
-/// Whether so many bytes are free on the disk of a directory, for a process without privileges.
-fn check_room(directory: &Path, wanted: u64) -> std::io::Result<()> {
+/// Whether so many bytes are free on the disk of a directory, for a process without privileges, and a file can be made durable there.
+fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
     let disk = rustix::fs::statvfs(directory)?;
     if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
         return Err(std::io::ErrorKind::StorageFull.into());
     }
-    Ok(())
+    let mut probe = tempfile::Builder::new()
+        .prefix("check-")
+        .tempfile_in(directory)?;
+    probe.write_all(b"check")?;
+    probe.as_file().sync_data()
 }
 
 fn rows_file(root: &Path) -> std::path::PathBuf {

@@ -13,9 +13,10 @@ use std::time::Duration;
 use async_trait::async_trait;
 use jiff::Timestamp;
 use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
+    SqliteSynchronous,
 };
-use sqlx::{Sqlite, Transaction};
+use sqlx::{Connection as _, Sqlite, Transaction};
 
 use super::rows::{
     CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
@@ -63,6 +64,7 @@ impl SqliteRows {
             .max_connections(connections)
             .idle_timeout(None)
             .max_lifetime(None)
+            .after_release(|connection, _| Box::pin(async { is_reusable(connection).await }))
             .connect_with(options)
             .await?;
         sqlx::migrate!().run(&pool).await?;
@@ -72,6 +74,16 @@ impl SqliteRows {
     async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
         Ok(self.pool.begin_with("BEGIN IMMEDIATE").await?)
     }
+}
+
+/// Whether a connection that was given back can be used again.
+///
+/// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows then fails, and
+/// sqlx counts the connection as inside its transaction for ever: every later `BEGIN` on it fails. Such a connection is closed.
+async fn is_reusable(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    // A rollback that is under way is over once the connection answers.
+    connection.ping().await?;
+    Ok(!connection.is_in_transaction())
 }
 
 #[async_trait]
@@ -242,9 +254,66 @@ impl CaseRows for SqliteRows {
     }
 
     async fn check(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT value FROM fence")
-            .fetch_one(&self.pool)
+        let mut transaction = self.write().await?;
+        sqlx::query("UPDATE fence SET value = value")
+            .execute(&mut *transaction)
             .await?;
-        Ok(())
+        Ok(transaction.rollback().await?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::ObjectKind;
+
+    /// Rows in a file that may not grow any further, on one connection.
+    async fn full_rows(directory: &Path) -> SqliteRows {
+        let options = SqliteConnectOptions::new()
+            .filename(directory.join("rows.sqlite"))
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal);
+        let rows = SqliteRows::connect(options, 1).await.unwrap();
+        // Less than there is: SQLite takes the size of the file for it.
+        sqlx::query("PRAGMA max_page_count = 1")
+            .execute(&rows.pool)
+            .await
+            .unwrap();
+        rows
+    }
+
+    fn many_pins() -> Pinned {
+        let pin = |number: u32| ObjectName {
+            kind: ObjectKind::Volume,
+            digest: blake3::hash(&number.to_le_bytes()),
+        };
+        Pinned {
+            holder: "somebody".to_owned(),
+            names: (0..500).map(pin).collect(),
+        }
+    }
+
+    #[tokio::test]
+    async fn rows_go_on_after_the_disk_was_full() {
+        let directory = tempfile::tempdir().unwrap();
+        let rows = full_rows(directory.path()).await;
+        for _ in 0..3 {
+            let full = rows.pin(&many_pins(), Timestamp::MAX).await.unwrap_err();
+            assert!(full.is_full(), "{full:?}");
+        }
+        // A new connection does not have the old one's limit.
+        rows.check().await.unwrap();
+        rows.pin(&many_pins(), Timestamp::MAX).await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_check_writes_nothing() {
+        let rows = SqliteRows::in_memory().await.unwrap();
+        rows.check().await.unwrap();
+        let value: i64 = sqlx::query_scalar("SELECT value FROM fence")
+            .fetch_one(&rows.pool)
+            .await
+            .unwrap();
+        assert_eq!(value, 0);
     }
 }
