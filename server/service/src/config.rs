@@ -11,6 +11,7 @@ use crate::dicom::Program;
 use crate::graphics::GpuUse;
 use crate::listen::ConnectionLimits;
 use crate::logs::LogFormat;
+use crate::pace::LeastRate;
 
 /// The address to listen at where none is configured.
 pub const DEFAULT_LISTEN: SocketAddr =
@@ -56,8 +57,16 @@ pub struct Config {
     pub model_cache_bytes: u64,
     /// Memory for compressed bodies, in bytes.
     pub body_cache_bytes: u64,
-    /// Connections at a time.
+    /// Connections at a time. Of those beyond only health checks are answered.
     pub max_connections: usize,
+    /// Of these, how many may come from one address. Behind a proxy all have one.
+    pub max_connections_per_address: usize,
+    /// Uploads at a time.
+    pub max_uploads: usize,
+    /// How fast a client must send a body, and take an answer, on average after the first seconds, in bytes a second.
+    pub least_bytes_per_second: u64,
+    /// For how long a client may be slower at first, in seconds.
+    pub slow_start_secs: u64,
     /// Time for the headers of a request, in seconds; also how long a connection may be idle.
     pub header_timeout_secs: u64,
     /// Time for an answer, in seconds.
@@ -96,6 +105,10 @@ impl Default for Config {
             model_cache_bytes: 512 << 20,
             body_cache_bytes: 64 << 20,
             max_connections: 512,
+            max_connections_per_address: 256,
+            max_uploads: 64,
+            least_bytes_per_second: 10_000,
+            slow_start_secs: 10,
             header_timeout_secs: 10,
             answer_timeout_secs: 60,
             upload_idle_secs: 30,
@@ -217,6 +230,13 @@ impl Config {
             ("render_threads", self.render_threads as u64),
             ("max_queued_renders", self.max_queued_renders as u64),
             ("max_connections", self.max_connections as u64),
+            (
+                "max_connections_per_address",
+                self.max_connections_per_address as u64,
+            ),
+            ("max_uploads", self.max_uploads as u64),
+            ("least_bytes_per_second", self.least_bytes_per_second),
+            ("slow_start_secs", self.slow_start_secs),
             ("header_timeout_secs", self.header_timeout_secs),
             ("answer_timeout_secs", self.answer_timeout_secs),
             ("upload_idle_secs", self.upload_idle_secs),
@@ -232,8 +252,13 @@ impl Config {
     pub fn connection_limits(&self) -> ConnectionLimits {
         ConnectionLimits {
             connections: self.max_connections,
+            connections_per_address: self.max_connections_per_address,
             header_timeout: Duration::from_secs(self.header_timeout_secs),
-            write_timeout: Duration::from_secs(self.upload_idle_secs),
+            least_rate: LeastRate {
+                bytes_per_second: self.least_bytes_per_second,
+                grace: Duration::from_secs(self.slow_start_secs),
+                pause: Duration::from_secs(self.upload_idle_secs),
+            },
             shutdown_grace: Duration::from_secs(self.shutdown_grace_secs),
         }
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use quick_cache::sync::Cache;
-use tokio::sync::watch;
+use tokio::sync::{Semaphore, SemaphorePermit, watch};
 
 use crate::auth::Access;
 use crate::case::{CaseFacts, CaseId, CaseState};
@@ -58,6 +58,8 @@ pub struct Shared {
     pub access: Access,
     /// Work that the store does for a request.
     pub turnstile: Turnstile,
+    /// Room for uploads under way.
+    pub uploads: Semaphore,
     /// What uploads may ask for.
     pub upload_limits: Limits,
     /// The largest accepted upload, in bytes.
@@ -138,6 +140,7 @@ impl AppState {
             ),
             pool,
             turnstile,
+            uploads: Semaphore::new(config.max_uploads),
             upload_limits,
             metrics: Metrics::new(),
             access,
@@ -192,6 +195,14 @@ impl Shared {
         self.forget(id);
         self.ready(id).await?;
         Err(AppError::Unavailable)
+    }
+
+    /// Room for one more upload, until it is dropped. They are fewer than connections: uploads leave room for everybody else.
+    ///
+    /// # Errors
+    /// [`AppError::Busy`].
+    pub fn begin_upload(&self) -> Result<SemaphorePermit<'_>, AppError> {
+        self.uploads.try_acquire().map_err(|_| AppError::Busy)
     }
 
     /// Forgets what is remembered of a case.

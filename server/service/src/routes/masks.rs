@@ -14,11 +14,14 @@ use utoipa::IntoParams;
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, Checked, NoQuery};
 use super::render::{PNG, window_of};
-use super::upload::{PartLimits, check_now, is_form, is_known, refuse_too_large, submitted};
+use super::upload::{
+    PartLimits, check_now, is_form, is_known, refuse_too_large, submitted, too_slow,
+};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
 use crate::case::{CaseFacts, CaseId, MaskKind, MaskSource, Parameters};
 use crate::finish::borrowed;
 use crate::negotiate::{Coding, media_type};
+use crate::pace::is_too_slow;
 use crate::prepare::read_volume;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
@@ -239,6 +242,7 @@ pub async fn put_mask(
         });
     }
     refuse_too_large(request.headers(), state.max_upload_bytes)?;
+    let _room = state.begin_upload()?;
     let case = state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
     let body = spool_body(&state, request).await?;
     let mut version = query.version(id, case.parameters, body)?;
@@ -253,9 +257,12 @@ async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled
     let mut body = request.into_body().into_data_stream();
     let mut spool = state.store.spool().await?;
     while let Some(bytes) = limits.await_next(body.next()).await? {
-        let bytes = bytes.map_err(|_| AppError::Upload {
-            kind: "body-unreadable",
-            detail: "the body cannot be read; was the upload cut off?".to_owned(),
+        let bytes = bytes.map_err(|error| match is_too_slow(&error) {
+            true => too_slow(),
+            false => AppError::Upload {
+                kind: "body-unreadable",
+                detail: "the body cannot be read; was the upload cut off?".to_owned(),
+            },
         })?;
         if spool.len() + bytes.len() as u64 > limits.bytes {
             return Err(limits.too_large());
