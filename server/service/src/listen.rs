@@ -18,6 +18,8 @@ use hyper_util::server::graceful::GracefulShutdown;
 use tokio::net::{TcpListener, TcpStream};
 use tower::ServiceExt as _;
 
+use cases::Error;
+
 use crate::pace::{LeastRate, PacedBody};
 use crate::places::{Places, Spares};
 use crate::problem::AppError;
@@ -131,7 +133,7 @@ async fn serve_spare(stream: TcpStream, peer: Peer, app: Router, limits: Connect
             if SPARE_ROUTES.contains(&request.uri().path()) {
                 return app.oneshot(request).await;
             }
-            let mut busy = AppError::Busy.into_response();
+            let mut busy = AppError::from(Error::Busy).into_response();
             let close = HeaderValue::from_static("close");
             busy.headers_mut().insert(header::CONNECTION, close);
             Ok(busy)
