@@ -30,6 +30,7 @@ mod frame;
 mod name;
 mod objects;
 mod page;
+mod private;
 mod publish;
 mod rows;
 mod signals;
@@ -57,6 +58,7 @@ pub use self::frame::{Framed, frame};
 pub use self::name::ObjectName;
 pub use self::objects::{Objects, Unreadable};
 pub use self::page::{Cursor, Page};
+pub use self::private::keep_private;
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
     CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
@@ -164,7 +166,9 @@ impl Store {
         let forget_dead_holders = async |root: &Path| {
             alone = true;
             let rows = SqliteRows::open(&rows_file(root)).await?;
-            rows.forget_holders(now).await
+            rows.forget_holders(now).await?;
+            rows.close().await;
+            Ok(())
         };
         let place = Directory::open::<StoreError>(directory, forget_dead_holders).await?;
         let rows = SqliteRows::open(&rows_file(directory)).await?;
@@ -329,6 +333,11 @@ impl Store {
         let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
         tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
         Ok(())
+    }
+
+    /// The process ends: leaves nothing unfinished. Nothing can be asked of the rows afterwards.
+    pub async fn close(&self) {
+        self.rows().close().await;
     }
 
     /// Removes the objects that nobody needs any more.
