@@ -12,7 +12,7 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 
 use crate::head::plain_head;
-use crate::server::{Answer, Server, Socket, form, form_type};
+use crate::server::{Answer, CLOSING_BYTES, Server, Socket, form, form_type};
 
 /// Uploads `start` and then 64 MB of `filler`; the answer, and how many bytes were taken of it.
 async fn upload_endless(server: &Server, start: &[u8], filler: &'static [u8]) -> (Answer, usize) {
@@ -76,7 +76,7 @@ fn get(address: &str) -> String {
 /// The beginning of an upload whose rest does not come.
 fn half_an_upload() -> String {
     let body = form(&[("volume", b"abc")]);
-    let start = String::from_utf8_lossy(&body[..body.len() - 40]).into_owned();
+    let start = String::from_utf8_lossy(&body[..body.len() - CLOSING_BYTES]).into_owned();
     format!(
         "POST /v1/cases HTTP/1.1\r\nHost: localhost\r\nContent-Type: {}\r\nContent-Length: 1000000\r\n\r\n{start}",
         form_type()
@@ -128,17 +128,14 @@ async fn uploads_leave_room_for_everybody_else() {
     let server = Server::start_with(|config| config.max_uploads = 2).await;
     let socket = server.on_a_socket().await;
     let held = connections(&socket, 2, &half_an_upload()).await;
-    let mut refused = StatusCode::OK;
-    for _ in 0..100 {
-        let answer = server.upload(&[("volume", &plain_head().bytes())]).await;
-        refused = answer.status;
-        if refused == StatusCode::SERVICE_UNAVAILABLE {
-            assert_eq!(answer.problem(), "busy");
-            break;
-        }
+    while server.stored_files().len() < 2 {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
-    assert_eq!(refused, StatusCode::SERVICE_UNAVAILABLE);
+    let answer = server.upload(&[("volume", &plain_head().bytes())]).await;
+    assert_eq!(
+        (answer.status, answer.problem().as_str()),
+        (StatusCode::SERVICE_UNAVAILABLE, "busy")
+    );
     assert_eq!(server.get("/v1/cases").await.status, StatusCode::OK);
     drop(held);
 }

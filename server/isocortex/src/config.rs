@@ -215,6 +215,7 @@ impl Config {
                     path: path.clone(),
                     source,
                 };
+                storage::keep_private(path, "the file of the token");
                 read.map(Some).map_err(unreadable)
             }
             (None, None) => Ok(None),

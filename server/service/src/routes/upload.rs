@@ -15,6 +15,7 @@ use utoipa::ToSchema;
 
 use super::cases::{CaseView, address_of, fresh_json};
 use super::query::{ApiQuery, NoQuery};
+use super::refusals::without_input;
 use crate::caching;
 use crate::form_body::HeaderBudget;
 use crate::pace::is_too_slow;
@@ -480,7 +481,10 @@ async fn read_parameters(
     }
     let unreadable = |error: &dyn std::fmt::Display| AppError::Upload {
         kind: "parameters-unreadable",
-        detail: format!("the part `parameters` cannot be read: {error}"),
+        detail: format!(
+            "the part `parameters` {}",
+            without_input(&error.to_string())
+        ),
     };
     // By way of an object, because a list of the values in order would be taken as well.
     let mut object: serde_json::Map<String, serde_json::Value> =
