@@ -96,7 +96,10 @@ impl Store {
             Ok(payload) => Ok(Some(payload)),
             Err(Unreadable::Store(error)) => Err(error),
             Err(fault) => {
-                self.report_bad(kind, &fault.to_string());
+                // One that is missing because the case was deleted a moment ago is no fault.
+                if self.rows().objects(id).await?.contains(name) {
+                    self.report_bad(kind, &fault.to_string());
+                }
                 Ok(None)
             }
         }

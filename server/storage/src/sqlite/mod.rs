@@ -466,11 +466,6 @@ mod tests {
             .unwrap();
         assert_eq!(value, 0);
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
 
     #[tokio::test]
     async fn rows_of_a_newer_version_are_refused_in_words_and_left_as_they_are() {
