@@ -12,6 +12,7 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 
 use crate::head::plain_head;
+use crate::nifti::Nifti;
 use crate::server::{Answer, CLOSING_BYTES, Server, Socket, form, form_type};
 
 /// Uploads `start` and then 64 MB of `filler`; the answer, and how many bytes were taken of it.
@@ -203,4 +204,39 @@ async fn wrong_tokens_are_answered_later_each_time() {
     }
     let (status, _) = ask(TOKEN).await;
     assert_eq!(status, StatusCode::OK);
+}
+
+/// A volume whose voxels measure so many mm.
+fn volume_of(voxel_mm: [f32; 3]) -> Nifti {
+    let mut head = plain_head();
+    for (row, edge) in head.ras_from_voxel.iter_mut().zip(voxel_mm) {
+        let length = row[..3].iter().map(|x| x * x).sum::<f32>().sqrt();
+        row[..3].iter_mut().for_each(|x| *x *= edge / length);
+    }
+    head
+}
+
+#[tokio::test]
+async fn what_no_head_measures_is_refused_before_it_is_queued() {
+    let server = Server::start().await;
+    for (voxel_mm, name) in [
+        ([100.0, 100.0, 0.01], "voxel-size-implausible"),
+        ([0.2; 3], "field-implausible"),
+        ([1.5, 1.5, 9.9], "field-implausible"),
+    ] {
+        let answer = server
+            .upload(&[("volume", &volume_of(voxel_mm).bytes())])
+            .await;
+        assert_eq!(
+            (answer.status, answer.problem().as_str()),
+            (StatusCode::UNPROCESSABLE_ENTITY, name),
+            "{answer:?}"
+        );
+    }
+    server.is_empty_and_well().await;
+    let server = Server::start_with(|config| config.min_field_mm = 1.0).await;
+    // What is in so small a skull the extraction tells, later.
+    let small = volume_of([0.2; 3]).bytes();
+    let answer = server.upload(&[("volume", &small)]).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
 }

@@ -180,9 +180,21 @@ impl Worker {
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
         heartbeat.tick().await;
         let mut phase = self.phase.clone();
+        let longest = self.store.options().longest_preparation;
+        let mut end = std::pin::pin!(tokio::time::sleep(longest));
+        let mut is_too_slow = false;
         loop {
             tokio::select! {
-                derived = &mut derived => return Ok(self.outcome(derived, cancelled)),
+                derived = &mut derived => {
+                    return Ok(match is_too_slow {
+                        true => Outcome::Refused(too_slow(longest)),
+                        false => self.outcome(derived, cancelled),
+                    });
+                }
+                () = &mut end, if !cancelled.load(Ordering::Relaxed) => {
+                    is_too_slow = true;
+                    cancelled.store(true, Ordering::Relaxed);
+                }
                 _ = heartbeat.tick() => {
                     let progress = *seen.borrow();
                     if !self.renew(claim, progress).await {
@@ -323,6 +335,15 @@ fn derive(
         library.store().signals().progress(&claim.id, Some(now));
     };
     library.prepare(source, &claim.parameters, &observe, cancelled)
+}
+
+/// The preparation took longer than it may.
+fn too_slow(longest: Duration) -> Failure {
+    let detail = format!(
+        "the preparation took longer than {} seconds and was given up; upload a volume with fewer voxels",
+        longest.as_secs()
+    );
+    Failure::unusable("preparation-too-slow", detail)
 }
 
 /// The preparation panicked: a fault of this program that the same input would meet again.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use cases::dicom::Program;
 use cases::pictures::{GpuUse, GraphicsOptions};
-use pipeline::Limits;
+use pipeline::{HeadLimits, Limits};
 use serde::Deserialize;
 use service::auth::{Access, BadToken};
 use service::listen::ConnectionLimits;
@@ -41,6 +41,18 @@ pub struct Config {
     pub max_upload_bytes: u64,
     /// The largest accepted volume, in voxels: each takes two bytes, and a gzip can hold many in a few.
     pub max_voxels: usize,
+    /// The shortest edge of a voxel, in mm. What is beyond this and the four next limits is no head: it is refused at once.
+    pub min_voxel_mm: f64,
+    /// The longest edge of a voxel, in mm.
+    pub max_voxel_mm: f64,
+    /// The shortest side of a volume, in mm; infants and specimens may need a smaller one.
+    pub min_field_mm: f64,
+    /// The longest side of a volume, in mm.
+    pub max_field_mm: f64,
+    /// How much longer than another edge one of a voxel may be.
+    pub max_voxel_ratio: f64,
+    /// How long a preparation may take, in seconds; then the case fails.
+    pub max_prepare_secs: u64,
     /// How many cases may wait to be prepared.
     pub max_queued_cases: usize,
     /// Free bytes on the store's disk below which `/readyz` says that it is full.
@@ -88,6 +100,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
+        let head = HeadLimits::default();
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         Self {
             data: PathBuf::from("isocortex-data"),
@@ -97,7 +110,13 @@ impl Default for Config {
             log_format: LogFormat::Text,
             log: "info".to_owned(),
             max_upload_bytes: 1 << 30,
-            max_voxels: 256 << 20,
+            max_voxels: 64 << 20,
+            min_voxel_mm: head.voxel_mm[0],
+            max_voxel_mm: head.voxel_mm[1],
+            min_field_mm: head.field_mm[0],
+            max_field_mm: head.field_mm[1],
+            max_voxel_ratio: head.max_ratio,
+            max_prepare_secs: 900,
             max_queued_cases: 64,
             min_free_bytes: 64 << 20,
             prepare_workers: 1,
@@ -230,6 +249,7 @@ impl Config {
         let counts = [
             ("max_upload_bytes", self.max_upload_bytes),
             ("max_voxels", self.max_voxels as u64),
+            ("max_prepare_secs", self.max_prepare_secs),
             ("max_queued_cases", self.max_queued_cases as u64),
             ("prepare_workers", self.prepare_workers as u64),
             ("render_threads", self.render_threads as u64),
@@ -260,12 +280,18 @@ impl Config {
             store: storage::Options {
                 queue_limit: self.max_queued_cases,
                 min_free_bytes: self.min_free_bytes,
+                longest_preparation: Duration::from_secs(self.max_prepare_secs),
                 ..storage::Options::default()
             },
             network: self.network.clone(),
             limits: Limits {
                 max_voxels: self.max_voxels,
                 ..Limits::default()
+            },
+            head: HeadLimits {
+                voxel_mm: [self.min_voxel_mm, self.max_voxel_mm],
+                field_mm: [self.min_field_mm, self.max_field_mm],
+                max_ratio: self.max_voxel_ratio,
             },
             render_threads: self.render_threads,
             max_queued_renders: self.max_queued_renders,

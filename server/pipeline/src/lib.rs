@@ -8,6 +8,7 @@ mod check;
 pub mod codec;
 mod extractor;
 mod failure;
+mod head_limits;
 mod own_mask;
 pub mod quality;
 mod steps;
@@ -39,6 +40,7 @@ use self::steps::Steps;
 
 pub use self::check::{check, settled};
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
+pub use self::head_limits::HeadLimits;
 pub use imaging::Limits;
 
 /// N_F and N_P of the mesh whose paths are stored.

@@ -86,6 +86,8 @@ pub struct Options {
     /// How often a preparation is begun before the case fails: so often that a machine that is switched off again and
     /// again loses nothing, and not for ever, because an input could be what ends the program.
     pub max_attempts: u32,
+    /// How long a preparation may take; then the case fails.
+    pub longest_preparation: Duration,
     /// How long to wait before the next attempt when the store, not the input, was at fault.
     pub retry_after: Duration,
     /// How often to look for changes that other processes make.
@@ -102,6 +104,7 @@ impl Default for Options {
             lease: Duration::from_secs(30),
             heartbeat: Duration::from_secs(1),
             max_attempts: 30,
+            longest_preparation: Duration::from_secs(900),
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
             clock: Clock::system(),

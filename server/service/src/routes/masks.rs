@@ -299,6 +299,8 @@ async fn check_version(state: &AppState, version: &Version) -> Result<Parameters
         NewMask::None => source.mask = None,
         NewMask::Kept => {}
     }
+    let start = source.volume.slice(..source.volume.len().min(64 << 10));
+    let _room = state.cases.room_to_check(&start).await?;
     check_now(state, source, parameters).await
 }
 

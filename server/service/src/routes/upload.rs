@@ -133,6 +133,8 @@ async fn check_unless_known(
     if is_known(state, &id).await? {
         return Ok(parameters);
     }
+    let start = upload.volume.head(SNIFFED_BYTES).await?;
+    let _room = state.cases.room_to_check(&start).await?;
     let source = Source {
         volume: upload.volume.read().await?,
         mask: match &upload.mask {
