@@ -8,6 +8,7 @@ mod check;
 pub mod codec;
 mod extractor;
 mod failure;
+mod head_limits;
 mod own_mask;
 pub mod quality;
 mod steps;
@@ -36,6 +37,7 @@ use self::steps::Steps;
 
 pub use self::check::{check, settled};
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
+pub use self::head_limits::HeadLimits;
 pub use imaging::Limits;
 
 /// The greatest magnitude of an intensity, and the greatest width of a window: those of a picture's window.
