@@ -13,11 +13,13 @@ import {
   type Server,
   type Watched,
   brightest,
+  fragment,
   headOfDemo,
   keep,
   launchBrowser,
   openPage,
   readyCase,
+  rested,
   scratchFolder,
   shown,
   skip,
@@ -260,7 +262,7 @@ test(
   },
 );
 
-/** Every text that the note above the picture has had since the page began, in order. */
+/** Every text that the list has had since the page began, in order. */
 async function notes(): Promise<string[]> {
   return page.evaluate(() => (globalThis as unknown as { notes?: string[] }).notes ?? []);
 }
@@ -278,7 +280,7 @@ test(
     await page.waitForSelector("#case-list li");
     await page.evaluate(() => {
       const all: string[] = ((globalThis as unknown as { notes: string[] }).notes = []);
-      const note = document.querySelector("#case-note");
+      const note = document.querySelector("#case-list");
       if (note)
         new MutationObserver(() => all.push(note.textContent ?? "")).observe(note, {
           childList: true,
@@ -290,13 +292,22 @@ test(
     await page.locator("#upload-volume").setInputFiles(files[0] ?? "");
     await page.locator("#upload-mask").setInputFiles(files[1] ?? "");
     assert.match(await page.locator(".chosen").innerText(), /Volume, .* MB · mask, .* MB/);
+    await page.locator("#case-list li", { hasText: "Marked" }).locator("a").click();
+    await shown(page);
+    await page.locator(".layouts button[value=slices]").click();
+    await page.getByRole("button", { name: "Superior", exact: true }).click();
+    await page.locator("#depth").fill("11.5");
+    await page.locator("#zoom").fill("1");
+    const left = await fragment(page);
     await page.locator("#upload-name").fill("Second");
     await page.locator("#upload button[type=submit]").click();
     const second = page.locator("#case-list li", { hasText: "Second" });
     await second.and(page.locator("[data-state=ready]")).waitFor({ timeout: 90_000 });
-    const id = await second.getAttribute("data-id");
-    assert.ok(page.url().includes(id ?? "none"), "what was uploaded is what is shown");
-    await shown(page);
+    assert.deepEqual(await fragment(page), left, "what was shown is shown still");
+    assert.match(await page.locator("#upload-done").innerText(), /“Second” was added/);
+    assert.equal(await second.locator(".fresh-badge").innerText(), "New");
+    await page.waitForFunction(() => document.querySelector("#live")?.textContent === "Second is ready.");
+    await keep(page, "fresh-case");
     const shares = (await notes())
       .map((words) => /(\d+)\s%/.exec(words)?.[1])
       .filter((share) => share !== undefined)
@@ -307,6 +318,57 @@ test(
     );
   },
 );
+
+test(
+  "a case is left and found again as it was; a new one is seen as the one before",
+  { skip, timeout: 90_000 },
+  async () => {
+    const go = (name: string): Promise<void> => page.locator("#case-list li", { hasText: name }).locator("a").click();
+    const before = await fragment(page);
+    assert.deepEqual([before.d, before.v, before.l, before.z], ["11.5", "superior", "slices", "2"]);
+    await go("Second");
+    await shown(page);
+    const second = await fragment(page);
+    assert.notEqual(second.id, before.id);
+    assert.deepEqual([second.d, second.v, second.l, second.z], ["11.5", "superior", "slices", undefined]);
+    assert.equal(await page.locator(".fresh-badge:visible").count(), 0, "it is new no more");
+    await page.getByRole("button", { name: "Anterior", exact: true }).click();
+    await page.locator("#depth").fill("4");
+    await rested(page);
+    await go("Marked");
+    await shown(page);
+    assert.deepEqual(await fragment(page), before);
+    await go("Marked");
+    assert.deepEqual(await fragment(page), before, "a click on the open case changes nothing");
+    await go("Second");
+    await shown(page);
+    const again = await fragment(page);
+    assert.deepEqual([again.d, again.v], ["4", "anterior"]);
+    await page.keyboard.press("Control+z");
+    assert.equal((await fragment(page)).d, "11.5");
+    await page.getByRole("button", { name: "Undo", exact: true }).click();
+    assert.equal((await fragment(page)).v, "superior");
+    await page.keyboard.press("Control+Shift+z");
+    await page.getByRole("button", { name: "Do again", exact: true }).click();
+    assert.deepEqual(await fragment(page), again);
+    assert.ok(await page.getByRole("button", { name: "Do again", exact: true }).isDisabled());
+    await keep(page, "undo");
+  },
+);
+
+test("slices that are here already are said to be", { skip, timeout: 60_000 }, async () => {
+  await drop([
+    { name: "again-mask.nii", bytes: brainMask() },
+    { name: "again.nii", bytes: markedVolume() },
+  ]);
+  await page.locator("#upload button[type=submit]").click();
+  await page.waitForFunction(() =>
+    /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+  );
+  const marked = page.locator("#case-list li", { hasText: "Marked" });
+  assert.equal(await marked.locator(".fresh-badge").innerText(), "Already here");
+  assert.equal(await page.locator("#case-list li").count(), 2);
+});
 
 async function writtenPhantom(): Promise<string[]> {
   const files = [

@@ -23,6 +23,8 @@ export interface CaseListListener {
   /** The cases, or one of them, are not what they were. */
   changed(): void;
   remove(one: Case): void;
+  /** A case that was flagged can be shown. */
+  ready(one: Case): void;
 }
 
 /** Whether a case is what the words look for: all of them, in its name, id or state. */
@@ -49,6 +51,8 @@ export class CaseList {
   readonly #onVisible = (): void => {
     if (!document.hidden) void this.refresh();
   };
+  /** Those to be pointed out, why, and whether they could be shown when last looked at. */
+  readonly #flagged = new Map<string, { readonly why: string; isReady: boolean }>();
   #older: readonly Case[] = [];
   #next: string | null = null;
   #marked: string | null = null;
@@ -94,10 +98,23 @@ export class CaseList {
     return this.cases.length === 1 && !this.#next ? (this.cases[0]?.id ?? null) : null;
   }
 
+  /** Points out a case, until it is chosen. */
+  flag(id: string, why: string): void {
+    if (id === this.#marked) return;
+    const isReady = this.cases.some((one) => one.id === id && one.state === "ready");
+    this.#flagged.set(id, { why, isReady });
+    this.#draw();
+    this.#rows.get(id)?.element.scrollIntoView({ block: "nearest" });
+  }
+
   /** Marks the case that is shown. */
   mark(id: string | null): void {
     this.#marked = id;
-    for (const [one, row] of this.#rows) row.mark(one === id);
+    if (id) this.#flagged.delete(id);
+    for (const [one, row] of this.#rows) {
+      row.mark(one === id);
+      row.flag(this.#flagged.get(one)?.why ?? "");
+    }
   }
 
   dispose(): void {
@@ -147,6 +164,12 @@ export class CaseList {
     this.#more.hidden = this.#next === null;
     if (this.cases.length > 0) this.#say(wanted.length === 0 ? t("cases.no-match") : "");
     this.mark(this.#marked);
+    for (const one of this.cases) {
+      const flag = this.#flagged.get(one.id);
+      if (!flag || flag.isReady || one.state !== "ready") continue;
+      flag.isReady = true;
+      this.#listener.ready(one);
+    }
     this.#watch();
   }
 
@@ -184,6 +207,7 @@ class Row {
   readonly #status = h("span", { class: "status" });
   readonly #version = h("span", { class: "status", hidden: true });
   readonly #badge = h("span", { class: "quality-badge", hidden: true });
+  readonly #fresh = h("span", { class: "fresh-badge", hidden: true });
   readonly #bar = h("progress", { max: 1, "aria-label": t("case.progress"), hidden: true });
   readonly #delete: HTMLButtonElement;
   #case: Case;
@@ -193,9 +217,9 @@ class Row {
     this.#case = one;
     this.#link = h(
       "a",
-      { href: `#${one.id}` },
+      { href: `#${one.id}`, click: (event: MouseEvent) => this.#stay(event) },
       this.#thumb,
-      h("span", { class: "words" }, this.#title, this.#status, this.#version, this.#badge, this.#bar),
+      h("span", { class: "words" }, this.#title, this.#status, this.#version, this.#fresh, this.#badge, this.#bar),
     );
     this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
     this.#delete.classList.add("delete");
@@ -219,6 +243,17 @@ class Row {
     this.#bar.hidden = one.state !== "preparing";
     if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;
     if (one.state === "ready") void this.#showThumb(one);
+  }
+
+  /** The case that is open stays as it is. */
+  #stay(event: MouseEvent): void {
+    if (this.#link.hasAttribute("aria-current")) event.preventDefault();
+  }
+
+  /** Says why the case is pointed out; empty: it is not. */
+  flag(why: string): void {
+    setText(this.#fresh, why);
+    this.#fresh.hidden = why === "";
   }
 
   mark(chosen: boolean): void {

@@ -4,15 +4,17 @@ import { uploadCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
 import { h, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
+import { caseTitle } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { type Sorted, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
 
 export class UploadForm {
   readonly element: HTMLDetailsElement;
-  readonly #onCreated: (one: Case) => Promise<void>;
+  readonly #onCreated: (one: Case, wasThere: boolean) => Promise<void>;
   readonly #form: HTMLFormElement;
   readonly #chosen = h("p", { class: "chosen", role: "status" });
   readonly #note = h("p", { id: "upload-note", role: "alert" });
+  readonly #done = h("p", { id: "upload-done", class: "quiet", role: "status" });
   readonly #bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": t("upload.progress") });
   readonly #send: HTMLButtonElement;
   readonly #cancel: HTMLButtonElement;
@@ -25,7 +27,7 @@ export class UploadForm {
   #maskFile: File | null = null;
   #abort: AbortController | null = null;
 
-  constructor(onCreated: (one: Case) => Promise<void>) {
+  constructor(onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
     this.#onCreated = onCreated;
     this.#volume = h("input", {
       type: "file",
@@ -71,6 +73,7 @@ export class UploadForm {
       h("div", { class: "row" }, this.#send, this.#cancel),
       this.#bar,
       this.#note,
+      this.#done,
     );
     this.element = h("details", { id: "add", class: "add" }, h("summary", {}, t("upload.title")), this.#form);
   }
@@ -118,13 +121,17 @@ export class UploadForm {
     this.#abort = new AbortController();
     this.#busy(true);
     try {
-      const created = await uploadCase(this.#bodyOf(sorted), this.#abort.signal, (share) => (this.#bar.value = share));
+      const { created, wasThere } = await uploadCase(
+        this.#bodyOf(sorted),
+        this.#abort.signal,
+        (share) => (this.#bar.value = share),
+      );
       this.#form.reset();
       this.#files = [];
       this.#maskFile = null;
       this.#tell();
-      this.element.open = false;
-      await this.#onCreated(created);
+      setText(this.#done, t(wasThere ? "upload.was-there" : "upload.done", { title: caseTitle(created) }));
+      await this.#onCreated(created, wasThere);
     } catch (problem) {
       setText(this.#note, this.#abort.signal.aborted ? t("upload.cancelled") : problemWords(problem));
     } finally {
@@ -137,7 +144,8 @@ export class UploadForm {
     this.#cancel.hidden = !busy;
     this.#bar.hidden = !busy;
     this.#bar.value = 0;
-    if (busy) setText(this.#note, "");
+    if (!busy) return;
+    for (const line of [this.#note, this.#done]) setText(line, "");
   }
 
   /** The multipart body. The files go under fixed names, for a file's own name may hold the patient's. */
