@@ -9,6 +9,10 @@ use crate::{BoundingSphere, FrameSize, RenderError};
 
 /// A standard direction from which the head is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(as = View))]
 pub enum NamedView {
     /// The patient's left side: anterior at the left of the picture, superior up.
     Left,

@@ -19,6 +19,7 @@ mod apng;
 mod bounds;
 mod camera;
 mod canvas;
+pub mod choice;
 mod colormap;
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;

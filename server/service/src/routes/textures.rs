@@ -9,14 +9,15 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::bodies::{BodyKey, BodyKind};
-use super::query::{ApiQuery, CasePath, Checked, check_count};
+use super::query::{ApiQuery, CasePath, Checked};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
-use crate::case::CaseId;
-use crate::models::Model;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use crate::wire::{self, Texture, Voxels};
+use case::CaseId;
+use cases::models::Model;
+use cases::pictures::check_count;
 
 const MEDIA_TYPE: &str = "application/octet-stream";
 
@@ -67,7 +68,7 @@ impl Checked for VolumeQuery {
 
 impl Checked for DistanceQuery {
     fn check(&self) -> Result<(), AppError> {
-        check_count("step", self.step, 1, MAX_STEP)
+        Ok(check_count("step", self.step, 1, MAX_STEP)?)
     }
 }
 
@@ -170,7 +171,7 @@ async fn answer(
     media_type(request, &[MEDIA_TYPE])?;
     let coding = coding_for(request);
     let tag = EntityTag::of_answer(&id, source.route, &query, (MEDIA_TYPE, coding));
-    state.ready(&id).await?;
+    state.cases.ready(&id).await?;
     if tag.is_known_to(request) {
         return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
     }

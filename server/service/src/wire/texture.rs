@@ -7,7 +7,7 @@ use bytes::Bytes;
 use geometry::{DepthField, Grid};
 use glam::{DAffine3, DVec3};
 
-use crate::models::Model;
+use cases::models::Model;
 
 /// A block of voxels and how to read them.
 #[derive(Debug)]
