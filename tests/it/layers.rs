@@ -36,7 +36,7 @@ struct Layer {
 }
 
 /// What speaks HTTP or reads a command line: the business of `service`, `pacs` and the program alone.
-const PROTOCOLS: &[&str] = &["axum", "hyper", "http", "tower-http", "clap", "utoipa"];
+const PROTOCOLS: &[&str] = &["axum", "hyper", "tower-http", "clap", "utoipa"];
 
 const FILES_AND_TASKS: &[&str] = &["tokio", "sqlx", "object_store"];
 

@@ -28,6 +28,7 @@ mod series_builder;
 mod server;
 mod sides;
 mod sockets;
+mod stored;
 mod uploads;
 #[path = "../../server/extraction/tests/it/wrong_heads.rs"]
 mod wrong_heads;

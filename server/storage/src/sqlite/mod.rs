@@ -265,3 +265,28 @@ impl CaseRows for SqliteRows {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn rows_of_a_newer_version_are_refused_in_words_and_left_as_they_are() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let rows = SqliteRows::open(&file).await.unwrap();
+        sqlx::query(
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+             VALUES (9999, 'later', TRUE, x'00', 0)",
+        )
+        .execute(&rows.pool)
+        .await
+        .unwrap();
+        rows.pool.close().await;
+        let before = std::fs::read(&file).unwrap();
+        let error = SqliteRows::open(&file).await.unwrap_err();
+        assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
+        assert!(error.to_string().contains("newer version"), "{error}");
+        assert_eq!(std::fs::read(&file).unwrap(), before);
+    }
+}
