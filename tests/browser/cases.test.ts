@@ -356,18 +356,58 @@ test(
   },
 );
 
-test("slices that are here already are said to be", { skip, timeout: 60_000 }, async () => {
-  await drop([
-    { name: "again-mask.nii", bytes: brainMask() },
-    { name: "again.nii", bytes: markedVolume() },
-  ]);
-  await page.locator("#upload button[type=submit]").click();
-  await page.waitForFunction(() =>
-    /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
-  );
-  const marked = page.locator("#case-list li", { hasText: "Marked" });
-  assert.equal(await marked.locator(".fresh-badge").innerText(), "Already here");
-  assert.equal(await page.locator("#case-list li").count(), 2);
+test(
+  "slices that are here already are said to be, and are renamed only when asked to",
+  { skip, timeout: 60_000 },
+  async () => {
+    const marked = page.locator("#case-list li", { hasText: "Marked" });
+    const again = async (name: string): Promise<void> => {
+      await drop([
+        { name: "again-mask.nii", bytes: brainMask() },
+        { name: "again.nii", bytes: markedVolume() },
+      ]);
+      assert.equal(await page.locator(".chosen-names").innerText(), "again.nii\nagain-mask.nii");
+      await page.locator("#upload-name").fill(name);
+      await page.locator("#upload button[type=submit]").click();
+    };
+    await again("");
+    await page.waitForFunction(() =>
+      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+    );
+    assert.equal(await marked.locator(".fresh-badge").innerText(), "Already here");
+    await again("Other");
+    await page.waitForSelector("dialog.confirm-rename");
+    assert.match(await page.locator("dialog.confirm-rename p").innerText(), /case “Marked”. Rename it “Other”\?/);
+    await keep(page, "confirm-rename");
+    await page.keyboard.press("Escape");
+    await page.waitForFunction(() =>
+      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+    );
+    assert.equal(await marked.count(), 1, "it has its label still");
+    await again("Other");
+    await page.locator("dialog.confirm-rename button[value=rename]").click();
+    await page.locator("#case-list li", { hasText: "Other" }).waitFor();
+    await again("Marked");
+    await page.locator("dialog.confirm-rename button[value=rename]").click();
+    await marked.waitFor();
+    assert.equal(await page.locator("#case-list li").count(), 2);
+  },
+);
+
+test("the list is sorted, walked through with arrows, and its rows are low", { skip }, async () => {
+  const titles = (): Promise<string[]> => page.locator("#case-list .title").allInnerTexts();
+  assert.deepEqual(await titles(), ["Second", "Marked"]);
+  await page.locator("#case-order").selectOption("label");
+  assert.deepEqual(await titles(), ["Marked", "Second"]);
+  await page.locator("#case-list a").first().focus();
+  await page.keyboard.press("ArrowDown");
+  assert.match(await page.evaluate(() => document.activeElement?.textContent ?? ""), /Second/);
+  await page.keyboard.press("ArrowUp");
+  assert.match(await page.evaluate(() => document.activeElement?.textContent ?? ""), /Marked/);
+  for (const item of await page.locator("#case-list li").all()) {
+    assert.ok(((await item.boundingBox())?.height ?? 99) <= 56, "a row of at most 56 pixels");
+  }
+  await page.locator("#case-order").selectOption("newest");
 });
 
 async function writtenPhantom(): Promise<string[]> {
@@ -415,6 +455,43 @@ test(
     await slow.page.waitForFunction(() => /\d MB/.test(document.querySelector(".notices")?.textContent ?? ""));
     await slow.page.locator(".cancel-load").click();
     await slow.page.waitForFunction(() => document.querySelector("#live")?.textContent === "Loading was cancelled.");
+    await slow.context.close();
+  },
+);
+
+test(
+  "while the page's own data come, a small picture of the server's is shown",
+  { skip, timeout: 90_000 },
+  async () => {
+    const slow = await openPage(browser, { viewport: { width: 900, height: 700 } });
+    const id = await readyCase(server.address);
+    const session = await slow.context.newCDPSession(slow.page);
+    await session.send("Network.enable");
+    await slow.page.goto(`${origin}/#`);
+    await slow.page.waitForSelector("#case-list li");
+    // A slow line: 5 Mbit/s, 40 ms.
+    await session.send("Network.emulateNetworkConditions", {
+      offline: false,
+      latency: 40,
+      downloadThroughput: 5e6 / 8,
+      uploadThroughput: 1e6 / 8,
+    });
+    const begun = Date.now();
+    await slow.page.evaluate((one) => (location.hash = one), id);
+    await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
+    const first_ms = Date.now() - begun;
+    assert.equal(await slow.page.locator(".surface-host[data-preview=true] img").count(), 1);
+    const box = await slow.page.locator("#surface").boundingBox();
+    await slow.page.mouse.dblclick((box?.x ?? 0) + (box?.width ?? 0) / 2, (box?.y ?? 0) + (box?.height ?? 0) / 2);
+    assert.match((await slow.page.textContent("#live")) ?? "", /The point will be marked when it is here/);
+    await keep(slow.page, "first-preview");
+    await slow.page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames, null, {
+      timeout: 60_000,
+    });
+    console.log(`5 Mbit/s: the server's picture after ${first_ms} ms, the page's own after ${Date.now() - begun} ms`);
+    assert.equal(await slow.page.locator(".surface-host img").count(), 0, "the page's own picture is up");
+    await slow.page.waitForFunction(() => /&x=/.test(location.hash), null, { timeout: 60_000 });
+    assert.deepEqual(slow.troubles, []);
     await slow.context.close();
   },
 );

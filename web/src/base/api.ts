@@ -147,6 +147,12 @@ export async function getPicture(path: string, signal?: AbortSignal): Promise<Bl
   return (await send(`v1/cases/${path}`, signal ? { signal } : {})).blob();
 }
 
+/** How many bytes of an upload are sent. */
+export interface UploadProgress {
+  readonly loaded: number;
+  readonly total: number;
+}
+
 /** What became of an upload. */
 export interface Uploaded {
   readonly created: Case;
@@ -154,11 +160,11 @@ export interface Uploaded {
   readonly wasThere: boolean;
 }
 
-/** Uploads a form and resolves to the case; `observe` hears the share that is sent (fetch cannot tell that). */
+/** Uploads a form and resolves to the case; `observe` hears how much is sent (fetch cannot tell that). */
 export async function uploadCase(
   form: FormData,
   signal: AbortSignal,
-  observe: (share: number) => void,
+  observe: (progress: UploadProgress) => void,
 ): Promise<Uploaded> {
   for (;;) {
     const sent = token;
@@ -170,12 +176,12 @@ export async function uploadCase(
   }
 }
 
-function postForm(form: FormData, signal: AbortSignal, observe: (share: number) => void): Promise<Uploaded> {
+function postForm(form: FormData, signal: AbortSignal, observe: (progress: UploadProgress) => void): Promise<Uploaded> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     request.open("POST", "v1/cases");
     for (const [name, value] of Object.entries(authorization())) request.setRequestHeader(name, value);
-    request.upload.onprogress = (event) => event.lengthComputable && observe(event.loaded / event.total);
+    request.upload.onprogress = ({ loaded, total, lengthComputable }) => lengthComputable && observe({ loaded, total });
     request.onerror = () => reject(new Problem(0, "upload-cut-off", ""));
     request.onabort = () => reject(signal.reason as Error);
     request.onload = () => {

@@ -4,8 +4,8 @@ import { getPicture, listCases, watchCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
-import { caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
-import { t } from "../base/i18n.ts";
+import { caseFacts, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
+import { spoken, t } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";
@@ -36,6 +36,16 @@ export function matches(one: Case, search: string): boolean {
     .every((word) => text.includes(word));
 }
 
+/** How the list is sorted. */
+const ORDERS = ["newest", "label"] as const;
+
+/** The cases in an order; they come newest first. */
+export function sorted(cases: readonly Case[], order: (typeof ORDERS)[number]): readonly Case[] {
+  if (order === "newest") return cases;
+  const { compare } = new Intl.Collator(spoken(), { numeric: true, sensitivity: "base" });
+  return [...cases].sort((a, b) => compare(caseTitle(a), caseTitle(b)));
+}
+
 const isBusy = (one: Case): boolean => one.state === "queued" || one.state === "preparing";
 
 export class CaseList {
@@ -46,7 +56,14 @@ export class CaseList {
   readonly #note = h("p", { id: "cases-note", class: "quiet", role: "status" }, t("cases.asking"));
   readonly #more: HTMLButtonElement;
   readonly #search: HTMLInputElement;
+  readonly #order: HTMLSelectElement;
   readonly #rows = new Map<string, Row>();
+  /** A long list asks for the pictures of the rows in sight alone. */
+  readonly #seen = new IntersectionObserver((entries) => {
+    for (const { isIntersecting, target } of entries) {
+      if (target instanceof HTMLElement) this.#rows.get(target.dataset.id ?? "")?.look(isIntersecting);
+    }
+  });
   readonly #watched = new Map<string, AbortController>();
   readonly #onVisible = (): void => {
     if (!document.hidden) void this.refresh();
@@ -69,7 +86,14 @@ export class CaseList {
       input: () => void this.#searched(),
     });
     this.#more = h("button", { type: "button", hidden: true, click: () => void this.#loadOlder() }, t("cases.older"));
-    this.element = h("div", { class: "case-list-box" }, this.#search, this.#note, this.#list, this.#more);
+    this.#order = h(
+      "select",
+      { id: "case-order", "aria-label": t("order.title"), change: () => this.#draw() },
+      ...ORDERS.map((order) => h("option", { value: order }, t(`order.${order}`))),
+    );
+    const find = h("div", { class: "line" }, this.#search, this.#order);
+    this.element = h("div", { class: "case-list-box" }, find, this.#note, this.#list, this.#more);
+    this.#list.addEventListener("keydown", (event) => this.#walk(event));
     document.addEventListener("visibilitychange", this.#onVisible);
   }
 
@@ -119,6 +143,7 @@ export class CaseList {
 
   dispose(): void {
     this.#disposed = true;
+    this.#seen.disconnect();
     clearTimeout(this.#timer);
     document.removeEventListener("visibilitychange", this.#onVisible);
     for (const controller of this.#watched.values()) controller.abort();
@@ -148,14 +173,19 @@ export class CaseList {
 
   #draw(): void {
     const present = new Set(this.cases.map((one) => one.id));
-    for (const id of this.#rows.keys()) if (!present.has(id)) this.#rows.delete(id);
+    for (const [id, row] of this.#rows) {
+      if (present.has(id)) continue;
+      this.#seen.unobserve(row.element);
+      this.#rows.delete(id);
+    }
     // Rows are kept and altered, so that focus and screen readers stay where they are.
-    const wanted = this.cases
+    const wanted = sorted(this.cases, this.#order.value === "label" ? "label" : "newest")
       .filter((one) => matches(one, this.#search.value.trim()))
       .map((one) => {
         const row = this.#rows.get(one.id) ?? new Row(one, (doomed) => this.#listener.remove(doomed));
         this.#rows.set(one.id, row);
         row.show(one);
+        this.#seen.observe(row.element);
         return row.element;
       });
     const same =
@@ -171,6 +201,16 @@ export class CaseList {
       this.#listener.ready(one);
     }
     this.#watch();
+  }
+
+  /** Arrows go from case to case. */
+  #walk(event: KeyboardEvent): void {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (step === undefined || event.ctrlKey || event.metaKey || event.altKey) return;
+    const links = [...this.#list.querySelectorAll("a")];
+    const at = links.findIndex((link) => link.closest("li")?.contains(document.activeElement));
+    event.preventDefault();
+    links[at + step]?.focus();
   }
 
   /** Follows the first of the cases that are being prepared. */
@@ -211,6 +251,7 @@ class Row {
   readonly #bar = h("progress", { max: 1, "aria-label": t("case.progress"), hidden: true });
   readonly #delete: HTMLButtonElement;
   #case: Case;
+  #isInSight = false;
   #thumbAsked = false;
 
   constructor(one: Case, remove: (one: Case) => void) {
@@ -219,7 +260,13 @@ class Row {
       "a",
       { href: `#${one.id}`, click: (event: MouseEvent) => this.#stay(event) },
       this.#thumb,
-      h("span", { class: "words" }, this.#title, this.#status, this.#version, this.#fresh, this.#badge, this.#bar),
+      h(
+        "span",
+        { class: "words" },
+        this.#title,
+        h("span", { class: "facts" }, this.#fresh, this.#badge, this.#status, this.#version),
+        this.#bar,
+      ),
     );
     this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
     this.#delete.classList.add("delete");
@@ -230,10 +277,14 @@ class Row {
     this.#case = one;
     this.element.dataset.state = one.state;
     setText(this.#title, caseTitle(one));
+    this.#title.title = caseTitle(one);
+    this.element.title = caseFacts(one);
     setText(this.#status, caseStatus(one));
     const version = versionOf(one);
     setText(this.#version, version);
     this.#version.hidden = version === "";
+    // There is room for one of them.
+    this.#status.hidden = version !== "" && one.state === "ready";
     const quality = one.state === "ready" ? qualityOf(one) : null;
     this.#badge.hidden = !quality || quality.state === "ok";
     if (quality && quality.state !== "ok") {
@@ -242,7 +293,13 @@ class Row {
     }
     this.#bar.hidden = one.state !== "preparing";
     if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;
-    if (one.state === "ready") void this.#showThumb(one);
+    this.look(this.#isInSight);
+  }
+
+  /** Whether the row is in sight: its picture is asked for when it is. */
+  look(isInSight: boolean): void {
+    this.#isInSight = isInSight;
+    if (isInSight && this.#case.state === "ready") void this.#showThumb(this.#case);
   }
 
   /** The case that is open stays as it is. */

@@ -23,6 +23,9 @@ let preferences = loadPreferences();
 /** How each case was left; kept while the page is open. */
 const memory = new ViewMemory();
 
+/** Up to this width the list lies over the picture, as in the style sheet. */
+const OVERLAID_PIXELS = 1080;
+
 /** Everything on the page, in one language. */
 class App {
   readonly #live = h("div", { class: "visually-hidden", id: "live", role: "status", "aria-live": "polite" });
@@ -75,8 +78,9 @@ class App {
       "nav",
       { class: "sidebar", id: "sidebar", "aria-label": t("cases.title") },
       h("h2", {}, t("cases.title")),
-      this.#list.element,
       this.#upload.element,
+      this.#upload.done,
+      this.#list.element,
     );
     this.#main = h("main", { class: "page" }, this.#sidebar, this.#stage);
     this.#root = h(
@@ -176,6 +180,8 @@ class App {
       left: memory.of(ready),
     });
     this.#viewer = viewer;
+    // Where the list lies over the picture, it has been chosen from.
+    if (window.innerWidth <= OVERLAID_PIXELS) this.#showSidebar(false);
     this.#stage.append(viewer.element);
     this.#main.append(viewer.panel.element);
     this.#pressLayout();
