@@ -13,11 +13,13 @@ import {
   type Server,
   type Watched,
   brightest,
+  fragment,
   headOfDemo,
   keep,
   launchBrowser,
   openPage,
   readyCase,
+  rested,
   scratchFolder,
   shown,
   skip,
@@ -260,7 +262,7 @@ test(
   },
 );
 
-/** Every text that the note above the picture has had since the page began, in order. */
+/** Every text that the list has had since the page began, in order. */
 async function notes(): Promise<string[]> {
   return page.evaluate(() => (globalThis as unknown as { notes?: string[] }).notes ?? []);
 }
@@ -278,7 +280,7 @@ test(
     await page.waitForSelector("#case-list li");
     await page.evaluate(() => {
       const all: string[] = ((globalThis as unknown as { notes: string[] }).notes = []);
-      const note = document.querySelector("#case-note");
+      const note = document.querySelector("#case-list");
       if (note)
         new MutationObserver(() => all.push(note.textContent ?? "")).observe(note, {
           childList: true,
@@ -290,13 +292,22 @@ test(
     await page.locator("#upload-volume").setInputFiles(files[0] ?? "");
     await page.locator("#upload-mask").setInputFiles(files[1] ?? "");
     assert.match(await page.locator(".chosen").innerText(), /Volume, .* MB · mask, .* MB/);
+    await page.locator("#case-list li", { hasText: "Marked" }).locator("a").click();
+    await shown(page);
+    await page.locator(".layouts button[value=slices]").click();
+    await page.getByRole("button", { name: "Superior", exact: true }).click();
+    await page.locator("#depth").fill("11.5");
+    await page.locator("#zoom").fill("1");
+    const left = await fragment(page);
     await page.locator("#upload-name").fill("Second");
     await page.locator("#upload button[type=submit]").click();
     const second = page.locator("#case-list li", { hasText: "Second" });
     await second.and(page.locator("[data-state=ready]")).waitFor({ timeout: 90_000 });
-    const id = await second.getAttribute("data-id");
-    assert.ok(page.url().includes(id ?? "none"), "what was uploaded is what is shown");
-    await shown(page);
+    assert.deepEqual(await fragment(page), left, "what was shown is shown still");
+    assert.match(await page.locator("#upload-done").innerText(), /“Second” was added/);
+    assert.equal(await second.locator(".fresh-badge").innerText(), "New");
+    await page.waitForFunction(() => document.querySelector("#live")?.textContent === "Second is ready.");
+    await keep(page, "fresh-case");
     const shares = (await notes())
       .map((words) => /(\d+)\s%/.exec(words)?.[1])
       .filter((share) => share !== undefined)
@@ -307,6 +318,97 @@ test(
     );
   },
 );
+
+test(
+  "a case is left and found again as it was; a new one is seen as the one before",
+  { skip, timeout: 90_000 },
+  async () => {
+    const go = (name: string): Promise<void> => page.locator("#case-list li", { hasText: name }).locator("a").click();
+    const before = await fragment(page);
+    assert.deepEqual([before.d, before.v, before.l, before.z], ["11.5", "superior", "slices", "2"]);
+    await go("Second");
+    await shown(page);
+    const second = await fragment(page);
+    assert.notEqual(second.id, before.id);
+    assert.deepEqual([second.d, second.v, second.l, second.z], ["11.5", "superior", "slices", undefined]);
+    assert.equal(await page.locator(".fresh-badge:visible").count(), 0, "it is new no more");
+    await page.getByRole("button", { name: "Anterior", exact: true }).click();
+    await page.locator("#depth").fill("4");
+    await rested(page);
+    await go("Marked");
+    await shown(page);
+    assert.deepEqual(await fragment(page), before);
+    await go("Marked");
+    assert.deepEqual(await fragment(page), before, "a click on the open case changes nothing");
+    await go("Second");
+    await shown(page);
+    const again = await fragment(page);
+    assert.deepEqual([again.d, again.v], ["4", "anterior"]);
+    await page.keyboard.press("Control+z");
+    assert.equal((await fragment(page)).d, "11.5");
+    await page.getByRole("button", { name: "Undo", exact: true }).click();
+    assert.equal((await fragment(page)).v, "superior");
+    await page.keyboard.press("Control+Shift+z");
+    await page.getByRole("button", { name: "Do again", exact: true }).click();
+    assert.deepEqual(await fragment(page), again);
+    assert.ok(await page.getByRole("button", { name: "Do again", exact: true }).isDisabled());
+    await keep(page, "undo");
+  },
+);
+
+test(
+  "slices that are here already are said to be, and are renamed only when asked to",
+  { skip, timeout: 60_000 },
+  async () => {
+    const marked = page.locator("#case-list li", { hasText: "Marked" });
+    const again = async (name: string): Promise<void> => {
+      await drop([
+        { name: "again-mask.nii", bytes: brainMask() },
+        { name: "again.nii", bytes: markedVolume() },
+      ]);
+      assert.equal(await page.locator(".chosen-names").innerText(), "again.nii\nagain-mask.nii");
+      await page.locator("#upload-name").fill(name);
+      await page.locator("#upload button[type=submit]").click();
+    };
+    await again("");
+    await page.waitForFunction(() =>
+      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+    );
+    assert.equal(await marked.locator(".fresh-badge").innerText(), "Already here");
+    await again("Other");
+    await page.waitForSelector("dialog.confirm-rename");
+    assert.match(await page.locator("dialog.confirm-rename p").innerText(), /case “Marked”. Rename it “Other”\?/);
+    await keep(page, "confirm-rename");
+    await page.keyboard.press("Escape");
+    await page.waitForFunction(() =>
+      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+    );
+    assert.equal(await marked.count(), 1, "it has its label still");
+    await again("Other");
+    await page.locator("dialog.confirm-rename button[value=rename]").click();
+    await page.locator("#case-list li", { hasText: "Other" }).waitFor();
+    await again("Marked");
+    await page.locator("dialog.confirm-rename button[value=rename]").click();
+    await marked.waitFor();
+    assert.equal(await page.locator("#case-list li").count(), 2);
+  },
+);
+
+test("the list is sorted, walked through with arrows, and its rows are low", { skip }, async () => {
+  const titles = (): Promise<string[]> => page.locator("#case-list .title").allInnerTexts();
+  assert.deepEqual(await titles(), ["Second", "Marked"]);
+  await page.locator("#case-order").selectOption("label");
+  assert.deepEqual(await titles(), ["Marked", "Second"]);
+  await page.locator("#case-list a").first().focus();
+  await page.keyboard.press("ArrowDown");
+  assert.match(await page.evaluate(() => document.activeElement?.textContent ?? ""), /Second/);
+  await page.keyboard.press("ArrowUp");
+  assert.match(await page.evaluate(() => document.activeElement?.textContent ?? ""), /Marked/);
+  for (const item of await page.locator("#case-list li").all()) {
+    assert.ok(((await item.boundingBox())?.height ?? 99) <= 56, "a row of at most 56 pixels");
+  }
+  await page.locator("#case-order").selectOption("newest");
+});
 
 async function writtenPhantom(): Promise<string[]> {
   const files = [
@@ -353,6 +455,43 @@ test(
     await slow.page.waitForFunction(() => /\d MB/.test(document.querySelector(".notices")?.textContent ?? ""));
     await slow.page.locator(".cancel-load").click();
     await slow.page.waitForFunction(() => document.querySelector("#live")?.textContent === "Loading was cancelled.");
+    await slow.context.close();
+  },
+);
+
+test(
+  "while the page's own data come, a small picture of the server's is shown",
+  { skip, timeout: 90_000 },
+  async () => {
+    const slow = await openPage(browser, { viewport: { width: 900, height: 700 } });
+    const id = await readyCase(server.address);
+    const session = await slow.context.newCDPSession(slow.page);
+    await session.send("Network.enable");
+    await slow.page.goto(`${origin}/#`);
+    await slow.page.waitForSelector("#case-list li");
+    // A slow line: 5 Mbit/s, 40 ms.
+    await session.send("Network.emulateNetworkConditions", {
+      offline: false,
+      latency: 40,
+      downloadThroughput: 5e6 / 8,
+      uploadThroughput: 1e6 / 8,
+    });
+    const begun = Date.now();
+    await slow.page.evaluate((one) => (location.hash = one), id);
+    await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
+    const first_ms = Date.now() - begun;
+    assert.equal(await slow.page.locator(".surface-host[data-preview=true] img").count(), 1);
+    const box = await slow.page.locator("#surface").boundingBox();
+    await slow.page.mouse.dblclick((box?.x ?? 0) + (box?.width ?? 0) / 2, (box?.y ?? 0) + (box?.height ?? 0) / 2);
+    assert.match((await slow.page.textContent("#live")) ?? "", /The point will be marked when it is here/);
+    await keep(slow.page, "first-preview");
+    await slow.page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames, null, {
+      timeout: 60_000,
+    });
+    console.log(`5 Mbit/s: the server's picture after ${first_ms} ms, the page's own after ${Date.now() - begun} ms`);
+    assert.equal(await slow.page.locator(".surface-host img").count(), 0, "the page's own picture is up");
+    await slow.page.waitForFunction(() => /&x=/.test(location.hash), null, { timeout: 60_000 });
+    assert.deepEqual(slow.troubles, []);
     await slow.context.close();
   },
 );

@@ -60,7 +60,7 @@ test("every document forbids what is not its own, and no script or style is inli
   assert.doesNotMatch(html, /<style|style=|\son\w+=|<script(?![^>]*src=)|https?:\/\//);
 });
 
-test("the script is at most 40 kB on its way", { skip }, async () => {
+test("the script is at most 45 kB on its way", { skip }, async () => {
   const size = await new Promise<number>((resolve, reject) => {
     get(new URL("/main.js", server.address), { headers: { "accept-encoding": "gzip" } }, (answer) => {
       let bytes = 0;
@@ -71,7 +71,7 @@ test("the script is at most 40 kB on its way", { skip }, async () => {
     }).on("error", reject);
   });
   console.log(`main.js: ${size} bytes gzipped`);
-  assert.ok(size > 1000 && size <= 40_000, String(size));
+  assert.ok(size > 1000 && size <= 45_000, String(size));
 });
 
 test("the manual of the interface breaks no policy either", { skip }, async () => {

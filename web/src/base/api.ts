@@ -147,8 +147,25 @@ export async function getPicture(path: string, signal?: AbortSignal): Promise<Bl
   return (await send(`v1/cases/${path}`, signal ? { signal } : {})).blob();
 }
 
-/** Uploads a form and resolves to the case; `observe` hears the share that is sent (fetch cannot tell that). */
-export async function uploadCase(form: FormData, signal: AbortSignal, observe: (share: number) => void): Promise<Case> {
+/** How many bytes of an upload are sent. */
+export interface UploadProgress {
+  readonly loaded: number;
+  readonly total: number;
+}
+
+/** What became of an upload. */
+export interface Uploaded {
+  readonly created: Case;
+  /** Whether the same slices, mask and parameters were a case already. */
+  readonly wasThere: boolean;
+}
+
+/** Uploads a form and resolves to the case; `observe` hears how much is sent (fetch cannot tell that). */
+export async function uploadCase(
+  form: FormData,
+  signal: AbortSignal,
+  observe: (progress: UploadProgress) => void,
+): Promise<Uploaded> {
   for (;;) {
     const sent = token;
     try {
@@ -159,16 +176,18 @@ export async function uploadCase(form: FormData, signal: AbortSignal, observe: (
   }
 }
 
-function postForm(form: FormData, signal: AbortSignal, observe: (share: number) => void): Promise<Case> {
+function postForm(form: FormData, signal: AbortSignal, observe: (progress: UploadProgress) => void): Promise<Uploaded> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     request.open("POST", "v1/cases");
     for (const [name, value] of Object.entries(authorization())) request.setRequestHeader(name, value);
-    request.upload.onprogress = (event) => event.lengthComputable && observe(event.loaded / event.total);
+    request.upload.onprogress = ({ loaded, total, lengthComputable }) => lengthComputable && observe({ loaded, total });
     request.onerror = () => reject(new Problem(0, "upload-cut-off", ""));
     request.onabort = () => reject(signal.reason as Error);
     request.onload = () => {
-      if (request.status >= 200 && request.status < 300) return resolve(JSON.parse(request.responseText) as Case);
+      if (request.status >= 200 && request.status < 300) {
+        return resolve({ created: JSON.parse(request.responseText) as Case, wasThere: request.status === 200 });
+      }
       reject(problemFrom(request.status, { get: (name) => request.getResponseHeader(name) }, request.responseText));
     };
     signal.addEventListener("abort", () => request.abort(), { once: true });

@@ -1,6 +1,6 @@
 // A case in words.
 
-import type { Case } from "../model/case.ts";
+import type { Case, ReadyCase } from "../model/case.ts";
 import { day, known, moment, number, t } from "./i18n.ts";
 import { sentence } from "./problem-words.ts";
 
@@ -18,7 +18,7 @@ export function caseStatus(one: Case): string {
       return t(stage) + (typeof fraction === "number" ? ` · ${number(100 * fraction)} %` : "");
     }
     case "ready":
-      return t("case.ready", { depth: number(one.max_depth_mm, 1) });
+      return `${day(one.created_at)} · ${voxelWords(one)}`;
     case "failed":
       return failureWords(one);
   }
@@ -39,6 +39,18 @@ export function versionOf(one: Case): string {
   const isVersion = one.previous !== undefined;
   if (!isVersion && !one.next?.length) return "";
   return t(isVersion ? "case.version" : "case.original", { time: moment(one.created_at) });
+}
+
+/** The edges of a voxel as it was acquired; one number where they are alike. */
+function voxelWords({ volume: { spacing_mm } }: ReadyCase): string {
+  const edges = spacing_mm.map((edge) => number(edge, edge % 1 === 0 ? 0 : 2));
+  return `${new Set(edges).size === 1 ? edges[0] : edges.join(" × ")} mm`;
+}
+
+/** More of a case than its row has room for. */
+export function caseFacts(one: Case): string {
+  const known = one.state === "ready" ? [t("case.deep", { depth: number(one.max_depth_mm, 1) })] : [];
+  return [caseTitle(one), moment(one.created_at), caseStatus(one), ...known].join("\n");
 }
 
 /** What no two cases have in common: label, day and the first digits of the id. */

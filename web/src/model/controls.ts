@@ -159,7 +159,7 @@ export type ChangingCommand =
   | { readonly kind: "invert" | "reset" };
 
 /** What a key asks for. */
-export type Command = ChangingCommand | { readonly kind: "help" | "play" | "timer" | "mark" };
+export type Command = ChangingCommand | { readonly kind: "help" | "play" | "timer" | "mark" | "undo" | "redo" };
 
 /** A key, as a keyboard event has it. */
 export interface Key {
@@ -194,7 +194,8 @@ const PLAIN: Readonly<Record<string, Command>> = {
 
 /** The command of a key; null where it has none. Capital letters are views, small ones and signs the rest. */
 export function commandOf(key: Key): Command | null {
-  if (key.ctrlKey || key.metaKey || key.altKey) return null;
+  if (key.ctrlKey || key.metaKey) return key.altKey ? null : steppingOf(key);
+  if (key.altKey) return null;
   // By the place on the keyboard as well: on many keyboards the brackets cannot be typed without alt.
   if (key.key === "[" || key.key === "{" || key.code === "BracketLeft")
     return { kind: "depth", steps: -1, fine: key.shiftKey };
@@ -211,6 +212,13 @@ export function commandOf(key: Key): Command | null {
   const view = VIEW_NAMES.find((name) => name[0] === letter);
   if (view && key.shiftKey && letter.length === 1) return { kind: "view", name: view };
   return PLAIN[key.key.length === 1 && !key.shiftKey ? letter : key.key] ?? null;
+}
+
+/** Whether the key undoes, or does again. */
+function steppingOf({ key, shiftKey }: Key): Command | null {
+  const letter = key.toLowerCase();
+  if (letter === "y" && !shiftKey) return { kind: "redo" };
+  return letter === "z" ? { kind: shiftKey ? "redo" : "undo" } : null;
 }
 
 /** The colours with black and white changed over; of coloured maps, inverted grey. */

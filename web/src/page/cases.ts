@@ -4,8 +4,8 @@ import { getPicture, listCases, watchCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
-import { caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
-import { t } from "../base/i18n.ts";
+import { caseFacts, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
+import { spoken, t } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";
@@ -23,6 +23,8 @@ export interface CaseListListener {
   /** The cases, or one of them, are not what they were. */
   changed(): void;
   remove(one: Case): void;
+  /** A case that was flagged can be shown. */
+  ready(one: Case): void;
 }
 
 /** Whether a case is what the words look for: all of them, in its name, id or state. */
@@ -32,6 +34,16 @@ export function matches(one: Case, search: string): boolean {
     .toLowerCase()
     .split(/\s+/)
     .every((word) => text.includes(word));
+}
+
+/** How the list is sorted. */
+const ORDERS = ["newest", "label"] as const;
+
+/** The cases in an order; they come newest first. */
+export function sorted(cases: readonly Case[], order: (typeof ORDERS)[number]): readonly Case[] {
+  if (order === "newest") return cases;
+  const { compare } = new Intl.Collator(spoken(), { numeric: true, sensitivity: "base" });
+  return [...cases].sort((a, b) => compare(caseTitle(a), caseTitle(b)));
 }
 
 const isBusy = (one: Case): boolean => one.state === "queued" || one.state === "preparing";
@@ -44,11 +56,20 @@ export class CaseList {
   readonly #note = h("p", { id: "cases-note", class: "quiet", role: "status" }, t("cases.asking"));
   readonly #more: HTMLButtonElement;
   readonly #search: HTMLInputElement;
+  readonly #order: HTMLSelectElement;
   readonly #rows = new Map<string, Row>();
+  /** A long list asks for the pictures of the rows in sight alone. */
+  readonly #seen = new IntersectionObserver((entries) => {
+    for (const { isIntersecting, target } of entries) {
+      if (target instanceof HTMLElement) this.#rows.get(target.dataset.id ?? "")?.look(isIntersecting);
+    }
+  });
   readonly #watched = new Map<string, AbortController>();
   readonly #onVisible = (): void => {
     if (!document.hidden) void this.refresh();
   };
+  /** Those to be pointed out, why, and whether they could be shown when last looked at. */
+  readonly #flagged = new Map<string, { readonly why: string; isReady: boolean }>();
   #older: readonly Case[] = [];
   #next: string | null = null;
   #marked: string | null = null;
@@ -65,7 +86,14 @@ export class CaseList {
       input: () => void this.#searched(),
     });
     this.#more = h("button", { type: "button", hidden: true, click: () => void this.#loadOlder() }, t("cases.older"));
-    this.element = h("div", { class: "case-list-box" }, this.#search, this.#note, this.#list, this.#more);
+    this.#order = h(
+      "select",
+      { id: "case-order", "aria-label": t("order.title"), change: () => this.#draw() },
+      ...ORDERS.map((order) => h("option", { value: order }, t(`order.${order}`))),
+    );
+    const find = h("div", { class: "line" }, this.#search, this.#order);
+    this.element = h("div", { class: "case-list-box" }, find, this.#note, this.#list, this.#more);
+    this.#list.addEventListener("keydown", (event) => this.#walk(event));
     document.addEventListener("visibilitychange", this.#onVisible);
   }
 
@@ -94,14 +122,28 @@ export class CaseList {
     return this.cases.length === 1 && !this.#next ? (this.cases[0]?.id ?? null) : null;
   }
 
+  /** Points out a case, until it is chosen. */
+  flag(id: string, why: string): void {
+    if (id === this.#marked) return;
+    const isReady = this.cases.some((one) => one.id === id && one.state === "ready");
+    this.#flagged.set(id, { why, isReady });
+    this.#draw();
+    this.#rows.get(id)?.element.scrollIntoView({ block: "nearest" });
+  }
+
   /** Marks the case that is shown. */
   mark(id: string | null): void {
     this.#marked = id;
-    for (const [one, row] of this.#rows) row.mark(one === id);
+    if (id) this.#flagged.delete(id);
+    for (const [one, row] of this.#rows) {
+      row.mark(one === id);
+      row.flag(this.#flagged.get(one)?.why ?? "");
+    }
   }
 
   dispose(): void {
     this.#disposed = true;
+    this.#seen.disconnect();
     clearTimeout(this.#timer);
     document.removeEventListener("visibilitychange", this.#onVisible);
     for (const controller of this.#watched.values()) controller.abort();
@@ -131,14 +173,19 @@ export class CaseList {
 
   #draw(): void {
     const present = new Set(this.cases.map((one) => one.id));
-    for (const id of this.#rows.keys()) if (!present.has(id)) this.#rows.delete(id);
+    for (const [id, row] of this.#rows) {
+      if (present.has(id)) continue;
+      this.#seen.unobserve(row.element);
+      this.#rows.delete(id);
+    }
     // Rows are kept and altered, so that focus and screen readers stay where they are.
-    const wanted = this.cases
+    const wanted = sorted(this.cases, this.#order.value === "label" ? "label" : "newest")
       .filter((one) => matches(one, this.#search.value.trim()))
       .map((one) => {
         const row = this.#rows.get(one.id) ?? new Row(one, (doomed) => this.#listener.remove(doomed));
         this.#rows.set(one.id, row);
         row.show(one);
+        this.#seen.observe(row.element);
         return row.element;
       });
     const same =
@@ -147,7 +194,23 @@ export class CaseList {
     this.#more.hidden = this.#next === null;
     if (this.cases.length > 0) this.#say(wanted.length === 0 ? t("cases.no-match") : "");
     this.mark(this.#marked);
+    for (const one of this.cases) {
+      const flag = this.#flagged.get(one.id);
+      if (!flag || flag.isReady || one.state !== "ready") continue;
+      flag.isReady = true;
+      this.#listener.ready(one);
+    }
     this.#watch();
+  }
+
+  /** Arrows go from case to case. */
+  #walk(event: KeyboardEvent): void {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (step === undefined || event.ctrlKey || event.metaKey || event.altKey) return;
+    const links = [...this.#list.querySelectorAll("a")];
+    const at = links.findIndex((link) => link.closest("li")?.contains(document.activeElement));
+    event.preventDefault();
+    links[at + step]?.focus();
   }
 
   /** Follows the first of the cases that are being prepared. */
@@ -184,18 +247,26 @@ class Row {
   readonly #status = h("span", { class: "status" });
   readonly #version = h("span", { class: "status", hidden: true });
   readonly #badge = h("span", { class: "quality-badge", hidden: true });
+  readonly #fresh = h("span", { class: "fresh-badge", hidden: true });
   readonly #bar = h("progress", { max: 1, "aria-label": t("case.progress"), hidden: true });
   readonly #delete: HTMLButtonElement;
   #case: Case;
+  #isInSight = false;
   #thumbAsked = false;
 
   constructor(one: Case, remove: (one: Case) => void) {
     this.#case = one;
     this.#link = h(
       "a",
-      { href: `#${one.id}` },
+      { href: `#${one.id}`, click: (event: MouseEvent) => this.#stay(event) },
       this.#thumb,
-      h("span", { class: "words" }, this.#title, this.#status, this.#version, this.#badge, this.#bar),
+      h(
+        "span",
+        { class: "words" },
+        this.#title,
+        h("span", { class: "facts" }, this.#fresh, this.#badge, this.#status, this.#version),
+        this.#bar,
+      ),
     );
     this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
     this.#delete.classList.add("delete");
@@ -206,10 +277,14 @@ class Row {
     this.#case = one;
     this.element.dataset.state = one.state;
     setText(this.#title, caseTitle(one));
+    this.#title.title = caseTitle(one);
+    this.element.title = caseFacts(one);
     setText(this.#status, caseStatus(one));
     const version = versionOf(one);
     setText(this.#version, version);
     this.#version.hidden = version === "";
+    // There is room for one of them.
+    this.#status.hidden = version !== "" && one.state === "ready";
     const quality = one.state === "ready" ? qualityOf(one) : null;
     this.#badge.hidden = !quality || quality.state === "ok";
     if (quality && quality.state !== "ok") {
@@ -218,7 +293,24 @@ class Row {
     }
     this.#bar.hidden = one.state !== "preparing";
     if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;
-    if (one.state === "ready") void this.#showThumb(one);
+    this.look(this.#isInSight);
+  }
+
+  /** Whether the row is in sight: its picture is asked for when it is. */
+  look(isInSight: boolean): void {
+    this.#isInSight = isInSight;
+    if (isInSight && this.#case.state === "ready") void this.#showThumb(this.#case);
+  }
+
+  /** The case that is open stays as it is. */
+  #stay(event: MouseEvent): void {
+    if (this.#link.hasAttribute("aria-current")) event.preventDefault();
+  }
+
+  /** Says why the case is pointed out; empty: it is not. */
+  flag(why: string): void {
+    setText(this.#fresh, why);
+    this.#fresh.hidden = why === "";
   }
 
   mark(chosen: boolean): void {

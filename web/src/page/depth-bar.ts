@@ -42,6 +42,11 @@ export class DepthBar {
         // What was typed may be out of range, or no number.
         this.#number.value = this.#depth;
       },
+      keydown: (event: KeyboardEvent) => {
+        if (event.key === "Enter") this.#number.blur();
+      },
+      // An empty box has no change to tell of.
+      blur: () => (this.#number.value = this.#depth),
     });
     this.#play = h("button", {
       type: "button",

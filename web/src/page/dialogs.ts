@@ -95,6 +95,7 @@ const HELP: readonly (readonly [Key, readonly Key[]])[] = [
       "help.key-zoom",
       "help.key-play",
       "help.key-mark",
+      "help.key-undo",
       "help.key-rest",
     ],
   ],

@@ -13,12 +13,18 @@ import { press } from "./fields.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";
+import { ViewMemory } from "../model/memory.ts";
 import { LAYOUTS } from "../model/state.ts";
 import { UploadForm, hearDrops } from "./upload.ts";
 import { Viewer } from "./viewer.ts";
 
 const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
 let preferences = loadPreferences();
+/** How each case was left; kept while the page is open. */
+const memory = new ViewMemory();
+
+/** Up to this width the list lies over the picture, as in the style sheet. */
+const OVERLAID_PIXELS = 1080;
 
 /** Everything on the page, in one language. */
 class App {
@@ -41,9 +47,13 @@ class App {
   #routed = 0;
 
   constructor() {
-    this.#list = new CaseList({ changed: () => void this.route(), remove: (one) => void this.#remove(one) });
-    this.#upload = new UploadForm(async (created) => {
-      location.hash = created.id;
+    this.#list = new CaseList({
+      changed: () => void this.route(),
+      remove: (one) => void this.#remove(one),
+      ready: (one) => this.#announce(t("case.now-ready", { title: caseTitle(one) })),
+    });
+    this.#upload = new UploadForm(async ({ id }, wasThere) => {
+      this.#list.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
       await this.#list.refresh();
     });
     this.#layouts = h(
@@ -68,8 +78,9 @@ class App {
       "nav",
       { class: "sidebar", id: "sidebar", "aria-label": t("cases.title") },
       h("h2", {}, t("cases.title")),
-      this.#list.element,
       this.#upload.element,
+      this.#upload.done,
+      this.#list.element,
     );
     this.#main = h("main", { class: "page" }, this.#sidebar, this.#stage);
     this.#root = h(
@@ -101,6 +112,12 @@ class App {
   dispose(): void {
     this.#viewer?.settle();
     this.#list.dispose();
+    this.#leave();
+  }
+
+  /** Takes the case that is shown away, and remembers how it was left. */
+  #leave(): void {
+    if (this.#viewer) memory.keep(this.#viewer.shown, this.#viewer.left);
     this.#viewer?.dispose();
     this.#viewer = null;
   }
@@ -152,8 +169,7 @@ class App {
     this.#note.classList.toggle("bad", chosen?.state === "failed");
     this.#layouts.hidden = !ready;
     if (ready?.id === this.#viewer?.shown.id) return;
-    this.#viewer?.dispose();
-    this.#viewer = null;
+    this.#leave();
     this.#showQuality(ready);
     if (!ready) return;
     const viewer = new Viewer(ready, rest, {
@@ -161,8 +177,11 @@ class App {
       announce: (words) => this.#announce(words),
       help: () => this.#help(),
       serverOnly,
+      left: memory.of(ready),
     });
     this.#viewer = viewer;
+    // Where the list lies over the picture, it has been chosen from.
+    if (window.innerWidth <= OVERLAID_PIXELS) this.#showSidebar(false);
     this.#stage.append(viewer.element);
     this.#main.append(viewer.panel.element);
     this.#pressLayout();
@@ -255,6 +274,7 @@ class App {
     if (!(await confirmDelete(caseTitle(one)))) return;
     try {
       await deleteCase(one.id);
+      memory.forget(one.id);
       if (this.#chosen?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
       await this.#list.refresh();
       this.#announce(t("delete.done"));
@@ -271,7 +291,10 @@ class App {
     if (event.defaultPrevented || !(event.target instanceof HTMLElement) || document.querySelector("dialog[open]"))
       return;
     const onPicture = event.target.closest(".pane.surface") !== null;
-    if (!onPicture && (!preferences.shortcuts || event.target.closest("input, select, textarea"))) return;
+    const hasModifier = event.ctrlKey || event.metaKey;
+    // Where text is typed, undoing is the text's.
+    const ofField = event.target.closest(hasModifier ? "input:not([type=range]), textarea" : "input, select, textarea");
+    if (!onPicture && (ofField || !(hasModifier || preferences.shortcuts))) return;
     const command = commandOf(event);
     if (!command) return;
     // A button or a link is worked by these; a page is scrolled.

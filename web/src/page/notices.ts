@@ -5,6 +5,10 @@ import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Fallback, LoadProgress } from "../panes/surface.ts";
 
+/** So many parts of an address are named, and so much of each. */
+const MOST_UNREAD = 5;
+const LONGEST_UNREAD = 40;
+
 export interface NoticesListener {
   cancelLoad(): void;
   loadAgain(): void;
@@ -46,6 +50,12 @@ export class Notices {
   fallback(fallback: Fallback | null): void {
     setText(this.#fallback, fallback ? t(`fallback.${fallback}`) : "");
     this.#fallback.hidden = fallback === null;
+  }
+
+  /** Names the parts of an address that could not be used. */
+  unread(parts: readonly string[]): void {
+    const named = parts.slice(0, MOST_UNREAD).map((part) => `“${part.slice(0, LONGEST_UNREAD)}”`);
+    this.remark(named.length > 0 ? t("address.unread", { parts: named.join(", ") }) : "");
   }
 
   /** Something to know, which can be dismissed. Empty words: nothing. */

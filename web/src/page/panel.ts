@@ -2,6 +2,7 @@
 
 import { VIEW_NAMES, viewName } from "../model/camera.ts";
 import type { ReadyCase, Window } from "../model/case.ts";
+import type { StateHistory } from "../model/history.ts";
 import { ARROW_PIXELS, type Change, boundWindow } from "../model/controls.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
@@ -36,6 +37,8 @@ export class Panel {
   readonly #convention: HTMLSelectElement;
   /** What is known of the marked point. */
   readonly point: PointSection;
+  readonly #undo: HTMLButtonElement;
+  readonly #redo: HTMLButtonElement;
   readonly #note = h("p", { class: "quiet", role: "status" });
 
   constructor(shown: ReadyCase, actions: Actions) {
@@ -98,6 +101,8 @@ export class Panel {
       CONVENTIONS.map((name) => [name, t(`convention.${name}`)]),
       (convention) => ({ convention }),
     );
+    this.#undo = iconButton("undo", t("undo"), () => actions.command({ kind: "undo" }));
+    this.#redo = iconButton("redo", t("redo"), () => actions.command({ kind: "redo" }));
     this.point = new PointSection(actions);
     this.element = h(
       "aside",
@@ -108,7 +113,11 @@ export class Panel {
         this.#views,
         line(t("zoom.label"), this.#zoom),
         this.#pads(),
-        row(button(t("reset"), () => actions.command({ kind: "reset" }))),
+        row(
+          button(t("reset"), () => actions.command({ kind: "reset" })),
+          this.#undo,
+          this.#redo,
+        ),
       ),
       section(
         t("panel.window"),
@@ -166,6 +175,12 @@ export class Panel {
     this.#slab.setAttribute("aria-valuetext", `${number(state.slab_mm, 1)} mm`);
     setValue(this.#light, (1 - state.ambient).toFixed(2));
     setValue(this.#convention, state.convention);
+  }
+
+  /** Whether there is anything to undo, or to do again. */
+  showHistory({ canUndo, canRedo }: Pick<StateHistory, "canUndo" | "canRedo">): void {
+    this.#undo.disabled = !canUndo;
+    this.#redo.disabled = !canRedo;
   }
 
   note(words: string): void {

@@ -1,7 +1,11 @@
 // What is known of the marked point, in words and as a chart.
 
 import { h, setText } from "../base/dom.ts";
-import { intensity, t } from "../base/i18n.ts";
+import type { ReadyCase } from "../model/case.ts";
+import type { Picked, Probed } from "../model/points.ts";
+import type { Vec3 } from "../model/space.ts";
+import { intensity, number, t } from "../base/i18n.ts";
+import { positionWords, voxelAt } from "../base/readout.ts";
 import type { Actions } from "./actions.ts";
 import { button, row } from "./fields.ts";
 
@@ -60,6 +64,14 @@ export class PointSection {
   }
 }
 
-/** An intensity, or a dash where it is not known. */
-export const intensityWords = (value: number | null | undefined): string =>
-  value === null || value === undefined || !Number.isFinite(value) ? "–" : intensity(value);
+/** A position in words, with what is known of it. */
+export function pointWords(shown: ReadyCase, position: Vec3, known: Partial<Picked | Probed> | null): PointWords {
+  const voxel = voxelAt(shown, position);
+  const { depth_mm, intensity: grey } = known ?? {};
+  return {
+    position: positionWords(position),
+    voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
+    depth: depth_mm === undefined ? "–" : `${number(depth_mm, 1)} mm`,
+    intensity: grey === undefined || grey === null || !Number.isFinite(grey) ? "–" : intensity(grey),
+  };
+}

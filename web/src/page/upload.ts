@@ -1,18 +1,24 @@
 // The form that adds a case: files chosen or dropped, sent under fixed names.
 
-import { uploadCase } from "../base/api.ts";
+import { type UploadProgress, type Uploaded, uploadCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
 import { h, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
+import { caseTitle } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
+import { confirmRename } from "./dialogs.ts";
 import { type Sorted, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
 
 export class UploadForm {
   readonly element: HTMLDetailsElement;
-  readonly #onCreated: (one: Case) => Promise<void>;
+  readonly #onCreated: (one: Case, wasThere: boolean) => Promise<void>;
   readonly #form: HTMLFormElement;
   readonly #chosen = h("p", { class: "chosen", role: "status" });
+  readonly #names = h("p", { class: "chosen-names quiet", hidden: true });
+  readonly #sent = h("p", { class: "quiet sent", hidden: true });
   readonly #note = h("p", { id: "upload-note", role: "alert" });
+  /** What became of the last upload; shown beside the form, which is closed by then. */
+  readonly done = h("p", { id: "upload-done", class: "quiet", role: "status" });
   readonly #bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": t("upload.progress") });
   readonly #send: HTMLButtonElement;
   readonly #cancel: HTMLButtonElement;
@@ -25,7 +31,7 @@ export class UploadForm {
   #maskFile: File | null = null;
   #abort: AbortController | null = null;
 
-  constructor(onCreated: (one: Case) => Promise<void>) {
+  constructor(onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
     this.#onCreated = onCreated;
     this.#volume = h("input", {
       type: "file",
@@ -66,10 +72,12 @@ export class UploadForm {
       file(t("upload.folder"), this.#folder, t("upload.choose-folder"), t("upload.folder-hint")),
       file(t("upload.mask"), this.#mask, t("upload.choose-files"), t("upload.mask-hint")),
       this.#chosen,
+      this.#names,
       field(t("upload.name"), this.#name, t("upload.name-hint")),
       field(t("upload.radius"), this.#radius, t("upload.radius-hint")),
       h("div", { class: "row" }, this.#send, this.#cancel),
       this.#bar,
+      this.#sent,
       this.#note,
     );
     this.element = h("details", { id: "add", class: "add" }, h("summary", {}, t("upload.title")), this.#form);
@@ -99,6 +107,10 @@ export class UploadForm {
     const sorted = sortFiles(this.#files, this.#maskFile);
     setText(this.#note, sorted.trouble ? t(sorted.trouble) : "");
     const size = (bytes: number): string => `${number(bytes / 1e6, 1)} MB`;
+    // Shown here alone: a file's name may hold the patient's, and is never sent.
+    const named = [sorted.volume, sorted.mask].filter((file) => file !== null).map((file) => file.name);
+    this.#names.hidden = named.length === 0;
+    setText(this.#names, named.join("\n"));
     const parts = [
       sorted.volume && t("upload.chosen-volume", { size: size(sorted.volume.size) }),
       sorted.dicom.length > 0 &&
@@ -118,13 +130,14 @@ export class UploadForm {
     this.#abort = new AbortController();
     this.#busy(true);
     try {
-      const created = await uploadCase(this.#bodyOf(sorted), this.#abort.signal, (share) => (this.#bar.value = share));
+      const { created, wasThere } = await this.#sendAndName(sorted, this.#abort.signal);
       this.#form.reset();
       this.#files = [];
       this.#maskFile = null;
       this.#tell();
+      setText(this.done, t(wasThere ? "upload.was-there" : "upload.done", { title: caseTitle(created) }));
       this.element.open = false;
-      await this.#onCreated(created);
+      await this.#onCreated(created, wasThere);
     } catch (problem) {
       setText(this.#note, this.#abort.signal.aborted ? t("upload.cancelled") : problemWords(problem));
     } finally {
@@ -132,19 +145,46 @@ export class UploadForm {
     }
   }
 
+  /** Sends the files. A case that is there already keeps its label, unless another one is wanted. */
+  async #sendAndName(sorted: Sorted<File>, signal: AbortSignal): Promise<Uploaded> {
+    const send = (keepsName: boolean): Promise<Uploaded> =>
+      uploadCase(this.#bodyOf(sorted, keepsName), signal, this.#teller());
+    const uploaded = await send(true);
+    const name = this.#name.value.trim();
+    if (!uploaded.wasThere || name === "" || name === uploaded.created.name) return uploaded;
+    return (await confirmRename(caseTitle(uploaded.created), name)) ? send(false) : uploaded;
+  }
+
+  /** Tells how much is sent, and when all will be. */
+  #teller(): (progress: UploadProgress) => void {
+    const begun = performance.now();
+    return ({ loaded, total }) => {
+      const share = total > 0 ? loaded / total : 0;
+      this.#bar.value = share;
+      const seconds = share > 0 ? ((performance.now() - begun) / 1000) * (1 / share - 1) : NaN;
+      const [sent, all] = [loaded, total].map((bytes) => number(bytes / 1e6, 1));
+      const words = t("upload.sent", { sent: sent ?? "", all: all ?? "", share: number(100 * share) });
+      const left = share < 1 && seconds >= 1 ? t("upload.left", { seconds: number(Math.ceil(seconds)) }) : "";
+      setText(this.#sent, share < 1 ? `${words}${left}` : t("upload.checking"));
+    };
+  }
+
   #busy(busy: boolean): void {
     this.#send.disabled = busy;
     this.#cancel.hidden = !busy;
-    this.#bar.hidden = !busy;
+    for (const element of [this.#bar, this.#sent]) element.hidden = !busy;
+    setText(this.#sent, "");
     this.#bar.value = 0;
-    if (busy) setText(this.#note, "");
+    if (!busy) return;
+    for (const line of [this.#note, this.done]) setText(line, "");
   }
 
   /** The multipart body. The files go under fixed names, for a file's own name may hold the patient's. */
-  #bodyOf(sorted: Sorted<File>): FormData {
-    const parameters: { closing_radius_mm?: number; name?: string } = {};
+  #bodyOf(sorted: Sorted<File>, keepsName: boolean): FormData {
+    const parameters: { closing_radius_mm?: number; name?: string; keep_name?: boolean } = {};
     if (Number.isFinite(this.#radius.valueAsNumber)) parameters.closing_radius_mm = this.#radius.valueAsNumber;
     if (this.#name.value.trim()) parameters.name = this.#name.value.trim();
+    if (keepsName) parameters.keep_name = true;
     const body = new FormData();
     body.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
     if (sorted.volume) body.append("volume", sorted.volume, uploadName("volume", sorted.volume.name));

@@ -4,15 +4,17 @@ import { facing, outwardAt, towardsViewer } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { changeOf } from "../model/commands.ts";
 import { type Change, type Command, deepen, lookFrom } from "../model/controls.ts";
-import { readState } from "../model/fragment.ts";
+import { readState, writeAddress } from "../model/fragment.ts";
+import type { StateHistory } from "../model/history.ts";
+import type { Left } from "../model/memory.ts";
 import type { Picked } from "../model/points.ts";
 import { PLANE_NAMES } from "../model/query.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { LAYOUTS, type Layout, type ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
-import { number, t } from "../base/i18n.ts";
+import { t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { positionWords, voxelAt } from "../base/readout.ts";
+import { positionWords } from "../base/readout.ts";
 import { saveScreenshot } from "../panes/screenshot.ts";
 import { SlicePane } from "../panes/slices.ts";
 import type { SurfaceStatus } from "../panes/surface.ts";
@@ -24,14 +26,10 @@ import { DepthBar } from "./depth-bar.ts";
 import { serverPictureDialog } from "./dialogs.ts";
 import { Notices } from "./notices.ts";
 import { Panel } from "./panel.ts";
-import { intensityWords } from "./point-section.ts";
+import { pointWords } from "./point-section.ts";
 import type { Preferences } from "./preferences.ts";
 import { spokenWords } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
-
-/** So many parts of an address are named, and so much of each. */
-const MOST_UNREAD = 5;
-const LONGEST_UNREAD = 40;
 
 /** What the page around the viewer does for it. */
 export interface ViewerHost {
@@ -39,6 +37,8 @@ export interface ViewerHost {
   readonly announce: (words: string) => void;
   readonly help: () => void;
   readonly serverOnly: boolean;
+  /** The case as it was left. */
+  readonly left: Left;
 }
 
 export class Viewer {
@@ -54,6 +54,7 @@ export class Viewer {
   readonly #address: AddressFollower;
   readonly #sweep: Sweep;
   readonly #observer: ResizeObserver;
+  readonly #history: StateHistory;
   #loadAbort = new AbortController();
   #state: ViewState;
   #picked: Picked | null = null;
@@ -67,8 +68,13 @@ export class Viewer {
   constructor(shown: ReadyCase, rest: string, host: ViewerHost) {
     this.shown = shown;
     this.#host = host;
-    const { state, unread } = readState(rest, shown);
+    this.#history = host.left.history;
+    // An address that says something says all; one that names the case alone leaves it as it was.
+    const left = host.left.state;
+    const isAsLeft = rest === "" || `#${shown.id}&${rest}` === writeAddress(left, shown);
+    const { state, unread } = isAsLeft ? { state: left, unread: [] } : readState(rest, shown);
     this.#state = state;
+    this.#history.record(state);
     const actions = this.#actions();
     this.panel = new Panel(shown, actions);
     this.#depthBar = new DepthBar(shown, actions);
@@ -93,12 +99,17 @@ export class Viewer {
     );
     this.#observer = new ResizeObserver(() => this.#schedule());
     for (const pane of [this.#surface, ...this.#slices]) this.#observer.observe(pane.element);
-    this.#tellUnread(unread);
+    this.#notices.unread(unread);
     this.#apply({});
   }
 
   get state(): ViewState {
     return this.#state;
+  }
+
+  /** How the case is left. */
+  get left(): Left {
+    return { state: this.#state, history: this.#history };
   }
 
   /** Begins to fetch what the surface draws with; the element is in the page by now. */
@@ -128,7 +139,7 @@ export class Viewer {
     const { state, unread } = readState(rest, this.shown);
     this.#state = state;
     this.#apply({});
-    this.#tellUnread(unread);
+    this.#notices.unread(unread);
   }
 
   setLayout(layout: Layout): void {
@@ -153,6 +164,10 @@ export class Viewer {
       }
       case "help":
         return this.#host.help();
+      case "undo":
+        return this.#goTo(this.#history.undo(this.#state), "undo");
+      case "redo":
+        return this.#goTo(this.#history.redo(), "redo");
     }
     if (command.kind === "depth" || command.kind === "reset") this.#stopSweep();
     if (command.kind === "reset") this.#picked = null;
@@ -213,9 +228,24 @@ export class Viewer {
 
   // -- The state and what shows it
 
+  /** Shows a state that was shown before; null: there is none. */
+  #goTo(state: ViewState | null, why: "undo" | "redo"): void {
+    if (!state) return this.#host.announce(t(why === "undo" ? "undo.none" : "redo.none"));
+    this.#stopSweep();
+    this.#picked = null;
+    this.#state = state;
+    this.#apply({});
+    this.#address.replace();
+    this.#host.announce(t(why === "undo" ? "undo.done" : "redo.done"));
+  }
+
   #change(change: Change, step = false): void {
-    if (step) this.#address.push();
+    if (step) {
+      this.#history.record(this.#state);
+      this.#address.push();
+    }
     this.#state = { ...this.#state, ...change };
+    if (step) this.#history.record(this.#state);
     this.#apply(change);
     if (step) this.#address.replace();
   }
@@ -223,6 +253,7 @@ export class Viewer {
   /** Shows the state in the controls at once, and in the panes with the next frame. */
   #apply(change: Change): void {
     this.panel.show(this.#state);
+    this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
     this.element.dataset.layout = this.#state.layout;
     if (change.layout === undefined || LAYOUTS.includes(change.layout)) {
@@ -238,6 +269,8 @@ export class Viewer {
   #onRest(): void {
     if (this.#sweep.isRunning) return;
     this.#address.replace();
+    this.#history.record(this.#state);
+    this.panel.showHistory(this.#history);
     this.element.dataset.rested = "true";
     this.#say();
   }
@@ -251,11 +284,6 @@ export class Viewer {
     // At first the page has enough to say.
     if (this.#said !== null) this.#host.announce(words);
     this.#said = words;
-  }
-
-  #tellUnread(unread: readonly string[]): void {
-    const parts = unread.slice(0, MOST_UNREAD).map((part) => `“${part.slice(0, LONGEST_UNREAD)}”`);
-    this.#notices.remark(parts.length > 0 ? t("address.unread", { parts: parts.join(", ") }) : "");
   }
 
   #schedule(): void {
@@ -311,19 +339,10 @@ export class Viewer {
   #showPoint(): void {
     const position = this.#state.crosshair_mm;
     if (!position) return this.panel.point.show(null, null);
-    const probed = this.#surface.probe(position);
-    const depth = this.#picked?.depth_mm ?? probed?.depth_mm;
-    const voxel = voxelAt(this.shown, position);
     const profile = this.#surface.profile(position);
-    this.panel.point.show(
-      {
-        position: positionWords(position),
-        voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
-        depth: depth === undefined ? "–" : `${number(depth, 1)} mm`,
-        intensity: intensityWords(this.#picked?.intensity ?? probed?.intensity),
-      },
-      profile && profileChart(profile, this.#state.depth_mm),
-    );
+    const probed = this.#picked ?? this.#surface.probe(position);
+    const chart = profile && profileChart(profile, this.#state.depth_mm);
+    this.panel.point.show(pointWords(this.shown, position, probed), chart);
   }
 
   // -- What the controls ask for

@@ -70,6 +70,7 @@ class Cortex implements Surface {
       drawn: (state) => {
         // What was drawn here before is left standing until the first picture comes.
         this.#canvas.style.visibility = "hidden";
+        this.#host.dataset.preview = String(!this.#data.hasFirst && !this.#isServed(state));
         this.#options.onDrawn(state);
       },
       trouble: (words) => this.#say(words),
@@ -190,6 +191,8 @@ class Cortex implements Surface {
     if (way) this.#drawHere(state, way);
     else if (!this.#isServed(state) && this.#data.hasFirst) this.#data.wantDepth(state.depth_mm);
     else if (this.#isServed(state)) this.#drawThere(state);
+    // Until there is anything to draw with, a small picture of the server's: it is there in a moment.
+    else this.#standIn.draw(state, true);
   }
 
   #drawHere(state: ViewState, way: Drawn): void {
@@ -207,6 +210,7 @@ class Cortex implements Surface {
       return;
     }
     this.#standIn.leave();
+    delete this.#host.dataset.preview;
     this.#canvas.style.visibility = "visible";
     this.#way = way;
     this.#canvas.dataset.frames = String(this.#pace.frames);

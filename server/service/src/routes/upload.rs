@@ -59,7 +59,7 @@ pub struct UploadForm {
     /// JSON: `closing_radius_mm` (0 to 50), `mask` (where none is supplied: `auto`, `volume`, `network` or `pruning`), `mask_kind` (`brain` or
     /// `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label. Of DICOM
     /// files also `series`, the series to take by its number, instance UID or token, and `allow_gaps`: true interpolates
-    /// single missing slices, and says which.
+    /// single missing slices, and says which. `keep_name`: true leaves a case that is there already the label that it has.
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
@@ -94,7 +94,9 @@ pub async fn create_case(
     let form = read_form(&state, request).await?;
     let parameters = form.parameters.clone();
     parameters.check()?;
+    let keep_name = form.keep_name;
     let (upload, choice) = form.into_upload(&state).await?;
+    let parameters = named(&state, &upload, parameters, keep_name).await?;
     let parameters = check_unless_known(&state, &upload, parameters).await?;
     let accepted = state
         .cases
@@ -144,6 +146,21 @@ async fn check_unless_known(
         ..Source::default()
     };
     check_now(state, source, parameters).await
+}
+
+/// The parameters, without their label where a case that is there already keeps its own.
+async fn named(
+    state: &AppState,
+    upload: &Upload,
+    parameters: Parameters,
+    keep_name: bool,
+) -> Result<Parameters, AppError> {
+    let id = upload.case_id(&parameters);
+    let keeps = keep_name && state.cases.store().case(&id).await?.is_some();
+    Ok(Parameters {
+        name: parameters.name.filter(|_| !keeps),
+        ..parameters
+    })
 }
 
 /// Whether a case was accepted before.
@@ -240,12 +257,17 @@ async fn read_form(state: &AppState, request: Request) -> Result<Form, AppError>
             });
         }
     };
-    let (parameters, options) = parameters.unwrap_or_default();
+    let SentParameters {
+        parameters,
+        options,
+        keep_name,
+    } = parameters.unwrap_or_default();
     Ok(Form {
         volume,
         mask,
         parameters,
         options,
+        keep_name,
     })
 }
 
@@ -255,6 +277,17 @@ struct Form {
     mask: Option<Spooled>,
     parameters: Parameters,
     options: Options,
+    keep_name: bool,
+}
+
+/// The part `parameters`.
+#[derive(Default)]
+struct SentParameters {
+    parameters: Parameters,
+    /// What is to be chosen among DICOM files.
+    options: Options,
+    /// Whether a case that is there already keeps its label.
+    keep_name: bool,
 }
 
 /// The volume as it was sent.
@@ -467,11 +500,10 @@ async fn spool(
     Ok(spool.finish().await?)
 }
 
-/// Parameters of the preparation, and what is to be chosen among DICOM files.
 async fn read_parameters(
     limits: PartLimits,
     mut field: Field<'_>,
-) -> Result<(Parameters, Options), AppError> {
+) -> Result<SentParameters, AppError> {
     let mut text = Vec::new();
     while let Some(bytes) = in_time(limits, field.chunk()).await? {
         if text.len() + bytes.len() > MAX_PARAMETERS_BYTES {
@@ -492,8 +524,22 @@ async fn read_parameters(
     let mut object: serde_json::Map<String, serde_json::Value> =
         serde_json::from_slice(&text).map_err(|error| unreadable(&error))?;
     let options = take_options(&mut object).map_err(|what| unreadable(&what))?;
+    let keep_name = take_flag(&mut object, "keep_name")
+        .ok_or_else(|| unreadable(&"`keep_name` is true or false"))?;
     let parameters = serde_json::from_value(serde_json::Value::Object(object));
-    Ok((parameters.map_err(|error| unreadable(&error))?, options))
+    Ok(SentParameters {
+        parameters: parameters.map_err(|error| unreadable(&error))?,
+        options,
+        keep_name,
+    })
+}
+
+/// Takes a flag out of the parameters: false where it is missing, `None` where it is neither true nor false.
+fn take_flag(object: &mut serde_json::Map<String, serde_json::Value>, name: &str) -> Option<bool> {
+    match object.remove(name) {
+        None => Some(false),
+        Some(value) => value.as_bool(),
+    }
 }
 
 /// Takes out of the parameters what is no part of the preparation.
@@ -511,11 +557,7 @@ fn take_options(
     if series == Some(None) {
         return Err("`series` is a number, an instance UID or a token of a series");
     }
-    let allow_gaps = match object.remove("allow_gaps") {
-        None => false,
-        Some(Value::Bool(allowed)) => allowed,
-        Some(_) => return Err("`allow_gaps` is true or false"),
-    };
+    let allow_gaps = take_flag(object, "allow_gaps").ok_or("`allow_gaps` is true or false")?;
     Ok(Options {
         series: series.flatten(),
         allow_gaps,
