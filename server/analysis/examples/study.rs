@@ -1,24 +1,26 @@
 //! Synthetic lesions in heads: what is easier to find where.
 //!
-//! `cargo run --release -p isocortex-analysis --features study --example study -- [--quick | --lesions N] FOLDER HEAD…`
+//! `cargo run --release -p isocortex-analysis --features study --example study -- [--quick | --lesions N] [--write] FOLDER HEAD…`
 //!
 //! A head is `NAME=VOLUME,MASK`, or `NAME=VOLUME,MASK,tuned` if parameters were chosen on it; a volume is a NIfTI file or a folder with one
-//! DICOM series. FOLDER gets a JSON file for each head, which is not run again, and `study.md` with the table of all.
+//! DICOM series. FOLDER gets a JSON file for each head, which is not run again, and `study.md` with the table of all; with `--write`
+//! also each head with its lesion as NIfTI.
 
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use analysis::study::{Criteria, HeadResult, Report, StudyParameters, run_head};
+use analysis::study::{Criteria, Ground, HeadResult, Report, StudyParameters, run_head};
 use analysis::{Head, midsagittal_plane};
 use geometry::{BrainMask, DepthField, Volume, distance_map, envelope};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut parameters = StudyParameters::FULL;
-    let mut names = Vec::new();
+    let (mut names, mut is_written) = (Vec::new(), false);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
+            "--write" => is_written = true,
             "--quick" => parameters = StudyParameters::QUICK,
             "--lesions" => {
                 let count = arguments.next().ok_or("name how many lesions")?.parse()?;
@@ -38,7 +40,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (name, files) = head.split_once('=').ok_or("a head is NAME=VOLUME,MASK")?;
         let kept = folder.join(format!("{name}.json"));
         if !kept.exists() {
-            let result = run(name, files, &parameters)?;
+            let lesions = is_written.then_some(folder);
+            let result = run(name, files, &parameters, lesions)?;
             std::fs::write(&kept, serde_json::to_vec_pretty(&result)?)?;
         }
         results.push(serde_json::from_slice(&std::fs::read(kept)?)?);
@@ -54,6 +57,7 @@ fn run(
     name: &str,
     files: &str,
     parameters: &StudyParameters,
+    lesions: Option<&Path>,
 ) -> Result<HeadResult, Box<dyn Error>> {
     let parts: Vec<&str> = files.split(',').collect();
     let [volume, mask, rest @ ..] = &parts[..] else {
@@ -80,6 +84,13 @@ fn run(
         );
         ControlFlow::Continue(())
     })?;
+    if let Some(folder) = lesions {
+        let ground = Ground::new(head)?;
+        for (number, trial) in trials.iter().enumerate() {
+            let bytes = imaging::nifti::write_volume(&ground.with_lesion(&trial.lesion()))?;
+            std::fs::write(folder.join(format!("{name}-{number}.nii.gz")), bytes)?;
+        }
+    }
     Ok(HeadResult {
         name: name.to_owned(),
         is_tuned: rest == ["tuned"],

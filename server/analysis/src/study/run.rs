@@ -109,8 +109,26 @@ pub struct Trial {
     pub thickening_mm: f64,
     /// As in [`Effect`].
     pub darkening: f64,
+    /// Of the lesion's edge and noise.
+    pub seed: u64,
     /// In the order of [`View::ALL`].
     pub sightings: Vec<Sighting>,
+}
+
+impl Trial {
+    /// The lesion, to be put into its head again.
+    pub fn lesion(&self) -> Lesion {
+        Lesion {
+            centre_in_patient: DVec3::from_array(self.position_in_patient),
+            radius_mm: self.radius_mm,
+            effect: Effect {
+                blur_mm: self.blur_mm,
+                thickening_mm: self.thickening_mm,
+                darkening: self.darkening,
+            },
+            seed: self.seed,
+        }
+    }
 }
 
 /// A head with all of its trials.
@@ -150,6 +168,7 @@ pub fn run_head(
             blur_mm: lesion.effect.blur_mm,
             thickening_mm: lesion.effect.thickening_mm,
             darkening: lesion.effect.darkening,
+            seed: lesion.seed,
             sightings,
         };
         let flow = observe(&trial, count);
