@@ -21,7 +21,7 @@ fi
 
 scripts/web.sh
 say "building the server (the first time takes some minutes)"
-cargo build --release --locked --package isocortex-service --bin isocortex
+cargo build --release --locked --package isocortex --bin isocortex
 server=$(target_dir)/release/isocortex
 
 # Opens the page as soon as the server prints its address; the demo goes on whatever becomes of that.

@@ -3,7 +3,7 @@
 use std::io::{Cursor, Write as _};
 
 use axum::http::StatusCode;
-use service::dicom::Program;
+use cases::dicom::Program;
 use zip::write::{SimpleFileOptions, ZipWriter};
 
 use crate::head::{mask_of, plain_head};
@@ -15,7 +15,7 @@ use crate::server::{Answer, Part, Server};
 #[test]
 #[ignore = "it is started by the server of the tests below"]
 fn child() {
-    let ended = service::dicom::run_child();
+    let ended = cases::dicom::run_child();
     assert_eq!(
         format!("{ended:?}"),
         format!("{:?}", std::process::ExitCode::SUCCESS)

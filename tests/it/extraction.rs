@@ -19,7 +19,7 @@ use crate::wrong_heads::wrong_heads;
 fn weights() -> Option<PathBuf> {
     let put_by_setup = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../demo-data/deepbet")
-        .join(service::prepare::NETWORK_FILE);
+        .join(pipeline::NETWORK_FILE);
     let path = std::env::var_os("ISOCORTEX_NETWORK").map_or(put_by_setup, PathBuf::from);
     if !path.is_file() {
         eprintln!("SKIPPED: the network's weights are missing; scripts/network.sh fetches them");

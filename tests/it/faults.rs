@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::StatusCode;
+use cases::pictures::{GpuUse, GraphicsState};
 use futures_util::future::join_all;
+use isocortex::config::Config;
 use render::gpu::{Fault, GpuPool};
-use service::config::Config;
-use service::graphics::{GpuUse, GraphicsState};
 
 use crate::scenes;
 use crate::server::{Answer, Server};
@@ -25,12 +25,12 @@ async fn server_and_device(
     .await;
     let case = server.plain_case().await;
     for _ in 0..500 {
-        match server.state.graphics.state() {
+        match server.state.cases.graphics.state() {
             GraphicsState::Present(_) => break,
             _ => tokio::time::sleep(Duration::from_millis(20)).await,
         }
     }
-    let device = server.state.graphics.device().expect("a device");
+    let device = server.state.cases.graphics.device().expect("a device");
     Some((server, device, case))
 }
 

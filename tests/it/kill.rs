@@ -7,12 +7,13 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use case::{CaseId, CaseState, Parameters};
+use cases::Library;
+use cases::jobs::Workers;
+use cases::models::{Models, WarmModel};
 use geometry::phantom::head;
-use service::case::{CaseId, CaseState, Parameters};
-use service::jobs::Workers;
-use service::models::{Model, Models};
-use service::prepare::Source;
-use service::store::{Options, Store};
+use pipeline::Source;
+use storage::{Options, Store};
 
 /// The directory of the store that a victim is to open.
 const DIRECTORY: &str = "ISOCORTEX_KILL_DIRECTORY";
@@ -39,10 +40,10 @@ fn parameters(tenths: u32) -> Parameters {
 }
 
 /// Uploads, prepares and waits until the case is ready.
-async fn make_ready(store: &Store, tenths: u32) -> CaseId {
-    let workers = Workers::start(store.clone(), 1);
-    let submitted = store.submit(upload(), parameters(tenths)).await.unwrap();
-    let mut watch = store.subscribe(&submitted.case.id);
+async fn make_ready(library: &Library, tenths: u32) -> CaseId {
+    let workers = Workers::start(library.clone(), 1);
+    let submitted = library.submit(upload(), parameters(tenths)).await.unwrap();
+    let mut watch = library.store().subscribe(&submitted.case.id);
     loop {
         let case = watch.next().await.unwrap().expect("nobody deletes it");
         if case.state.is_final() {
@@ -54,8 +55,8 @@ async fn make_ready(store: &Store, tenths: u32) -> CaseId {
     submitted.case.id
 }
 
-async fn model(store: &Store, id: &CaseId) -> Arc<Model> {
-    let models = Models::new(store.clone(), BUDGET_BYTES);
+async fn model(library: &Library, id: &CaseId) -> Arc<WarmModel> {
+    let models = Models::new(library.clone(), BUDGET_BYTES);
     models.get(id).await.unwrap().expect("the case is ready")
 }
 
@@ -66,8 +67,8 @@ async fn victim() {
     let directory =
         PathBuf::from(std::env::var_os(DIRECTORY).expect("it is started by another test"));
     let tenths = std::env::var(RADIUS).unwrap().parse().unwrap();
-    let store = Store::open(&directory).await.unwrap();
-    make_ready(&store, tenths).await;
+    let library = Library::of(Store::open(&directory).await.unwrap());
+    make_ready(&library, tenths).await;
 }
 
 fn start_victim(directory: &Path, tenths: u32) -> Child {
@@ -130,15 +131,15 @@ fn assert_nothing_left_over(directory: &Path, ready: u32) {
 }
 
 /// What a killed process left: each case whole, or still to be prepared.
-async fn assert_whole(store: &Store) {
-    for case in store.cases(None, 1000).await.unwrap().cases {
+async fn assert_whole(library: &Library) {
+    for case in library.store().cases(None, 1000).await.unwrap().cases {
         match case.state {
-            CaseState::Ready => drop(model(store, &case.id).await),
+            CaseState::Ready => drop(model(library, &case.id).await),
             CaseState::Queued | CaseState::Preparing => {}
             CaseState::Failed => panic!("{:?}", case.failure),
         }
     }
-    assert_eq!(store.counters().bad_objects, 0);
+    assert_eq!(library.store().counters().bad_objects, 0);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -162,13 +163,13 @@ async fn twenty_kills_at_random_moments_lose_nothing_and_leave_nothing_half_ther
         victim.kill().unwrap();
         victim.wait().unwrap();
 
-        let store = Store::open(directory.path()).await.unwrap();
+        let library = Library::of(Store::open(directory.path()).await.unwrap());
         eprintln!("kill {kill} of {KILLS} after {moment:?} of {undisturbed:?}");
         assert_nothing_left_over(directory.path(), kill + 1);
-        assert_whole(&store).await;
-        make_ready(&store, tenths).await;
+        assert_whole(&library).await;
+        make_ready(&library, tenths).await;
         assert_eq!(
-            store.cases(None, 1000).await.unwrap().cases.len(),
+            library.store().cases(None, 1000).await.unwrap().cases.len(),
             kill as usize + 1
         );
     }
@@ -181,14 +182,12 @@ async fn twenty_kills_at_random_moments_lose_nothing_and_leave_nothing_half_ther
 
 /// Compares every case with one that was prepared in peace.
 async fn assert_same_as_undisturbed(directory: &Path) {
-    let survived = Store::open(directory).await.unwrap();
-    let peaceful = Store::in_memory(Options::default()).await.unwrap();
+    let survived = Library::of(Store::open(directory).await.unwrap());
+    let peaceful = Library::of(Store::in_memory(Options::default()).await.unwrap());
     for tenths in 100..=100 + KILLS {
         let id = make_ready(&peaceful, tenths).await;
         let [here, there] = [model(&survived, &id).await, model(&peaceful, &id).await];
-        assert!(here.volume == there.volume, "{tenths}");
-        assert!(here.field == there.field, "{tenths}");
-        assert!(here.default_paths() == there.default_paths(), "{tenths}");
+        assert!(here.model() == there.model(), "{tenths}");
     }
-    assert_eq!(survived.counters().rebuilds, 0);
+    assert_eq!(survived.store().counters().rebuilds, 0);
 }

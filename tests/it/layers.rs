@@ -1,4 +1,4 @@
-//! The layers: a crate uses those below it, never one above or beside it.
+//! The layers: a crate uses those below it, and not all of those; never one above or beside it.
 
 use std::collections::BTreeSet;
 use std::process::Command;
@@ -26,8 +26,144 @@ fn needed_by(package: &str) -> BTreeSet<String> {
     names
 }
 
-fn assert_needs_none_of(package: &str, forbidden: &[&str]) {
-    let needed = needed_by(package);
+/// What a part of the server must not need, besides itself.
+struct Layer {
+    name: &'static str,
+    /// Crates of ours.
+    never: &'static [&'static str],
+    /// Crates of others.
+    never_others: &'static [&'static str],
+}
+
+/// What speaks HTTP or reads a command line: the business of `service`, `pacs` and the program alone.
+const PROTOCOLS: &[&str] = &["axum", "hyper", "tower-http", "clap", "utoipa"];
+
+const FILES_AND_TASKS: &[&str] = &["tokio", "sqlx", "object_store"];
+
+const LAYERS: &[Layer] = &[
+    Layer {
+        name: "geometry",
+        never: &[
+            "analysis",
+            "case",
+            "cases",
+            "extraction",
+            "imaging",
+            "bench",
+            "pipeline",
+            "render",
+            "service",
+            "storage",
+        ],
+        never_others: &["wgpu", "naga", "image", "png", "flate2", "zstd", "serde"],
+    },
+    Layer {
+        name: "analysis",
+        never: &[
+            "case",
+            "cases",
+            "extraction",
+            "imaging",
+            "bench",
+            "pipeline",
+            "render",
+            "service",
+            "storage",
+        ],
+        never_others: &["wgpu", "image", "png", "flate2", "zstd"],
+    },
+    Layer {
+        name: "extraction",
+        never: &[
+            "analysis", "case", "cases", "imaging", "bench", "pipeline", "render", "service",
+            "storage",
+        ],
+        never_others: &["wgpu"],
+    },
+    Layer {
+        name: "imaging",
+        never: &[
+            "analysis",
+            "case",
+            "cases",
+            "extraction",
+            "bench",
+            "pipeline",
+            "render",
+            "service",
+            "storage",
+        ],
+        never_others: &["wgpu"],
+    },
+    Layer {
+        name: "render",
+        never: &[
+            "analysis",
+            "case",
+            "cases",
+            "extraction",
+            "imaging",
+            "bench",
+            "pipeline",
+            "service",
+            "storage",
+        ],
+        never_others: &[],
+    },
+    Layer {
+        name: "bench",
+        never: &["cases", "service", "storage"],
+        never_others: &[],
+    },
+    Layer {
+        name: "case",
+        never: &[
+            "analysis",
+            "cases",
+            "extraction",
+            "geometry",
+            "imaging",
+            "bench",
+            "pipeline",
+            "render",
+            "service",
+            "storage",
+        ],
+        never_others: &["wgpu"],
+    },
+    Layer {
+        name: "pipeline",
+        never: &["cases", "bench", "service", "storage"],
+        never_others: &[],
+    },
+    Layer {
+        name: "storage",
+        never: &[
+            "analysis",
+            "cases",
+            "extraction",
+            "geometry",
+            "imaging",
+            "bench",
+            "pipeline",
+            "render",
+            "service",
+        ],
+        never_others: &["wgpu"],
+    },
+    Layer {
+        name: "cases",
+        never: &["bench", "service"],
+        never_others: &[],
+    },
+    Layer {
+        name: "service",
+        never: &["bench"],
+        never_others: &["clap"],
+    },
+];
+
+fn assert_needs_none_of(package: &str, needed: &BTreeSet<String>, forbidden: &[&str]) {
     let found: Vec<_> = forbidden
         .iter()
         .filter(|&&name| needed.contains(name))
@@ -36,87 +172,38 @@ fn assert_needs_none_of(package: &str, forbidden: &[&str]) {
 }
 
 #[test]
-fn geometry_needs_no_files_no_server_and_no_gpu() {
-    let forbidden = [
-        "tokio",
-        "axum",
-        "hyper",
-        "wgpu",
-        "naga",
-        "image",
-        "png",
-        "flate2",
-        "zstd",
-        "sqlx",
-        "object_store",
-        "isocortex-imaging",
-        "isocortex-render",
-        "isocortex-service",
-    ];
-    assert_needs_none_of("isocortex-geometry", &forbidden);
+fn no_layer_needs_what_is_above_or_beside_it() {
+    for layer in LAYERS {
+        let package = format!("isocortex-{}", layer.name);
+        let needed = needed_by(&package);
+        let ours: Vec<_> = layer
+            .never
+            .iter()
+            .map(|name| format!("isocortex-{name}"))
+            .collect();
+        let ours: Vec<_> = ours.iter().map(String::as_str).collect();
+        assert_needs_none_of(&package, &needed, &ours);
+        assert_needs_none_of(&package, &needed, layer.never_others);
+        assert_needs_none_of(&package, &needed, &["isocortex"]);
+        if layer.name != "service" {
+            assert_needs_none_of(&package, &needed, PROTOCOLS);
+        }
+        if !["storage", "cases", "service"].contains(&layer.name) {
+            assert_needs_none_of(&package, &needed, FILES_AND_TASKS);
+        }
+    }
 }
 
 #[test]
-fn extraction_stands_on_geometry_alone() {
-    let beside_or_above = [
-        "tokio",
-        "axum",
-        "sqlx",
-        "object_store",
-        "wgpu",
-        "isocortex-imaging",
-        "isocortex-render",
-        "isocortex-service",
-    ];
-    assert_needs_none_of("isocortex-extraction", &beside_or_above);
-}
-
-#[test]
-fn analysis_stands_on_geometry_alone() {
-    let beside_or_above = [
-        "tokio",
-        "axum",
-        "sqlx",
-        "object_store",
-        "wgpu",
-        "isocortex-extraction",
-        "isocortex-imaging",
-        "isocortex-render",
-        "isocortex-service",
-    ];
-    assert_needs_none_of("isocortex-analysis", &beside_or_above);
-}
-
-#[test]
-fn imaging_and_render_do_not_know_each_other_or_the_server() {
-    let above = ["tokio", "axum", "sqlx", "object_store", "isocortex-service"];
-    assert_needs_none_of(
-        "isocortex-imaging",
-        &[&above[..], &["isocortex-render", "wgpu"]].concat(),
-    );
-    assert_needs_none_of(
-        "isocortex-render",
-        &[&above[..], &["isocortex-imaging"]].concat(),
-    );
-}
-
-#[test]
-fn what_measures_does_not_know_the_server() {
-    let above = ["tokio", "axum", "sqlx", "object_store", "isocortex-service"];
-    assert_needs_none_of("isocortex-measure", &above);
-}
-
-#[test]
-fn the_service_stands_on_all_three() {
-    let needed = needed_by("isocortex-service");
-    for floor in [
-        "isocortex-geometry",
-        "isocortex-imaging",
-        "isocortex-render",
+fn the_program_stands_on_all_of_them() {
+    let needed = needed_by("isocortex");
+    for below in [
+        "case", "cases", "geometry", "imaging", "pipeline", "render", "service", "storage",
     ] {
+        let floor = format!("isocortex-{below}");
         assert!(
-            needed.contains(floor),
-            "{floor} is missing below the service"
+            needed.contains(&floor),
+            "{floor} is missing below the program"
         );
     }
 }

@@ -2,7 +2,6 @@
 
 mod agreement;
 mod bad_input;
-mod bench;
 mod dicom;
 mod extraction;
 mod faults;
@@ -28,6 +27,7 @@ mod series_builder;
 mod server;
 mod sides;
 mod sockets;
+mod stored;
 mod uploads;
 #[path = "../../server/extraction/tests/it/wrong_heads.rs"]
 mod wrong_heads;

@@ -5,8 +5,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use axum::http::StatusCode;
+use cases::pictures::{GpuUse, GraphicsState};
 use futures_util::future::join_all;
-use service::graphics::{GpuUse, GraphicsState};
 
 use crate::server::{Answer, Server};
 
@@ -18,7 +18,7 @@ async fn without_graphics() -> Server {
 async fn with_graphics() -> (Server, bool) {
     let server = Server::start_with(|config| config.gpu = GpuUse::Always).await;
     for _ in 0..500 {
-        match server.state.graphics.state() {
+        match server.state.cases.graphics.state() {
             GraphicsState::Starting => {
                 tokio::time::sleep(Duration::from_millis(20)).await;
             }
@@ -249,7 +249,7 @@ async fn leave(renderer: &str) {
         waited < 4 * alone.elapsed() + Duration::from_secs(1),
         "{waited:?}"
     );
-    assert_eq!(server.state.pool.waiting(), 0);
+    assert_eq!(server.state.cases.pool.waiting(), 0);
 }
 
 #[tokio::test]

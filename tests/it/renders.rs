@@ -4,8 +4,8 @@ use std::io::{Cursor, Read as _};
 
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
+use cases::pictures::GpuUse;
 use serde_json::{Value, json};
-use service::graphics::GpuUse;
 
 use crate::head::plain_head;
 use crate::server::{Answer, Server};
@@ -337,5 +337,9 @@ async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
     assert_eq!(answer.header("retry-after"), "");
     let next = server.get(&format!("{case}/render")).await;
     assert_eq!(next.status, StatusCode::OK);
-    assert_eq!(server.state.pool.waiting(), 0, "nothing is left of it");
+    assert_eq!(
+        server.state.cases.pool.waiting(),
+        0,
+        "nothing is left of it"
+    );
 }

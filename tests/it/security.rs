@@ -2,7 +2,7 @@
 
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
-use service::config::Secret;
+use isocortex::config::Secret;
 
 use crate::server::Server;
 

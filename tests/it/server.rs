@@ -7,11 +7,12 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Request, StatusCode, header};
 use bytes::Bytes;
+use cases::jobs::Workers;
 use http_body_util::BodyExt as _;
+use isocortex::config::Config;
+use isocortex::start;
 use serde_json::Value;
 use service::app::app;
-use service::config::Config;
-use service::jobs::Workers;
 use service::listen;
 use service::state::AppState;
 use tempfile::TempDir;
@@ -132,10 +133,10 @@ impl Server {
     }
 
     async fn on(directory: TempDir, config: Config) -> Self {
-        let state = AppState::open(&config).await.unwrap();
+        let state = start::open(&config).await.unwrap();
         Self {
             router: app(state.clone()),
-            _workers: Workers::start(state.store.clone(), config.prepare_workers),
+            _workers: Workers::start(state.cases.library.clone(), config.prepare_workers),
             state,
             config,
             directory,

@@ -2,13 +2,18 @@
 
 use std::str::FromStr;
 
+use geometry::BoundingSphere;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::error::checked;
-use crate::{BoundingSphere, FrameSize, RenderError};
+use crate::{FrameSize, RenderError};
 
 /// A standard direction from which the head is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(as = View))]
 pub enum NamedView {
     /// The patient's left side: anterior at the left of the picture, superior up.
     Left,

@@ -8,6 +8,10 @@ use crate::RenderError;
 
 /// How brightness, 0 to 255, becomes a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(as = Colors))]
 pub enum ColorMap {
     /// Black to white.
     #[default]

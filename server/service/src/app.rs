@@ -1,11 +1,11 @@
 //! The whole service as one router.
 
+use cases::Error;
 use std::any::Any;
 
 use axum::Router;
-use axum::extract::{Request, State};
-use axum::http::{HeaderName, HeaderValue, Method, Response, header};
-use axum::middleware::{self, Next};
+use axum::http::{HeaderName, HeaderValue, Response, header};
+use axum::middleware;
 use axum::response::IntoResponse;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
@@ -62,27 +62,6 @@ pub fn app(state: AppState) -> Router {
         .with_state(state)
 }
 
-/// Gives an answer up that takes too long. Its work is cancelled where it still waits.
-pub(crate) async fn answer_in_time(
-    State(state): State<AppState>,
-    request: Request,
-    next: Next,
-) -> Result<axum::response::Response, AppError> {
-    let limit = state.answer_timeout;
-    // The only one that is posted is that for many pictures.
-    let is_of_many = request.method() == Method::POST;
-    tokio::time::timeout(limit, next.run(request))
-        .await
-        .map_err(|_elapsed| {
-            if is_of_many {
-                let limit_s = limit.as_secs();
-                AppError::TooManyPictures { limit_s }
-            } else {
-                AppError::TimedOut
-            }
-        })
-}
-
 async fn add_security_headers<B>(mut response: Response<B>) -> Response<B> {
     for (name, value) in SECURITY_HEADERS {
         let headers = response.headers_mut();
@@ -96,5 +75,5 @@ async fn add_security_headers<B>(mut response: Response<B>) -> Response<B> {
 /// The panic's own text goes to standard error by the panic hook, never to the client.
 fn panicked(_panic: Box<dyn Any + Send + 'static>) -> axum::response::Response {
     tracing::error!("a handler panicked");
-    AppError::Internal.into_response()
+    AppError::from(Error::Internal).into_response()
 }

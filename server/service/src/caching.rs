@@ -7,9 +7,9 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 
-use crate::case::CaseId;
 use crate::negotiate::Coding;
 use crate::problem::AppError;
+use case::CaseId;
 
 /// Part of every entity tag: raised when the bytes of any answer to the same request change.
 const FORMAT_VERSION: u8 = 2;

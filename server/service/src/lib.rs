@@ -1,30 +1,14 @@
-//! The service: cases in a store, prepared by workers, shown over HTTP.
+//! Cases over HTTP: an axum router on top of the application, and the page.
 
 pub mod app;
 pub mod auth;
 pub mod caching;
-pub mod case;
-pub mod cli;
-pub mod config;
-pub mod dicom;
-pub mod drawing;
-pub mod finish;
-pub mod graphics;
-pub mod jobs;
 pub mod listen;
 pub mod logs;
 pub mod metrics;
-pub mod models;
 pub mod negotiate;
-pub mod prepare;
 pub mod problem;
-pub mod quality;
-pub mod render_pool;
 pub mod routes;
 pub mod state;
-pub mod store;
-#[cfg(test)]
-mod testing;
-pub mod turnstile;
 mod unstalled;
 pub mod wire;

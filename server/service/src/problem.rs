@@ -5,13 +5,14 @@ use std::borrow::Cow;
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use case::{Failure, FailureKind};
+use cases::Error;
+use cases::models::PathsError;
 use geometry::GeometryError;
+use render::RenderError;
 use serde::Serialize;
+use storage::StoreError;
 use utoipa::ToSchema;
-
-use crate::case::{CaseState, Failure};
-use crate::models::PathsError;
-use crate::store::StoreError;
 
 /// What every `type` begins with.
 const TYPE_PREFIX: &str = "urn:isocortex:problem:";
@@ -39,24 +40,15 @@ pub struct Problem {
 /// Everything that can be wrong with a request, or go wrong on the way to its answer.
 #[derive(Debug, thiserror::Error)]
 pub enum AppError {
-    /// No such case.
-    #[error("there is no case with this id")]
-    NoSuchCase,
+    /// The application could not do it.
+    #[error(transparent)]
+    Cases(Error),
     /// The path holds no case id.
     #[error("a case is named by 32 lower-case hexadecimal digits")]
     NotACaseId,
     /// The case was not made of DICOM files.
     #[error("the case was not made of DICOM files, so nothing is known of whose it is")]
     NotDicom,
-    /// The case is still on its way.
-    #[error("the case is not ready yet: it is {}", state_name(*.state))]
-    NotReady {
-        /// How far it has come.
-        state: CaseState,
-    },
-    /// The input cannot be used, now or when it was prepared.
-    #[error(transparent)]
-    Failure(#[from] Failure),
     /// A value of the query is not accepted.
     #[error("{} {detail}", named(parameter))]
     Query {
@@ -111,12 +103,6 @@ pub enum AppError {
     /// The address does not take this method.
     #[error("this address does not take this method; /docs lists those it takes")]
     MethodNotAllowed,
-    /// Too much work waits already.
-    #[error("too much work is waiting; try again in a moment")]
-    Busy,
-    /// The server is stopping, or its store cannot be reached.
-    #[error("the server cannot answer now; try again in a moment")]
-    Unavailable,
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
     TimedOut,
@@ -128,46 +114,48 @@ pub enum AppError {
         /// What an answer may take, in seconds.
         limit_s: u64,
     },
-    /// A step of the geometry refuses the parameters.
-    #[error(transparent)]
-    Geometry(#[from] GeometryError),
-    /// The store has no room left.
-    #[error("the store has no room left: cases must be deleted, or its disk enlarged")]
-    StorageFull,
-    /// The store failed.
-    #[error(transparent)]
-    Store(StoreError),
-    /// A fault of the program.
-    #[error("the server failed at this request; its log says more under the request id")]
-    Internal,
 }
 
-fn state_name(state: CaseState) -> &'static str {
-    match state {
-        CaseState::Queued => "queued",
-        CaseState::Preparing => "preparing",
-        CaseState::Ready => "ready",
-        CaseState::Failed => "failed",
+impl From<Error> for AppError {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Parameter { kind, name, detail } => Self::Query {
+                kind,
+                parameter: name,
+                detail,
+            },
+            other => Self::Cases(other),
+        }
     }
 }
 
 impl From<StoreError> for AppError {
     fn from(error: StoreError) -> Self {
-        match error {
-            StoreError::QueueFull => Self::Busy,
-            full if full.is_full() => Self::StorageFull,
-            other => Self::Store(other),
-        }
+        Error::from(error).into()
+    }
+}
+
+impl From<Failure> for AppError {
+    fn from(error: Failure) -> Self {
+        Error::from(error).into()
     }
 }
 
 impl From<PathsError> for AppError {
     fn from(error: PathsError) -> Self {
-        match error {
-            PathsError::Deleted => Self::NoSuchCase,
-            PathsError::Store(error) => error.into(),
-            PathsError::Geometry(error) => error.into(),
-        }
+        Error::from(error).into()
+    }
+}
+
+impl From<GeometryError> for AppError {
+    fn from(error: GeometryError) -> Self {
+        Error::from(error).into()
+    }
+}
+
+impl From<RenderError> for AppError {
+    fn from(error: RenderError) -> Self {
+        Error::from(error).into()
     }
 }
 
@@ -192,10 +180,8 @@ impl AppError {
     /// The status and the last part of the problem's type.
     fn status_and_kind(&self) -> (StatusCode, Cow<'static, str>) {
         let (status, kind) = match self {
-            Self::NoSuchCase => (StatusCode::NOT_FOUND, "no-such-case"),
+            Self::Cases(error) => return of_cases(error),
             Self::NotACaseId => (StatusCode::NOT_FOUND, "not-a-case-id"),
-            Self::NotReady { .. } => (StatusCode::CONFLICT, "case-not-ready"),
-            Self::Failure(failure) => return failure_status_and_kind(failure),
             Self::Query { kind, .. } | Self::Upload { kind, .. } => {
                 (StatusCode::BAD_REQUEST, *kind)
             }
@@ -213,15 +199,9 @@ impl AppError {
             Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
             Self::NoSuchRoute => (StatusCode::NOT_FOUND, "no-such-address"),
             Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
-            Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
-            Self::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
             Self::TimedOut | Self::TooManyPictures { .. } => {
                 (StatusCode::SERVICE_UNAVAILABLE, "timed-out")
             }
-            Self::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
-            Self::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
-            Self::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),
-            Self::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal"),
         };
         (status, kind.into())
     }
@@ -230,7 +210,7 @@ impl AppError {
     fn detail(&self) -> String {
         match self {
             // What the disk says may hold paths: it belongs into the log.
-            Self::Store(_) => Self::Internal.to_string(),
+            Self::Cases(Error::Store(_)) => Error::Internal.to_string(),
             other => other.to_string(),
         }
     }
@@ -255,9 +235,34 @@ impl AppError {
     }
 }
 
-fn failure_status_and_kind(failure: &Failure) -> (StatusCode, Cow<'static, str>) {
-    let status = StatusCode::from_u16(failure.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-    (status, failure.kind.clone().into())
+/// The status and the last part of the problem's type for each error of the application.
+fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
+    let (status, kind) = match error {
+        Error::NoSuchCase => (StatusCode::NOT_FOUND, "no-such-case"),
+        Error::NotReady { .. } => (StatusCode::CONFLICT, "case-not-ready"),
+        Error::Failure(failure) => return (status_of(failure.kind), failure.name.clone().into()),
+        Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
+        Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
+        Error::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
+        Error::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
+        Error::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
+        Error::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),
+        Error::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal"),
+    };
+    (status, kind.into())
+}
+
+/// The status for each kind of failure.
+fn status_of(kind: FailureKind) -> StatusCode {
+    match kind {
+        FailureKind::NotRecognised => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+        FailureKind::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+        FailureKind::Unusable => StatusCode::UNPROCESSABLE_ENTITY,
+        FailureKind::NotSupported => StatusCode::NOT_IMPLEMENTED,
+        FailureKind::OutOfMemory => StatusCode::SERVICE_UNAVAILABLE,
+        FailureKind::Cancelled => StatusCode::CONFLICT,
+        FailureKind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+    }
 }
 
 impl IntoResponse for AppError {
@@ -291,7 +296,9 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             let value = HeaderValue::from_str(&format!("bytes */{length}")).ok()?;
             Some((header::CONTENT_RANGE, value))
         }
-        AppError::NotReady { .. } => Some((header::RETRY_AFTER, RETRY_SECONDS.into())),
+        AppError::Cases(Error::NotReady { .. }) => {
+            Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
+        }
         // To come again does not help.
         AppError::TooManyPictures { .. } => None,
         _ if status == StatusCode::SERVICE_UNAVAILABLE => {
@@ -303,7 +310,7 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
 
 /// Errors of the store are logged here, once; what a client did wrong shows in its request's line.
 fn log(error: &AppError) {
-    if let AppError::Store(cause) = error {
+    if let AppError::Cases(Error::Store(cause)) = error {
         let source = std::error::Error::source(cause).map(ToString::to_string);
         tracing::error!(%cause, source, "the store failed");
     }
@@ -316,14 +323,14 @@ mod tests {
     #[test]
     fn a_failing_disk_shows_no_path() {
         let disk = std::io::Error::other("/home/someone/store is full");
-        let problem = AppError::Store(StoreError::Disk(disk)).problem();
+        let problem = AppError::from(StoreError::Disk(disk)).problem();
         assert_eq!(problem.status, 500);
         assert!(!problem.detail.contains("/home"));
     }
 
     #[test]
-    fn a_failure_keeps_its_kind_and_status() {
-        let failure = Failure::unprocessable("mask-missing", "a mask is needed".to_owned());
+    fn a_failure_keeps_its_name_and_gets_the_status_of_its_kind() {
+        let failure = Failure::unusable("mask-missing", "a mask is needed");
         let problem = AppError::from(failure).problem();
         assert_eq!(problem.kind, "urn:isocortex:problem:mask-missing");
         assert_eq!(problem.status, 422);

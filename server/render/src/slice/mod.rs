@@ -6,14 +6,15 @@ mod tests;
 
 use std::str::FromStr;
 
+use geometry::BoundingSphere;
 use rayon::prelude::*;
 
 use crate::error::checked;
 use crate::rays::Rays;
 use crate::sampler::Sampler;
 use crate::{
-    BoundingSphere, Camera, ColorMap, Frame, FrameSize, NamedView, PixelFormat, Projection,
-    RenderError, Scene, Window,
+    Camera, ColorMap, Frame, FrameSize, NamedView, PixelFormat, Projection, RenderError, Scene,
+    Window,
 };
 use contour::Contours;
 pub(crate) use contour::color as contour_color;
@@ -23,6 +24,10 @@ pub const MAX_CONTOURS: usize = 16;
 
 /// Across which patient axis a slice lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(as = Plane))]
 pub enum SlicePlane {
     /// Seen from below: anterior up, the patient's left at the right of the picture.
     Axial,
@@ -51,7 +56,7 @@ impl SlicePlane {
     }
 
     /// The patient axis across the plane: 0 for L, 1 for P, 2 for S.
-    pub(crate) fn axis(self) -> usize {
+    pub fn axis(self) -> usize {
         match self {
             Self::Sagittal => 0,
             Self::Coronal => 1,

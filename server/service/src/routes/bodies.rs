@@ -6,11 +6,11 @@ use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
 use crate::caching::compress;
-use crate::case::CaseId;
-use crate::models::PathKind;
 use crate::negotiate::Coding;
 use crate::problem::AppError;
-use crate::render_pool::RenderPool;
+use case::CaseId;
+use cases::models::PathKind;
+use cases::pictures::RenderPool;
 
 /// The fewest entries that the cache makes room for in its books.
 const EXPECTED_BODIES: usize = 64;
@@ -67,14 +67,14 @@ impl Bodies {
     /// A body, made by `make` and compressed unless it is there.
     ///
     /// # Errors
-    /// [`AppError::Busy`] when too much work waits.
+    /// [`Error::Busy`](cases::Error::Busy) when too much work waits.
     pub async fn get(
         &self,
         key: BodyKey,
         make: impl FnOnce() -> Bytes + Send + 'static,
     ) -> Result<Bytes, AppError> {
         let made = self.pool.run(move || compress(&make(), key.coding));
-        self.cache.get_or_insert_async(&key, made).await
+        Ok(self.cache.get_or_insert_async(&key, made).await?)
     }
 
     /// Drops the bodies of a case.

@@ -4,17 +4,18 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use cases::Error;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::query::{ApiQuery, CasePath, Checked, NoQuery, check_count};
-use super::render::window_of;
-use crate::case::{Case, CaseFacts, CaseId, CaseState, MaskKind};
-use crate::dicom::Choice;
+use super::query::{ApiQuery, CasePath, Checked, NoQuery};
 use crate::problem::{AppError, Problem};
-use crate::quality::Quality;
 use crate::state::AppState;
-use crate::store::Cursor;
+use case::Quality;
+use case::{Case, CaseFacts, CaseId, CaseState, MaskKind};
+use cases::dicom::Choice;
+use cases::pictures::{check_count, window_of};
+use storage::Cursor;
 
 /// The largest number of cases on a page.
 const MAX_PAGE: usize = 200;
@@ -390,7 +391,11 @@ pub async fn list_cases(
     State(state): State<AppState>,
     ApiQuery(query): ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let page = state.store.cases(query.cursor()?, query.limit).await?;
+    let page = state
+        .cases
+        .store()
+        .cases(query.cursor()?, query.limit)
+        .await?;
     let page = CasePage {
         cases: page.cases.into_iter().map(CaseView::from).collect(),
         next: page.next.map(|cursor| cursor.to_string()),
@@ -413,7 +418,12 @@ pub async fn get_case(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let case = state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
+    let case = state
+        .cases
+        .store()
+        .case(&id)
+        .await?
+        .ok_or(Error::NoSuchCase)?;
     Ok(fresh_json(StatusCode::OK, &CaseView::from(case)))
 }
 
@@ -432,11 +442,11 @@ pub async fn delete_case(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<StatusCode, AppError> {
-    let deleted = state.store.delete(&id).await?;
+    let deleted = state.cases.store().delete(&id).await?;
     state.forget(&id);
     if deleted {
         Ok(StatusCode::NO_CONTENT)
     } else {
-        Err(AppError::NoSuchCase)
+        Err(Error::NoSuchCase.into())
     }
 }

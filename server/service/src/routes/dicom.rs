@@ -1,5 +1,6 @@
 //! Whose head a case is: patient data, asked for by its own address alone.
 
+use cases::Error;
 use std::collections::BTreeMap;
 
 use axum::extract::State;
@@ -64,10 +65,15 @@ pub async fn get_dicom(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
-    let stored = state.store.source_dicom(&id).await?;
+    state
+        .cases
+        .store()
+        .case(&id)
+        .await?
+        .ok_or(Error::NoSuchCase)?;
+    let stored = state.cases.store().source_dicom(&id).await?;
     let stored = stored.ok_or(AppError::NotDicom)?;
-    let attributes = crate::dicom::attributes(&stored)?;
+    let attributes = pipeline::attributes(&stored)?;
     let view = DicomView {
         attributes: attributes.attributes.into_iter().collect(),
         instances: attributes.instances.into_iter().map(Into::into).collect(),

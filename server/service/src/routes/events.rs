@@ -1,5 +1,6 @@
 //! The progress of a case as server-sent events.
 
+use cases::Error;
 use std::convert::Infallible;
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
-use crate::store::Watch;
+use storage::Watch;
 
 /// A comment goes out after so long a silence, so that nobody on the way thinks the connection dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
@@ -36,10 +37,10 @@ pub async fn get_events(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    if state.store.case(&id).await?.is_none() {
-        return Err(AppError::NoSuchCase);
+    if state.cases.store().case(&id).await?.is_none() {
+        return Err(Error::NoSuchCase.into());
     }
-    let events = events(state.store.subscribe(&id)).take_until(state.stopped());
+    let events = events(state.cases.store().subscribe(&id)).take_until(state.stopped());
     let mut response = Sse::new(events)
         .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
         .into_response();

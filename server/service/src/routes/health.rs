@@ -4,15 +4,15 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use cases::Error;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::cases::fresh_json;
 use super::query::{ApiQuery, NoQuery};
-use crate::drawing::device_name;
-use crate::graphics::GraphicsState;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
+use cases::pictures::GraphicsState;
 
 /// What OpenMetrics text is called.
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -55,11 +55,11 @@ pub async fn readyz(
     State(state): State<AppState>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    state.store.check().await.map_err(|error| {
+    state.cases.store().check().await.map_err(|error| {
         tracing::warn!(%error, "the store is not ready");
         match error.is_full() {
-            true => AppError::StorageFull,
-            false => AppError::Unavailable,
+            true => Error::StorageFull,
+            false => Error::Unavailable,
         }
     })?;
     Ok(fresh_json(StatusCode::OK, &Health { status: "ok" }))
@@ -73,8 +73,8 @@ pub async fn metrics(
     State(state): State<AppState>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let text = state.metrics.text(state.pool.waiting());
-    let text = text.map_err(|_| AppError::Internal)?;
+    let text = state.metrics.text(state.cases.pool.waiting());
+    let text = text.map_err(|_| Error::Internal)?;
     let kind = HeaderValue::from_static(OPEN_METRICS);
     Ok(([(header::CONTENT_TYPE, kind)], text).into_response())
 }
@@ -82,10 +82,10 @@ pub async fn metrics(
 /// Which server this is
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
 pub async fn version(State(state): State<AppState>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
-    let graphics = match state.graphics.state() {
+    let graphics = match state.cases.graphics.state() {
         GraphicsState::Starting => "starting".to_owned(),
         GraphicsState::Absent(why) => format!("none: {why}"),
-        GraphicsState::Present(adapter) => device_name(&adapter),
+        GraphicsState::Present(adapter) => adapter.line(),
     };
     Json(Version {
         name: "isocortex",

@@ -4,26 +4,26 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use bytes::Bytes;
+use cases::Error;
 use futures_util::StreamExt as _;
 use geometry::Mask;
 use render::Scene;
-use render::gpu::GpuCase as _;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, Checked, NoQuery};
-use super::render::{PNG, window_of};
+use super::render::PNG;
 use super::upload::{PartLimits, check_now, is_form, is_known, refuse_too_large, submitted};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
-use crate::case::{CaseFacts, CaseId, MaskKind, MaskSource, Parameters};
-use crate::finish::borrowed;
 use crate::negotiate::{Coding, media_type};
-use crate::prepare::read_volume;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
-use crate::store::codec::{decode_brain, decode_envelope};
-use crate::store::{NewMask, ObjectKind, Spooled, StoreError, Version, source_damaged};
+use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
+use cases::pictures::window_of;
+use pipeline::codec::{decode_brain, decode_envelope};
+use pipeline::read_volume;
+use storage::{NewMask, Spooled, StoreError, Version};
 
 /// What a packed NIfTI file is.
 const GZIP: &str = "application/gzip";
@@ -106,7 +106,7 @@ async fn answer(
 ) -> Result<Response, AppError> {
     media_type(request, &[GZIP])?;
     let tag = EntityTag::of_answer(&id, wanted.route, &query, (GZIP, Coding::Identity));
-    state.ready(&id).await?;
+    state.cases.ready(&id).await?;
     if tag.is_known_to(request) {
         return Ok(not_modified(&tag, "accept", IMMUTABLE));
     }
@@ -114,9 +114,9 @@ async fn answer(
     let pack = move |_: &CaseFacts, payloads: &[Bytes]| {
         imaging::nifti::write_mask(&decode(payloads.first()?)?).ok()
     };
-    let load = state.store.load(&id, wanted.kinds, pack);
-    let file = state.turnstile.pass(load).await??;
-    let file = file.ok_or(AppError::NoSuchCase)?;
+    let load = state.cases.library.load(&id, wanted.kinds, pack);
+    let file = state.cases.turnstile.pass(load).await??;
+    let file = file.ok_or(Error::NoSuchCase)?;
     let mut headers = HeaderMap::new();
     let name = format!("attachment; filename=\"{}.nii.gz\"", wanted.route);
     caching::insert(&mut headers, header::CONTENT_DISPOSITION, &name);
@@ -239,19 +239,24 @@ pub async fn put_mask(
         });
     }
     refuse_too_large(request.headers(), state.max_upload_bytes)?;
-    let case = state.store.case(&id).await?.ok_or(AppError::NoSuchCase)?;
+    let case = state
+        .cases
+        .store()
+        .case(&id)
+        .await?
+        .ok_or(Error::NoSuchCase)?;
     let body = spool_body(&state, request).await?;
     let mut version = query.version(id, case.parameters, body)?;
     version.parameters = check_version(&state, &version).await?;
-    let made = state.store.submit_version(version).await?;
-    Ok(submitted(made.ok_or(AppError::NoSuchCase)?, None))
+    let made = state.cases.store().submit_version(version).await?;
+    Ok(submitted(made.ok_or(Error::NoSuchCase)?, None))
 }
 
 /// Streams the body to the store's disk; `None` where it is empty.
 async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled>, AppError> {
     let limits = PartLimits::of(state);
     let mut body = request.into_body().into_data_stream();
-    let mut spool = state.store.spool().await?;
+    let mut spool = state.cases.store().spool().await?;
     while let Some(bytes) = limits.await_next(body.next()).await? {
         let bytes = bytes.map_err(|_| AppError::Upload {
             kind: "body-unreadable",
@@ -271,16 +276,16 @@ async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled
 
 /// Refuses at once what cannot be prepared, as at an upload; the parameters with which the version will be prepared.
 async fn check_version(state: &AppState, version: &Version) -> Result<Parameters, AppError> {
-    let names = state.store.rows().objects(&version.of).await?;
+    let names = state.cases.store().rows().objects(&version.of).await?;
     let Some(id) = version.id(&names) else {
-        return Err(AppError::NoSuchCase);
+        return Err(Error::NoSuchCase.into());
     };
     let parameters = version.parameters.clone();
     if is_known(state, &id).await? {
         return Ok(parameters);
     }
-    let source = state.store.source(&version.of, &names).await?;
-    let mut source = source.ok_or_else(source_damaged)?;
+    let source = state.cases.library.source(&version.of, &names).await?;
+    let mut source = source.ok_or_else(Failure::source_damaged)?;
     match &version.mask {
         NewMask::Supplied(file) => source.mask = Some(file.read().await?),
         NewMask::None => source.mask = None,
@@ -314,18 +319,18 @@ pub async fn get_quality(
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let tag = EntityTag::of_answer(&id, "quality", &query, (PNG, Coding::Identity));
-    let facts = state.ready(&id).await?;
+    let facts = state.cases.ready(&id).await?;
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept", IMMUTABLE));
     }
     let model = state.model(&id).await?;
     let read = async {
-        let names = state.store.rows().objects(&id).await?;
-        state.store.source(&id, &names).await
+        let names = state.cases.store().rows().objects(&id).await?;
+        state.cases.library.source(&id, &names).await
     };
-    let source: Result<_, StoreError> = state.turnstile.pass(read).await?;
-    let source = source?.ok_or_else(source_damaged)?;
-    let limits = state.upload_limits;
+    let source: Result<_, StoreError> = state.cases.turnstile.pass(read).await?;
+    let source = source?.ok_or_else(Failure::source_damaged)?;
+    let limits = state.cases.library.limits();
     let draw = move || {
         // What the mask left out is not in the model, which is cropped to it.
         let volume = read_volume(&source, &limits)?;
@@ -336,9 +341,9 @@ pub async fn get_quality(
         let window = window_of(&facts);
         let frame = render::draw_quality_sheet(&scene, window, &lines(&facts))?;
         let texts = render::sheet_texts(&id.to_string(), window);
-        Ok::<_, AppError>(render::encode_png(&frame, &borrowed(&texts))?)
+        Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
     };
-    let picture = state.pool.run(draw).await??;
+    let picture = state.cases.pool.run(draw).await??;
     Representation {
         vary: "accept",
         ..Representation::immutable(tag, PNG, picture)

@@ -6,19 +6,18 @@ use axum::response::Response;
 use bytes::Bytes;
 use geometry::{MeshSize, ShrunkMesh};
 use serde::{Deserialize, Serialize};
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 use super::bodies::{BodyKey, BodyKind};
 use super::depth_headers;
-use super::query::{
-    ApiQuery, CasePath, Checked, MAX_CONTOURS, MAX_POINTS, check_count, check_depth,
-};
+use super::query::{ApiQuery, CasePath, Checked};
 use crate::caching::{EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
-use crate::models::PathKind;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use crate::wire;
+use cases::models::PathKind;
+use cases::pictures::{check_depth, check_size, default_count};
 
 const POSITIONS: &str = "application/octet-stream";
 const GLTF: &str = "model/gltf-binary";
@@ -31,33 +30,6 @@ const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY];
 
 /// The most points of a mesh of which every depth is sent: their table has some 50 MB.
 const MAX_TABULATED_POINTS: usize = 1 << 16;
-
-/// What vertices follow.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
-#[serde(rename_all = "lowercase")]
-pub enum Paths {
-    /// The optimal paths of the second transform, as in the paper.
-    #[default]
-    Forest,
-    /// Up the gradient of the distance map: the nearest way to a depth.
-    Flow,
-}
-
-impl From<Paths> for PathKind {
-    fn from(paths: Paths) -> Self {
-        match paths {
-            Paths::Forest => Self::Forest,
-            Paths::Flow => Self::Flow,
-        }
-    }
-}
-
-/// The fineness of the mesh where none is asked for, along and across.
-pub(crate) fn default_count() -> usize {
-    30
-}
 
 /// The mesh at a depth.
 #[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
@@ -79,7 +51,7 @@ pub struct MeshQuery {
     /// What vertices follow.
     #[serde(default)]
     #[param(inline)]
-    paths: Paths,
+    paths: PathKind,
 }
 
 /// The triangles of a mesh.
@@ -113,28 +85,19 @@ pub struct PathsQuery {
     /// What vertices follow.
     #[serde(default)]
     #[param(inline)]
-    paths: Paths,
-}
-
-/// Whether a mesh may be that fine.
-///
-/// # Errors
-/// [`AppError::Query`] that names the key.
-pub(crate) fn check_size(contours: usize, points: usize) -> Result<(), AppError> {
-    check_count("contours", contours, 3, MAX_CONTOURS)?;
-    check_count("points", points, 3, MAX_POINTS)
+    paths: PathKind,
 }
 
 impl Checked for MeshQuery {
     fn check(&self) -> Result<(), AppError> {
         check_depth(self.depth_mm)?;
-        check_size(self.contours, self.points)
+        Ok(check_size(self.contours, self.points)?)
     }
 }
 
 impl Checked for TrianglesQuery {
     fn check(&self) -> Result<(), AppError> {
-        check_size(self.contours, self.points)
+        Ok(check_size(self.contours, self.points)?)
     }
 }
 
@@ -181,25 +144,25 @@ pub async fn get_mesh(
 ) -> Result<Response, AppError> {
     let format = media_type(&request, MESH_TYPES)?;
     let tag = EntityTag::of_answer(&id, "mesh", &query, (format, Coding::Identity));
-    let facts = state.ready(&id).await?;
+    let facts = state.cases.ready(&id).await?;
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept", IMMUTABLE));
     }
     let size = MeshSize::new(query.contours, query.points)?;
     let model = state.model(&id).await?;
     let depth_mm = query.depth_mm.min(facts.max_depth_mm);
-    let kind = PathKind::from(query.paths);
-    let at_hand = model.default_paths();
+    let kind = query.paths;
+    let at_hand = model.model().default_paths();
     let shrunk = if at_hand.size == size && kind == PathKind::Forest {
         at_hand.shrink(depth_mm)
     } else {
         let shrunk = model.shrink(size, kind, depth_mm);
-        state.turnstile.pass(shrunk).await??
+        state.cases.turnstile.pass(shrunk).await??
     };
     let body = if format == POSITIONS {
         wire::positions(&shrunk)
     } else {
-        let encoded = state.pool.run(move || encode(&shrunk, size, format));
+        let encoded = state.cases.pool.run(move || encode(&shrunk, size, format));
         encoded.await?
     };
     Representation {
@@ -248,7 +211,7 @@ pub async fn get_triangles(
     media_type(&request, &[POSITIONS])?;
     let coding = coding_for(&request);
     let tag = EntityTag::of_answer(&id, "mesh/triangles", &query, (POSITIONS, coding));
-    state.ready(&id).await?;
+    state.cases.ready(&id).await?;
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
     }
@@ -293,14 +256,18 @@ pub async fn get_paths(
     media_type(&request, &[PATHS, POSITIONS])?;
     let coding = coding_for(&request);
     let tag = EntityTag::of_answer(&id, "mesh/paths", &query, (PATHS, coding));
-    state.ready(&id).await?;
+    state.cases.ready(&id).await?;
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
     }
     let size = MeshSize::new(query.contours, query.points)?;
-    let kind = PathKind::from(query.paths);
+    let kind = query.paths;
     let model = state.model(&id).await?;
-    let table = state.turnstile.pass(model.paths(size, kind)).await??;
+    let table = state
+        .cases
+        .turnstile
+        .pass(model.paths(size, kind))
+        .await??;
     let key = BodyKey {
         id,
         kind: BodyKind::Paths(size, kind),

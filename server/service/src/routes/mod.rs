@@ -18,18 +18,18 @@ pub mod upload;
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, RawPathParams, Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::{self, Next};
 use axum::response::Response;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::app::answer_in_time;
 use crate::auth;
 use crate::caching;
-use crate::case::CaseId;
+use crate::problem::AppError;
 use crate::state::AppState;
+use case::CaseId;
 
 /// The header that says how far the mask behind an answer can be trusted.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -113,6 +113,27 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .split_for_parts()
 }
 
+/// Gives an answer up that takes too long. Its work is cancelled where it still waits.
+async fn answer_in_time(
+    State(state): State<AppState>,
+    request: Request,
+    next: Next,
+) -> Result<Response, AppError> {
+    let limit = state.answer_timeout;
+    // The only one that is posted is that for many pictures.
+    let is_of_many = request.method() == Method::POST;
+    tokio::time::timeout(limit, next.run(request))
+        .await
+        .map_err(|_elapsed| {
+            if is_of_many {
+                let limit_s = limit.as_secs();
+                AppError::TooManyPictures { limit_s }
+            } else {
+                AppError::TimedOut
+            }
+        })
+}
+
 /// Says in a header of whatever shows a case how far its mask can be trusted.
 async fn say_quality(
     State(state): State<AppState>,
@@ -125,7 +146,7 @@ async fn say_quality(
     let mut response = next.run(request).await;
     let shows = response.status().is_success() || response.status() == StatusCode::NOT_MODIFIED;
     if let Some(id) = id.filter(|_| shows)
-        && let Some(quality) = state.known_quality(&id)
+        && let Some(quality) = state.cases.known_quality(&id)
     {
         response
             .headers_mut()

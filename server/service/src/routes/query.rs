@@ -2,17 +2,11 @@
 
 use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
-use serde::de::{DeserializeOwned, Error as _};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
-use crate::case::CaseId;
 use crate::problem::AppError;
-
-/// The largest number of contours of a mesh.
-pub const MAX_CONTOURS: usize = 512;
-
-/// The largest number of points on a contour of a mesh.
-pub const MAX_POINTS: usize = 1024;
+use case::CaseId;
 
 /// The case that the path names.
 #[derive(Debug, Clone, Copy)]
@@ -124,128 +118,10 @@ impl Checked for NoQuery {
     }
 }
 
-/// Whether a depth can be asked for: a finite number, not negative.
-///
-/// # Errors
-/// [`AppError::Query`] for `depth_mm`.
-pub fn check_depth(depth_mm: f32) -> Result<(), AppError> {
-    let refuse = |kind, detail: &str| AppError::Query {
-        kind,
-        parameter: "depth_mm".into(),
-        detail: detail.to_owned(),
-    };
-    if !depth_mm.is_finite() {
-        return Err(refuse(
-            "depth-not-a-number",
-            "must be a finite number of mm",
-        ));
-    }
-    if depth_mm < 0.0 {
-        return Err(refuse(
-            "depth-negative",
-            "must not be negative: depth is counted inwards from the envelope",
-        ));
-    }
-    Ok(())
-}
-
-/// Whether a count is within `least..=most`.
-///
-/// # Errors
-/// [`AppError::Query`] for `key`.
-pub fn check_count(
-    key: &'static str,
-    count: usize,
-    least: usize,
-    most: usize,
-) -> Result<(), AppError> {
-    if (least..=most).contains(&count) {
-        Ok(())
-    } else {
-        Err(AppError::out_of_range(
-            key,
-            format!("is {count}; it must be {least} to {most}"),
-        ))
-    }
-}
-
-/// Numbers with commas between them, such as `0,0,0,1`: exactly `N`, all finite.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Numbers<const N: usize>(pub [f64; N]);
-
-impl<const N: usize> Serialize for Numbers<N> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(self.0)
-    }
-}
-
-/// From a text with commas, as addresses have it, or from a list, as JSON has it.
-impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(NumbersVisitor)
-    }
-}
-
-struct NumbersVisitor<const N: usize>;
-
-impl<'de, const N: usize> serde::de::Visitor<'de> for NumbersVisitor<N> {
-    type Value = Numbers<N>;
-
-    fn expecting(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(formatter, "{N} finite numbers")
-    }
-
-    fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Self::Value, E> {
-        text.parse().map_err(E::custom)
-    }
-
-    fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
-        let mut numbers = [0.0; N];
-        for (index, number) in numbers.iter_mut().enumerate() {
-            let next = list.next_element()?;
-            *number = next.ok_or_else(|| A::Error::invalid_length(index, &self))?;
-        }
-        match list.next_element::<f64>()? {
-            None => Ok(Numbers(numbers)),
-            Some(_) => Err(A::Error::invalid_length(N + 1, &self)),
-        }
-    }
-}
-
-impl<const N: usize> std::str::FromStr for Numbers<N> {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers = numbers(text).ok_or("these are not finite numbers with commas")?;
-        let count = numbers.len();
-        let numbers = numbers.try_into();
-        numbers
-            .map(Self)
-            .map_err(|_| format!("{N} numbers with commas are wanted, not {count}"))
-    }
-}
-
-fn numbers(text: &str) -> Option<Vec<f64>> {
-    let number = |part: &str| part.trim().parse().ok().filter(|x: &f64| x.is_finite());
-    text.split(',').map(number).collect()
-}
-
-/// Numbers with commas between them, any number of them, all finite.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
-#[serde(transparent)]
-pub struct NumberList(pub Vec<f64>);
-
-impl<'de> Deserialize<'de> for NumberList {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
-        let numbers = numbers(&text);
-        let error = || D::Error::custom("these are not finite numbers with commas");
-        numbers.map(Self).ok_or_else(error)
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use cases::pictures::{Numbers, check_depth};
+
     use super::*;
 
     #[derive(Debug, Deserialize)]
@@ -268,7 +144,7 @@ mod tests {
 
     impl Checked for Example {
         fn check(&self) -> Result<(), AppError> {
-            check_depth(self.depth_mm)
+            Ok(check_depth(self.depth_mm)?)
         }
     }
 

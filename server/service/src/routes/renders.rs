@@ -1,5 +1,6 @@
 //! Many pictures in one answer: a zip, a contact sheet or an animation.
 
+use cases::Error;
 use std::io::{Cursor, Write as _};
 use std::num::NonZeroU32;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,21 +11,22 @@ use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use render::gpu::GpuCase as _;
-use render::{AnimatedPng, Sheet, SheetPlan, Wanted};
+use render::{AnimatedPng, RenderBackend, Sheet, SheetPlan, Wanted};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::query::{ApiQuery, CasePath, Checked as _, NoQuery, Numbers, unreadable_words};
-use super::render::{PNG, RenderQuery, drawing};
+use super::query::{ApiQuery, CasePath, NoQuery, unreadable_words};
+use super::render::PNG;
 use crate::caching::{self, EntityTag};
-use crate::case::CaseId;
-use crate::drawing::{Drawer, Drawn};
-use crate::finish::{Story, borrowed, dressed, finish};
-use crate::models::Model;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
+use case::CaseId;
+use cases::models::WarmModel;
+use cases::pictures::{
+    DrawnPicture, ImageMetadata, Numbers, PictureRequest, annotated, backend_for, encode,
+    picture_size,
+};
 
 const ZIP: &str = "application/zip";
 
@@ -45,7 +47,7 @@ const BACK_OFF: Duration = Duration::from_millis(20);
 #[serde(deny_unknown_fields)]
 pub struct RendersBody {
     /// Pictures, each with the keys of the single one: a zip of PNGs, or one contact sheet.
-    renders: Option<Vec<RenderQuery>>,
+    renders: Option<Vec<PictureRequest>>,
     /// Whether `renders` come as one PNG: a row for each depth, a column for each direction. They are then of one size.
     #[serde(default)]
     sheet: bool,
@@ -67,7 +69,7 @@ pub struct Swivel {
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
     /// What turns.
-    render: RenderQuery,
+    render: PictureRequest,
 }
 
 /// A way through the depths.
@@ -88,7 +90,7 @@ pub struct Sweep {
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
     /// What is seen, without a depth.
-    render: RenderQuery,
+    render: PictureRequest,
 }
 
 fn default_delay() -> u16 {
@@ -97,7 +99,7 @@ fn default_delay() -> u16 {
 
 /// The pictures to draw, checked, and what becomes of them.
 struct Plan {
-    pictures: Vec<RenderQuery>,
+    pictures: Vec<PictureRequest>,
     form: Form,
 }
 
@@ -161,20 +163,21 @@ pub async fn create_renders(
         Form::Animation { .. } => &["image/apng", PNG],
     };
     let kind = media_type(&request, offered)?;
-    state.ready(&id).await?;
+    state.cases.ready(&id).await?;
     let model = state.model(&id).await?;
     let count = plan.pictures.len();
     let asked = (plan.pictures.clone(), plan.form.parameters());
     let collector = Arc::new(Mutex::new(Collector::new(plan.form, count)));
-    let mut drawers = Vec::new();
+    let mut backends = Vec::new();
     for (number, query) in plan.pictures.iter().enumerate() {
-        let drawer = draw_one(&state, &model, &id, query, (number, &collector)).await?;
-        let name = format!("{} on {}", drawer.name(), drawer.device());
-        if !drawers.contains(&name) {
-            drawers.push(name);
+        let backend = draw_one(&state, &model, &id, query, (number, &collector)).await?;
+        let name = backend.to_string();
+        if !backends.contains(&name) {
+            backends.push(name);
         }
     }
     let body = state
+        .cases
         .pool
         .run(move || lock(&collector).take().finish())
         .await??;
@@ -183,9 +186,9 @@ pub async fn create_renders(
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     let name = HeaderName::from_static("x-isocortex-renderer");
-    let drawers = drawers.join("; ");
-    caching::insert(headers, name, &drawers);
-    let tag = EntityTag::of_answer(&id, "renders", &asked, (&drawers, Coding::Identity));
+    let backends = backends.join("; ");
+    caching::insert(headers, name, &backends);
+    let tag = EntityTag::of_answer(&id, "renders", &asked, (&backends, Coding::Identity));
     headers.insert(header::ETAG, tag.header());
     Ok(response)
 }
@@ -193,24 +196,24 @@ pub async fn create_renders(
 /// Draws a picture and adds it to what is collected; between pictures others get their turn, and a client that left ends the work.
 async fn draw_one(
     state: &AppState,
-    model: &Arc<Model>,
+    model: &Arc<WarmModel>,
     id: &CaseId,
-    query: &RenderQuery,
+    query: &PictureRequest,
     (number, collector): (usize, &Arc<Mutex<Collector>>),
-) -> Result<Drawer, AppError> {
-    let drawer = Drawer::choose(query.renderer, &state.graphics).await;
-    let drawing = drawing(state, model, query, drawer).await?;
-    let story = Story::of(Some(id), &drawing.request, &model.scene());
+) -> Result<RenderBackend, AppError> {
+    let backend = backend_for(query.renderer, &state.cases.graphics).await;
+    let picture = state.cases.picture_job(model, query, backend).await?;
+    let metadata = ImageMetadata::of(Some(id), &picture.job);
     loop {
-        let (drawing, story) = (drawing.clone(), story.clone());
+        let (picture, metadata) = (picture.clone(), metadata.clone());
         let (query, collector) = (query.clone(), Arc::clone(collector));
         let work = move |is_wanted: &Wanted<'_>| {
-            let drawn = drawing.draw(is_wanted)?;
-            lock(&collector).add(number, drawn, &story, &query)
+            let drawn = picture.draw(is_wanted)?;
+            lock(&collector).add(number, drawn, &metadata, &query)
         };
-        match state.pool.run_while(work).await {
+        match state.cases.pool.run_while(work).await {
             // A single picture is refused then; these have begun, and their time is bounded.
-            Err(AppError::Busy) if number > 0 => tokio::time::sleep(BACK_OFF).await,
+            Err(Error::Busy) if number > 0 => tokio::time::sleep(BACK_OFF).await,
             answer => return answer?,
         }
     }
@@ -297,18 +300,14 @@ fn out_of_range(path: &str, detail: &str) -> AppError {
 }
 
 /// Checks a picture at a place of the body.
-fn check_at(path: &str, picture: &RenderQuery) -> Result<(), AppError> {
+fn check_at(path: &str, picture: &PictureRequest) -> Result<(), AppError> {
     picture.check().map_err(|error| match error {
-        AppError::Query {
+        Error::Parameter { kind, name, detail } => AppError::Query {
             kind,
-            parameter,
-            detail,
-        } => AppError::Query {
-            kind,
-            parameter: format!("{path}.{parameter}").into(),
+            parameter: format!("{path}.{name}").into(),
             detail,
         },
-        other => other,
+        other => other.into(),
     })
 }
 
@@ -325,7 +324,7 @@ fn check_frames(path: &str, frames: u32, delay_ms: u16) -> Result<(), AppError> 
     Ok(())
 }
 
-fn of_list(pictures: Vec<RenderQuery>, sheet: bool) -> Result<Plan, AppError> {
+fn of_list(pictures: Vec<PictureRequest>, sheet: bool) -> Result<Plan, AppError> {
     if !(1..=MAX_PICTURES).contains(&pictures.len()) {
         return Err(out_of_range("renders", "must hold 1 to 256 pictures"));
     }
@@ -341,7 +340,7 @@ fn of_list(pictures: Vec<RenderQuery>, sheet: bool) -> Result<Plan, AppError> {
 }
 
 /// Finds each picture's row, by its depth, and column, by its direction, in the order in which they come.
-fn on_a_sheet(pictures: &[RenderQuery]) -> Result<Form, AppError> {
+fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
     let (mut rows, mut columns, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     let first = &pictures[0];
     for (number, picture) in pictures.iter().enumerate() {
@@ -369,7 +368,7 @@ fn on_a_sheet(pictures: &[RenderQuery]) -> Result<Form, AppError> {
         }
         cells.push(cell);
     }
-    let cell = super::render::picture_size(first.width, first.height)?;
+    let cell = picture_size(first.width, first.height)?;
     let plan = SheetPlan::new(cell, rows, columns);
     let plan = plan.map_err(|error| out_of_range("sheet", &format!("is not possible: {error}")))?;
     Ok(Form::Sheet { plan, cells })
@@ -389,11 +388,11 @@ impl Swivel {
         check_frames("swivel", self.frames, self.delay_ms)?;
         check_at("swivel.render", &self.render)?;
         let any_window = render::Window::between(0.0, 1.0);
-        let request = self.render.request(0.0, any_window)?;
+        let request = self.render.at(0.0, any_window)?;
         let start = request.parameters().camera.orientation();
         let turned = |frame: u32| {
             let angle = std::f64::consts::TAU * f64::from(frame) / f64::from(self.frames);
-            RenderQuery {
+            PictureRequest {
                 view: None,
                 orientation: Some(Numbers(
                     (glam::DQuat::from_rotation_y(angle) * start).to_array(),
@@ -427,7 +426,7 @@ impl Sweep {
         }
         let at = |frame: u32| {
             let share = frame as f32 / (self.frames - 1) as f32;
-            RenderQuery {
+            PictureRequest {
                 depth_mm: self.from_mm * (1.0 - share) + self.to_mm * share,
                 ..self.render.clone()
             }
@@ -494,11 +493,11 @@ impl Collector {
     fn add(
         &mut self,
         number: usize,
-        drawn: Drawn,
-        story: &Story,
-        query: &RenderQuery,
-    ) -> Result<Drawer, AppError> {
-        let drawer = drawn.drawer.clone();
+        drawn: DrawnPicture,
+        metadata: &ImageMetadata,
+        query: &PictureRequest,
+    ) -> Result<RenderBackend, AppError> {
+        let backend = drawn.backend.clone();
         match self {
             Self::Zip(zip) => {
                 let depth = query.depth_mm;
@@ -506,12 +505,12 @@ impl Collector {
                     "{number:03}-{}-{depth}mm.png",
                     query.direction().replace(',', "_")
                 );
-                let png = finish(drawn, story, query.annotate)?.png;
+                let png = encode(drawn, metadata, query.annotate)?.png;
                 let options = zip::write::SimpleFileOptions::default()
                     .compression_method(zip::CompressionMethod::Stored);
                 let started = zip.start_file(name, options);
-                started.map_err(|_| AppError::Internal)?;
-                zip.write_all(&png).map_err(|_| AppError::Internal)?;
+                started.map_err(|_| Error::Internal)?;
+                zip.write_all(&png).map_err(|_| Error::Internal)?;
             }
             Self::Sheet {
                 plan,
@@ -519,60 +518,52 @@ impl Collector {
                 cells,
                 states,
             } => {
-                let frame = dressed(drawn.frame, story, query.annotate);
+                let frame = annotated(drawn.rendered.frame, metadata, query.annotate);
                 if let Some(plan) = plan.take() {
                     *sheet = Some(Box::new(plan.begin(frame.format())));
                 }
                 let [row, column] = cells[number];
-                let sheet = sheet.as_mut().ok_or(AppError::Internal)?;
+                let sheet = sheet.as_mut().ok_or(Error::Internal)?;
                 sheet.put(&frame, row, column);
-                states.push(state_of_cell([row, column], &story.texts(&drawer)));
+                states.push(state_of_cell([row, column], &metadata.texts(&backend)));
             }
             Self::Animation {
                 animation,
                 frames,
                 delay_ms,
             } => {
-                let frame = dressed(drawn.frame, story, query.annotate);
+                let frame = annotated(drawn.rendered.frame, metadata, query.annotate);
                 if animation.is_none() {
-                    let frames = NonZeroU32::new(*frames).ok_or(AppError::Internal)?;
-                    let texts = story.texts(&drawer);
-                    let begun = AnimatedPng::begin(
-                        frame.size(),
-                        frame.format(),
-                        frames,
-                        *delay_ms,
-                        &borrowed(&texts),
-                    );
+                    let frames = NonZeroU32::new(*frames).ok_or(Error::Internal)?;
+                    let texts = metadata.texts(&backend);
+                    let begun =
+                        AnimatedPng::begin(frame.size(), frame.format(), frames, *delay_ms, &texts);
                     *animation = Some(begun?);
                 }
-                animation.as_mut().ok_or(AppError::Internal)?.add(&frame)?;
+                animation.as_mut().ok_or(Error::Internal)?.add(&frame)?;
             }
-            Self::Taken => return Err(AppError::Internal),
+            Self::Taken => return Err(Error::Internal.into()),
         }
-        Ok(drawer)
+        Ok(backend)
     }
 
     fn finish(self) -> Result<Vec<u8>, AppError> {
         match self {
             Self::Zip(zip) => {
-                let finished = zip.finish().map_err(|_| AppError::Internal)?;
+                let finished = zip.finish().map_err(|_| Error::Internal)?;
                 Ok(finished.into_inner())
             }
             Self::Sheet { sheet, states, .. } => {
-                let frame = sheet.ok_or(AppError::Internal)?.finish();
-                let mut texts = vec![("Software", super::render::SOFTWARE)];
-                texts.extend(
-                    states
-                        .iter()
-                        .map(|(name, state)| (name.as_str(), state.as_str())),
-                );
+                let frame = sheet.ok_or(Error::Internal)?.finish();
+                let mut texts = vec![("Software", super::render::SOFTWARE.to_owned())];
+                let states = states
+                    .iter()
+                    .map(|(name, state)| (name.as_str(), state.clone()));
+                texts.extend(states);
                 Ok(render::encode_png(&frame, &texts)?)
             }
-            Self::Animation { animation, .. } => {
-                Ok(animation.ok_or(AppError::Internal)?.finish()?)
-            }
-            Self::Taken => Err(AppError::Internal),
+            Self::Animation { animation, .. } => Ok(animation.ok_or(Error::Internal)?.finish()?),
+            Self::Taken => Err(Error::Internal.into()),
         }
     }
 }

@@ -3,65 +3,22 @@
 use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
-use render::gpu::GpuCase as _;
-use render::{SliceParameters, SlicePlane, SliceRequest};
+use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest};
 use serde::{Deserialize, Serialize};
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
-use super::query::{ApiQuery, CasePath, Checked, NumberList, Numbers};
-use super::render::{
-    Colors, PNG, check_annotation, default_side, default_zoom, picture_size, window_of, window_or,
-};
+use super::query::{ApiQuery, CasePath, Checked};
+use super::render::PNG;
 use crate::caching::{EntityTag, IMMUTABLE, Representation, not_modified};
-use crate::case::CaseFacts;
-use crate::finish::borrowed;
-use crate::models::Model;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
-
-/// Which way a slice lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Plane {
-    /// Seen from below: anterior up, the patient's left at the right.
-    Axial,
-    /// Facing the patient: superior up, the patient's left at the right.
-    Coronal,
-    /// Seen from the left: superior up, anterior at the left.
-    Sagittal,
-}
-
-impl Plane {
-    const ALL: [(Self, &'static str); 3] = [
-        (Self::Axial, "axial"),
-        (Self::Coronal, "coronal"),
-        (Self::Sagittal, "sagittal"),
-    ];
-
-    fn parse(text: &str) -> Option<(Self, &'static str)> {
-        Self::ALL.into_iter().find(|(_, name)| *name == text)
-    }
-
-    /// The patient axis across the plane: 0 is L, 1 is P, 2 is S.
-    fn axis(self) -> usize {
-        match self {
-            Self::Sagittal => 0,
-            Self::Coronal => 1,
-            Self::Axial => 2,
-        }
-    }
-}
-
-impl From<Plane> for SlicePlane {
-    fn from(plane: Plane) -> Self {
-        match plane {
-            Plane::Axial => Self::Axial,
-            Plane::Coronal => Self::Coronal,
-            Plane::Sagittal => Self::Sagittal,
-        }
-    }
-}
+use case::CaseFacts;
+use cases::models::WarmModel;
+use cases::pictures::{
+    NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size, window_of,
+    window_or,
+};
 
 /// A picture of a slice.
 #[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
@@ -96,7 +53,7 @@ pub struct SliceQuery {
     /// Colours for brightness.
     #[serde(default)]
     #[param(inline)]
-    colormap: Colors,
+    colormap: ColorMap,
     /// Whether place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
     #[serde(default)]
     #[param(default = false)]
@@ -120,26 +77,26 @@ impl Checked for SliceQuery {
         }
         check_annotation(self.annotate, [self.width, self.height])?;
         let any_window = render::Window::between(0.0, 1.0);
-        self.request(Plane::Axial, 0.0, any_window).map(drop)
+        self.request(SlicePlane::Axial, 0.0, any_window).map(drop)
     }
 }
 
 impl SliceQuery {
     fn request(
         &self,
-        plane: Plane,
+        plane: SlicePlane,
         default_position_mm: f64,
         default_window: render::Window,
     ) -> Result<SliceRequest, AppError> {
         Ok(SliceRequest::new(SliceParameters {
-            plane: plane.into(),
+            plane,
             position_mm: self.position_mm.unwrap_or(default_position_mm),
             depths_mm: self.depth_mm.0.clone(),
             zoom: self.zoom,
             pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
             size: picture_size(self.width, self.height)?,
             window: window_or(self.window, default_window)?,
-            colormap: self.colormap.into(),
+            colormap: self.colormap,
         })?)
     }
 }
@@ -156,7 +113,7 @@ fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
     get, path = "/v1/cases/{id}/slices/{plane}", tag = "pictures",
     params(
         ("id" = String, Path, description = "The case"),
-        ("plane" = inline(Plane), Path, description = "Which way the slice lies"),
+        ("plane" = inline(SlicePlane), Path, description = "Which way the slice lies"),
         SliceQuery,
     ),
     responses(
@@ -178,11 +135,15 @@ pub async fn get_slice(
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let plane = path.iter().find(|(name, _)| *name == "plane");
-    let (plane, name) = plane
-        .and_then(|(_, text)| Plane::parse(text))
+    let plane = plane
+        .and_then(|(_, text)| {
+            SlicePlane::ALL
+                .into_iter()
+                .find(|plane| plane.name() == text)
+        })
         .ok_or(AppError::NoSuchRoute)?;
-    let tag = EntityTag::of_answer(&id, "slices", &query, (name, Coding::Identity));
-    let facts = state.ready(&id).await?;
+    let tag = EntityTag::of_answer(&id, "slices", &query, (plane.name(), Coding::Identity));
+    let facts = state.cases.ready(&id).await?;
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept", IMMUTABLE));
     }
@@ -191,7 +152,7 @@ pub async fn get_slice(
     let model = state.model(&id).await?;
     let (case, annotate) = (id.to_string(), query.annotate);
     let work = move || draw(&model, &case, &drawing, annotate);
-    let picture = state.pool.run(work).await??;
+    let picture = state.cases.pool.run(work).await??;
     Representation {
         vary: "accept",
         ..Representation::immutable(tag, PNG, picture)
@@ -200,7 +161,7 @@ pub async fn get_slice(
 }
 
 fn draw(
-    model: &Model,
+    model: &WarmModel,
     case: &str,
     request: &SliceRequest,
     annotate: bool,
@@ -212,5 +173,5 @@ fn draw(
     }
     let mut texts = render::slice_texts(case, request);
     texts.retain(|(_, text)| !text.is_empty());
-    Ok(render::encode_png(&frame, &borrowed(&texts))?)
+    Ok(render::encode_png(&frame, &texts)?)
 }

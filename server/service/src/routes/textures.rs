@@ -9,14 +9,15 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::bodies::{BodyKey, BodyKind};
-use super::query::{ApiQuery, CasePath, Checked, check_count};
+use super::query::{ApiQuery, CasePath, Checked};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
-use crate::case::CaseId;
-use crate::models::Model;
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use crate::wire::{self, Texture, Voxels};
+use case::CaseId;
+use cases::models::WarmModel;
+use cases::pictures::check_count;
 
 const MEDIA_TYPE: &str = "application/octet-stream";
 
@@ -67,7 +68,7 @@ impl Checked for VolumeQuery {
 
 impl Checked for DistanceQuery {
     fn check(&self) -> Result<(), AppError> {
-        check_count("step", self.step, 1, MAX_STEP)
+        Ok(check_count("step", self.step, 1, MAX_STEP)?)
     }
 }
 
@@ -100,7 +101,7 @@ pub async fn get_volume(
     ApiQuery(query): ApiQuery<VolumeQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let texture = move |model: &Arc<Model>| match query.bits {
+    let texture = move |model: &Arc<WarmModel>| match query.bits {
         8 => wire::quick_volume_texture(model),
         _ => wire::volume_texture(model),
     };
@@ -141,7 +142,7 @@ pub async fn get_distance(
     ApiQuery(query): ApiQuery<DistanceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let texture = move |model: &Arc<Model>| match query.step {
+    let texture = move |model: &Arc<WarmModel>| match query.step {
         1 => wire::depth_texture(model),
         step => wire::coarse_depth_texture(model, step),
     };
@@ -165,12 +166,12 @@ async fn answer(
     id: CaseId,
     query: impl Serialize,
     request: &HeaderMap,
-    source: Source<impl FnOnce(&Arc<Model>) -> Texture>,
+    source: Source<impl FnOnce(&Arc<WarmModel>) -> Texture>,
 ) -> Result<Response, AppError> {
     media_type(request, &[MEDIA_TYPE])?;
     let coding = coding_for(request);
     let tag = EntityTag::of_answer(&id, source.route, &query, (MEDIA_TYPE, coding));
-    state.ready(&id).await?;
+    state.cases.ready(&id).await?;
     if tag.is_known_to(request) {
         return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
     }

@@ -16,12 +16,12 @@ use utoipa::ToSchema;
 use super::cases::{CaseView, address_of, fresh_json};
 use super::query::{ApiQuery, NoQuery};
 use crate::caching;
-use crate::case::{CaseId, CaseState, Parameters};
-use crate::dicom::{Choice, Options, Reading, SeriesName};
-use crate::prepare::{Source, check};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
-use crate::store::{Spooled, StoreError, Submitted, Upload};
+use case::{CaseId, CaseState, Parameters};
+use cases::dicom::{Choice, Options, Reading, SeriesName};
+use pipeline::{Source, check};
+use storage::{Spooled, StoreError, Submitted, Upload};
 
 /// The most bytes of the part `parameters`.
 const MAX_PARAMETERS_BYTES: usize = 64 << 10;
@@ -95,7 +95,11 @@ pub async fn create_case(
     parameters.check()?;
     let (upload, choice) = form.into_upload(&state).await?;
     let parameters = check_unless_known(&state, &upload, parameters).await?;
-    let accepted = state.store.submit_upload(upload, parameters).await?;
+    let accepted = state
+        .cases
+        .store()
+        .submit_upload(upload, parameters)
+        .await?;
     Ok(submitted(accepted, choice))
 }
 
@@ -141,7 +145,7 @@ async fn check_unless_known(
 
 /// Whether a case was accepted before.
 pub(super) async fn is_known(state: &AppState, id: &CaseId) -> Result<bool, AppError> {
-    let known = state.store.case(id).await?;
+    let known = state.cases.store().case(id).await?;
     Ok(known.is_some_and(|case| case.state != CaseState::Failed))
 }
 
@@ -151,9 +155,12 @@ pub(super) async fn check_now(
     source: Source,
     parameters: Parameters,
 ) -> Result<Parameters, AppError> {
-    let (limits, has_network) = (state.upload_limits, state.store.has_network());
+    let (limits, has_network) = (
+        state.cases.library.limits(),
+        state.cases.library.has_network(),
+    );
     let check = move || check(&source, parameters, &limits, has_network);
-    Ok(state.pool.run(check).await??)
+    Ok(state.cases.pool.run(check).await??)
 }
 
 /// Refuses what can be refused before the body is read.
@@ -268,9 +275,9 @@ impl Form {
             },
         };
         let upload = Upload {
-            volume: state.store.spool_all(reading.volume).await?,
+            volume: state.cases.store().spool_all(reading.volume).await?,
             mask: self.mask,
-            dicom: Some(state.store.spool_all(reading.attributes).await?),
+            dicom: Some(state.cases.store().spool_all(reading.attributes).await?),
         };
         Ok((upload, Some(reading.choice)))
     }
@@ -281,8 +288,8 @@ async fn read_dicom(
     input: &Path,
     options: &Options,
 ) -> Result<Reading, AppError> {
-    let scratch = state.store.scratch();
-    state.dicom.read(input, options, &scratch).await
+    let scratch = state.cases.store().scratch();
+    Ok(state.cases.dicom.read(input, options, &scratch).await?)
 }
 
 fn not_of_nifti() -> AppError {
@@ -315,7 +322,7 @@ impl DicomParts {
         }
         let directory = match &mut self.directory {
             Some(directory) => directory,
-            empty => empty.insert(state.store.spool_directory().await?),
+            empty => empty.insert(state.cases.store().spool_directory().await?),
         };
         let path = directory.path().join(self.count.to_string());
         self.count += 1;
@@ -430,7 +437,7 @@ async fn spool(
     limits: PartLimits,
     mut field: Field<'_>,
 ) -> Result<Spooled, AppError> {
-    let mut spool = state.store.spool().await?;
+    let mut spool = state.cases.store().spool().await?;
     while let Some(bytes) = in_time(limits, field.chunk()).await? {
         if spool.len() + bytes.len() as u64 > limits.bytes {
             return Err(limits.too_large());

@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use geometry::{PathTable, Piece};
 
-use crate::models::PathKind;
+use cases::models::PathKind;
 
 const MAGIC: &[u8; 4] = b"ISOP";
 const VERSION: u16 = 1;

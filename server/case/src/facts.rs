@@ -1,0 +1,104 @@
+//! What is known of a case.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use crate::{CaseId, CaseState, Failure, Parameters, Progress, Quality, Stage};
+
+/// A DICOM window: the intensities from `center - width / 2` to `center + width / 2` span the grey levels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WindowFacts {
+    /// Window centre, in intensities.
+    pub center: f32,
+    /// Window width, in intensities; above 0.
+    pub width: f32,
+}
+
+/// A sphere in the patient.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SphereFacts {
+    /// Its centre, LPS mm.
+    pub center_in_patient: [f64; 3],
+    /// Its radius in mm.
+    pub radius_mm: f64,
+}
+
+/// A plane in the patient: the points `p` (LPS mm) with `normal · p = offset_mm`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PlaneFacts {
+    /// The direction across it, of length 1, LPS.
+    pub normal: [f64; 3],
+    /// Its distance from the origin along the normal, in mm.
+    pub offset_mm: f64,
+}
+
+/// What is known of a case once it is ready.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CaseFacts {
+    /// Voxels of the working grid along L, P and S.
+    pub grid_size: [usize; 3],
+    /// Edge of a voxel of the working grid, in mm.
+    pub spacing_mm: f64,
+    /// Rows of the affine from voxels of the working grid to LPS mm.
+    pub patient_from_voxel: [[f64; 4]; 4],
+    /// Voxels of the volume as it was acquired.
+    pub native_size: [usize; 3],
+    /// Edges of a voxel of the volume as it was acquired, in mm.
+    pub native_spacing_mm: [f64; 3],
+    /// Rows of the affine from voxels of the volume as it was acquired to LPS mm.
+    pub native_patient_from_voxel: [[f64; 4]; 4],
+    /// The sphere around the envelope that zoom 1 fits into a picture.
+    pub envelope_sphere: SphereFacts,
+    /// The plane between the hemispheres, its normal to the patient's left; `None` for a case that was prepared before it
+    /// was fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub midsagittal: Option<PlaneFacts>,
+    /// Depth of the deepest voxel, in mm.
+    pub max_depth_mm: f32,
+    /// Volume enclosed by the envelope, in ml.
+    pub envelope_ml: f64,
+    /// Least intensity of the stored volume.
+    pub intensity_min: f32,
+    /// Greatest intensity of the stored volume.
+    pub intensity_max: f32,
+    /// The default window: 2nd to 98th percentile inside the envelope.
+    pub window: WindowFacts,
+    /// How far the mask can be trusted; `None` for a case that was prepared before that was measured.
+    #[serde(default)]
+    pub quality: Option<Quality>,
+    /// Of a volume that was made of DICOM files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dicom: Option<DicomFacts>,
+    /// Wall time of each step of the preparation, in ms.
+    pub timings: Vec<(Stage, f64)>,
+}
+
+/// What is told of DICOM files that a volume was made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DicomFacts {
+    /// Numbers of the slices, from 1, that were missing and are interpolated between their neighbours.
+    pub interpolated_slices: Vec<usize>,
+}
+
+/// A case as its row tells it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Case {
+    /// Its name.
+    pub id: CaseId,
+    /// What was chosen at the upload, with the label.
+    pub parameters: Parameters,
+    /// How far it has come.
+    pub state: CaseState,
+    /// While it is prepared.
+    pub progress: Option<Progress>,
+    /// Once it has failed.
+    pub failure: Option<Failure>,
+    /// Once it is ready.
+    pub facts: Option<CaseFacts>,
+    /// The case of which it is a version, with another mask or other parameters.
+    pub previous: Option<CaseId>,
+    /// Its own versions, oldest first.
+    pub next: Vec<CaseId>,
+    /// When it was first uploaded.
+    pub created_at: Timestamp,
+}

@@ -1,0 +1,102 @@
+//! What is stored of a case.
+
+/// What an object holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum ObjectKind {
+    /// The volume as it was uploaded.
+    SourceVolume,
+    /// The mask as it was uploaded.
+    SourceMask,
+    /// Whose head it is, where the volume was made of DICOM files.
+    SourceDicom,
+    /// The brain mask on the working grid.
+    Mask,
+    /// Intensities cropped to the envelope.
+    Volume,
+    /// The envelope on the working grid.
+    Envelope,
+    /// The optimal-path forest.
+    Forest,
+    /// The table of paths of the default mesh.
+    Paths,
+}
+
+impl ObjectKind {
+    /// Every kind.
+    pub const ALL: [Self; 8] = [
+        Self::SourceVolume,
+        Self::SourceMask,
+        Self::SourceDicom,
+        Self::Mask,
+        Self::Volume,
+        Self::Envelope,
+        Self::Forest,
+        Self::Paths,
+    ];
+
+    /// The kinds that are computed from the source.
+    pub const DERIVED: [Self; 5] = [
+        Self::Mask,
+        Self::Volume,
+        Self::Envelope,
+        Self::Forest,
+        Self::Paths,
+    ];
+
+    /// The name in rows and addresses.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SourceVolume => "source-volume",
+            Self::SourceMask => "source-mask",
+            Self::SourceDicom => "source-dicom",
+            Self::Mask => "mask",
+            Self::Volume => "volume",
+            Self::Envelope => "envelope",
+            Self::Forest => "forest",
+            Self::Paths => "paths",
+        }
+    }
+
+    /// The kind of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// The number in an object's header.
+    pub fn code(self) -> u16 {
+        match self {
+            Self::SourceVolume => 1,
+            Self::SourceMask => 2,
+            Self::Volume => 3,
+            Self::Envelope => 4,
+            Self::Forest => 5,
+            Self::Paths => 6,
+            Self::Mask => 7,
+            Self::SourceDicom => 8,
+        }
+    }
+
+    /// Whether it is what a user uploaded, which nothing can replace.
+    pub fn is_source(self) -> bool {
+        matches!(
+            self,
+            Self::SourceVolume | Self::SourceMask | Self::SourceDicom
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_codes_of_kinds_are_read_back_and_differ() {
+        let mut codes = Vec::new();
+        for kind in ObjectKind::ALL {
+            assert_eq!(ObjectKind::from_name(kind.name()), Some(kind));
+            assert!(!codes.contains(&kind.code()));
+            codes.push(kind.code());
+        }
+        assert_eq!(ObjectKind::from_name("../source-volume"), None);
+    }
+}

@@ -1,0 +1,137 @@
+//! What a client may choose when it uploads a volume.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Failure;
+
+/// Where the mask of the brain comes from when none is supplied.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum MaskSource {
+    /// From the volume where that is skull-stripped already; else the brain is extracted.
+    #[default]
+    Auto,
+    /// From the volume, which must be skull-stripped: its background is exactly 0.
+    Volume,
+    /// Extracted by the network alone, which must be there.
+    Network,
+    /// Extracted by tree pruning. What `auto` becomes where the brain must be extracted and there is no network.
+    Pruning,
+}
+
+/// What a supplied mask shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum MaskKind {
+    /// The brain, which is closed to the envelope.
+    #[default]
+    Brain,
+    /// The envelope itself: it is not closed. Its largest component is kept and its holes are filled all the same.
+    Envelope,
+}
+
+/// What a client may choose when it uploads a volume.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Radius of the ball that closes the brain mask to the envelope, in mm: 0 to 50.
+    pub closing_radius_mm: f64,
+    /// Where the mask comes from when none is supplied.
+    pub mask: MaskSource,
+    /// What the mask shows.
+    pub mask_kind: MaskKind,
+    /// The probability above which a voxel is brain where the brain is extracted by the network: 0.05 to 0.95.
+    pub threshold: f64,
+    /// By how much the mask's surface is moved outwards (inwards where negative) before it is closed, in mm: -20 to 20.
+    pub offset_mm: f64,
+    /// A label to show in lists; at most [`Parameters::MAX_NAME_LENGTH`] characters, none of them a control character.
+    ///
+    /// It is no part of the [`CaseId`]: the label of the first upload stays.
+    pub name: Option<String>,
+}
+
+impl Parameters {
+    /// The longest accepted [`name`](Self::name), in characters.
+    pub const MAX_NAME_LENGTH: usize = 200;
+
+    /// Whether the parameters may be used.
+    ///
+    /// # Errors
+    /// A [`Failure`] of [`FailureKind::Unusable`](crate::FailureKind) when a number is out of its range, or the name is too long or holds control characters.
+    pub fn check(&self) -> Result<(), Failure> {
+        for (parameter, value, range) in [
+            ("closing_radius_mm", self.closing_radius_mm, 0.0..=50.0),
+            ("threshold", self.threshold, 0.05..=0.95),
+            ("offset_mm", self.offset_mm, -20.0..=20.0),
+        ] {
+            if !range.contains(&value) {
+                let (least, most) = range.into_inner();
+                let name = format!(
+                    "{}-out-of-range",
+                    parameter.trim_end_matches("_mm").replace('_', "-")
+                );
+                let detail = format!("{parameter} is {value}; it must be {least} to {most}");
+                return Err(Failure::unusable(&name, detail));
+            }
+        }
+        let name = self.name.as_deref().unwrap_or_default();
+        if name.chars().count() > Self::MAX_NAME_LENGTH {
+            return Err(Failure::unusable(
+                "name-too-long",
+                format!(
+                    "the name is longer than {} characters",
+                    Self::MAX_NAME_LENGTH
+                ),
+            ));
+        }
+        if name.chars().any(char::is_control) {
+            return Err(Failure::unusable(
+                "name-not-text",
+                "the name holds a control character".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            closing_radius_mm: 10.0,
+            mask: MaskSource::default(),
+            mask_kind: MaskKind::default(),
+            threshold: 0.5,
+            offset_mm: 0.0,
+            name: None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::FailureKind;
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let radius = Parameters {
+            closing_radius_mm: f64::NAN,
+            ..Parameters::default()
+        }
+        .check()
+        .unwrap_err();
+        assert_eq!(radius.name, "closing-radius-out-of-range");
+        let name = Parameters {
+            name: Some("a\u{7}".to_owned()),
+            ..Parameters::default()
+        }
+        .check()
+        .unwrap_err();
+        assert_eq!(
+            (name.name.as_str(), name.kind),
+            ("name-not-text", FailureKind::Unusable)
+        );
+    }
+}

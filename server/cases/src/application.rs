@@ -1,0 +1,202 @@
+//! Everything that a protocol needs to serve cases.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use case::{CaseFacts, CaseId, CaseState, QualityState};
+use imaging::Limits;
+use pipeline::{Extractor, NoNetwork, Pipeline};
+use quick_cache::sync::Cache;
+use render::{RenderBackend, RenderJob, SizedMesh};
+use storage::{Store, StoreError};
+
+use crate::dicom::{DicomReader, Program};
+use crate::error::Error;
+use crate::library::Library;
+use crate::models::{Models, WarmModel};
+use crate::pictures::{
+    Graphics, GraphicsOptions, PictureJob, PictureRequest, RenderPool, Turnstile, window_of,
+};
+
+/// How many cases are remembered to be ready.
+const REMEMBERED_CASES: usize = 4096;
+
+/// For how long: another server on the same store may delete a case.
+const REMEMBERED_FOR: Duration = Duration::from_secs(10);
+
+/// How the application is set up.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The directory of the store.
+    pub data: PathBuf,
+    /// How the store behaves.
+    pub store: storage::Options,
+    /// The weights of the network that extracts brains; by default those beside the program.
+    pub network: Option<PathBuf>,
+    /// What uploads may ask for.
+    pub limits: Limits,
+    /// Threads that render.
+    pub render_threads: usize,
+    /// Renders that may wait for a thread.
+    pub max_queued_renders: usize,
+    /// Memory for warm cases, in bytes.
+    pub model_cache_bytes: u64,
+    /// The graphics device.
+    pub graphics: GraphicsOptions,
+    /// The program that reads DICOM files.
+    pub dicom_program: Program,
+    /// The most bytes of the DICOM files of an upload, unpacked.
+    pub max_dicom_bytes: u64,
+}
+
+/// Why the application cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The network's weights cannot be used.
+    #[error(transparent)]
+    Network(#[from] NoNetwork),
+    /// The store cannot be opened.
+    #[error("the store cannot be opened: {0}")]
+    Store(#[from] StoreError),
+    /// The system gives no threads.
+    #[error("the render threads cannot be started: {0}")]
+    Threads(std::io::Error),
+}
+
+/// Everything that a protocol needs to serve cases. Cheap to clone.
+///
+/// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
+#[derive(Debug, Clone)]
+pub struct Cases {
+    /// Cases on disk, and what prepares them.
+    pub library: Library,
+    /// Cases in memory.
+    pub models: Models,
+    /// Threads for rendering, encoding and compressing.
+    pub pool: RenderPool,
+    /// The graphics device, if there is one.
+    pub graphics: Graphics,
+    /// Where DICOM files are read.
+    pub dicom: Arc<DicomReader>,
+    /// Work that the store does for a request.
+    pub turnstile: Arc<Turnstile>,
+    ready: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
+}
+
+impl Cases {
+    /// Opens the store and starts the render threads. No case is prepared until workers are started on the library.
+    ///
+    /// # Errors
+    /// When the store or the network cannot be opened, or there are no threads.
+    pub async fn open(options: Options) -> Result<Self, StartError> {
+        let extractor = Extractor::open(options.network.as_deref())?;
+        tracing::info!("brains are extracted {}", extractor.words());
+        let store = Store::open_with(&options.data, options.store).await?;
+        let library = Library::new(store, Pipeline::new(extractor).into(), options.limits);
+        let turnstile = Turnstile::new(options.render_threads, options.max_queued_renders);
+        let pool = RenderPool::start(options.render_threads, options.max_queued_renders)
+            .map_err(StartError::Threads)?;
+        let dicom = DicomReader::new(
+            options.dicom_program,
+            options.limits,
+            options.max_dicom_bytes,
+        );
+        Ok(Self {
+            models: Models::new(library.clone(), options.model_cache_bytes),
+            library,
+            pool,
+            graphics: Graphics::start(options.graphics),
+            dicom: Arc::new(dicom),
+            turnstile: Arc::new(turnstile),
+            ready: Arc::new(Cache::new(REMEMBERED_CASES)),
+        })
+    }
+
+    /// Where the cases are.
+    pub fn store(&self) -> &Store {
+        self.library.store()
+    }
+
+    /// The facts of a case that is ready.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchCase`], [`Error::NotReady`], the failure of a failed case, or the store's.
+    pub async fn ready(&self, id: &CaseId) -> Result<Arc<CaseFacts>, Error> {
+        if let Some((since, facts)) = self.ready.get(id)
+            && since.elapsed() < REMEMBERED_FOR
+        {
+            return Ok(facts);
+        }
+        let case = self.store().case(id).await?.ok_or(Error::NoSuchCase)?;
+        match (case.state, case.facts, case.failure) {
+            (CaseState::Ready, Some(facts), _) => {
+                let facts = Arc::new(facts);
+                self.ready.insert(*id, (Instant::now(), Arc::clone(&facts)));
+                Ok(facts)
+            }
+            (CaseState::Failed, _, Some(failure)) => Err(failure.into()),
+            (state, ..) => Err(Error::NotReady { state }),
+        }
+    }
+
+    /// The verdict on the mask of a case that was asked about a moment ago.
+    pub fn known_quality(&self, id: &CaseId) -> Option<QualityState> {
+        let (_, facts) = self.ready.get(id)?;
+        facts.quality.as_ref().map(|quality| quality.state)
+    }
+
+    /// The model of a case that is ready.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`].
+    pub async fn model(&self, id: &CaseId) -> Result<Arc<WarmModel>, Error> {
+        if let Some(model) = self.models.get(id).await? {
+            return Ok(model);
+        }
+        // It was ready a moment ago, but is deleted or, with its source lost, failed by now.
+        self.forget(id);
+        self.ready(id).await?;
+        Err(Error::Unavailable)
+    }
+
+    /// Forgets what is remembered of a case.
+    pub fn forget(&self, id: &CaseId) {
+        self.ready.remove(id);
+    }
+
+    /// Gets everything ready that a picture needs.
+    ///
+    /// # Errors
+    /// When the mesh cannot be had, or too much work waits.
+    pub async fn picture_job(
+        &self,
+        warm: &WarmModel,
+        request: &PictureRequest,
+        backend: RenderBackend,
+    ) -> Result<PictureJob, Error> {
+        let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
+        let mesh = if backend.needs_mesh() {
+            let (size, kind) = (request.mesh_size()?, request.paths);
+            let shrunk = warm.shrink(size, kind, depth_mm);
+            let mesh = if warm.has_at_hand(size, kind) {
+                shrunk.await?
+            } else {
+                self.turnstile.pass(shrunk).await??
+            };
+            Some(SizedMesh { size, mesh })
+        } else {
+            None
+        };
+        let window = window_of(&warm.facts);
+        Ok(PictureJob {
+            job: RenderJob {
+                case: warm.keyed(),
+                request: request.at(depth_mm, window)?,
+                mesh,
+            },
+            asked: request.renderer,
+            backend,
+        })
+    }
+}

@@ -1,0 +1,357 @@
+//! The process that asks for files to be read, and believes nothing of what comes back.
+
+use std::ffi::OsString;
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+
+use bytes::Bytes;
+use imaging::Limits;
+use imaging::dicom::{Attributes, Options, SeriesSummary};
+use serde::de::DeserializeOwned;
+use tokio::io::AsyncWriteExt as _;
+use tokio::process::{Child, Command};
+
+use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
+use super::{Choice, Reading, SUBCOMMAND};
+use crate::error::Error;
+use crate::pictures::Turnstile;
+use case::{Failure, FailureKind};
+
+/// The longest that a series may take. The largest ones take seconds.
+const LONGEST: Duration = Duration::from_secs(120);
+
+/// Series read at a time: each may take the memory of a volume and more.
+const AT_A_TIME: usize = 1;
+
+/// Series that may wait.
+const WAITING: usize = 16;
+
+/// The largest outcome: identifiers of some thousand slices.
+const MAX_OUTCOME_BYTES: u64 = 16 << 20;
+
+/// The longest name and detail of a failure, in bytes.
+const MAX_TEXT: [usize; 2] = [64, 4096];
+
+/// How the child is started: this program again, unless a test says otherwise.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Program(Option<(PathBuf, Vec<OsString>)>);
+
+impl Program {
+    /// Another program that calls [`super::run_child`], with its arguments.
+    pub fn other(program: PathBuf, arguments: Vec<OsString>) -> Self {
+        Self(Some((program, arguments)))
+    }
+
+    fn command(&self) -> io::Result<Command> {
+        Ok(match &self.0 {
+            Some((program, arguments)) => {
+                let mut command = Command::new(program);
+                command.args(arguments);
+                command
+            }
+            None => {
+                let mut command = Command::new(std::env::current_exe()?);
+                command.arg(SUBCOMMAND);
+                command
+            }
+        })
+    }
+}
+
+/// Reads series of DICOM files.
+#[derive(Debug)]
+pub struct DicomReader {
+    program: Program,
+    limits: Limits,
+    max_input_bytes: u64,
+    longest: Duration,
+    turnstile: Turnstile,
+}
+
+impl DicomReader {
+    /// A reader of volumes within `limits`, from files of at most `max_input_bytes` altogether, unpacked.
+    pub fn new(program: Program, limits: Limits, max_input_bytes: u64) -> Self {
+        Self {
+            program,
+            limits,
+            max_input_bytes,
+            longest: LONGEST,
+            turnstile: Turnstile::new(AT_A_TIME, WAITING),
+        }
+    }
+
+    /// The same, with another time limit.
+    #[must_use]
+    pub fn within(self, longest: Duration) -> Self {
+        Self { longest, ..self }
+    }
+
+    /// Reads a series from a file (DICOM, or a zip of them) or from the files below a directory.
+    ///
+    /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.
+    ///
+    /// # Errors
+    /// A [`Failure`] with what is wrong with the files, or with how the child died of them; [`Error::Busy`] when too many
+    /// wait; [`Error::Internal`], logged, when the child cannot be started.
+    pub async fn read(
+        &self,
+        input: &Path,
+        options: &Options,
+        scratch: &Path,
+    ) -> Result<Reading, Error> {
+        self.turnstile
+            .pass(self.read_now(input, options, scratch))
+            .await?
+    }
+
+    async fn read_now(
+        &self,
+        input: &Path,
+        options: &Options,
+        scratch: &Path,
+    ) -> Result<Reading, Error> {
+        let output = tempfile::Builder::new()
+            .prefix("dicom-")
+            .tempdir_in(scratch)
+            .map_err(cannot_run)?;
+        let order = Order {
+            input: std::path::absolute(input).map_err(cannot_run)?,
+            output: std::path::absolute(output.path()).map_err(cannot_run)?,
+            series: options.series.as_ref().map(|name| name.as_str().to_owned()),
+            allow_gaps: options.allow_gaps,
+            max_voxels: self.limits.max_voxels,
+            max_input_bytes: self.max_input_bytes,
+            seconds: self.longest.as_secs().max(1),
+        };
+        let status = self.run(&order).await.map_err(cannot_run)?;
+        let Some(status) = status else {
+            return Err(too_slow(self.longest).into());
+        };
+        let limits = self.limits;
+        let reading = tokio::task::spawn_blocking(move || {
+            let reading = take(status, output.path(), &limits);
+            drop(output);
+            reading
+        });
+        Ok(reading.await.map_err(|_| Error::Internal)??)
+    }
+
+    /// Runs the child; `None` where it took too long.
+    async fn run(&self, order: &Order) -> io::Result<Option<ExitStatus>> {
+        let mut child: Child = self
+            .program
+            .command()?
+            .env_clear()
+            .current_dir("/")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .kill_on_drop(true)
+            .spawn()?;
+        if let Some(mut input) = child.stdin.take() {
+            // A child that ended already is told by its status.
+            let _ = input.write_all(&serde_json::to_vec(order)?).await;
+        }
+        match tokio::time::timeout(self.longest, child.wait()).await {
+            Ok(status) => status.map(Some),
+            Err(_elapsed) => {
+                child.kill().await?;
+                Ok(None)
+            }
+        }
+    }
+}
+
+fn cannot_run(error: io::Error) -> Error {
+    tracing::error!(kind = %error.kind(), "DICOM files cannot be handed to a process that reads them");
+    Error::Internal
+}
+
+fn too_slow(longest: Duration) -> Failure {
+    Failure::unusable(
+        "dicom-too-slow",
+        format!(
+            "reading the DICOM files took longer than {} seconds and was given up",
+            longest.as_secs()
+        ),
+    )
+}
+
+/// The process ended before it was done.
+fn died() -> Failure {
+    Failure::unusable(
+        "dicom-reader-died",
+        "the DICOM files could not be read: the process that reads them ended, because they are damaged or ask for more memory \
+         than is allowed; convert the series with another program, such as dcm2niix"
+            .to_owned(),
+    )
+}
+
+/// What a child left behind.
+fn take(status: ExitStatus, output: &Path, limits: &Limits) -> Result<Reading, Failure> {
+    if !status.success() {
+        tracing::warn!(%status, "the process that reads DICOM files died of an upload");
+        return Err(died());
+    }
+    let outcome: Outcome = read_json(&output.join(OUTCOME))?;
+    match outcome {
+        Outcome::Refused(failure) => Err(checked_failure(failure)),
+        Outcome::Read(summary) => {
+            let largest = 4 * limits.max_voxels as u64 + (1 << 20);
+            let volume = read_bounded(&output.join(VOLUME), largest)?;
+            reading(volume.into(), summary)
+        }
+    }
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
+    let bytes = read_bounded(path, MAX_OUTCOME_BYTES)?;
+    serde_json::from_slice(&bytes).map_err(|_| died())
+}
+
+fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).map_err(|_| died())?;
+    file.take(largest + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|_| died())?;
+    if bytes.len() as u64 > largest {
+        return Err(died());
+    }
+    Ok(bytes)
+}
+
+/// A refusal whose words may go on: short, without control characters, of a kind that fits.
+fn checked_failure(failure: Failure) -> Failure {
+    let [name, detail] = MAX_TEXT;
+    let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    let fits = failure.name.len() <= name
+        && failure.name.chars().all(is_name)
+        && failure.detail.len() <= detail
+        && !failure.detail.chars().any(char::is_control)
+        && matches!(
+            failure.kind,
+            FailureKind::TooLarge
+                | FailureKind::NotRecognised
+                | FailureKind::Unusable
+                | FailureKind::OutOfMemory
+        );
+    if fits { failure } else { died() }
+}
+
+fn reading(volume: Bytes, summary: Summary) -> Result<Reading, Failure> {
+    let Summary {
+        attributes,
+        series,
+        others,
+        ignored_files,
+    } = summary;
+    let all = std::iter::once(&series).chain(&others);
+    if !all.clone().all(is_plain) || !are_texts(&attributes) {
+        return Err(died());
+    }
+    let stored = serde_json::to_vec(&attributes).map_err(|_| died())?;
+    Ok(Reading {
+        volume,
+        choice: Choice {
+            series: series.into(),
+            others: others.into_iter().map(Into::into).collect(),
+            ignored_files,
+            interpolated_slices: attributes.interpolated_slices,
+        },
+        attributes: stored.into(),
+    })
+}
+
+fn is_plain(series: &SeriesSummary) -> bool {
+    let is_word = |text: &str| text.len() <= 8 && text.chars().all(|c| c.is_ascii_alphanumeric());
+    is_word(&series.modality) && is_word(&series.token)
+}
+
+fn are_texts(attributes: &Attributes) -> bool {
+    let texts = attributes
+        .attributes
+        .iter()
+        .flat_map(|(key, value)| [key, value]);
+    let uids = attributes
+        .instances
+        .iter()
+        .flat_map(|instance| [&instance.sop_class_uid, &instance.sop_instance_uid]);
+    texts
+        .chain(uids)
+        .all(|text| text.len() <= MAX_TEXT[1] && !text.chars().any(char::is_control))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    async fn read_by(script: &str, longest: Duration) -> Error {
+        let arguments = vec!["-c".into(), script.into()];
+        let program = Program::other("/bin/sh".into(), arguments);
+        let reader = DicomReader::new(program, Limits::default(), 1 << 20).within(longest);
+        let scratch = tempfile::tempdir().unwrap();
+        let input = scratch.path().join("input");
+        std::fs::write(&input, b"anything").unwrap();
+        let options = Options::default();
+        let read = reader.read(&input, &options, scratch.path()).await;
+        let error = read.map(|_| ()).unwrap_err();
+        let left = std::fs::read_dir(scratch.path()).unwrap().count();
+        assert_eq!(left, 1, "nothing but the input is left");
+        error
+    }
+
+    fn name(error: Error) -> String {
+        match error {
+            Error::Failure(failure) => {
+                assert_eq!(failure.kind, FailureKind::Unusable);
+                failure.name
+            }
+            other => panic!("{other}"),
+        }
+    }
+
+    /// Writes an outcome into the directory that the order names.
+    fn saying(outcome: &str) -> String {
+        format!(
+            r#"order=$(/bin/cat); output=${{order#*\"output\":\"}}; output=${{output%%\"*}}; printf '%s' '{outcome}' > "$output/outcome.json""#
+        )
+    }
+
+    const PLENTY: Duration = Duration::from_secs(60);
+
+    #[tokio::test]
+    async fn a_child_that_dies_is_an_answer() {
+        for script in ["exit 1", "kill -ABRT $$", "kill -KILL $$", "exit 0"] {
+            assert_eq!(name(read_by(script, PLENTY).await), "dicom-reader-died");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_child_that_never_ends_is_ended() {
+        let error = read_by("while :; do :; done", Duration::from_millis(50)).await;
+        assert_eq!(name(error), "dicom-too-slow");
+    }
+
+    #[tokio::test]
+    async fn what_a_child_says_is_not_believed() {
+        let refused = |name: &str, kind: &str| {
+            format!(r#"{{"refused":{{"name":"{name}","kind":"{kind}","detail":"words"}}}}"#)
+        };
+        let sound = saying(&refused("dicom-mosaic", "unusable"));
+        assert_eq!(name(read_by(&sound, PLENTY).await), "dicom-mosaic");
+        for outcome in [
+            refused("Not A Name", "unusable"),
+            refused("dicom-mosaic", "internal"),
+            refused("dicom-mosaic", "fine"),
+            "{}".to_owned(),
+            "not json".to_owned(),
+            r#"{"read":{"attributes":{"attributes":[],"instances":[],"interpolated_slices":[]},"series":{"number":1,"modality":"MR","size":[1,1,1],"token":"0"},"others":[],"ignored_files":0}}"#.to_owned(),
+        ] {
+            let error = read_by(&saying(&outcome), PLENTY).await;
+            assert_eq!(name(error), "dicom-reader-died", "{outcome}");
+        }
+    }
+}

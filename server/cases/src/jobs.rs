@@ -1,0 +1,320 @@
+//! Workers that prepare queued cases.
+//!
+//! A job is a row with a lease. A worker renews it while it prepares; where it is killed the lease ends and another worker
+//! takes the job, with a greater fence number, so that nothing of the first one's can be published any more.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use case::{Failure, FailureKind, Progress, Stage};
+use jiff::Timestamp;
+use pipeline::{Derived, Source};
+use storage::{
+    Claim, Count, LeaseTerms, Published, Publisher, Release, Store, StoreError, frame_all,
+};
+use tokio::sync::watch;
+use tokio::task::{JoinError, JoinSet};
+use tokio::time::MissedTickBehavior;
+
+use crate::library::Library;
+
+/// How often objects that a killed process has left are looked for.
+const COLLECT_EVERY: Duration = Duration::from_secs(600);
+
+/// What the workers are told, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Phase {
+    Working,
+    /// Finish what is begun, and begin nothing.
+    Finishing,
+    /// Stop, and hand back what is begun.
+    Stopping,
+}
+
+/// Running workers. Dropping them stops them; their work is taken up by others when its leases end.
+#[derive(Debug)]
+pub struct Workers {
+    phase: watch::Sender<Phase>,
+    tasks: JoinSet<()>,
+}
+
+impl Workers {
+    /// Starts `count` workers on the current runtime. Each prepares one case at a time.
+    pub fn start(library: Library, count: usize) -> Self {
+        let phase = watch::Sender::new(Phase::Working);
+        let mut tasks = JoinSet::new();
+        for _ in 0..count {
+            let worker = Worker {
+                library: library.clone(),
+                store: library.store().clone(),
+                phase: phase.subscribe(),
+            };
+            tasks.spawn(worker.work());
+        }
+        tasks.spawn(collect_now_and_then(
+            library.store().clone(),
+            phase.subscribe(),
+        ));
+        Self { phase, tasks }
+    }
+
+    /// Takes no more work, lets running work finish within `grace`, and hands back what is not done by then.
+    pub async fn shut_down(mut self, grace: Duration) {
+        self.phase.send_replace(Phase::Finishing);
+        let all_done = async { while self.tasks.join_next().await.is_some() {} };
+        if tokio::time::timeout(grace, all_done).await.is_err() {
+            self.phase.send_replace(Phase::Stopping);
+            while self.tasks.join_next().await.is_some() {}
+        }
+    }
+}
+
+/// Waits until a phase is reached, or the workers are gone.
+async fn until(phase: &mut watch::Receiver<Phase>, reached: Phase) {
+    // The value would hold a lock.
+    drop(phase.wait_for(|&phase| phase >= reached).await);
+}
+
+async fn collect_now_and_then(store: Store, mut phase: watch::Receiver<Phase>) {
+    loop {
+        tokio::select! {
+            () = until(&mut phase, Phase::Finishing) => return,
+            () = tokio::time::sleep(COLLECT_EVERY) => {}
+        }
+        if let Err(error) = store.collect().await {
+            tracing::warn!(
+                error = &error as &dyn std::error::Error,
+                "left-over objects could not be removed"
+            );
+        }
+    }
+}
+
+/// How a preparation ended.
+enum Outcome {
+    Derived(Box<Derived>),
+    Refused(Failure),
+    /// Deleted meanwhile, or another has the lease.
+    Lost,
+    /// The process is to stop.
+    HandedBack,
+}
+
+struct Worker {
+    library: Library,
+    store: Store,
+    phase: watch::Receiver<Phase>,
+}
+
+impl Worker {
+    async fn work(mut self) {
+        while *self.phase.borrow() == Phase::Working {
+            match self.claim().await {
+                Ok(Some(claim)) => self.prepare(&claim).await,
+                Ok(None) => self.wait().await,
+                Err(error) => {
+                    tracing::error!(
+                        error = &error as &dyn std::error::Error,
+                        "no job could be taken"
+                    );
+                    self.wait().await;
+                }
+            }
+        }
+    }
+
+    async fn wait(&mut self) {
+        let poll = tokio::time::sleep(self.store.options().poll);
+        tokio::select! {
+            () = until(&mut self.phase, Phase::Finishing) => {}
+            () = self.store.signals().until_queued() => {}
+            () = poll => {}
+        }
+    }
+
+    async fn claim(&self) -> Result<Option<Claim>, StoreError> {
+        let terms = LeaseTerms {
+            now: self.store.now(),
+            until: self.lease_end(),
+            max_attempts: self.store.options().max_attempts,
+        };
+        self.store.rows().claim(&terms).await
+    }
+
+    fn lease_end(&self) -> Timestamp {
+        later(self.store.now(), self.store.options().lease)
+    }
+
+    async fn prepare(&self, claim: &Claim) {
+        tracing::info!(case = %claim.id, attempt = claim.attempt, "preparing a case");
+        self.store.signals().changed(&claim.id);
+        let cancelled = self.store.signals().begin(&claim.id);
+        let settled = match self.run(claim, &cancelled).await {
+            Ok(outcome) => self.settle(claim, outcome).await,
+            Err(error) => Err(error),
+        };
+        if let Err(error) = settled {
+            self.retry_later(claim, &error).await;
+        }
+        self.store.signals().end(&claim.id, &cancelled);
+        self.store.signals().changed(&claim.id);
+    }
+
+    /// Prepares and keeps the lease; the store has nothing of it yet at the end.
+    async fn run(&self, claim: &Claim, cancelled: &Arc<AtomicBool>) -> Result<Outcome, StoreError> {
+        let Some(source) = self.library.source(&claim.id, &claim.sources).await? else {
+            return Ok(Outcome::Refused(Failure::source_damaged()));
+        };
+        let (progress, seen) = watch::channel(None);
+        let mut derived = tokio::task::spawn_blocking({
+            let (library, claim) = (self.library.clone(), claim.clone());
+            let cancelled = cancelled.clone();
+            move || derive(&library, &claim, &source, &progress, &cancelled)
+        });
+        let mut heartbeat = tokio::time::interval(self.store.options().heartbeat);
+        heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        heartbeat.tick().await;
+        let mut phase = self.phase.clone();
+        loop {
+            tokio::select! {
+                derived = &mut derived => return Ok(self.outcome(derived, cancelled)),
+                _ = heartbeat.tick() => {
+                    let progress = *seen.borrow();
+                    if !self.renew(claim, progress).await {
+                        cancelled.store(true, Ordering::Relaxed);
+                    }
+                }
+                () = until(&mut phase, Phase::Stopping),
+                    if !cancelled.load(Ordering::Relaxed) =>
+                {
+                    cancelled.store(true, Ordering::Relaxed);
+                }
+            }
+        }
+    }
+
+    fn outcome(
+        &self,
+        derived: Result<Result<Derived, Failure>, JoinError>,
+        cancelled: &AtomicBool,
+    ) -> Outcome {
+        let is_stopping = *self.phase.borrow() == Phase::Stopping;
+        match derived {
+            _ if is_stopping => Outcome::HandedBack,
+            _ if cancelled.load(Ordering::Relaxed) => Outcome::Lost,
+            Ok(Ok(derived)) => Outcome::Derived(Box::new(derived)),
+            Ok(Err(failure)) => Outcome::Refused(failure),
+            Err(_) => Outcome::Refused(crashed()),
+        }
+    }
+
+    /// `false` where the lease is not ours any more. A store that cannot be asked is asked again at the next beat.
+    async fn renew(&self, claim: &Claim, progress: Option<Progress>) -> bool {
+        let renewed = self
+            .store
+            .rows()
+            .renew(claim, self.lease_end(), progress)
+            .await;
+        renewed.unwrap_or_else(|error| {
+            tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be renewed");
+            true
+        })
+    }
+
+    async fn settle(&self, claim: &Claim, outcome: Outcome) -> Result<(), StoreError> {
+        match outcome {
+            Outcome::Derived(derived) => self.publish(claim, *derived).await,
+            Outcome::Refused(failure) => {
+                tracing::info!(case = %claim.id, kind = failure.name, "a case cannot be prepared");
+                if self.store.rows().fail(claim, &failure).await? {
+                    self.store.signals().count(Count::Failed);
+                }
+                Ok(())
+            }
+            Outcome::Lost => {
+                tracing::info!(case = %claim.id, "a preparation was cancelled");
+                Ok(())
+            }
+            Outcome::HandedBack => {
+                let release = Release {
+                    available_at: self.store.now(),
+                    counts: false,
+                };
+                self.store.rows().release(claim, release).await?;
+                tracing::info!(case = %claim.id, "a preparation was handed back");
+                Ok(())
+            }
+        }
+    }
+
+    async fn publish(&self, claim: &Claim, derived: Derived) -> Result<(), StoreError> {
+        self.store
+            .signals()
+            .progress(&claim.id, Some(Progress::at(Stage::Storing)));
+        let framed = frame_all(derived.objects).await?;
+        // The lease is renewed once more: writing is bounded, the preparation was not.
+        self.store
+            .rows()
+            .renew(claim, self.lease_end(), Some(Progress::at(Stage::Storing)))
+            .await?;
+        let published = self
+            .store
+            .publish(Publisher::Worker(claim), &framed, &derived.facts)
+            .await?;
+        if published == Published::Done {
+            self.store.signals().count(Count::Prepared);
+            tracing::info!(case = %claim.id, "a case is ready");
+        } else {
+            tracing::info!(case = %claim.id, "a preparation came too late and was dropped");
+        }
+        Ok(())
+    }
+
+    /// The store, not the input, was at fault: the job is tried again, by this worker or another.
+    async fn retry_later(&self, claim: &Claim, error: &StoreError) {
+        tracing::error!(
+            case = %claim.id,
+            error = error as &dyn std::error::Error,
+            "a preparation was interrupted by the store"
+        );
+        self.store.signals().count(Count::Retried);
+        let available_at = later(self.store.now(), self.store.options().retry_after);
+        let release = Release {
+            available_at,
+            counts: true,
+        };
+        // Where even this fails, the lease ends by itself.
+        if let Err(error) = self.store.rows().release(claim, release).await {
+            tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be handed back");
+        }
+    }
+}
+
+/// On a blocking thread: prepares, and tells how far it has come.
+fn derive(
+    library: &Library,
+    claim: &Claim,
+    source: &Source,
+    progress: &watch::Sender<Option<Progress>>,
+    cancelled: &AtomicBool,
+) -> Result<Derived, Failure> {
+    let observe = |now: Progress| {
+        progress.send_replace(Some(now));
+        library.store().signals().progress(&claim.id, Some(now));
+    };
+    library.prepare(source, &claim.parameters, &observe, cancelled)
+}
+
+/// The preparation panicked: a fault of this program that the same input would meet again.
+fn crashed() -> Failure {
+    Failure::new(
+        FailureKind::Internal,
+        "preparation-crashed",
+        "the preparation met a fault of the program",
+    )
+}
+
+fn later(time: Timestamp, by: Duration) -> Timestamp {
+    time.checked_add(by).unwrap_or(Timestamp::MAX)
+}

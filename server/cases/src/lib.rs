@@ -1,0 +1,17 @@
+//! The application: cases are submitted, prepared by workers, kept warm and drawn.
+//!
+//! It knows neither HTTP nor DICOM's network: what can go wrong is an [`Error`], which each protocol puts into its own words.
+
+mod application;
+pub mod dicom;
+mod error;
+pub mod jobs;
+pub mod library;
+pub mod models;
+pub mod pictures;
+#[cfg(test)]
+mod testing;
+
+pub use application::{Cases, Options, StartError};
+pub use error::Error;
+pub use library::{Library, Preparation};

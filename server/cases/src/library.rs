@@ -1,0 +1,309 @@
+//! The cases of a store, and what prepares them: the one place where `storage` and `pipeline` meet.
+//!
+//! Everything but the uploaded files is derived from them: a derived object that is missing or damaged is made again here.
+
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bytes::Bytes;
+use case::{Case, CaseFacts, CaseId, Failure, FailureKind, ObjectKind, Parameters, Progress};
+use imaging::Limits;
+use pipeline::{Derived, Pipeline, Source, StoredBrain, settled};
+use storage::{
+    Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
+};
+
+/// What a worker does with an upload: the objects and facts of a case, or why there are none.
+///
+/// It is told each step as it begins, and ends soon after the flag is raised.
+pub type PrepareFn = dyn Fn(
+        &Source,
+        &Parameters,
+        &Limits,
+        &(dyn Fn(Progress) + Sync),
+        &AtomicBool,
+    ) -> Result<Derived, Failure>
+    + Send
+    + Sync;
+
+/// How cases are prepared.
+#[derive(Clone)]
+pub struct Preparation {
+    /// Whether there is a network that extracts brains.
+    pub has_network: bool,
+    /// What prepares a case.
+    pub prepare: Arc<PrepareFn>,
+}
+
+impl fmt::Debug for Preparation {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Preparation")
+            .field("has_network", &self.has_network)
+            .finish_non_exhaustive()
+    }
+}
+
+impl From<Pipeline> for Preparation {
+    fn from(pipeline: Pipeline) -> Self {
+        Self {
+            has_network: pipeline.has_network(),
+            prepare: Arc::new(move |source, parameters, limits, observe, cancelled| {
+                let prepared = pipeline.prepare(source, parameters, limits, observe, cancelled);
+                prepared.map(Derived::of)
+            }),
+        }
+    }
+}
+
+impl Default for Preparation {
+    fn default() -> Self {
+        Pipeline::default().into()
+    }
+}
+
+/// The cases of a store, and what prepares them. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Library {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    store: Store,
+    preparation: Preparation,
+    /// What uploads may ask for.
+    limits: Limits,
+    /// One rebuild at a time: it takes a whole preparation's memory. Held across awaits.
+    rebuilding: tokio::sync::Mutex<()>,
+}
+
+impl Library {
+    /// The cases of a store, prepared so, within limits on what uploads may ask for.
+    pub fn new(store: Store, preparation: Preparation, limits: Limits) -> Self {
+        Self {
+            inner: Arc::new(Inner {
+                store,
+                preparation,
+                limits,
+                rebuilding: tokio::sync::Mutex::default(),
+            }),
+        }
+    }
+
+    /// The cases of a store, prepared as usual.
+    pub fn of(store: Store) -> Self {
+        Self::new(store, Preparation::default(), Limits::default())
+    }
+
+    /// Where the cases are.
+    pub fn store(&self) -> &Store {
+        &self.inner.store
+    }
+
+    /// What uploads may ask for.
+    pub fn limits(&self) -> Limits {
+        self.inner.limits
+    }
+
+    /// Whether the preparations have a network that extracts brains.
+    pub fn has_network(&self) -> bool {
+        self.inner.preparation.has_network
+    }
+
+    /// Prepares a case on the calling thread.
+    pub(crate) fn prepare(
+        &self,
+        source: &Source,
+        parameters: &Parameters,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Derived, Failure> {
+        let prepare = &self.inner.preparation.prepare;
+        prepare(source, parameters, &self.inner.limits, observe, cancelled)
+    }
+
+    /// Makes a case of files in memory and queues its preparation. The parameters are [`settled`] first.
+    ///
+    /// # Errors
+    /// As [`Store::submit_upload`].
+    pub async fn submit(
+        &self,
+        source: Source,
+        parameters: Parameters,
+    ) -> Result<Submitted, StoreError> {
+        let (limits, has_network) = (self.inner.limits, self.has_network());
+        let settle = move || (settled(&source, parameters, &limits, has_network), source);
+        let (parameters, source) = tokio::task::spawn_blocking(settle).await?;
+        let volume = self.store().spool_all(source.volume).await?;
+        let mask = match source.mask {
+            Some(bytes) => Some(self.store().spool_all(bytes).await?),
+            None => None,
+        };
+        let dicom = match source.dicom {
+            Some(bytes) => Some(self.store().spool_all(bytes).await?),
+            None => None,
+        };
+        let upload = Upload {
+            volume,
+            mask,
+            dicom,
+        };
+        self.store().submit_upload(upload, parameters).await
+    }
+
+    /// Reads derived objects of a ready case; `None` where it is not there or not ready.
+    ///
+    /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. Where an object is missing or damaged, or
+    /// `decode` gives `None`, that is logged, and all are made again from the source. Where the source is lost too the case
+    /// becomes failed.
+    ///
+    /// # Errors
+    /// When the store cannot be reached.
+    pub async fn load<T: Send + 'static>(
+        &self,
+        id: &CaseId,
+        kinds: &'static [ObjectKind],
+        decode: impl Fn(&CaseFacts, &[Bytes]) -> Option<T> + Send + Sync + 'static,
+    ) -> Result<Option<T>, StoreError> {
+        let decode = Arc::new(decode);
+        match self.store().read_derived(id, kinds, &decode).await? {
+            Attempt::Read(value) => return Ok(Some(value)),
+            Attempt::NoCase => return Ok(None),
+            Attempt::Bad => {}
+        }
+        let _one_at_a_time = self.inner.rebuilding.lock().await;
+        // Somebody else may have done it meanwhile.
+        if let Attempt::Read(value) = self.store().read_derived(id, kinds, &decode).await? {
+            return Ok(Some(value));
+        }
+        self.rebuild(id).await?;
+        match self.store().read_derived(id, kinds, &decode).await? {
+            Attempt::Read(value) => Ok(Some(value)),
+            Attempt::NoCase => Ok(None),
+            Attempt::Bad => Err(StoreError::Objects(
+                "derived objects cannot be read right after they were written".into(),
+            )),
+        }
+    }
+
+    /// The uploaded files of a case; `None`, reported, where one is missing or damaged.
+    ///
+    /// # Errors
+    /// When the store cannot be reached.
+    pub async fn source(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+    ) -> Result<Option<Source>, StoreError> {
+        let Some(volume) = self
+            .store()
+            .read(id, names, ObjectKind::SourceVolume)
+            .await?
+        else {
+            return Ok(None);
+        };
+        let mut source = Source {
+            volume,
+            ..Source::default()
+        };
+        if names.iter().any(|name| name.kind == ObjectKind::SourceMask) {
+            source.mask = self.store().read(id, names, ObjectKind::SourceMask).await?;
+            if source.mask.is_none() {
+                return Ok(None);
+            }
+        }
+        if names
+            .iter()
+            .any(|name| name.kind == ObjectKind::SourceDicom)
+        {
+            source.dicom = self
+                .store()
+                .read(id, names, ObjectKind::SourceDicom)
+                .await?;
+            if source.dicom.is_none() {
+                return Ok(None);
+            }
+        }
+        Ok(Some(source))
+    }
+
+    /// Makes the derived objects of a ready case again, or makes the case failed where that is impossible.
+    async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
+        let Some(case) = self.store().rows().case(id).await? else {
+            return Ok(());
+        };
+        let names = self.store().rows().objects(id).await?;
+        let rebuilt = match self.source(id, &names).await? {
+            Some(mut source) => {
+                source.brain = self.extracted(&case, &names).await?;
+                self.derive(source, case.parameters).await?
+            }
+            None => Err(Failure::source_damaged()),
+        };
+        let rebuilt = rebuilt.and_then(|derived| {
+            let method = |facts: &CaseFacts| facts.quality.as_ref().map(|quality| quality.method);
+            let before = case.facts.as_ref().and_then(method);
+            if before.is_some() && before != method(&derived.facts) {
+                return Err(extracted_otherwise());
+            }
+            Ok(derived)
+        });
+        match rebuilt {
+            Ok(derived) => {
+                let framed = frame_all(derived.objects).await?;
+                self.store()
+                    .publish(Publisher::Rebuild(id), &framed, &derived.facts)
+                    .await?;
+                self.store().signals().count(Count::Rebuild);
+                tracing::warn!(case = %id, "the derived objects of a case were made again from its source");
+            }
+            Err(failure) => {
+                self.store().rows().condemn(id, &failure).await?;
+                tracing::error!(case = %id, kind = failure.name, "a case cannot be made again from its source");
+            }
+        }
+        self.store().signals().changed(id);
+        Ok(())
+    }
+
+    /// The brain mask of a case, where it was extracted: it stays what it was, whichever way this server would extract it now.
+    async fn extracted(
+        &self,
+        case: &Case,
+        names: &[ObjectName],
+    ) -> Result<Option<StoredBrain>, StoreError> {
+        let quality = case.facts.as_ref().and_then(|facts| facts.quality.clone());
+        let Some(quality) = quality.filter(|quality| quality.method.is_extraction()) else {
+            return Ok(None);
+        };
+        let mask = self.store().read(&case.id, names, ObjectKind::Mask).await?;
+        Ok(mask.map(|mask| StoredBrain { mask, quality }))
+    }
+
+    async fn derive(
+        &self,
+        source: Source,
+        parameters: Parameters,
+    ) -> Result<Result<Derived, Failure>, StoreError> {
+        let library = self.clone();
+        let derived = tokio::task::spawn_blocking(move || {
+            let never = AtomicBool::new(false);
+            library.prepare(&source, &parameters, &|_| {}, &never)
+        });
+        Ok(derived.await?)
+    }
+}
+
+/// What a case fails with when its mask was lost and would become another one.
+fn extracted_otherwise() -> Failure {
+    Failure::new(
+        FailureKind::Internal,
+        "mask-damaged",
+        "the stored mask is damaged, and this server would extract the brain in another way; upload the volume again",
+    )
+}

@@ -1,0 +1,171 @@
+//! Warm models: what rendering needs of a case, kept in memory within a budget of bytes.
+
+mod model;
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use quick_cache::sync::{Cache, DefaultLifecycle};
+use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+
+use case::{CaseId, CaseState};
+use storage::StoreError;
+
+use crate::library::Library;
+
+pub use self::model::{PathKind, PathsError, WarmModel};
+
+/// Models in memory unless said otherwise, in bytes: some twenty heads of 256³.
+pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
+
+/// For how long a model is served without asking the rows whether another process has deleted its case.
+const TRUST_FOR: Duration = Duration::from_secs(2);
+
+/// The models in memory, at most a budget of bytes of them. Cheap to clone.
+///
+/// A model whose bytes alone exceed the budget is loaded anew for each use.
+#[derive(Clone)]
+pub struct Models {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    library: Library,
+    cache: Cache<CaseId, Entry, ByBytes>,
+    begun: Instant,
+}
+
+#[derive(Clone)]
+struct Entry {
+    model: Arc<WarmModel>,
+    /// When the case was last known to be there, in ms since `Inner::begun`.
+    seen_ms: Arc<AtomicU64>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct ByBytes;
+
+impl Weighter<CaseId, Entry> for ByBytes {
+    fn weight(&self, _: &CaseId, entry: &Entry) -> u64 {
+        entry.model.bytes()
+    }
+}
+
+/// Why a model was not loaded.
+enum NotLoaded {
+    NotReady,
+    Failed(StoreError),
+}
+
+impl Models {
+    /// Models of the cases of a library, `budget_bytes` of them at most.
+    pub fn new(library: Library, budget_bytes: u64) -> Self {
+        let inner = Arc::new(Inner {
+            cache: new_cache(budget_bytes),
+            begun: Instant::now(),
+            library: library.clone(),
+        });
+        let weak = Arc::downgrade(&inner);
+        library.store().on_delete(move |id| {
+            if let Some(inner) = weak.upgrade() {
+                inner.cache.remove(id);
+            }
+        });
+        Self { inner }
+    }
+
+    /// The model of a case that is ready; `None` where there is no such case or it is not ready.
+    ///
+    /// A missing or damaged derived object is made again from the source. Several callers at once wait for one loading.
+    ///
+    /// # Errors
+    /// When the store fails.
+    pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<WarmModel>>, StoreError> {
+        if let Some(entry) = self.inner.cache.get(id) {
+            return self.inner.confirm(id, entry).await;
+        }
+        let load = async { self.inner.load(id).await };
+        match self.inner.cache.get_or_insert_async(id, load).await {
+            Ok(entry) => Ok(Some(entry.model)),
+            Err(NotLoaded::NotReady) => Ok(None),
+            Err(NotLoaded::Failed(error)) => Err(error),
+        }
+    }
+
+    /// Bytes of the models in memory.
+    pub fn bytes(&self) -> u64 {
+        self.inner.cache.weight()
+    }
+
+    /// Number of models in memory.
+    pub fn count(&self) -> usize {
+        self.inner.cache.len()
+    }
+}
+
+impl Inner {
+    fn now_ms(&self) -> u64 {
+        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    /// A model from the cache, if its case is still there.
+    async fn confirm(
+        &self,
+        id: &CaseId,
+        entry: Entry,
+    ) -> Result<Option<Arc<WarmModel>>, StoreError> {
+        let now = self.now_ms();
+        let unseen_ms = now.saturating_sub(entry.seen_ms.load(Ordering::Relaxed));
+        if u128::from(unseen_ms) >= TRUST_FOR.as_millis() {
+            let case = self.library.store().rows().case(id).await?;
+            if case.is_none_or(|case| case.state != CaseState::Ready) {
+                self.cache.remove(id);
+                return Ok(None);
+            }
+            entry.seen_ms.store(now, Ordering::Relaxed);
+        }
+        Ok(Some(entry.model))
+    }
+
+    async fn load(&self, id: &CaseId) -> Result<Entry, NotLoaded> {
+        let seen_ms = self.now_ms();
+        match WarmModel::load(&self.library, id).await {
+            Ok(Some(model)) => Ok(Entry {
+                model: Arc::new(model),
+                seen_ms: Arc::new(AtomicU64::new(seen_ms)),
+            }),
+            Ok(None) => Err(NotLoaded::NotReady),
+            Err(error) => Err(NotLoaded::Failed(error)),
+        }
+    }
+}
+
+fn new_cache(budget_bytes: u64) -> Cache<CaseId, Entry, ByBytes> {
+    // One shard: a shard cannot hold a model that is larger than its part of the budget.
+    let options = OptionsBuilder::new()
+        .shards(1)
+        .estimated_items_capacity(32)
+        .weight_capacity(budget_bytes)
+        .build()
+        .expect("every option is set");
+    Cache::with_options(
+        options,
+        ByBytes,
+        DefaultHashBuilder::default(),
+        DefaultLifecycle::default(),
+    )
+}
+
+impl fmt::Debug for Models {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Models")
+            .field("count", &self.count())
+            .field("bytes", &self.bytes())
+            .finish_non_exhaustive()
+    }
+}

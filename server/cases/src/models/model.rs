@@ -1,0 +1,267 @@
+//! What rendering and meshes need of one case.
+
+use std::fmt;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use case::{CaseFacts, CaseId, ObjectKind};
+use geometry::{
+    DeformableModel, DepthMaps, DistanceMap, Forest, GeometryError, MeshSize, PathTable, Paths,
+    ShrunkMesh,
+};
+use pipeline::codec::{decode_envelope, decode_forest, decode_paths, decode_volume};
+use quick_cache::sync::{Cache, DefaultLifecycle};
+use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use render::Scene;
+use render::gpu::{CaseKey, KeyedModel};
+use serde::{Deserialize, Serialize};
+use storage::StoreError;
+
+use crate::library::Library;
+
+/// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.
+const TABLES_BYTES: u64 = 16 << 20;
+
+/// A case in memory: its model, and the tables of paths that were asked for.
+///
+/// The distance map, the forest and the mask are not among it: they are needed for new tables of paths alone, and read then.
+pub struct WarmModel {
+    model: Arc<DeformableModel>,
+    /// What clients are told.
+    pub facts: CaseFacts,
+    tables: Cache<TableKey, Arc<PathTable>, ByBytes>,
+    library: Library,
+    id: CaseId,
+}
+
+type TableKey = (MeshSize, PathKind);
+
+/// What vertices follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Paths))]
+#[serde(rename_all = "lowercase")]
+pub enum PathKind {
+    /// The optimal paths of the second transform, as in the paper.
+    #[default]
+    Forest,
+    /// Up the gradient of the distance map: the nearest way to a depth.
+    Flow,
+}
+
+/// Why a table of paths could not be had.
+#[derive(Debug, thiserror::Error)]
+pub enum PathsError {
+    /// The case was deleted meanwhile.
+    #[error("the case was deleted")]
+    Deleted,
+    /// The store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The mesh cannot be made.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+}
+
+impl WarmModel {
+    /// Reads the model of a ready case; `None` if there is none.
+    pub(super) async fn load(library: &Library, id: &CaseId) -> Result<Option<Self>, StoreError> {
+        const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume, ObjectKind::Paths];
+        let decode_all =
+            |facts: &CaseFacts, payloads: &[Bytes]| Some((decode(payloads)?, facts.clone()));
+        let loaded = library.load(id, KINDS, decode_all).await?;
+        Ok(loaded.map(|(model, facts)| Self {
+            model: Arc::new(model),
+            facts,
+            tables: new_tables(),
+            library: library.clone(),
+            id: *id,
+        }))
+    }
+
+    /// The model itself.
+    pub fn model(&self) -> &Arc<DeformableModel> {
+        &self.model
+    }
+
+    /// The model, and the key under which a graphics device keeps its textures.
+    pub fn keyed(&self) -> KeyedModel {
+        KeyedModel {
+            key: CaseKey(self.id.number()),
+            model: Arc::clone(&self.model),
+        }
+    }
+
+    /// What a renderer needs of it.
+    pub fn scene(&self) -> Scene<'_> {
+        Scene::from(&*self.model)
+    }
+
+    /// The table of all depths of a mesh. The default one (30 × 30, forest) is at hand; others are made at their first use and
+    /// kept within 16 MiB. Several callers at once wait for one making.
+    ///
+    /// # Errors
+    /// When the mesh cannot be cut, the store fails, or the case was deleted.
+    pub async fn paths(
+        &self,
+        size: MeshSize,
+        kind: PathKind,
+    ) -> Result<Arc<PathTable>, PathsError> {
+        if self.is_default(size, kind) {
+            return Ok(self.model.default_paths().clone());
+        }
+        let make = self.make_paths(size, kind);
+        self.tables.get_or_insert_async(&(size, kind), make).await
+    }
+
+    /// Whether a mesh needs no walk: [`WarmModel::shrink`] gives it at once.
+    pub fn has_at_hand(&self, size: MeshSize, kind: PathKind) -> bool {
+        self.is_default(size, kind) || self.tables.peek(&(size, kind)).is_some()
+    }
+
+    fn is_default(&self, size: MeshSize, kind: PathKind) -> bool {
+        kind == PathKind::Forest && size == DeformableModel::DEFAULT_MESH
+    }
+
+    async fn make_paths(
+        &self,
+        size: MeshSize,
+        kind: PathKind,
+    ) -> Result<Arc<PathTable>, PathsError> {
+        let model = Arc::clone(&self.model);
+        let make = move |walk: Walk| model.path_table(size, &walk.distance, walk.paths());
+        self.walk(kind, make).await.map(Arc::new)
+    }
+
+    /// The mesh at one depth. Where its table of paths would exceed what is kept of tables, none is made: the vertices walk.
+    ///
+    /// # Errors
+    /// As [`WarmModel::paths`].
+    pub async fn shrink(
+        &self,
+        size: MeshSize,
+        kind: PathKind,
+        depth_mm: f32,
+    ) -> Result<ShrunkMesh, PathsError> {
+        if self.keeps_table_of(size) {
+            return Ok(self.paths(size, kind).await?.shrink(depth_mm));
+        }
+        let model = Arc::clone(&self.model);
+        let shrink =
+            move |walk: Walk| model.shrink_once(size, &walk.distance, walk.paths(), depth_mm);
+        self.walk(kind, shrink).await
+    }
+
+    /// Whether the table of paths of a mesh is small enough to be kept.
+    pub(super) fn keeps_table_of(&self, size: MeshSize) -> bool {
+        let row_bytes = 6 * size.vertex_count() as u64;
+        row_bytes * self.model.default_paths().row_count() as u64 <= TABLES_BYTES / 2
+    }
+
+    /// Reads what walking needs and walks, on a blocking thread.
+    async fn walk<T: Send + 'static>(
+        &self,
+        kind: PathKind,
+        work: impl Fn(Walk) -> Result<T, GeometryError> + Send + Sync + 'static,
+    ) -> Result<T, PathsError> {
+        let kinds: &[ObjectKind] = match kind {
+            PathKind::Forest => &[ObjectKind::Envelope, ObjectKind::Forest],
+            PathKind::Flow => &[ObjectKind::Envelope],
+        };
+        let decode_and_work =
+            move |_: &CaseFacts, payloads: &[Bytes]| Walk::decode(payloads).map(&work);
+        let done = self.library.load(&self.id, kinds, decode_and_work).await?;
+        Ok(done.ok_or(PathsError::Deleted)??)
+    }
+
+    /// The distance map, made anew from the stored envelope: some 20 ms for a head of 256³.
+    ///
+    /// # Errors
+    /// When the store fails; `None` where the case was deleted.
+    pub async fn distance(&self) -> Result<Option<DistanceMap>, StoreError> {
+        let decode = |_: &CaseFacts, payloads: &[Bytes]| {
+            decode_envelope(payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
+        };
+        self.library
+            .load(&self.id, &[ObjectKind::Envelope], decode)
+            .await
+    }
+
+    /// Memory held, in bytes, with what the tables of paths may come to take.
+    pub fn bytes(&self) -> u64 {
+        self.model.bytes() as u64 + TABLES_BYTES
+    }
+}
+
+/// The model of stored objects: envelope, volume and paths. Each is dropped or decoded so that little is in memory at a time.
+fn decode(payloads: &[Bytes]) -> Option<DeformableModel> {
+    let [envelope, volume, paths] = payloads else {
+        return None;
+    };
+    let default_paths = decode_paths(paths)?;
+    let depth = DepthMaps::new(&geometry::distance_map(&decode_envelope(envelope)?));
+    // At once, and not in the first picture.
+    depth.normals();
+    let volume = decode_volume(volume)?;
+    Some(DeformableModel::new(volume, depth, default_paths))
+}
+
+/// What vertices walk through.
+struct Walk {
+    distance: DistanceMap,
+    /// `None` for walks up the gradient.
+    forest: Option<Forest>,
+}
+
+impl Walk {
+    /// From an envelope and, for the forest's paths, a forest; `None` where they cannot be decoded.
+    fn decode(payloads: &[Bytes]) -> Option<Self> {
+        let envelope = decode_envelope(payloads.first()?)?;
+        let forest = match payloads.get(1) {
+            Some(codes) => Some(decode_forest(codes, &envelope)?),
+            None => None,
+        };
+        Some(Self {
+            distance: geometry::distance_map(&envelope),
+            forest,
+        })
+    }
+
+    fn paths(&self) -> Paths<'_> {
+        self.forest.as_ref().map_or(Paths::Flow, Paths::Forest)
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct ByBytes;
+
+impl Weighter<TableKey, Arc<PathTable>> for ByBytes {
+    fn weight(&self, _: &TableKey, table: &Arc<PathTable>) -> u64 {
+        table.bytes() as u64
+    }
+}
+
+fn new_tables() -> Cache<TableKey, Arc<PathTable>, ByBytes> {
+    // One shard: a shard cannot hold a table that is larger than its part of the budget.
+    let options = OptionsBuilder::new()
+        .shards(1)
+        .estimated_items_capacity(8)
+        .weight_capacity(TABLES_BYTES)
+        .build()
+        .expect("every option is set");
+    Cache::with_options(
+        options,
+        ByBytes,
+        DefaultHashBuilder::default(),
+        DefaultLifecycle::default(),
+    )
+}
+
+impl fmt::Debug for WarmModel {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("WarmModel")
+            .field("id", &self.id)
+            .field("bytes", &self.bytes())
+            .finish_non_exhaustive()
+    }
+}

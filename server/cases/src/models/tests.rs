@@ -1,0 +1,192 @@
+//! Models of a phantom head, from a store.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use case::Parameters;
+use geometry::MeshSize;
+use imaging::Limits;
+use pipeline::Pipeline;
+use pipeline::testing::{phantom, upload};
+use storage::testing::files_below;
+use storage::{Options, Store};
+
+use super::*;
+use crate::jobs::Workers;
+use crate::testing::settled_state;
+
+struct Ready {
+    directory: tempfile::TempDir,
+    library: Library,
+    models: Models,
+    id: CaseId,
+}
+
+async fn ready() -> Ready {
+    let directory = tempfile::tempdir().unwrap();
+    let store = Store::open_with(directory.path(), Options::default())
+        .await
+        .unwrap();
+    let library = Library::of(store);
+    let workers = Workers::start(library.clone(), 1);
+    let submitted = library
+        .submit(upload(&phantom()), Parameters::default())
+        .await
+        .unwrap();
+    let id = submitted.case.id;
+    assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
+    workers.shut_down(Duration::from_secs(60)).await;
+    let models = Models::new(library.clone(), DEFAULT_BUDGET_BYTES);
+    Ready {
+        directory,
+        library,
+        models,
+        id,
+    }
+}
+
+impl Ready {
+    async fn model(&self) -> Arc<WarmModel> {
+        self.models.get(&self.id).await.unwrap().unwrap()
+    }
+
+    fn damage(&self, kind: &str) {
+        let file = &files_below(&self.directory.path().join("objects").join(kind))[0];
+        let mut bytes = std::fs::read(file).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 0x10;
+        std::fs::write(file, bytes).unwrap();
+    }
+}
+
+#[tokio::test]
+async fn a_model_is_what_was_prepared() {
+    let ready = ready().await;
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let prepared = Pipeline::default().prepare(
+        &upload(&phantom()),
+        &Parameters::default(),
+        &Limits::default(),
+        &|_| {},
+        &never,
+    );
+    let prepared = prepared.unwrap();
+    let model = ready.model().await;
+    assert!(**model.model() == prepared.built.model);
+    assert_eq!(model.facts.max_depth_mm, prepared.facts.max_depth_mm);
+    assert!(model.distance().await.unwrap() == Some(prepared.built.distance));
+    assert_eq!(
+        (ready.models.count(), ready.models.bytes()),
+        (1, model.bytes())
+    );
+    // Loaded once: the second is the first.
+    assert!(Arc::ptr_eq(&model, &ready.model().await));
+}
+
+#[tokio::test]
+async fn tables_are_made_at_their_first_use_and_kept() {
+    let ready = ready().await;
+    let model = ready.model().await;
+    let size = |contours, points| MeshSize::new(contours, points).unwrap();
+    let default = model.paths(size(30, 30), PathKind::Forest).await.unwrap();
+    assert!(Arc::ptr_eq(&default, model.model().default_paths()));
+    let flow = model.paths(size(30, 30), PathKind::Flow).await.unwrap();
+    assert!(flow.rows != default.rows);
+    assert!(Arc::ptr_eq(
+        &flow,
+        &model.paths(size(30, 30), PathKind::Flow).await.unwrap()
+    ));
+    let finer = model.paths(size(40, 50), PathKind::Forest).await.unwrap();
+    assert_eq!(finer.size.vertex_count(), 2002);
+}
+
+#[tokio::test]
+async fn a_mesh_too_fine_for_a_table_is_the_one_that_a_table_would_give() {
+    let ready = ready().await;
+    let model = ready.model().await;
+    let coarse = MeshSize::new(20, 20).unwrap();
+    let from_table = model.shrink(coarse, PathKind::Forest, 8.0).await.unwrap();
+    let table = model.paths(coarse, PathKind::Forest).await.unwrap();
+    assert_eq!(from_table, table.shrink(8.0));
+    let finest = MeshSize::new(512, 1024).unwrap();
+    assert!(!model.keeps_table_of(finest));
+    let shrunk = model.shrink(finest, PathKind::Flow, 8.0).await.unwrap();
+    assert_eq!(
+        (shrunk.depth_mm, shrunk.positions_in_patient.len()),
+        (8.0, 512 * 1024 + 2)
+    );
+}
+
+#[tokio::test]
+async fn a_damaged_forest_is_made_again_when_a_table_needs_it() {
+    let ready = ready().await;
+    let model = ready.model().await;
+    let size = MeshSize::new(10, 12).unwrap();
+    let expected = model.paths(size, PathKind::Forest).await.unwrap();
+    ready.damage("forest");
+    let other = Models::new(ready.library.clone(), DEFAULT_BUDGET_BYTES);
+    let model = other.get(&ready.id).await.unwrap().unwrap();
+    assert!(*model.paths(size, PathKind::Forest).await.unwrap() == *expected);
+    assert_eq!(ready.library.store().counters().rebuilds, 1);
+}
+
+#[tokio::test]
+async fn damaged_objects_are_made_again_before_a_model_is_served() {
+    let ready = ready().await;
+    let first = ready.model().await;
+    for (rebuilds, kind) in ["volume", "envelope", "paths"].into_iter().enumerate() {
+        ready.damage(kind);
+        let cold = Models::new(ready.library.clone(), DEFAULT_BUDGET_BYTES);
+        let model = cold.get(&ready.id).await.unwrap().unwrap();
+        assert!(model.model() == first.model());
+        assert_eq!(
+            ready.library.store().counters().rebuilds,
+            rebuilds as u64 + 1,
+            "{kind}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn a_deleted_case_has_no_model() {
+    let ready = ready().await;
+    let model = ready.model().await;
+    ready.library.store().delete(&ready.id).await.unwrap();
+    assert!(ready.models.get(&ready.id).await.unwrap().is_none());
+    assert_eq!(ready.models.bytes(), 0);
+    let size = MeshSize::new(10, 10).unwrap();
+    assert!(matches!(
+        model.paths(size, PathKind::Flow).await,
+        Err(PathsError::Deleted)
+    ));
+}
+
+#[tokio::test]
+async fn a_case_deleted_by_another_process_has_no_model_soon_after() {
+    let ready = ready().await;
+    ready.model().await;
+    let other = Store::open(ready.directory.path()).await.unwrap();
+    other.delete(&ready.id).await.unwrap();
+    tokio::time::sleep(TRUST_FOR + Duration::from_millis(50)).await;
+    assert!(ready.models.get(&ready.id).await.unwrap().is_none());
+}
+
+#[tokio::test]
+async fn a_queued_case_has_no_model_yet() {
+    let library = Library::of(Store::in_memory(Options::default()).await.unwrap());
+    let queued = library
+        .submit(upload(&phantom()), Parameters::default())
+        .await
+        .unwrap();
+    let models = Models::new(library, DEFAULT_BUDGET_BYTES);
+    assert!(models.get(&queued.case.id).await.unwrap().is_none());
+}
+
+#[tokio::test]
+async fn the_budget_bounds_what_is_kept() {
+    let ready = ready().await;
+    let bytes = ready.model().await.bytes();
+    let tight = Models::new(ready.library.clone(), bytes - 1);
+    assert!(tight.get(&ready.id).await.unwrap().is_some());
+    assert_eq!((tight.count(), tight.bytes()), (0, 0));
+}

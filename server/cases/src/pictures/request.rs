@@ -1,0 +1,298 @@
+//! What may be asked for in a picture: one request for HTTP and the command line.
+
+use case::CaseFacts;
+use geometry::{DeformableModel, MeshSize};
+use render::choice::Renderer;
+use render::{
+    Background, Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, NamedView,
+    RenderParameters, RenderRequest, Window,
+};
+use serde::{Deserialize, Serialize};
+
+use super::Numbers;
+use crate::error::Error;
+use crate::models::PathKind;
+
+/// The largest number of contours of a mesh.
+pub const MAX_CONTOURS: usize = 512;
+
+/// The largest number of points on a contour of a mesh.
+pub const MAX_POINTS: usize = 1024;
+
+/// The largest number of pixels of a picture.
+pub const MAX_PIXELS: usize = 4096 * 4096;
+
+/// The width and height of a picture by default.
+pub fn default_side() -> u32 {
+    512
+}
+
+/// The zoom that fits the head into the picture.
+pub fn default_zoom() -> f64 {
+    1.0
+}
+
+/// The fineness of a mesh by default, along and across.
+pub fn default_count() -> usize {
+    DeformableModel::DEFAULT_MESH.contour_count()
+}
+
+fn default_ambient() -> f64 {
+    f64::from(Light::default().ambient())
+}
+
+/// A picture of the isosurface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams, utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(as = RenderQuery))]
+#[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
+#[serde(deny_unknown_fields)]
+pub struct PictureRequest {
+    /// Depth below the envelope in mm; more than the case's maximum is clamped to it.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(minimum = 0, default = 0))]
+    pub depth_mm: f32,
+    /// A named direction: `left` where neither it nor `orientation` is given.
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub view: Option<NamedView>,
+    /// The quaternion x,y,z,w from patient to view space (x right, y up, z to the viewer), instead of `view`.
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0,0,1"))]
+    pub orientation: Option<Numbers<4>>,
+    /// Who draws; `auto` takes what this server has, and the answer's header says which that was.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub renderer: Renderer,
+    /// Pixels in a row.
+    #[serde(default = "default_side")]
+    #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
+    pub width: u32,
+    /// Rows of pixels.
+    #[serde(default = "default_side")]
+    #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
+    pub height: u32,
+    /// 1 fits the envelope's bounding sphere into the smaller side.
+    #[serde(default = "default_zoom")]
+    #[cfg_attr(feature = "openapi", param(minimum = 0.01, maximum = 100, default = 1))]
+    pub zoom: f64,
+    /// Millimetres by which the head is moved to the right and up: `x,y`.
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0"))]
+    pub pan: Option<Numbers<2>>,
+    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
+    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "80,120"))]
+    pub window: Option<Numbers<2>>,
+    /// Colours for brightness.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub colormap: ColorMap,
+    /// Intensities are averaged over this depth to either side, in mm.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 20, default = 0))]
+    pub slab_mm: f64,
+    /// The share of light that reaches every face; 1 turns the shading off.
+    #[serde(default = "default_ambient")]
+    #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1, default = 0.3))]
+    pub ambient: f64,
+    /// What is behind the brain.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub background: Background,
+    /// Contours of the mesh, for the renderer `mesh`.
+    #[serde(default = "default_count")]
+    #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 512, default = 30))]
+    pub contours: usize,
+    /// Points on each contour of the mesh, for the renderer `mesh`.
+    #[serde(default = "default_count")]
+    #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 1024, default = 30))]
+    pub points: usize,
+    /// What the vertices of the mesh follow, for the renderer `mesh`.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub paths: PathKind,
+    /// Whether depth, window, scale, directions and the notice of research use are written into the picture.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(default = false))]
+    pub annotate: bool,
+}
+
+impl Default for PictureRequest {
+    fn default() -> Self {
+        Self {
+            depth_mm: 0.0,
+            view: None,
+            orientation: None,
+            renderer: Renderer::default(),
+            width: default_side(),
+            height: default_side(),
+            zoom: default_zoom(),
+            pan: None,
+            window: None,
+            colormap: ColorMap::default(),
+            slab_mm: 0.0,
+            ambient: default_ambient(),
+            background: Background::default(),
+            contours: default_count(),
+            points: default_count(),
+            paths: PathKind::default(),
+            annotate: false,
+        }
+    }
+}
+
+impl PictureRequest {
+    /// Whether every value is in its range.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for the one that is not.
+    pub fn check(&self) -> Result<(), Error> {
+        check_depth(self.depth_mm)?;
+        check_size(self.contours, self.points)?;
+        if self.view.is_some() && self.orientation.is_some() {
+            return Err(Error::out_of_range(
+                "orientation",
+                "cannot be given together with `view`",
+            ));
+        }
+        check_annotation(self.annotate, [self.width, self.height])?;
+        // Any window and depth will do: those of the case are right by themselves.
+        self.at(0.0, Window::between(0.0, 1.0)).map(drop)
+    }
+
+    /// The request to the renderer, at a depth that the case has, with `window` if none is asked for.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a value out of its range.
+    pub fn at(&self, depth_mm: f32, window: Window) -> Result<RenderRequest, Error> {
+        let camera = match self.orientation {
+            Some(Numbers(orientation)) => Camera::new(orientation, 1.0, [0.0; 2])?,
+            None => Camera::named(self.view.unwrap_or(NamedView::Left)),
+        };
+        let pan_mm = self.pan.map_or([0.0; 2], |Numbers(pan)| pan);
+        let parameters = RenderParameters {
+            depth_mm: f64::from(depth_mm),
+            camera: camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?,
+            size: picture_size(self.width, self.height)?,
+            window: window_or(self.window, window)?,
+            colormap: self.colormap,
+            slab_mm: self.slab_mm,
+            light: Light::new(self.ambient)?,
+            background: self.background,
+        };
+        Ok(RenderRequest::new(parameters)?)
+    }
+
+    /// From where the head is seen: the name of the view, or the orientation.
+    pub fn direction(&self) -> String {
+        match (self.orientation, self.view) {
+            (Some(Numbers([x, y, z, w])), _) => format!("{x:.2},{y:.2},{z:.2},{w:.2}"),
+            (None, view) => view.unwrap_or(NamedView::Left).name().to_owned(),
+        }
+    }
+
+    /// The mesh that is asked for.
+    ///
+    /// # Errors
+    /// When there is no such mesh.
+    pub fn mesh_size(&self) -> Result<MeshSize, Error> {
+        Ok(MeshSize::new(self.contours, self.points)?)
+    }
+}
+
+/// Whether a depth can be asked for: a finite number, not negative.
+///
+/// # Errors
+/// [`Error::Parameter`] for `depth_mm`.
+pub fn check_depth(depth_mm: f32) -> Result<(), Error> {
+    let refuse = |kind, detail: &str| Error::Parameter {
+        kind,
+        name: "depth_mm".into(),
+        detail: detail.to_owned(),
+    };
+    if !depth_mm.is_finite() {
+        return Err(refuse(
+            "depth-not-a-number",
+            "must be a finite number of mm",
+        ));
+    }
+    if depth_mm < 0.0 {
+        return Err(refuse(
+            "depth-negative",
+            "must not be negative: depth is counted inwards from the envelope",
+        ));
+    }
+    Ok(())
+}
+
+/// Whether a count is within `least..=most`.
+///
+/// # Errors
+/// [`Error::Parameter`] for `key`.
+pub fn check_count(
+    key: &'static str,
+    count: usize,
+    least: usize,
+    most: usize,
+) -> Result<(), Error> {
+    if (least..=most).contains(&count) {
+        Ok(())
+    } else {
+        Err(Error::out_of_range(
+            key,
+            format!("is {count}; it must be {least} to {most}"),
+        ))
+    }
+}
+
+/// Whether a mesh may be that fine.
+///
+/// # Errors
+/// [`Error::Parameter`] that names the key.
+pub fn check_size(contours: usize, points: usize) -> Result<(), Error> {
+    check_count("contours", contours, 3, MAX_CONTOURS)?;
+    check_count("points", points, 3, MAX_POINTS)
+}
+
+/// Whether what is to be written into a picture fits into it.
+///
+/// # Errors
+/// [`Error::Parameter`] for `annotate`.
+pub fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), Error> {
+    if annotate && size.iter().any(|&side| side < MIN_ANNOTATED_SIDE) {
+        let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
+        return Err(Error::out_of_range("annotate", detail));
+    }
+    Ok(())
+}
+
+/// A size that is accepted.
+///
+/// # Errors
+/// [`Error::Parameter`] that names the side.
+pub fn picture_size(width: u32, height: u32) -> Result<FrameSize, Error> {
+    let size = FrameSize::new(width, height)?;
+    if size.pixel_count() > MAX_PIXELS {
+        let detail = format!("times `height` must be at most {MAX_PIXELS} pixels");
+        return Err(Error::out_of_range("width", detail));
+    }
+    Ok(size)
+}
+
+/// The window that is asked for, or that of the case.
+///
+/// # Errors
+/// [`Error::Parameter`] that names `window`.
+pub fn window_or(asked: Option<Numbers<2>>, default: Window) -> Result<Window, Error> {
+    match asked {
+        Some(Numbers([centre, width])) => Ok(Window::new(centre, width)?),
+        None => Ok(default),
+    }
+}
+
+/// The case's own window: its ramp runs over the interval that the facts hold.
+pub fn window_of(facts: &CaseFacts) -> Window {
+    let half = facts.window.width / 2.0;
+    Window::between(facts.window.center - half, facts.window.center + half)
+}

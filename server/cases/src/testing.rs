@@ -1,0 +1,136 @@
+//! What the tests of the library, of the workers and of the models share.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use bytes::Bytes;
+use case::{Case, CaseId, CaseState, Failure, ObjectKind, Parameters, Progress, Stage};
+use imaging::Limits;
+use pipeline::{Derived, Source};
+use storage::testing::{facts, failure};
+use storage::{Options, Store};
+
+use crate::library::{Library, Preparation};
+
+/// A preparation that takes as long as it is told, and whose results are made of the source's bytes.
+#[derive(Debug, Default)]
+pub(crate) struct Fake {
+    /// Volumes that were prepared, in order.
+    pub(crate) runs: Mutex<Vec<Bytes>>,
+    /// While raised, preparations go on until they are cancelled or it is lowered.
+    pub(crate) hold: AtomicBool,
+    /// Preparations at work.
+    pub(crate) active: AtomicUsize,
+}
+
+impl Fake {
+    pub(crate) fn run_count(&self) -> usize {
+        self.runs.lock().unwrap().len()
+    }
+
+    pub(crate) fn hold(&self, hold: bool) {
+        self.hold.store(hold, Ordering::Relaxed);
+    }
+
+    pub(crate) async fn until_active(&self) {
+        while self.active.load(Ordering::Relaxed) == 0 {
+            tokio::time::sleep(Duration::from_millis(2)).await;
+        }
+    }
+}
+
+impl Fake {
+    /// It as what prepares cases.
+    pub(crate) fn preparation(self: &Arc<Self>) -> Preparation {
+        let fake = Arc::clone(self);
+        Preparation {
+            has_network: true,
+            prepare: Arc::new(move |source, _, _, observe, cancelled| {
+                fake.run(source, observe, cancelled)
+            }),
+        }
+    }
+
+    fn run(
+        &self,
+        source: &Source,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Derived, Failure> {
+        self.runs.lock().unwrap().push(source.volume.clone());
+        self.active.fetch_add(1, Ordering::Relaxed);
+        observe(Progress::at(Stage::Forest));
+        while self.hold.load(Ordering::Relaxed) && !cancelled.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.active.fetch_sub(1, Ordering::Relaxed);
+        if cancelled.load(Ordering::Relaxed) {
+            return Err(Failure::unusable("cancelled", "cancelled"));
+        }
+        match &source.volume[..] {
+            b"bad" => Err(failure()),
+            b"panic" => panic!("a fault of the program, on purpose"),
+            volume => Ok(Derived {
+                objects: fake_objects(volume),
+                facts: facts(),
+            }),
+        }
+    }
+}
+
+pub(crate) fn fake_objects(volume: &[u8]) -> Vec<(ObjectKind, Bytes)> {
+    let payload = |kind: ObjectKind| [kind.name().as_bytes(), volume, &[0; 999]].concat().into();
+    ObjectKind::DERIVED.map(|kind| (kind, payload(kind))).into()
+}
+
+/// The library of a store whose cases are prepared by a fake.
+pub(crate) fn library_on(store: Store, fake: &Arc<Fake>) -> Library {
+    Library::new(store, fake.preparation(), Limits::default())
+}
+
+/// Options of a store whose workers are quick to look for work.
+pub(crate) fn options() -> Options {
+    Options {
+        heartbeat: Duration::from_millis(20),
+        poll: Duration::from_millis(20),
+        retry_after: Duration::from_millis(20),
+        ..Options::default()
+    }
+}
+
+pub(crate) fn source(volume: &str) -> Source {
+    Source {
+        volume: Bytes::copy_from_slice(volume.as_bytes()),
+        ..Source::default()
+    }
+}
+
+/// Submits a volume without a mask.
+pub(crate) async fn submit(library: &Library, volume: &str) -> Case {
+    library
+        .submit(source(volume), Parameters::default())
+        .await
+        .unwrap()
+        .case
+}
+
+/// Waits until a case is ready or failed, or gone.
+pub(crate) async fn settled(library: &Library, id: &CaseId) -> Option<Case> {
+    let mut watch = library.store().subscribe(id);
+    let wait = async {
+        loop {
+            let case = watch.next().await.unwrap();
+            if case.as_ref().is_none_or(|case| case.state.is_final()) {
+                return case;
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), wait)
+        .await
+        .expect("a case settles")
+}
+
+pub(crate) async fn settled_state(library: &Library, id: &CaseId) -> Option<CaseState> {
+    settled(library, id).await.map(|case| case.state)
+}

@@ -1,0 +1,195 @@
+//! `isocortex demo`.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::prepare::wait_until_ready;
+use super::serve::{ServeArgs, Server};
+use super::status::{CliError, ExitStatus};
+use super::{choices, read_input};
+use crate::logs;
+use case::Parameters;
+use cases::pictures::GpuUse;
+use pipeline::Source;
+
+/// Where Debian's package `mricron-data` puts Colin27 and its brain.
+const COLIN27: [&str; 2] = [
+    "/usr/share/mricron/templates/ch2.nii.gz",
+    "/usr/share/mricron/templates/ch2bet.nii.gz",
+];
+
+/// Edge of a voxel of the phantom head, in mm.
+const PHANTOM_SPACING_MM: f64 = 1.0;
+
+/// Serve a sample head, prepared, and print the address to open
+///
+/// The head is ISOCORTEX_DEMO_VOLUME (with the mask ISOCORTEX_DEMO_MASK), or Colin27 of Debian's package mricron-data where that is
+/// installed, or a made-up head. Without --data everything is removed when the demo ends.
+#[derive(Debug, Args)]
+pub(super) struct DemoArgs {
+    /// The directory of the store; by default a temporary one.
+    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
+    data: Option<PathBuf>,
+    /// Where to listen. [default: 127.0.0.1:8640, or another port where that is taken]
+    #[arg(long, value_name = "ADDR:PORT", env = "ISOCORTEX_LISTEN")]
+    listen: Option<SocketAddr>,
+    /// The volume to show.
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_DEMO_VOLUME")]
+    volume: Option<PathBuf>,
+    /// Its brain mask.
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "ISOCORTEX_DEMO_MASK",
+        requires = "volume"
+    )]
+    mask: Option<PathBuf>,
+    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    network: Option<PathBuf>,
+    /// Whether pictures may be drawn by a graphics device. [default: auto]
+    #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU")]
+    gpu: Option<GpuUse>,
+}
+
+impl DemoArgs {
+    /// What is served, with the store at `data`.
+    fn serve(&self, data: Option<PathBuf>) -> ServeArgs {
+        ServeArgs {
+            data,
+            listen: self.listen,
+            network: self.network.clone(),
+            gpu: self.gpu,
+            log: Some("warn".to_owned()),
+            ..ServeArgs::default()
+        }
+    }
+}
+
+/// A head to show.
+struct Sample {
+    name: String,
+    source: Source,
+}
+
+/// Serves until the process is told to stop.
+pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
+    let temporary = match args.data {
+        Some(_) => None,
+        None => Some(temporary_directory()?),
+    };
+    let made = temporary.as_ref().map(|made| made.path().to_owned());
+    let config = args.serve(args.data.clone().or(made)).config()?;
+    logs::start(config.log_format, &config.log);
+    let sample = sample(args)?;
+    super::block_on(async {
+        let server = match Server::start(&config).await {
+            Err(_) if args.listen.is_none() => Server::start(&on_any_port(config)).await?,
+            started => started?,
+        };
+        let parameters = Parameters {
+            name: Some(sample.name),
+            ..Parameters::default()
+        };
+        let submitted = server
+            .state
+            .cases
+            .library
+            .submit(sample.source, parameters)
+            .await?;
+        let id = submitted.case.id;
+        wait_until_ready(server.state.cases.store(), &id).await?;
+        println!("Open http://{}/#{id}", server.address);
+        println!("For research use only, not for diagnosis. Ctrl-C ends the demo.");
+        server.until_stopped().await;
+        Ok(())
+    })
+}
+
+fn on_any_port(mut config: crate::config::Config) -> crate::config::Config {
+    config.listen.set_port(0);
+    config
+}
+
+fn temporary_directory() -> Result<tempfile::TempDir, CliError> {
+    let made = tempfile::Builder::new().prefix("isocortex-demo-").tempdir();
+    made.map_err(|error| {
+        let message = format!("no temporary directory can be made: {error}");
+        CliError::new(ExitStatus::CannotCreate, message)
+    })
+}
+
+fn sample(args: &DemoArgs) -> Result<Sample, CliError> {
+    if let Some(volume) = &args.volume {
+        println!("The demo shows {}.", volume.display());
+        return from_files("Demo", volume, args.mask.as_deref());
+    }
+    if let Some([volume, mask]) = colin27() {
+        println!("The demo shows Colin27, a real head (Debian's mricron-data).");
+        return from_files("Colin27", volume, Some(mask));
+    }
+    println!(
+        "No real head was found, so the demo shows a made-up one. For a real head install Debian's package mricron-data, \
+         or set ISOCORTEX_DEMO_VOLUME (and ISOCORTEX_DEMO_MASK) to NIfTI files."
+    );
+    phantom()
+}
+
+/// Colin27 and its brain, where Debian's package is installed.
+pub(super) fn colin27() -> Option<[&'static Path; 2]> {
+    let files = COLIN27.map(Path::new);
+    files.iter().all(|file| file.exists()).then_some(files)
+}
+
+fn from_files(name: &str, volume: &Path, mask: Option<&Path>) -> Result<Sample, CliError> {
+    Ok(Sample {
+        name: name.to_owned(),
+        source: Source {
+            volume: read_input(volume)?,
+            mask: mask.map(read_input).transpose()?,
+            ..Source::default()
+        },
+    })
+}
+
+fn phantom() -> Result<Sample, CliError> {
+    let head = geometry::phantom::head(PHANTOM_SPACING_MM);
+    let unwritable = |error| CliError::new(ExitStatus::Internal, error);
+    Ok(Sample {
+        name: "Phantom (not a real head)".to_owned(),
+        source: Source {
+            volume: imaging::nifti::write_volume(&head.volume)
+                .map_err(unwritable)?
+                .into(),
+            mask: Some(
+                imaging::nifti::write_mask(&head.brain)
+                    .map_err(unwritable)?
+                    .into(),
+            ),
+            ..Source::default()
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Demo {
+        #[command(flatten)]
+        args: DemoArgs,
+    }
+
+    #[test]
+    fn the_demo_can_be_kept_from_a_graphics_device() {
+        for (flag, gpu) in [("off", GpuUse::Off), ("always", GpuUse::Always)] {
+            let demo = Demo::try_parse_from(["demo", "--gpu", flag]).unwrap();
+            assert_eq!(demo.args.serve(None).config().unwrap().gpu, gpu);
+        }
+    }
+}

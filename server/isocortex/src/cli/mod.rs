@@ -1,0 +1,244 @@
+//! The command line.
+
+mod case_file;
+mod choices;
+mod demo;
+mod prepare;
+mod progress;
+mod render;
+mod serve;
+mod status;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+
+use self::status::{CliError, ExitStatus};
+use case::{MaskKind, MaskSource, Parameters};
+use cases::dicom::SeriesName;
+use pipeline::{Extractor, Pipeline};
+
+/// What `--help` says at its end.
+const EXAMPLES: &str = "\
+Examples:
+  isocortex demo                                    serve a sample head and print the address to open
+  isocortex serve --data /srv/isocortex             serve the cases of a directory on 127.0.0.1:8640
+  isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
+  isocortex prepare dicom-folder --mask brain.nii.gz --series 3
+  isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
+
+Exit status:
+   0  done
+   2  the command line is not right
+  65  the input cannot be used (not NIfTI or DICOM, damaged, a mask is missing …)
+  66  the input is not there or cannot be read
+  69  the server's address is taken, or its store is busy
+  70  a fault of the program
+  73  the output cannot be written
+  74  the store or its disk failed
+  78  the configuration is not right
+
+For research use only, not for diagnosis.";
+
+/// The cortex of the brain as curved cuts at any depth below the dura.
+///
+/// Isocortex prepares an MR volume once and then shows the cut at any depth in milliseconds: in the browser, over HTTP, or as PNG files.
+#[derive(Debug, Parser)]
+#[command(name = "isocortex", version, after_help = EXAMPLES, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the cases of a directory over HTTP.
+    Serve(serve::ServeArgs),
+    /// Serve a sample head, prepared, and print the address to open.
+    Demo(demo::DemoArgs),
+    /// Prepare a volume: into the store, or into one file.
+    Prepare(prepare::PrepareArgs),
+    /// Draw the cut of a case, a volume or a prepared file as PNG.
+    Render(render::RenderArgs),
+    /// The experiments of the paper, a program of their own by now.
+    #[command(hide = true, disable_help_flag = true)]
+    Bench {
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
+    /// Reads DICOM files with limits on what it may take; started by the others.
+    #[command(hide = true)]
+    ReadDicom,
+}
+
+/// An input: a volume and what is needed to prepare it.
+#[derive(Debug, Clone, Args)]
+struct VolumeOptions {
+    /// The brain mask, NIfTI, on any grid. Not needed where the volume holds nothing but the brain.
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+    /// Radius of the ball that closes the brain mask to the envelope, 0 to 50 mm.
+    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    closing_radius_mm: f64,
+    /// Where the mask comes from when none is given.
+    #[arg(long, value_name = "SOURCE", value_parser = choices::mask_source(), default_value = "auto")]
+    mask_source: MaskSource,
+    /// What the mask shows: an envelope is not closed.
+    #[arg(long, value_name = "KIND", value_parser = choices::mask_kind(), default_value = "brain")]
+    mask_kind: MaskKind,
+    /// The weights of the network that extracts the brain. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    network: Option<PathBuf>,
+    /// The probability above which a voxel is brain where the brain is extracted, 0.05 to 0.95.
+    #[arg(long, value_name = "P", default_value_t = 0.5)]
+    threshold: f64,
+    /// By how much the mask is made larger before it is closed, -20 to 20 mm.
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    offset_mm: f64,
+    /// Of DICOM files, the series to take: its number, instance UID or token.
+    #[arg(long, value_name = "SERIES", value_parser = series_name)]
+    series: Option<SeriesName>,
+    /// Interpolate single slices that are missing among DICOM files, and say which.
+    #[arg(long)]
+    allow_gaps: bool,
+}
+
+impl VolumeOptions {
+    /// What prepares it.
+    fn pipeline(&self) -> Result<Pipeline, CliError> {
+        let extractor = Extractor::open(self.network.as_deref());
+        let extractor = extractor.map_err(|error| CliError::new(ExitStatus::NoInput, error))?;
+        Ok(Pipeline::new(extractor))
+    }
+
+    /// The parameters of the preparation, checked.
+    fn parameters(&self, name: Option<String>) -> Result<Parameters, CliError> {
+        let parameters = Parameters {
+            closing_radius_mm: self.closing_radius_mm,
+            mask: self.mask_source,
+            mask_kind: self.mask_kind,
+            threshold: self.threshold,
+            offset_mm: self.offset_mm,
+            name,
+        };
+        parameters
+            .check()
+            .map_err(|failure| CliError::new(ExitStatus::Usage, failure.detail))?;
+        Ok(parameters)
+    }
+}
+
+fn series_name(text: &str) -> Result<SeriesName, &'static str> {
+    SeriesName::parse(text).ok_or("a series is named by its number, instance UID or token")
+}
+
+/// Runs the command of this process and says how it ended.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    if matches!(cli.command, Command::ReadDicom) {
+        return cases::dicom::run_child();
+    }
+    match run(cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("isocortex: {}", error.message);
+            error.status.into()
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), CliError> {
+    match command {
+        Command::Serve(args) => serve::run(&args),
+        Command::Demo(args) => demo::run(&args),
+        Command::Prepare(args) => prepare::run(&args),
+        Command::Render(args) => render::run(&args),
+        Command::Bench { .. } => Err(CliError::new(
+            ExitStatus::Usage,
+            "`bench` is a program of its own now: run `isocortex-bench paper`",
+        )),
+        Command::ReadDicom => unreachable!("it has its own way out"),
+    }
+}
+
+/// Starts the runtime and waits for `work`.
+fn block_on<T>(work: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| CliError::new(ExitStatus::Internal, error))?;
+    runtime.block_on(work)
+}
+
+fn read_input(path: &Path) -> Result<bytes::Bytes, CliError> {
+    let read = std::fs::read(path).map(bytes::Bytes::from);
+    read.map_err(|error| {
+        let message = format!("{} cannot be read: {error}", path.display());
+        CliError::new(ExitStatus::NoInput, message)
+    })
+}
+
+fn write_output(path: &Path, contents: &[u8]) -> Result<(), CliError> {
+    std::fs::write(path, contents).map_err(|error| unwritable(path, &error))
+}
+
+/// Whether a file can be written, as far as that can be told before there is anything to write. Nothing of it is changed.
+fn check_output(path: &Path) -> Result<(), CliError> {
+    let tried = match std::fs::metadata(path) {
+        // A pipe would be closed for its reader.
+        Ok(there) if !there.is_file() && !there.is_dir() => Ok(()),
+        Ok(_) => std::fs::OpenOptions::new()
+            .append(true)
+            .open(path)
+            .map(drop),
+        Err(_) => std::fs::File::create_new(path).and_then(|_| std::fs::remove_file(path)),
+    };
+    tried.map_err(|error| unwritable(path, &error))
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> CliError {
+    let message = format!("{} cannot be written: {error}", path.display());
+    CliError::new(ExitStatus::CannotCreate, message)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_old_bench_names_the_program_that_took_its_place() {
+        let old = ["isocortex", "bench", "--growth", "--plot", "plots"];
+        let error = run(Cli::try_parse_from(old).unwrap().command).unwrap_err();
+        assert_eq!(error.status, ExitStatus::Usage);
+        assert!(error.message.contains("isocortex-bench paper"));
+    }
+
+    #[test]
+    fn an_output_is_tried_before_the_work_and_left_as_it_was() {
+        let directory = tempfile::tempdir().unwrap();
+        let output = directory.path().join("a.png");
+        assert!(check_output(&output).is_ok());
+        assert!(!output.exists());
+        std::fs::write(&output, b"kept").unwrap();
+        assert!(check_output(&output).is_ok());
+        assert_eq!(std::fs::read(&output).unwrap(), b"kept");
+        for wrong in [directory.path().join("none/a.png"), directory.path().into()] {
+            let error = check_output(&wrong).unwrap_err();
+            assert_eq!(error.status, ExitStatus::CannotCreate);
+            assert!(error.message.contains("cannot be written"));
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! `isocortex render`.
+
+use std::path::{Path, PathBuf};
+
+use case::CaseId;
+use cases::models::{Models, PathKind};
+use cases::pictures::{
+    GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
+    backend_for, encode, window_of,
+};
+use cases::{Error, Library};
+use clap::Args;
+use render::choice::Renderer;
+use render::{Background, ColorMap, NamedView, RenderBackend, RenderJob, SizedMesh};
+use storage::Store;
+
+use super::case_file::{self, LocalCase};
+use super::prepare::{head_of, prepare_here, source};
+use super::status::{CliError, ExitStatus};
+use super::{VolumeOptions, check_output, choices, read_input, write_output};
+use crate::config::Config;
+
+/// Draw the cut of a case, a volume or a prepared file as PNG
+///
+/// A depth beyond the deepest point is drawn at the deepest point.
+#[derive(Debug, Args)]
+pub(super) struct RenderArgs {
+    /// A case of the store by its id, a NIfTI volume, DICOM (a folder, a zip, one file), or a file of `isocortex prepare --output`.
+    #[arg(value_name = "CASE|VOLUME")]
+    input: PathBuf,
+    #[command(flatten)]
+    options: VolumeOptions,
+    /// The directory of the store, for a case. [default: isocortex-data]
+    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
+    data: Option<PathBuf>,
+    /// The PNG file to write.
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Whether pictures may be drawn by a graphics device.
+    #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU", default_value = "auto")]
+    gpu: GpuUse,
+    #[command(flatten)]
+    picture: PictureArgs,
+}
+
+/// The picture, in the words of the HTTP interface.
+#[derive(Debug, Args)]
+struct PictureArgs {
+    /// Depth below the envelope, in mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    depth: f32,
+    /// From where. [default: left]
+    #[arg(long, value_parser = choices::view())]
+    view: Option<NamedView>,
+    /// The quaternion x,y,z,w from patient to view space, instead of --view.
+    #[arg(
+        long,
+        value_name = "X,Y,Z,W",
+        conflicts_with = "view",
+        allow_hyphen_values = true
+    )]
+    orientation: Option<Numbers<4>>,
+    /// Who draws.
+    #[arg(long, value_parser = choices::renderer(), default_value = "auto")]
+    renderer: Renderer,
+    /// Pixels in a row.
+    #[arg(long, default_value_t = 512)]
+    width: u32,
+    /// Rows of pixels.
+    #[arg(long, default_value_t = 512)]
+    height: u32,
+    /// 1 fits the head into the picture.
+    #[arg(long, default_value_t = 1.0)]
+    zoom: f64,
+    /// Moves the head to the right and up, in mm.
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pan: Option<Numbers<2>>,
+    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5. [default: that of
+    /// the case]
+    #[arg(long, value_name = "C,W", allow_hyphen_values = true)]
+    window: Option<Numbers<2>>,
+    /// Colours for brightness.
+    #[arg(long, value_parser = choices::colormap(), default_value = "grey")]
+    colormap: ColorMap,
+    /// Averages over this depth to either side, in mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    slab: f64,
+    /// The share of light that reaches every face, 0 to 1; 1 turns the shading off.
+    #[arg(long, default_value_t = 0.3)]
+    ambient: f64,
+    /// What is behind the brain.
+    #[arg(long, value_parser = choices::background(), default_value = "black")]
+    background: Background,
+    /// Contours of the mesh, for the renderer mesh.
+    #[arg(long, default_value_t = 30)]
+    contours: usize,
+    /// Points on each contour of the mesh, for the renderer mesh.
+    #[arg(long, default_value_t = 30)]
+    points: usize,
+    /// What the vertices of the mesh follow, for the renderer mesh.
+    #[arg(long, value_parser = choices::paths(), default_value = "forest")]
+    paths: PathKind,
+    /// Writes depth, window, scale, directions and the notice of research use into the picture.
+    #[arg(long)]
+    annotate: bool,
+}
+
+impl PictureArgs {
+    fn request(&self) -> Result<PictureRequest, Error> {
+        let request = PictureRequest {
+            depth_mm: self.depth,
+            view: self.view,
+            orientation: self.orientation,
+            renderer: self.renderer,
+            width: self.width,
+            height: self.height,
+            zoom: self.zoom,
+            pan: self.pan,
+            window: self.window,
+            colormap: self.colormap,
+            slab_mm: self.slab,
+            ambient: self.ambient,
+            background: self.background,
+            contours: self.contours,
+            points: self.points,
+            paths: self.paths,
+            annotate: self.annotate,
+        };
+        request.check()?;
+        Ok(request)
+    }
+}
+
+/// Draws one picture.
+pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
+    let query = args.picture.request()?;
+    check_output(&args.output)?;
+    let picture = super::block_on(async {
+        // Looked for while the case is read; splatting needs none.
+        let use_of = if query.renderer == Renderer::Splat {
+            GpuUse::Off
+        } else {
+            args.gpu
+        };
+        let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
+        match case_id(&args.input) {
+            Some(id) => of_case(args, id, &query, &graphics).await,
+            None => of_file(args, &query, &graphics).await,
+        }
+    })?;
+    write_output(&args.output, &picture)
+}
+
+/// An id, unless there is a file of that name.
+fn case_id(input: &Path) -> Option<CaseId> {
+    let id = CaseId::parse(input.to_str()?)?;
+    (!input.exists()).then_some(id)
+}
+
+async fn of_case(
+    args: &RenderArgs,
+    id: CaseId,
+    query: &PictureRequest,
+    graphics: &Graphics,
+) -> Result<Vec<u8>, CliError> {
+    let data = args.data.clone();
+    let data = data.unwrap_or_else(|| Config::default().data);
+    if !data.is_dir() {
+        let message = format!(
+            "there is no store at {}; say where with --data",
+            data.display()
+        );
+        return Err(CliError::new(ExitStatus::NoInput, message));
+    }
+    let library = Library::of(Store::open(&data).await?);
+    let model = Models::new(library, u64::MAX).get(&id).await?;
+    let model = model.ok_or_else(|| {
+        CliError::new(
+            ExitStatus::NoInput,
+            "the store has no such case that is ready",
+        )
+    })?;
+    let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
+    let backend = backend_for(query.renderer, graphics).await;
+    let mesh = if backend.needs_mesh() {
+        let size = query.mesh_size()?;
+        let shrunk = model.shrink(size, query.paths, depth_mm).await;
+        let mesh = shrunk.map_err(Error::from)?;
+        Some(SizedMesh { size, mesh })
+    } else {
+        None
+    };
+    let job = RenderJob {
+        case: model.keyed(),
+        request: query.at(depth_mm, window_of(&model.facts))?,
+        mesh,
+    };
+    drawn(job, backend, Some(&id), query)
+}
+
+fn drawn(
+    job: RenderJob,
+    backend: RenderBackend,
+    id: Option<&CaseId>,
+    query: &PictureRequest,
+) -> Result<Vec<u8>, CliError> {
+    let metadata = ImageMetadata::of(id, &job);
+    let picture = PictureJob {
+        job,
+        asked: query.renderer,
+        backend,
+    };
+    Ok(encode(picture.draw(&|| true)?, &metadata, query.annotate)?.png)
+}
+
+async fn of_file(
+    args: &RenderArgs,
+    query: &PictureRequest,
+    graphics: &Graphics,
+) -> Result<Vec<u8>, CliError> {
+    let is_case = head_of(&args.input)?.starts_with(case_file::MAGIC);
+    let case = if is_case {
+        case_file::read(&read_input(&args.input)?)?
+    } else {
+        let source = source(&args.input, &args.options).await?;
+        let parameters = args.options.parameters(None)?;
+        LocalCase::of(prepare_here(
+            &source,
+            &parameters,
+            &args.options.pipeline()?,
+        )?)
+    };
+    let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
+    let backend = backend_for(query.renderer, graphics).await;
+    let mesh = if backend.needs_mesh() {
+        let size = query.mesh_size()?;
+        let shrunk = case.shrink(size, query.paths, depth_mm);
+        let mesh = shrunk.map_err(Error::from)?;
+        Some(SizedMesh { size, mesh })
+    } else {
+        None
+    };
+    let job = RenderJob {
+        case: case.keyed(),
+        request: query.at(depth_mm, window_of(&case.facts))?,
+        mesh,
+    };
+    drawn(job, backend, None, query)
+}

@@ -1,0 +1,194 @@
+//! `isocortex serve`.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use tokio::net::TcpListener;
+
+use super::choices;
+use super::status::{CliError, ExitStatus};
+use crate::config::{Config, Secret};
+use crate::logs::{self, LogFormat};
+use crate::start;
+use cases::jobs::Workers;
+use cases::pictures::GpuUse;
+use service::app::app;
+use service::listen;
+use service::state::AppState;
+
+/// The variable of the token. There is no flag: command lines can be seen by everyone on a machine.
+const TOKEN_VARIABLE: &str = "ISOCORTEX_TOKEN";
+
+/// Serve the cases of a directory over HTTP
+///
+/// The command line goes before the environment, the environment before the file. Without a bearer token (ISOCORTEX_TOKEN,
+/// or a file of it) the server listens on this machine alone, and refuses any other address.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct ServeArgs {
+    /// The directory of the store; made where it is missing.
+    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
+    pub(super) data: Option<PathBuf>,
+    /// Where to listen. [default: 127.0.0.1:8640]
+    #[arg(long, value_name = "ADDR:PORT", env = "ISOCORTEX_LISTEN")]
+    pub(super) listen: Option<SocketAddr>,
+    /// A TOML file with these and all other settings.
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_CONFIG")]
+    pub(super) config: Option<PathBuf>,
+    /// A file that holds the bearer token.
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKEN_FILE")]
+    pub(super) token_file: Option<PathBuf>,
+    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    pub(super) network: Option<PathBuf>,
+    /// Whether pictures may be drawn by a graphics device. [default: auto]
+    #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU")]
+    pub(super) gpu: Option<GpuUse>,
+    /// How log lines are written. [default: text]
+    #[arg(long, value_parser = choices::log_format(), env = "ISOCORTEX_LOG_FORMAT")]
+    pub(super) log_format: Option<LogFormat>,
+    /// Which log lines are written: error, warn, info, debug (which has a line for each request), or as in RUST_LOG.
+    #[arg(long, value_name = "FILTER", env = "ISOCORTEX_LOG")]
+    pub(super) log: Option<String>,
+}
+
+impl ServeArgs {
+    /// The configuration that file, environment and command line make together.
+    pub(super) fn config(&self) -> Result<Config, CliError> {
+        let mut config = match &self.config {
+            Some(path) => Config::read(path)?,
+            None => Config::default(),
+        };
+        fn set<T: Clone>(slot: &mut T, value: Option<&T>) {
+            if let Some(value) = value {
+                slot.clone_from(value);
+            }
+        }
+        set(&mut config.data, self.data.as_ref());
+        set(&mut config.listen, self.listen.as_ref());
+        if self.network.is_some() {
+            config.network.clone_from(&self.network);
+        }
+        set(&mut config.gpu, self.gpu.as_ref());
+        set(&mut config.log_format, self.log_format.as_ref());
+        set(&mut config.log, self.log.as_ref());
+        if let Ok(token) = std::env::var(TOKEN_VARIABLE)
+            && !token.is_empty()
+        {
+            // Together with a token file that was named as well, this is refused: neither is meant more than the other.
+            config.token = Some(Secret(token));
+            config.token_file = self.token_file.clone();
+        } else if let Some(path) = &self.token_file {
+            config.token = None;
+            config.token_file = Some(path.clone());
+        }
+        Ok(config)
+    }
+}
+
+/// Serves until the process is told to stop.
+pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
+    let config = args.config()?;
+    logs::start(config.log_format, &config.log);
+    super::block_on(async {
+        let server = Server::start(&config).await?;
+        println!("Isocortex listens on http://{}", server.address);
+        server.until_stopped().await;
+        Ok(())
+    })
+}
+
+/// A server that answers.
+pub(super) struct Server {
+    pub(super) state: AppState,
+    pub(super) address: SocketAddr,
+    workers: Workers,
+    serving: tokio::task::JoinHandle<()>,
+    grace: Duration,
+}
+
+impl Server {
+    /// Opens the store, binds the address, starts workers and answers from now on.
+    pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
+        let state = start::open(config).await?;
+        let taken = |error| {
+            let message = format!("cannot listen on {}: {error}", config.listen);
+            CliError::new(ExitStatus::Unavailable, message)
+        };
+        let listener = TcpListener::bind(config.listen).await.map_err(taken)?;
+        let address = listener.local_addr().map_err(taken)?;
+        let workers = Workers::start(state.cases.library.clone(), config.prepare_workers);
+        let limits = config.connection_limits();
+        let stop = stop_of(state.clone());
+        let serving = tokio::spawn(listen::serve(listener, app(state.clone()), limits, stop));
+        tracing::info!(%address, "listening");
+        Ok(Self {
+            state,
+            address,
+            workers,
+            serving,
+            grace: limits.shutdown_grace,
+        })
+    }
+
+    /// Answers until the process is told to stop; then finishes, or hands back, what is at work.
+    pub(super) async fn until_stopped(self) {
+        if let Err(error) = self.serving.await {
+            tracing::error!(%error, "the listener failed");
+        }
+        self.workers.shut_down(self.grace).await;
+        tracing::info!("stopped");
+    }
+}
+
+/// Resolves at Ctrl-C or SIGTERM, having told endless answers to end.
+async fn stop_of(state: AppState) {
+    told_to_stop().await;
+    tracing::info!("stopping");
+    state.stop();
+}
+
+#[cfg(unix)]
+async fn told_to_stop() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut terminate = signal(SignalKind::terminate()).ok();
+    let terminated = async {
+        match &mut terminate {
+            Some(signal) => signal.recv().await,
+            None => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        _ = tokio::signal::ctrl_c() => {}
+        _ = terminated => {}
+    }
+}
+
+#[cfg(not(unix))]
+async fn told_to_stop() {
+    // An error means that no signal can come: then nothing but the end of the process stops it.
+    if tokio::signal::ctrl_c().await.is_err() {
+        std::future::pending::<()>().await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_goes_before_the_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("isocortex.toml");
+        std::fs::write(&path, "data = \"from-file\"\nlog = \"debug\"\n").unwrap();
+        let args = ServeArgs {
+            data: Some("from-flag".into()),
+            config: Some(path),
+            ..ServeArgs::default()
+        };
+        let config = args.config().unwrap();
+        assert_eq!(config.data, PathBuf::from("from-flag"));
+        assert_eq!(config.log, "debug");
+    }
+}

@@ -1,0 +1,138 @@
+//! How a command ended.
+
+use std::fmt::Display;
+use std::process::ExitCode;
+
+use crate::config::ConfigError;
+use crate::start::StartError;
+use case::{Failure, FailureKind};
+use cases::Error;
+use storage::StoreError;
+
+/// The exit status of a command that failed: 2 as every command line has it, the others from BSD's `sysexits.h`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ExitStatus {
+    /// The command line is not right.
+    Usage = 2,
+    /// The input cannot be used.
+    BadInput = 65,
+    /// The input is not there.
+    NoInput = 66,
+    /// Something that is needed is taken or busy.
+    Unavailable = 69,
+    /// A fault of the program.
+    Internal = 70,
+    /// The output cannot be written.
+    CannotCreate = 73,
+    /// The store or its disk failed.
+    InputOutput = 74,
+    /// The configuration is not right.
+    Config = 78,
+}
+
+impl From<ExitStatus> for ExitCode {
+    fn from(status: ExitStatus) -> Self {
+        Self::from(status as u8)
+    }
+}
+
+/// Why a command failed, in one plain sentence.
+#[derive(Debug)]
+pub(super) struct CliError {
+    pub(super) status: ExitStatus,
+    pub(super) message: String,
+}
+
+impl CliError {
+    pub(super) fn new(status: ExitStatus, message: impl Display) -> Self {
+        Self {
+            status,
+            message: message.to_string(),
+        }
+    }
+}
+
+impl From<Failure> for CliError {
+    fn from(failure: Failure) -> Self {
+        let status = match failure.kind {
+            FailureKind::Internal | FailureKind::NotSupported | FailureKind::OutOfMemory => {
+                ExitStatus::Internal
+            }
+            FailureKind::NotRecognised
+            | FailureKind::TooLarge
+            | FailureKind::Unusable
+            | FailureKind::Cancelled => ExitStatus::BadInput,
+        };
+        let hint = match failure.name.as_str() {
+            "mask-missing" => " (on the command line: --mask FILE)",
+            _ => "",
+        };
+        Self::new(status, format!("{}{hint}", failure.detail))
+    }
+}
+
+impl From<StoreError> for CliError {
+    fn from(error: StoreError) -> Self {
+        let status = match error {
+            StoreError::QueueFull => ExitStatus::Unavailable,
+            _ => ExitStatus::InputOutput,
+        };
+        let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
+        Self::new(status, format!("{error}{}", cause.unwrap_or_default()))
+    }
+}
+
+impl From<ConfigError> for CliError {
+    fn from(error: ConfigError) -> Self {
+        Self::new(ExitStatus::Config, error)
+    }
+}
+
+impl From<StartError> for CliError {
+    fn from(error: StartError) -> Self {
+        match error {
+            StartError::Config(error) => error.into(),
+            StartError::Cases(cases::StartError::Store(error)) => {
+                let error = Self::from(error);
+                let message = format!("the store cannot be opened: {}", error.message);
+                Self { message, ..error }
+            }
+            error @ StartError::Cases(cases::StartError::Network(_)) => {
+                Self::new(ExitStatus::Config, error)
+            }
+            error @ StartError::Cases(cases::StartError::Threads(_)) => {
+                Self::new(ExitStatus::Unavailable, error)
+            }
+        }
+    }
+}
+
+impl From<Error> for CliError {
+    fn from(error: Error) -> Self {
+        let status = match &error {
+            Error::Parameter { .. } => ExitStatus::Usage,
+            Error::NoSuchCase => ExitStatus::NoInput,
+            Error::Failure(failure) => return failure.clone().into(),
+            Error::NotReady { .. } | Error::Busy => ExitStatus::Unavailable,
+            Error::Geometry(_) => ExitStatus::BadInput,
+            Error::Store(_) => ExitStatus::InputOutput,
+            Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
+        };
+        Self::new(status, error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unusable_input_is_told_from_a_fault_of_the_program() {
+        let failure = |kind| Failure::new(kind, "name", "what is wrong");
+        let unusable = CliError::from(failure(FailureKind::Unusable));
+        assert_eq!(unusable.status, ExitStatus::BadInput);
+        assert_eq!(unusable.message, "what is wrong");
+        let fault = CliError::from(failure(FailureKind::Internal));
+        assert_eq!(fault.status, ExitStatus::Internal);
+    }
+}

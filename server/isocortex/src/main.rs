@@ -1,0 +1,7 @@
+//! The program `isocortex`: see `isocortex --help`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    isocortex::cli::main()
+}

@@ -1,0 +1,37 @@
+//! From a configuration to a server that can answer.
+
+use std::time::Duration;
+
+use cases::Cases;
+use service::state::{AppState, HttpOptions};
+
+use crate::config::{Config, ConfigError};
+
+/// Why a server cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The configuration is not right.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The application cannot start.
+    #[error(transparent)]
+    Cases(#[from] cases::StartError),
+}
+
+/// Opens the store and starts the render threads. No case is prepared until workers are started on the library.
+///
+/// # Errors
+/// When the configuration is not right, or the store cannot be opened.
+pub async fn open(config: &Config) -> Result<AppState, StartError> {
+    config.check()?;
+    let options = HttpOptions {
+        access: config.access()?,
+        max_upload_bytes: config.max_upload_bytes,
+        body_cache_bytes: config.body_cache_bytes,
+        answer_timeout: Duration::from_secs(config.answer_timeout_secs),
+        upload_idle: Duration::from_secs(config.upload_idle_secs),
+        upload_timeout: Duration::from_secs(config.upload_timeout_secs),
+    };
+    let cases = Cases::open(config.cases()).await?;
+    Ok(AppState::new(cases, options))
+}

@@ -1,0 +1,219 @@
+//! The mask of the brain: supplied, the volume's own, or extracted.
+
+use geometry::{BrainMask, ClosedBrain, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume};
+
+use super::failure::{from_geometry, from_imaging};
+use super::own_mask::own_mask;
+use super::steps::Steps;
+use super::{Extractor, Limits, Source, StoredBrain};
+use crate::codec::decode_brain;
+use crate::quality;
+use case::{Failure, MaskKind, MaskMethod, MaskSource, Parameters, Quality, Stage};
+
+/// No mask of a human brain is smaller or larger, in ml: that of an infant born early has more than 100, a whole head with all
+/// its scalp less than 7,000.
+const POSSIBLE_ML: std::ops::RangeInclusive<f64> = 50.0..=8000.0;
+
+/// The brain of a head, and where it came from.
+pub(super) struct Found {
+    pub(super) brain: BrainMask,
+    /// The depth below its envelope, where the extraction has closed it by the radius that is wanted.
+    closed: Option<DistanceMap>,
+    verdict: Verdict,
+}
+
+/// What is known of a mask before it is closed.
+enum Verdict {
+    Measured {
+        method: MaskMethod,
+        largest_component: f64,
+    },
+    Extracted(extraction::Method, Box<extraction::Quality>),
+    /// From an earlier preparation.
+    Known(Quality),
+}
+
+impl Found {
+    /// The brain, closed as the parameters say.
+    pub(super) fn close(&mut self, parameters: &Parameters) -> Result<ClosedBrain, Failure> {
+        if let Some(distance) = self.closed.take() {
+            return Ok(ClosedBrain::Measured(distance));
+        }
+        let radius_mm = closing_radius_mm(parameters);
+        let envelope = geometry::envelope(&self.brain, radius_mm).map_err(from_geometry)?;
+        Ok(ClosedBrain::Envelope(envelope))
+    }
+
+    /// How far the mask can be trusted.
+    pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
+        match &self.verdict {
+            Verdict::Known(quality) => quality.clone(),
+            Verdict::Extracted(method, found) => {
+                let measured =
+                    quality::measure(&self.brain, envelope, found.largest_component, volume_grid);
+                quality::of_extracted(measured, quality::method_of(*method), found)
+            }
+            Verdict::Measured {
+                method,
+                largest_component,
+            } => {
+                let measured =
+                    quality::measure(&self.brain, envelope, *largest_component, volume_grid);
+                quality::of_supplied(measured, *method)
+            }
+        }
+    }
+}
+
+/// Finds the brain of an upload and brings it to the working grid, as the parameters say.
+pub(super) fn find_brain(
+    source: &Source,
+    volume: &Volume,
+    (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
+    steps: &mut Steps<'_>,
+) -> Result<Found, Failure> {
+    if let Some(stored) = &source.brain
+        && let Some(found) = stored_brain(stored)
+    {
+        steps.begin(Stage::Mask)?;
+        return Ok(found);
+    }
+    let Some((mask, method)) = given_mask(source, volume, (parameters, limits))? else {
+        steps.begin(Stage::Extracting)?;
+        return extracted(volume, (parameters, extractor), steps);
+    };
+    steps.begin(Stage::Mask)?;
+    Ok(Found {
+        brain: to_working_grid(&mask, parameters, volume.grid())?,
+        closed: None,
+        verdict: Verdict::Measured {
+            method,
+            largest_component: mask.largest_component_share(),
+        },
+    })
+}
+
+/// Extracts the brain of a volume that shows more than that.
+fn extracted(
+    volume: &Volume,
+    (parameters, extractor): (&Parameters, &Extractor),
+    steps: &mut Steps<'_>,
+) -> Result<Found, Failure> {
+    let found = extractor.extract(
+        volume,
+        (parameters.mask, parameters.threshold),
+        &|done| steps.extracted(done),
+        steps.cancelled(),
+    )?;
+    steps.begin(Stage::Mask)?;
+    refuse_absurd(&found.brain)?;
+    let is_closed_so = parameters.offset_mm == 0.0
+        && closing_radius_mm(parameters) == extraction::CLOSING_RADIUS_MM;
+    Ok(Found {
+        closed: is_closed_so.then_some(found.closed),
+        brain: moved(found.brain, parameters.offset_mm)?,
+        verdict: Verdict::Extracted(found.method, Box::new(found.quality)),
+    })
+}
+
+fn stored_brain(stored: &StoredBrain) -> Option<Found> {
+    Some(Found {
+        brain: decode_brain(&stored.mask)?,
+        closed: None,
+        verdict: Verdict::Known(stored.quality.clone()),
+    })
+}
+
+/// The mask that was supplied, or that the volume is of itself; `None` where the brain must be extracted.
+pub(super) fn given_mask(
+    source: &Source,
+    volume: &Volume,
+    (parameters, limits): (&Parameters, &Limits),
+) -> Result<Option<(Mask, MaskMethod)>, Failure> {
+    match (&source.mask, parameters.mask) {
+        (Some(bytes), MaskSource::Auto) => {
+            let mask = imaging::nifti::read_mask(bytes, limits).map_err(|error| {
+                let failure = from_imaging(error);
+                Failure {
+                    detail: format!("the mask: {}", failure.detail),
+                    ..failure
+                }
+            })?;
+            Ok(Some((mask, MaskMethod::Supplied)))
+        }
+        (Some(_), _) => Err(Failure::unusable(
+            "mask-twice",
+            "a mask was supplied, and the parameter `mask` names another source: leave one of them away"
+                .to_owned(),
+        )),
+        (None, MaskSource::Network | MaskSource::Pruning) => Ok(None),
+        (None, wanted) => match (own_mask(volume)?, wanted) {
+            (Some(mask), _) => Ok(Some((mask, MaskMethod::Volume))),
+            (None, MaskSource::Volume) => Err(mask_missing()),
+            (None, _) => Ok(None),
+        },
+    }
+}
+
+/// A mask on the working grid, moved by the offset.
+///
+/// # Errors
+/// When it is empty, largely outside of the volume, or of a size that no brain has.
+pub(super) fn to_working_grid(
+    mask: &Mask,
+    parameters: &Parameters,
+    volume_grid: &Grid,
+) -> Result<BrainMask, Failure> {
+    let brain = BrainMask::from_mask(mask, volume_grid).map_err(from_geometry)?;
+    refuse_absurd(&brain)?;
+    moved(brain, parameters.offset_mm)
+}
+
+/// A mask moved by an offset.
+fn moved(brain: BrainMask, offset_mm: f64) -> Result<BrainMask, Failure> {
+    if offset_mm == 0.0 {
+        return Ok(brain);
+    }
+    let moved = geometry::offset(&brain, offset_mm).map_err(|error| match error {
+        GeometryError::EmptyMask => Failure::unusable(
+            "offset-out-of-range",
+            format!("offset_mm is {offset_mm}; nothing is left of the mask then"),
+        ),
+        other => from_geometry(other),
+    })?;
+    refuse_absurd(&moved)?;
+    Ok(moved)
+}
+
+fn refuse_absurd(brain: &BrainMask) -> Result<(), Failure> {
+    let brain_ml = brain.volume_ml();
+    if POSSIBLE_ML.contains(&brain_ml) {
+        return Ok(());
+    }
+    let (least, most) = POSSIBLE_ML.into_inner();
+    // Three digits, however small it is.
+    let digits = (2.0 - brain_ml.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize;
+    Err(Failure::unusable(
+        "mask-size-absurd",
+        format!(
+            "the mask holds {brain_ml:.digits$} ml, and a brain {least} to {most}: is it a mask of the brain, and its spacing in mm?"
+        ),
+    ))
+}
+
+/// The radius by which the mask is closed: an envelope is closed already.
+pub(super) fn closing_radius_mm(parameters: &Parameters) -> f64 {
+    match parameters.mask_kind {
+        MaskKind::Brain => parameters.closing_radius_mm,
+        MaskKind::Envelope => 0.0,
+    }
+}
+
+fn mask_missing() -> Failure {
+    Failure::unusable(
+        "mask-missing",
+        "the volume shows more than a brain, so it cannot be its own mask: leave the parameter `mask` away to have the brain \
+         extracted, or supply a mask as the part `mask` of the upload (NIfTI, brain voxels above 0)"
+            .to_owned(),
+    )
+}

@@ -1,0 +1,27 @@
+//! The payloads of derived objects, before they are packed. Little-endian; the frame around them says kind and version.
+//!
+//! A grid is its size (3 × u32) and the columns of `patient_from_voxel` (12 × f64).
+//!
+//! | kind | payload |
+//! |---|---|
+//! | `volume` | grid, slope and intercept (f32), residuals of the stored values |
+//! | `mask`, `envelope` | grid, lengths of runs as LEB128: outside, inside, outside, … |
+//! | `forest` | the predecessor codes of the envelope's voxels, in the order of the grid |
+//! | `paths` | N_F, N_P (u16), origin (3 × f32), step, row and greatest depth (f32), rows (u32), the first piece of each row (u32), pieces, residuals of the rows from row to row |
+//!
+//! Residuals are 16-bit differences from a prediction, folded so that small ones are small numbers (0, −1, 1, −2, …), low
+//! bytes first, then all high bytes: zstd finds little to do in the high ones.
+//!
+//! What is decoded has been checked against its digest. Every length is compared with the bytes at hand all the same.
+
+mod bytes;
+mod envelope;
+mod forest;
+mod paths;
+mod residuals;
+mod volume;
+
+pub use envelope::{decode_brain, decode_envelope, encode_brain, encode_envelope};
+pub use forest::{decode_forest, encode_forest};
+pub use paths::{decode_paths, encode_paths};
+pub use volume::{decode_volume, encode_volume};

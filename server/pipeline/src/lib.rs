@@ -1,0 +1,342 @@
+//! From the bytes of an upload to everything that a case needs.
+//!
+//! There is no async in here: it runs on a worker's blocking thread, and directly under the command line. Nothing but the
+//! upload and the parameters has a say in the result, so that a case can be made again at any time.
+
+mod brain;
+mod check;
+pub mod codec;
+mod extractor;
+mod failure;
+mod own_mask;
+pub mod quality;
+mod steps;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bytes::Bytes;
+use case::{
+    CaseFacts, DicomFacts, Failure, ObjectKind, Parameters, PlaneFacts, Progress, Quality,
+    SphereFacts, Stage, WindowFacts,
+};
+use geometry::{
+    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Grid, Volume,
+};
+use imaging::dicom::Attributes;
+
+use self::brain::find_brain;
+use self::codec::{encode_brain, encode_envelope, encode_forest, encode_paths, encode_volume};
+use self::failure::{from_geometry, from_imaging};
+use self::steps::Steps;
+
+pub use self::check::{check, settled};
+pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
+pub use imaging::Limits;
+
+/// The greatest magnitude of an intensity, and the greatest width of a window: those of a picture's window.
+const MOST_INTENSITY: f64 = 1e9;
+
+/// The least difference between the darkest and the brightest voxel. A window's centre and width are counted from 0.5 and from 1, as
+/// DICOM has it, so that double precision has no more than seven digits left of this.
+const LEAST_RANGE: f64 = 1e-9;
+
+/// What was uploaded.
+#[derive(Debug, Clone, Default)]
+pub struct Source {
+    /// The volume, as it came.
+    pub volume: Bytes,
+    /// The mask of the brain, as it came; `None` where none was supplied.
+    pub mask: Option<Bytes>,
+    /// Whose head it is, as JSON of [`Attributes`], where the volume was made of DICOM files.
+    pub dicom: Option<Bytes>,
+    /// The brain as it was extracted before: a case that is made again keeps it.
+    pub brain: Option<StoredBrain>,
+}
+
+/// An extracted brain, as it is stored.
+#[derive(Debug, Clone)]
+pub struct StoredBrain {
+    /// The payload of [`ObjectKind::Mask`].
+    pub mask: Bytes,
+    /// What was found out about it.
+    pub quality: Quality,
+}
+
+/// A case, computed.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The mask of the brain on the working grid, as it was closed.
+    pub brain: BrainMask,
+    /// Its model, with the distance map and the forest.
+    pub built: BuiltModel,
+    /// What clients are told.
+    pub facts: CaseFacts,
+}
+
+impl Prepared {
+    /// The envelope, on the working grid.
+    pub fn envelope(&self) -> &Envelope {
+        self.built.distance.envelope()
+    }
+}
+
+/// Computes everything of a case, as [`Pipeline::prepare`] says.
+fn prepare(
+    source: &Source,
+    (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
+    mut steps: Steps<'_>,
+) -> Result<Prepared, Failure> {
+    parameters.check()?;
+    steps.begin(Stage::Reading)?;
+    let native = read_volume(source, limits)?;
+    check_intensities(&native)?;
+    let mut found = find_brain(source, &native, (parameters, limits, extractor), &mut steps)?;
+
+    steps.begin(Stage::Closing)?;
+    let closed = found.close(parameters)?;
+    let native_grid = native.grid().clone();
+    let quality = found.quality(closed.envelope(), &native_grid);
+    let volume = crop(&native, closed.envelope())?;
+    drop(native);
+
+    let observe = |step| match stage_of(step) {
+        Some(stage) => Ok(steps.begin(stage)?),
+        None => Ok(steps.go_on()?),
+    };
+    let built = DeformableModel::build(volume, closed, observe);
+    let built = built.map_err(|Refused(failure)| failure)?;
+
+    let mut facts = CaseFacts {
+        native_size: native_grid.size(),
+        native_spacing_mm: native_grid.spacing_mm(),
+        native_patient_from_voxel: rows_of(&native_grid),
+        quality: Some(quality),
+        dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
+        ..facts(&built)
+    };
+    // Last of all, so that everything before is part of a stage.
+    facts.timings = steps.timings();
+    Ok(Prepared {
+        brain: found.brain,
+        built,
+        facts,
+    })
+}
+
+/// The stage that begins with a step; `None` for a step within a stage.
+fn stage_of(step: BuildStep) -> Option<Stage> {
+    match step {
+        BuildStep::Distance => Some(Stage::Distance),
+        BuildStep::Core => Some(Stage::Core),
+        BuildStep::Forest => Some(Stage::Forest),
+        BuildStep::Field => Some(Stage::Mesh),
+        BuildStep::Mesh | BuildStep::Table | BuildStep::Shell => None,
+    }
+}
+
+/// Why no model was built.
+struct Refused(Failure);
+
+impl From<Failure> for Refused {
+    fn from(failure: Failure) -> Self {
+        Self(failure)
+    }
+}
+
+impl From<GeometryError> for Refused {
+    fn from(error: GeometryError) -> Self {
+        Self(from_geometry(error))
+    }
+}
+
+/// What clients are told of the DICOM files: nothing that says whose they are.
+fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
+    Ok(DicomFacts {
+        interpolated_slices: attributes(stored)?.interpolated_slices,
+    })
+}
+
+/// The attributes of DICOM files as they are stored.
+///
+/// # Errors
+/// When they are not what the store was given.
+pub fn attributes(stored: &[u8]) -> Result<Attributes, Failure> {
+    serde_json::from_slice(stored).map_err(|_| Failure::source_damaged())
+}
+
+/// The volume of an upload, whole, as it was acquired.
+///
+/// # Errors
+/// A [`Failure`] that names what is wrong with it.
+pub fn read_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> {
+    imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)
+}
+
+/// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
+fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
+    let volume = DeformableModel::crop(native, envelope).ok_or_else(|| {
+        Failure::unusable(
+            "mask-outside-volume",
+            "nothing of the mask lies inside the volume; is it the mask of another head?"
+                .to_owned(),
+        )
+    })?;
+    check_intensities(&volume)?;
+    Ok(volume)
+}
+
+/// Whether the intensities differ, and a window can tell them apart.
+fn check_intensities(volume: &Volume) -> Result<(), Failure> {
+    let [least, greatest] = volume.intensity_range().map(f64::from);
+    if least >= greatest {
+        let detail = format!(
+            "every voxel around the brain has the intensity {least}; there is nothing to show"
+        );
+        return Err(Failure::unusable("volume-constant", detail));
+    }
+    let is_within = least >= -MOST_INTENSITY && greatest <= MOST_INTENSITY;
+    let range = greatest - least;
+    // The window of a ramp is wider by 1.
+    if is_within && range >= LEAST_RANGE && range + 1.0 <= MOST_INTENSITY {
+        return Ok(());
+    }
+    let detail = format!(
+        "the intensities run from {least:e} to {greatest:e}; they must lie within -1e9 to 1e9 and differ by 1e-9 to 1e9, or no window \
+         shows them: scale the volume"
+    );
+    Err(Failure::unusable("intensity-range", detail))
+}
+
+/// What clients are told of a model: grids, depth, intensities, and the plane between the hemispheres.
+pub fn facts(built: &BuiltModel) -> CaseFacts {
+    let (volume, distance) = (built.model.volume(), &built.distance);
+    let grid = distance.grid();
+    let [intensity_min, intensity_max] = volume.intensity_range();
+    let [low, high] = volume
+        .percentiles_inside(distance.envelope(), [0.02, 0.98])
+        .unwrap_or([intensity_min, intensity_max]);
+    let midsagittal = analysis::midsagittal_plane(distance.envelope(), volume);
+    let sphere = built.model.bounds();
+    CaseFacts {
+        grid_size: grid.size(),
+        spacing_mm: grid.spacing_mm()[0],
+        patient_from_voxel: rows_of(grid),
+        native_size: volume.grid().size(),
+        native_spacing_mm: volume.grid().spacing_mm(),
+        native_patient_from_voxel: rows_of(volume.grid()),
+        envelope_sphere: SphereFacts {
+            center_in_patient: sphere.centre_in_patient.to_array(),
+            radius_mm: sphere.radius_mm,
+        },
+        midsagittal: Some(PlaneFacts {
+            normal: midsagittal.normal().to_array(),
+            offset_mm: midsagittal.offset_mm(),
+        }),
+        max_depth_mm: distance.max_depth_mm(),
+        envelope_ml: distance.envelope().volume_ml(),
+        intensity_min,
+        intensity_max,
+        window: window(low, high),
+        dicom: None,
+        quality: None,
+        timings: Vec::new(),
+    }
+}
+
+/// The rows of the affine from a grid's voxels to LPS mm.
+fn rows_of(grid: &Grid) -> [[f64; 4]; 4] {
+    let affine = grid.patient_from_voxel();
+    let row = |axis: usize| {
+        let matrix = affine.matrix3.row(axis);
+        [matrix.x, matrix.y, matrix.z, affine.translation[axis]]
+    };
+    [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
+}
+
+/// The window of an interval of intensities. An empty one gets a width all the same, for DICOM wants at least that of a step.
+fn window(low: f32, high: f32) -> WindowFacts {
+    let least_width = f32::EPSILON * low.abs().max(high.abs()).max(1.0) * 16.0;
+    WindowFacts {
+        center: f32::midpoint(low, high),
+        width: (high - low).max(least_width),
+    }
+}
+
+/// What is stored of a preparation.
+#[derive(Debug)]
+pub struct Derived {
+    /// The payload of each derived object.
+    pub objects: Vec<(ObjectKind, Bytes)>,
+    /// What clients are told.
+    pub facts: CaseFacts,
+}
+
+impl Derived {
+    /// The objects of a computed case.
+    pub fn of(prepared: Prepared) -> Self {
+        let Prepared {
+            brain,
+            built,
+            facts,
+        } = prepared;
+        let BuiltModel {
+            model,
+            distance,
+            forest,
+        } = built;
+        let (volume, default_paths) = model.into_stored();
+        let envelope = distance.envelope();
+        let objects = vec![
+            (ObjectKind::Mask, encode_brain(&brain).into()),
+            (ObjectKind::Envelope, encode_envelope(envelope).into()),
+            (ObjectKind::Forest, encode_forest(&forest, envelope).into()),
+            (ObjectKind::Paths, encode_paths(&default_paths).into()),
+            (ObjectKind::Volume, encode_volume(&volume).into()),
+        ];
+        Self { objects, facts }
+    }
+}
+
+/// The preparation of real heads.
+#[derive(Debug, Clone, Default)]
+pub struct Pipeline {
+    extractor: Arc<Extractor>,
+}
+
+impl Pipeline {
+    /// A pipeline that extracts brains so.
+    pub fn new(extractor: Extractor) -> Self {
+        Self {
+            extractor: Arc::new(extractor),
+        }
+    }
+
+    /// Whether there is a network that extracts brains.
+    pub fn has_network(&self) -> bool {
+        self.extractor.has_network()
+    }
+
+    /// Computes everything of a case.
+    ///
+    /// `observe` is told each step as it begins, and how far an extraction has come. Where `cancelled` is raised the next step
+    /// is not begun, and an extraction ends at once.
+    ///
+    /// # Errors
+    /// A [`Failure`] that names what is wrong with the input; `cancelled` when it was cancelled.
+    pub fn prepare(
+        &self,
+        source: &Source,
+        parameters: &Parameters,
+        limits: &Limits,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Prepared, Failure> {
+        let how = (parameters, limits, &*self.extractor);
+        prepare(source, how, Steps::new(observe, cancelled))
+    }
+}

@@ -1,7 +1,0 @@
-//! The program `isocortex`: see `isocortex --help`.
-
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
-    service::cli::main()
-}

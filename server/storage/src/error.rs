@@ -1,0 +1,100 @@
+//! Why the store could not do what was asked.
+
+use std::error::Error;
+use std::io::ErrorKind;
+
+use sqlx::error::DatabaseError;
+
+/// SQLite's result code for a full disk (sqlite.org/rescode.html).
+const SQLITE_FULL: &str = "13";
+
+/// Why the store could not do what was asked. The sentences are fit for clients; the sources are for the log.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    /// As many cases wait as may wait; try again later.
+    #[error("too many cases are waiting to be prepared")]
+    QueueFull,
+    /// The rows were written by a newer version of this program, which alone knows what is in them.
+    #[error(
+        "the store was written by a newer version of Isocortex (its schema is {found}, this version knows up to {known}): \
+         open it with that version, or use another directory"
+    )]
+    NewerSchema {
+        /// The schema of the store.
+        found: i64,
+        /// The newest schema that this version knows.
+        known: i64,
+    },
+    /// The rows cannot be read or written.
+    #[error("the database of the store failed")]
+    Rows(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// The objects cannot be read or written.
+    #[error("the object store failed")]
+    Objects(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// The disk failed.
+    #[error("the disk of the store failed")]
+    Disk(#[from] std::io::Error),
+    /// A task of the store was stopped: the process is shutting down, or it has a fault.
+    #[error("the store stopped in the middle of its work")]
+    Stopped(#[from] tokio::task::JoinError),
+}
+
+impl StoreError {
+    /// Whether the reason is a disk that is full, or a quota that is used up.
+    pub fn is_full(&self) -> bool {
+        let reasons = std::iter::successors(Some(self as &dyn Error), |&error| error.source());
+        reasons.into_iter().any(|error| {
+            let is_full = |kind| matches!(kind, ErrorKind::StorageFull | ErrorKind::QuotaExceeded);
+            let from_disk = error
+                .downcast_ref::<std::io::Error>()
+                .map(std::io::Error::kind);
+            let from_rows = error
+                .downcast_ref::<sqlx::Error>()
+                .and_then(sqlx::Error::as_database_error);
+            from_disk.is_some_and(is_full)
+                || from_rows.and_then(DatabaseError::code).as_deref() == Some(SQLITE_FULL)
+        })
+    }
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        Self::Rows(Box::new(error))
+    }
+}
+
+impl From<sqlx::migrate::MigrateError> for StoreError {
+    fn from(error: sqlx::migrate::MigrateError) -> Self {
+        Self::Rows(Box::new(error))
+    }
+}
+
+impl From<serde_json::Error> for StoreError {
+    fn from(error: serde_json::Error) -> Self {
+        Self::Rows(Box::new(error))
+    }
+}
+
+impl From<object_store::Error> for StoreError {
+    fn from(error: object_store::Error) -> Self {
+        Self::Objects(Box::new(error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_told_from_a_broken_one() {
+        assert!(StoreError::from(std::io::Error::from(ErrorKind::StorageFull)).is_full());
+        assert!(!StoreError::from(std::io::Error::from(ErrorKind::PermissionDenied)).is_full());
+        let object = object_store::Error::Generic {
+            store: "directory",
+            source: Box::new(std::io::Error::from(ErrorKind::QuotaExceeded)),
+        };
+        assert!(StoreError::from(object).is_full());
+        assert!(!StoreError::QueueFull.is_full());
+    }
+}

@@ -1,0 +1,420 @@
+//! Cases: immutable objects on disk, and rows that say which of them belong to which case.
+//!
+//! A case becomes visible, and later ready, by one transaction after its objects are durable: it is there whole or not at
+//! all, whatever moment the process is killed. Everything but the uploaded files is derived from them: a derived object
+//! that is missing or damaged is made again.
+//!
+//! | object | what | why it is stored |
+//! |---|---|---|
+//! | `source-volume`, `source-mask` | the uploaded bytes; of DICOM files, the volume made of them | everything else comes from them |
+//! | `source-dicom` | identifying attributes and UIDs of DICOM files | apart from the pixels, read by nothing but its own route |
+//! | `mask` | runs of the working grid | it can be asked for; and an extracted brain must stay what it was |
+//! | `volume` | 16-bit intensities, cropped to the envelope | reading the source means unpacking and checking the whole head |
+//! | `envelope` | runs of the working grid | the closing costs more than reading 20 kB |
+//! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
+//! | `paths` | the table of the default mesh | what is asked for first |
+//!
+//! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens of
+//! milliseconds, no longer than reading and checking their tens of megabytes.
+//!
+//! Who removes objects, and when: see `CaseRows::begin_removal`. Every object is pinned before it is written and left with
+//! an expired pin when a case ceases to need it, so that a removal never takes what another process is about to refer to,
+//! and nothing is left behind by one that was killed.
+
+mod clock;
+#[cfg(test)]
+mod conformance;
+mod directory;
+mod error;
+mod frame;
+mod name;
+mod objects;
+mod page;
+mod publish;
+mod rows;
+mod signals;
+mod spool;
+mod sqlite;
+mod submit;
+#[cfg(any(test, feature = "conformance"))]
+pub mod testing;
+mod watch;
+
+use std::fmt;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use tempfile::TempDir;
+
+use self::directory::Directory;
+use case::{Case, CaseId};
+
+pub use self::clock::Clock;
+pub use self::error::StoreError;
+pub use self::frame::{Framed, frame};
+pub use self::name::ObjectName;
+pub use self::objects::{Objects, Unreadable};
+pub use self::page::{Cursor, Page};
+pub use self::publish::{Attempt, Publisher, frame_all};
+pub use self::rows::{
+    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
+};
+pub use self::signals::{Count, Counters, Signals};
+pub use self::spool::{Spool, Spooled, Upload};
+pub use self::sqlite::SqliteRows;
+pub use self::submit::{NewMask, Submitted, Version};
+pub use self::watch::Watch;
+
+/// How many objects are removed in one transaction, during which nobody else can write.
+const REMOVALS_AT_ONCE: usize = 32;
+
+/// How a store behaves. [`Options::default`] suits one machine.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// How many cases may wait to be prepared.
+    pub queue_limit: usize,
+    /// Free bytes on the disk below which it is full: [`Store::check`] fails.
+    pub min_free_bytes: u64,
+    /// A preparation whose worker has not been heard of for so long is given to another.
+    pub lease: Duration,
+    /// How often a worker renews its lease and notes its progress; much less than `lease`.
+    pub heartbeat: Duration,
+    /// How often a preparation is begun before the case fails: so often that a machine that is switched off again and
+    /// again loses nothing, and not for ever, because an input could be what ends the program.
+    pub max_attempts: u32,
+    /// How long to wait before the next attempt when the store, not the input, was at fault.
+    pub retry_after: Duration,
+    /// How often to look for changes that other processes make.
+    pub poll: Duration,
+    /// What the time is.
+    pub clock: Clock,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            queue_limit: 64,
+            min_free_bytes: 0,
+            lease: Duration::from_secs(30),
+            heartbeat: Duration::from_secs(1),
+            max_attempts: 30,
+            retry_after: Duration::from_secs(5),
+            poll: Duration::from_secs(1),
+            clock: Clock::system(),
+        }
+    }
+}
+
+/// The store. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Store {
+    inner: Arc<Inner>,
+}
+
+type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
+
+struct Inner {
+    rows: Arc<dyn CaseRows>,
+    objects: Objects,
+    place: Place,
+    options: Options,
+    signals: Signals,
+    /// Called after a case was deleted by this process. Held for moments.
+    deletion_hooks: Mutex<Vec<DeletionHook>>,
+}
+
+impl fmt::Debug for Inner {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Store")
+            .field("rows", &self.rows)
+            .field("objects", &self.objects)
+            .field("place", &self.place)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Where uploads are spooled.
+#[derive(Debug)]
+enum Place {
+    Directory(Directory),
+    Temporary(TempDir),
+}
+
+impl Store {
+    /// Opens the store in a directory with default [`Options`]; creates it, migrates it, sweeps leftovers.
+    ///
+    /// Several processes may open one directory; what another live one is working on is left alone.
+    ///
+    /// # Errors
+    /// When the directory or its database cannot be used.
+    pub async fn open(directory: &Path) -> Result<Self, StoreError> {
+        Self::open_with(directory, Options::default()).await
+    }
+
+    /// The same, with options.
+    ///
+    /// # Errors
+    /// When the directory or its database cannot be used.
+    pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
+        let now = options.clock.now();
+        let mut alone = false;
+        let forget_dead_holders = async |root: &Path| {
+            alone = true;
+            let rows = SqliteRows::open(&rows_file(root)).await?;
+            rows.forget_holders(now).await
+        };
+        let place = Directory::open::<StoreError>(directory, forget_dead_holders).await?;
+        let rows = SqliteRows::open(&rows_file(directory)).await?;
+        let objects = Objects::in_directory(&directory.join("objects"))?;
+        let store = Self::new(Arc::new(rows), objects, Place::Directory(place), options);
+        store.collect().await?;
+        if alone {
+            store.collect_unknown().await?;
+        }
+        Ok(store)
+    }
+
+    /// A store on any rows and objects; uploads are spooled in the system's temporary directory.
+    ///
+    /// # Errors
+    /// When there is no temporary directory.
+    pub fn on(
+        rows: Arc<dyn CaseRows>,
+        objects: Objects,
+        options: Options,
+    ) -> Result<Self, StoreError> {
+        let uploads = tempfile::Builder::new().prefix("isocortex-").tempdir()?;
+        Ok(Self::new(rows, objects, Place::Temporary(uploads), options))
+    }
+
+    /// A store that goes with its last user.
+    ///
+    /// # Errors
+    /// When there is no memory or no temporary directory for it.
+    pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
+        let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
+        Self::on(Arc::new(SqliteRows::in_memory().await?), objects, options)
+    }
+
+    fn new(rows: Arc<dyn CaseRows>, objects: Objects, place: Place, options: Options) -> Self {
+        let inner = Inner {
+            rows,
+            objects,
+            place,
+            options,
+            signals: Signals::default(),
+            deletion_hooks: Mutex::default(),
+        };
+        Self {
+            inner: Arc::new(inner),
+        }
+    }
+
+    /// Begins an upload.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub async fn spool(&self) -> Result<Spool, StoreError> {
+        Spool::begin(self.scratch()).await
+    }
+
+    /// Where temporary files may be; what a process that is killed leaves there is swept away.
+    pub fn scratch(&self) -> std::path::PathBuf {
+        match &self.inner.place {
+            Place::Directory(directory) => directory.uploads(),
+            Place::Temporary(directory) => directory.path().to_owned(),
+        }
+    }
+
+    /// Spools bytes that are at hand.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub async fn spool_all(&self, bytes: bytes::Bytes) -> Result<Spooled, StoreError> {
+        let mut spool = self.spool().await?;
+        spool.write(bytes).await?;
+        spool.finish().await
+    }
+
+    /// A directory for the files of an upload, which goes with its handle.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub async fn spool_directory(&self) -> Result<TempDir, StoreError> {
+        let scratch = self.scratch();
+        let made = tokio::task::spawn_blocking(move || {
+            tempfile::Builder::new()
+                .prefix("upload-")
+                .tempdir_in(scratch)
+        });
+        Ok(made.await??)
+    }
+
+    /// One case.
+    ///
+    /// # Errors
+    /// When the rows cannot be read.
+    pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
+        let mut case = self.rows().case(id).await?;
+        if let Some(case) = &mut case {
+            self.inner.signals.overlay(case);
+        }
+        Ok(case)
+    }
+
+    /// At most `limit` cases after a cursor, newest first.
+    ///
+    /// # Errors
+    /// When the rows cannot be read.
+    pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
+        let mut page = self.rows().cases(after.as_ref(), limit).await?;
+        for case in &mut page.cases {
+            self.inner.signals.overlay(case);
+        }
+        Ok(page)
+    }
+
+    /// Removes a case and what no other case needs; `false` where there was none. A preparation under way is cancelled.
+    ///
+    /// Once begun it is carried through, even when the caller goes away.
+    ///
+    /// # Errors
+    /// When the rows or the objects cannot be written. The case may have gone all the same; its objects then go later.
+    pub async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (store, id) = (self.clone(), *id);
+        tokio::spawn(async move { store.delete_now(&id).await }).await?
+    }
+
+    async fn delete_now(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let deleted = self.rows().delete(id, self.now()).await?;
+        if deleted {
+            self.inner.signals.cancel(id);
+            self.inner.signals.changed(id);
+            for hook in lock(&self.inner.deletion_hooks).iter() {
+                hook(id);
+            }
+            self.collect().await?;
+        }
+        Ok(deleted)
+    }
+
+    /// The changes of a case.
+    pub fn subscribe(&self, id: &CaseId) -> Watch {
+        Watch::new(self.clone(), *id)
+    }
+
+    /// How many cases wait to be prepared.
+    ///
+    /// # Errors
+    /// When the rows cannot be read.
+    pub async fn waiting(&self) -> Result<usize, StoreError> {
+        self.rows().waiting().await
+    }
+
+    /// What has happened since the process began, for metrics.
+    pub fn counters(&self) -> Counters {
+        self.inner.signals.counters()
+    }
+
+    /// Whether the rows and the objects can be reached, and the disk has room: what `/readyz` asks.
+    ///
+    /// # Errors
+    /// When they cannot, or it has not ([`StoreError::is_full`]).
+    pub async fn check(&self) -> Result<(), StoreError> {
+        self.rows().check().await?;
+        self.inner.objects.check().await?;
+        let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
+        tokio::task::spawn_blocking(move || check_room(&scratch, wanted)).await??;
+        Ok(())
+    }
+
+    /// Removes the objects that nobody needs any more.
+    ///
+    /// # Errors
+    /// When the rows or the objects cannot be written; what was not removed is found the next time.
+    pub async fn collect(&self) -> Result<(), StoreError> {
+        loop {
+            let now = self.now();
+            let candidates = self.rows().expired_pins(now, REMOVALS_AT_ONCE).await?;
+            if candidates.is_empty() {
+                return Ok(());
+            }
+            self.remove_unneeded(&candidates, now).await?;
+        }
+    }
+
+    /// Removes the objects that the rows do not know at all.
+    ///
+    /// There are none unless a removal was undone by a loss of power: the disk may forget it though the rows remember.
+    async fn collect_unknown(&self) -> Result<(), StoreError> {
+        let names = self.inner.objects.list().await?;
+        for some in names.chunks(REMOVALS_AT_ONCE) {
+            self.remove_unneeded(some, self.now()).await?;
+        }
+        Ok(())
+    }
+
+    async fn remove_unneeded(
+        &self,
+        candidates: &[ObjectName],
+        now: jiff::Timestamp,
+    ) -> Result<(), StoreError> {
+        let removal = self.rows().begin_removal(candidates, now).await?;
+        for name in removal.names() {
+            self.inner.objects.delete(name).await?;
+        }
+        removal.finish().await
+    }
+
+    /// Calls `hook` after each deletion by this process.
+    pub fn on_delete(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
+        lock(&self.inner.deletion_hooks).push(Box::new(hook));
+    }
+
+    /// The rows.
+    pub fn rows(&self) -> &dyn CaseRows {
+        &*self.inner.rows
+    }
+
+    /// The objects.
+    pub fn objects(&self) -> &Objects {
+        &self.inner.objects
+    }
+
+    /// How the store behaves.
+    pub fn options(&self) -> &Options {
+        &self.inner.options
+    }
+
+    /// What is told inside of this process.
+    pub fn signals(&self) -> &Signals {
+        &self.inner.signals
+    }
+
+    /// The time by the store's clock.
+    pub fn now(&self) -> jiff::Timestamp {
+        self.inner.options.clock.now()
+    }
+}
+
+/// Whether so many bytes are free on the disk of a directory, for a process without privileges.
+fn check_room(directory: &Path, wanted: u64) -> std::io::Result<()> {
+    let disk = rustix::fs::statvfs(directory)?;
+    if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
+        return Err(std::io::ErrorKind::StorageFull.into());
+    }
+    Ok(())
+}
+
+fn rows_file(root: &Path) -> std::path::PathBuf {
+    root.join("rows.sqlite")
+}
+
+/// Locks a mutex whose data stays right even if a holder panicked: each change of it is one step.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
+}

@@ -1,0 +1,78 @@
+//! The list of cases, in parts.
+
+use std::fmt;
+
+use jiff::Timestamp;
+
+use case::{Case, CaseId};
+
+/// Where a listing goes on: behind a case, named by its time and id.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cursor {
+    pub(super) created_at: Timestamp,
+    pub(super) id: CaseId,
+}
+
+impl Cursor {
+    /// The cursor behind a case.
+    pub(super) fn after(case: &Case) -> Self {
+        Self {
+            created_at: case.created_at,
+            id: case.id,
+        }
+    }
+
+    /// Reads what [`Cursor`]'s `Display` wrote; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (microseconds, id) = text.split_once('-')?;
+        Some(Self {
+            created_at: Timestamp::from_microsecond(microseconds.parse().ok()?).ok()?,
+            id: CaseId::parse(id)?,
+        })
+    }
+}
+
+impl fmt::Display for Cursor {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            formatter,
+            "{}-{}",
+            self.created_at.as_microsecond(),
+            self.id
+        )
+    }
+}
+
+/// A part of the list of cases.
+#[derive(Debug, Clone)]
+pub struct Page {
+    /// Newest first.
+    pub cases: Vec<Case>,
+    /// Where the next part begins; `None` on the last one.
+    pub next: Option<Cursor>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use case::Parameters;
+
+    #[test]
+    fn a_cursor_is_read_back_as_it_was_written() {
+        let id = CaseId::of(&blake3::hash(b""), None, &Parameters::default());
+        let cursor = Cursor {
+            created_at: Timestamp::from_microsecond(1_234_567).unwrap(),
+            id,
+        };
+        assert_eq!(Cursor::parse(&cursor.to_string()), Some(cursor));
+        for text in [
+            "",
+            "-",
+            "1-2",
+            "x-00000000000000000000000000000000",
+            "99999999999999999999-0",
+        ] {
+            assert_eq!(Cursor::parse(text), None, "{text}");
+        }
+    }
+}

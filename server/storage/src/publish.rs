@@ -1,0 +1,181 @@
+//! Derived objects: written when a case is prepared, read when it is shown.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use case::{CaseFacts, CaseId, CaseState, ObjectKind};
+
+use super::frame::{Framed, frame};
+use super::objects::Unreadable;
+use super::rows::{Claim, Pinned, Published};
+use super::signals::Count;
+use super::{ObjectName, Store, StoreError};
+
+/// How often derived objects are written again because a pin was lost.
+const PUBLISH_ATTEMPTS: usize = 3;
+
+/// On whose behalf derived objects are published.
+#[derive(Debug, Clone, Copy)]
+pub enum Publisher<'a> {
+    /// A worker's, with its lease.
+    Worker(&'a Claim),
+    /// A ready case's, whose objects were made again.
+    Rebuild(&'a CaseId),
+}
+
+/// An attempt to read derived objects.
+#[derive(Debug)]
+pub enum Attempt<T> {
+    /// They were read.
+    Read(T),
+    /// The case is not there, or not ready.
+    NoCase,
+    /// An object is missing or damaged.
+    Bad,
+}
+
+impl Store {
+    /// Reads derived objects of a ready case.
+    ///
+    /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. If an object is missing or damaged, or
+    /// `decode` returns `None`, that is logged and counted.
+    ///
+    /// # Errors
+    /// When the store cannot be reached.
+    pub async fn read_derived<T: Send + 'static>(
+        &self,
+        id: &CaseId,
+        kinds: &'static [ObjectKind],
+        decode: &Arc<impl Fn(&CaseFacts, &[Bytes]) -> Option<T> + Send + Sync + 'static>,
+    ) -> Result<Attempt<T>, StoreError> {
+        let case = self.rows().case(id).await?;
+        let Some(facts) = case
+            .filter(|case| case.state == CaseState::Ready)
+            .and_then(|case| case.facts)
+        else {
+            return Ok(Attempt::NoCase);
+        };
+        let names = self.rows().objects(id).await?;
+        let mut payloads = Vec::with_capacity(kinds.len());
+        for &kind in kinds {
+            match self.read(id, &names, kind).await? {
+                Some(payload) => payloads.push(payload),
+                None => return Ok(Attempt::Bad),
+            }
+        }
+        let decode = Arc::clone(decode);
+        let decoded = tokio::task::spawn_blocking(move || decode(&facts, &payloads)).await?;
+        Ok(match decoded {
+            Some(value) => Attempt::Read(value),
+            None => {
+                self.report_bad(id, kinds[0], "its contents cannot be decoded");
+                Attempt::Bad
+            }
+        })
+    }
+
+    /// The payload of a case's object; `None`, reported, if it is missing or damaged.
+    ///
+    /// # Errors
+    /// When the store cannot be reached.
+    pub async fn read(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+        kind: ObjectKind,
+    ) -> Result<Option<Bytes>, StoreError> {
+        let Some(name) = names.iter().find(|name| name.kind == kind) else {
+            tracing::info!(case = %id, object = kind.name(), "a case of an earlier version lacks an object");
+            return Ok(None);
+        };
+        let read = self.inner.objects.get(name).await;
+        match read {
+            Ok(payload) => Ok(Some(payload)),
+            Err(Unreadable::Store(error)) => Err(error),
+            Err(fault) => {
+                self.report_bad(id, kind, &fault.to_string());
+                Ok(None)
+            }
+        }
+    }
+
+    fn report_bad(&self, case: &CaseId, kind: ObjectKind, fault: &str) {
+        self.signals().count(Count::BadObject);
+        tracing::error!(%case, object = kind.name(), fault, "a stored object cannot be used");
+    }
+
+    /// Whose head a case is, as it was stored with the volume; `None` where it was not made of DICOM files.
+    ///
+    /// # Errors
+    /// When the store cannot be reached, or what was stored is lost.
+    pub async fn source_dicom(&self, id: &CaseId) -> Result<Option<Bytes>, StoreError> {
+        let names = self.rows().objects(id).await?;
+        if !names
+            .iter()
+            .any(|name| name.kind == ObjectKind::SourceDicom)
+        {
+            return Ok(None);
+        }
+        let stored = self.read(id, &names, ObjectKind::SourceDicom).await?;
+        stored.map(Some).ok_or_else(|| {
+            StoreError::Objects("the DICOM attributes of a case are missing or damaged".into())
+        })
+    }
+
+    /// Makes derived objects durable, then publishes them in one transaction. Leaves nothing where that fails.
+    ///
+    /// # Errors
+    /// When the store cannot be reached.
+    pub async fn publish(
+        &self,
+        publisher: Publisher<'_>,
+        derived: &[Framed],
+        facts: &CaseFacts,
+    ) -> Result<Published, StoreError> {
+        for _ in 0..PUBLISH_ATTEMPTS {
+            let pinned = self.pin(derived.iter().map(|framed| framed.name)).await?;
+            let published = self
+                .publish_pinned(publisher, derived, &pinned, facts)
+                .await;
+            if !matches!(published, Ok(Published::Done)) {
+                self.abandon(&pinned).await;
+            }
+            match published? {
+                Published::PinLost => {}
+                settled => return Ok(settled),
+            }
+        }
+        Err(StoreError::Rows(
+            "an object under way was removed again and again".into(),
+        ))
+    }
+
+    async fn publish_pinned(
+        &self,
+        publisher: Publisher<'_>,
+        derived: &[Framed],
+        pinned: &Pinned,
+        facts: &CaseFacts,
+    ) -> Result<Published, StoreError> {
+        for framed in derived {
+            self.inner.objects.put(framed).await?;
+        }
+        let now = self.now();
+        match publisher {
+            Publisher::Worker(claim) => self.rows().publish(claim, pinned, facts, now).await,
+            Publisher::Rebuild(id) => self.rows().replace(id, pinned, now).await,
+        }
+    }
+}
+
+/// Packs and frames derived objects on a blocking thread.
+///
+/// # Errors
+/// When the process is stopping.
+pub async fn frame_all(objects: Vec<(ObjectKind, Bytes)>) -> Result<Vec<Framed>, StoreError> {
+    let framed = tokio::task::spawn_blocking(move || {
+        let framed = objects.into_iter().map(|(kind, plain)| frame(kind, plain));
+        framed.collect()
+    });
+    Ok(framed.await?)
+}

@@ -1,0 +1,195 @@
+//! Rows: cases, the objects they need, and jobs. What a database must be able to do for the store.
+//!
+//! Every method is one transaction. Times are given by the caller, so that leases can be tested without waiting.
+
+use async_trait::async_trait;
+use jiff::Timestamp;
+
+use super::{Cursor, ObjectName, Page, StoreError};
+use case::{Case, CaseFacts, CaseId, Failure, Parameters, Progress};
+
+/// Objects about to be written, protected by their holder's pins.
+#[derive(Debug, Clone)]
+pub struct Pinned {
+    /// Who holds the pins; unique for each act of writing.
+    pub holder: String,
+    /// What is pinned.
+    pub names: Vec<ObjectName>,
+}
+
+/// A case to be inserted.
+#[derive(Debug, Clone)]
+pub struct NewCase {
+    /// Its name.
+    pub id: CaseId,
+    /// What was chosen at the upload.
+    pub parameters: Parameters,
+    /// The case of which it is a version.
+    pub previous: Option<CaseId>,
+    /// Its source objects: durable, and pinned.
+    pub sources: Pinned,
+    /// Now.
+    pub now: Timestamp,
+    /// How many jobs may wait.
+    pub queue_limit: usize,
+}
+
+/// What became of an insertion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Inserted {
+    /// The case is new, and queued.
+    Created,
+    /// It was there and had failed; it is queued again.
+    Requeued,
+    /// It was there.
+    Exists,
+    /// As many jobs wait as may wait. Nothing has changed.
+    QueueFull,
+    /// A pin has gone, and its object perhaps too: write the objects again. Nothing has changed.
+    PinLost,
+}
+
+/// A leased job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Claim {
+    /// The case to be prepared.
+    pub id: CaseId,
+    /// How.
+    pub parameters: Parameters,
+    /// The source objects.
+    pub sources: Vec<ObjectName>,
+    /// The number of this lease; a greater one fences it off.
+    pub fence: i64,
+    /// How many leases there have been, this one included, without an end.
+    pub attempt: u32,
+}
+
+/// For how long, and how often, a job is leased.
+#[derive(Debug, Clone, Copy)]
+pub struct LeaseTerms {
+    /// Now.
+    pub now: Timestamp,
+    /// When the lease ends unless it is renewed.
+    pub until: Timestamp,
+    /// A job with that many attempts behind it fails instead.
+    pub max_attempts: u32,
+}
+
+/// How a lease is handed back.
+#[derive(Debug, Clone, Copy)]
+pub struct Release {
+    /// From when on the job may be leased again.
+    pub available_at: Timestamp,
+    /// Whether the attempt counts.
+    pub counts: bool,
+}
+
+/// What became of a publication.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Published {
+    /// The case is ready.
+    Done,
+    /// The lease is not ours any more, or the case has gone. Nothing has changed.
+    Fenced,
+    /// A pin has gone, and its object perhaps too: write the objects again. Nothing has changed.
+    PinLost,
+}
+
+/// Cases, the objects they need, and jobs, in a database that several processes may share.
+#[async_trait]
+pub trait CaseRows: std::fmt::Debug + Send + Sync {
+    /// Protects objects from removal until `until`, before they are written.
+    async fn pin(&self, pinned: &Pinned, until: Timestamp) -> Result<(), StoreError>;
+
+    /// Makes pins expire at once: what was to be written will not be needed.
+    async fn unpin(&self, pinned: &Pinned, now: Timestamp) -> Result<(), StoreError>;
+
+    /// Makes a case and its job, and turns its pins into references; or queues a failed one again.
+    async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError>;
+
+    /// One case.
+    async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError>;
+
+    /// At most `limit` cases after a cursor, newest first.
+    async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError>;
+
+    /// The objects that a case needs; none where there is no such case.
+    async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError>;
+
+    /// Gives a case another label; nothing where there is no such case.
+    async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError>;
+
+    /// Removes a case with its job; whether it was there. Its objects are left with expired pins; its versions become those
+    /// of the case that it is a version of.
+    async fn delete(&self, id: &CaseId, now: Timestamp) -> Result<bool, StoreError>;
+
+    /// How many jobs wait for a lease.
+    async fn waiting(&self) -> Result<usize, StoreError>;
+
+    /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the way.
+    async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError>;
+
+    /// Renews a lease and notes the progress; `false` where the lease is not ours any more.
+    async fn renew(
+        &self,
+        claim: &Claim,
+        until: Timestamp,
+        progress: Option<Progress>,
+    ) -> Result<bool, StoreError>;
+
+    /// Hands a lease back; `false` where it is not ours any more.
+    async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError>;
+
+    /// Makes a case ready, if the lease is still ours.
+    async fn publish(
+        &self,
+        claim: &Claim,
+        derived: &Pinned,
+        facts: &CaseFacts,
+        now: Timestamp,
+    ) -> Result<Published, StoreError>;
+
+    /// Makes a case failed, if the lease is still ours; whether it was.
+    async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError>;
+
+    /// Gives a ready case other derived objects, after a rebuild. [`Published::Fenced`] where it is not ready.
+    async fn replace(
+        &self,
+        id: &CaseId,
+        derived: &Pinned,
+        now: Timestamp,
+    ) -> Result<Published, StoreError>;
+
+    /// Makes a ready case failed: its source is lost. Whether it was ready.
+    async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError>;
+
+    /// At most `limit` objects with an expired pin.
+    async fn expired_pins(
+        &self,
+        now: Timestamp,
+        limit: usize,
+    ) -> Result<Vec<ObjectName>, StoreError>;
+
+    /// Begins the removal of those of the given objects that no case needs and no live pin protects.
+    async fn begin_removal(
+        &self,
+        names: &[ObjectName],
+        now: Timestamp,
+    ) -> Result<Box<dyn Removal>, StoreError>;
+
+    /// Ends every lease and expires every pin: no other process lives that could hold one.
+    async fn forget_holders(&self, now: Timestamp) -> Result<(), StoreError>;
+
+    /// Whether the rows can be read.
+    async fn check(&self) -> Result<(), StoreError>;
+}
+
+/// A removal under way. While it lasts nobody can pin or reference an object; dropping it changes nothing.
+#[async_trait]
+pub trait Removal: Send {
+    /// The objects to remove from the object store before [`Removal::finish`].
+    fn names(&self) -> &[ObjectName];
+
+    /// The objects are gone: forgets their expired pins.
+    async fn finish(self: Box<Self>) -> Result<(), StoreError>;
+}

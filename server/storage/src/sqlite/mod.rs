@@ -1,0 +1,292 @@
+//! Rows in an SQLite file.
+//!
+//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL` a committed row may be lost with the power. Writing
+//! transactions begin as `IMMEDIATE`, so that none fails half-way because another one wrote.
+
+mod cases;
+mod jobs;
+mod pins;
+
+use std::path::Path;
+use std::time::Duration;
+
+use async_trait::async_trait;
+use jiff::Timestamp;
+use sqlx::migrate::MigrateError;
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+};
+use sqlx::{Sqlite, Transaction};
+
+use super::rows::{
+    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
+};
+use super::{Cursor, ObjectName, Page, StoreError};
+use case::{Case, CaseFacts, CaseId, Failure, Progress};
+
+/// How long a transaction waits for another process's.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
+
+/// Connections to a file: one writes, the others read meanwhile.
+const CONNECTIONS: u32 = 4;
+
+/// Rows in an SQLite file, or in memory.
+#[derive(Debug, Clone)]
+pub struct SqliteRows {
+    pool: SqlitePool,
+}
+
+impl SqliteRows {
+    /// Opens a database file; creates and migrates it where necessary.
+    ///
+    /// # Errors
+    /// When the file cannot be used, or was written by a newer version.
+    pub async fn open(file: &Path) -> Result<Self, StoreError> {
+        let options = SqliteConnectOptions::new()
+            .filename(file)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full);
+        Self::connect(options, CONNECTIONS).await
+    }
+
+    /// A database that goes with its last user.
+    ///
+    /// # Errors
+    /// When there is no memory for it.
+    pub async fn in_memory() -> Result<Self, StoreError> {
+        Self::connect(SqliteConnectOptions::new().in_memory(true), 1).await
+    }
+
+    async fn connect(options: SqliteConnectOptions, connections: u32) -> Result<Self, StoreError> {
+        let options = options.foreign_keys(true).busy_timeout(BUSY_TIMEOUT);
+        let pool = SqlitePoolOptions::new()
+            .max_connections(connections)
+            .idle_timeout(None)
+            .max_lifetime(None)
+            .connect_with(options)
+            .await?;
+        migrate(&pool).await?;
+        Ok(Self { pool })
+    }
+
+    async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        Ok(self.pool.begin_with("BEGIN IMMEDIATE").await?)
+    }
+}
+
+/// Brings the tables to the newest form. Those of a newer version are left as they are.
+async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
+    let migrations = sqlx::migrate!();
+    migrations.run(pool).await.map_err(|error| match error {
+        MigrateError::VersionMissing(found) => StoreError::NewerSchema {
+            found,
+            known: migrations
+                .iter()
+                .map(|step| step.version)
+                .max()
+                .unwrap_or(0),
+        },
+        other => other.into(),
+    })
+}
+
+#[async_trait]
+impl CaseRows for SqliteRows {
+    async fn pin(&self, pinned: &Pinned, until: Timestamp) -> Result<(), StoreError> {
+        let mut transaction = self.write().await?;
+        pins::insert(&mut transaction, pinned, until).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn unpin(&self, pinned: &Pinned, now: Timestamp) -> Result<(), StoreError> {
+        let mut transaction = self.write().await?;
+        pins::expire(&mut transaction, pinned, now).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError> {
+        let mut transaction = self.write().await?;
+        let inserted = cases::insert(&mut transaction, new).await?;
+        if matches!(inserted, Inserted::Created | Inserted::Requeued) {
+            transaction.commit().await?;
+        }
+        Ok(inserted)
+    }
+
+    async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
+        cases::one(&self.pool, id).await
+    }
+
+    async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError> {
+        cases::page(&self.pool, after, limit).await
+    }
+
+    async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
+        cases::objects(&self.pool, id).await
+    }
+
+    async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
+        let mut transaction = self.write().await?;
+        cases::rename(&mut transaction, id, name).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn delete(&self, id: &CaseId, now: Timestamp) -> Result<bool, StoreError> {
+        let mut transaction = self.write().await?;
+        let deleted = cases::delete(&mut transaction, id, now).await?;
+        transaction.commit().await?;
+        Ok(deleted)
+    }
+
+    async fn waiting(&self) -> Result<usize, StoreError> {
+        let mut connection = self.pool.acquire().await?;
+        jobs::waiting(&mut connection).await
+    }
+
+    async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
+        // Most looks find nothing; they shall not wait for the writers.
+        let mut reader = self.pool.acquire().await?;
+        if jobs::oldest_available(&mut reader, terms.now)
+            .await?
+            .is_none()
+        {
+            return Ok(None);
+        }
+        drop(reader);
+        let mut transaction = self.write().await?;
+        let claim = jobs::claim(&mut transaction, terms).await?;
+        transaction.commit().await?;
+        Ok(claim)
+    }
+
+    async fn renew(
+        &self,
+        claim: &Claim,
+        until: Timestamp,
+        progress: Option<Progress>,
+    ) -> Result<bool, StoreError> {
+        jobs::renew(&self.pool, claim, until, progress).await
+    }
+
+    async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
+        let mut transaction = self.write().await?;
+        let released = jobs::release(&mut transaction, claim, release).await?;
+        transaction.commit().await?;
+        Ok(released)
+    }
+
+    async fn publish(
+        &self,
+        claim: &Claim,
+        derived: &Pinned,
+        facts: &CaseFacts,
+        now: Timestamp,
+    ) -> Result<Published, StoreError> {
+        let mut transaction = self.write().await?;
+        if !jobs::finish(&mut transaction, claim).await? {
+            return Ok(Published::Fenced);
+        }
+        if !cases::refer(&mut transaction, &claim.id, derived, now).await? {
+            return Ok(Published::PinLost);
+        }
+        cases::make_ready(&mut transaction, &claim.id, facts).await?;
+        transaction.commit().await?;
+        Ok(Published::Done)
+    }
+
+    async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
+        let mut transaction = self.write().await?;
+        let ours = jobs::finish(&mut transaction, claim).await?;
+        if ours {
+            cases::make_failed(&mut transaction, &claim.id, failure).await?;
+            transaction.commit().await?;
+        }
+        Ok(ours)
+    }
+
+    async fn replace(
+        &self,
+        id: &CaseId,
+        derived: &Pinned,
+        now: Timestamp,
+    ) -> Result<Published, StoreError> {
+        let mut transaction = self.write().await?;
+        if !cases::is_ready(&mut transaction, id).await? {
+            return Ok(Published::Fenced);
+        }
+        if !cases::refer(&mut transaction, id, derived, now).await? {
+            return Ok(Published::PinLost);
+        }
+        transaction.commit().await?;
+        Ok(Published::Done)
+    }
+
+    async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError> {
+        let mut transaction = self.write().await?;
+        let ready = cases::is_ready(&mut transaction, id).await?;
+        if ready {
+            cases::make_failed(&mut transaction, id, failure).await?;
+            transaction.commit().await?;
+        }
+        Ok(ready)
+    }
+
+    async fn expired_pins(
+        &self,
+        now: Timestamp,
+        limit: usize,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        pins::expired(&self.pool, now, limit).await
+    }
+
+    async fn begin_removal(
+        &self,
+        names: &[ObjectName],
+        now: Timestamp,
+    ) -> Result<Box<dyn Removal>, StoreError> {
+        let transaction = self.write().await?;
+        Ok(Box::new(
+            pins::PinnedRemoval::begin(transaction, names, now).await?,
+        ))
+    }
+
+    async fn forget_holders(&self, now: Timestamp) -> Result<(), StoreError> {
+        let mut transaction = self.write().await?;
+        jobs::end_leases(&mut transaction, now).await?;
+        pins::expire_all(&mut transaction, now).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn check(&self) -> Result<(), StoreError> {
+        sqlx::query("SELECT value FROM fence")
+            .fetch_one(&self.pool)
+            .await?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn rows_of_a_newer_version_are_refused_in_words_and_left_as_they_are() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let rows = SqliteRows::open(&file).await.unwrap();
+        sqlx::query(
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+             VALUES (9999, 'later', TRUE, x'00', 0)",
+        )
+        .execute(&rows.pool)
+        .await
+        .unwrap();
+        rows.pool.close().await;
+        let before = std::fs::read(&file).unwrap();
+        let error = SqliteRows::open(&file).await.unwrap_err();
+        assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
+        assert!(error.to_string().contains("newer version"), "{error}");
+        assert_eq!(std::fs::read(&file).unwrap(), before);
+    }
+}

@@ -1,0 +1,120 @@
+//! What tests of the store share with those of the crates above.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use case::{CaseFacts, CaseId, Failure, ObjectKind, Parameters, SphereFacts, Stage, WindowFacts};
+use jiff::Timestamp;
+
+use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
+use super::{ObjectName, Store};
+
+/// A moment, in seconds after an arbitrary start.
+pub fn at(seconds: i64) -> Timestamp {
+    Timestamp::from_second(1_700_000_000 + seconds).unwrap()
+}
+
+/// The facts of a case, made up.
+pub fn facts() -> CaseFacts {
+    CaseFacts {
+        grid_size: [1, 2, 3],
+        spacing_mm: 1.0,
+        patient_from_voxel: [[0.0; 4]; 4],
+        native_size: [1, 2, 3],
+        native_spacing_mm: [1.0; 3],
+        native_patient_from_voxel: [[0.0; 4]; 4],
+        envelope_sphere: SphereFacts {
+            center_in_patient: [0.0; 3],
+            radius_mm: 1.0,
+        },
+        max_depth_mm: 10.0,
+        envelope_ml: 100.0,
+        intensity_min: 0.0,
+        intensity_max: 1.0,
+        window: WindowFacts {
+            center: 0.5,
+            width: 1.0,
+        },
+        midsagittal: None,
+        quality: None,
+        dicom: None,
+        timings: vec![(Stage::Reading, 1.0)],
+    }
+}
+
+/// A failure, made up.
+pub fn failure() -> Failure {
+    Failure::unusable("mask-empty", "the mask is empty")
+}
+
+/// The address of an object.
+pub fn name(kind: ObjectKind, contents: &str) -> ObjectName {
+    ObjectName {
+        kind,
+        digest: blake3::hash(contents.as_bytes()),
+    }
+}
+
+/// Objects pinned from now (0 s) for an hour.
+pub async fn pinned(rows: &dyn CaseRows, names: &[ObjectName]) -> Pinned {
+    static HOLDERS: AtomicUsize = AtomicUsize::new(0);
+    let holder = format!("test-{}", HOLDERS.fetch_add(1, Ordering::Relaxed));
+    let pinned = Pinned {
+        holder,
+        names: names.to_vec(),
+    };
+    rows.pin(&pinned, at(3600)).await.unwrap();
+    pinned
+}
+
+/// A case of the volume `contents`, whose source is pinned.
+pub async fn new_case(rows: &dyn CaseRows, contents: &str, now: Timestamp) -> NewCase {
+    let source = name(ObjectKind::SourceVolume, contents);
+    NewCase {
+        id: CaseId::of(&source.digest, None, &Parameters::default()),
+        parameters: Parameters::default(),
+        previous: None,
+        sources: pinned(rows, &[source]).await,
+        now,
+        queue_limit: 100,
+    }
+}
+
+/// Leases a job at a second, for 30 s.
+pub async fn claim(rows: &dyn CaseRows, second: i64) -> Option<Claim> {
+    let terms = LeaseTerms {
+        now: at(second),
+        until: at(second + 30),
+        max_attempts: 3,
+    };
+    rows.claim(&terms).await.unwrap()
+}
+
+/// Every file below a directory, ascending.
+pub fn files_below(directory: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files.extend(files_below(&path));
+        } else {
+            files.push(path);
+        }
+    }
+    files.sort();
+    files
+}
+
+/// What must be true of a store on disk whenever nothing is under way: the objects are those that cases need, and no upload is left.
+pub async fn assert_nothing_left_over(store: &Store, root: &Path) {
+    assert_eq!(files_below(&root.join("uploads")), Vec::<PathBuf>::new());
+    let mut needed = Vec::new();
+    for case in store.cases(None, 1000).await.unwrap().cases {
+        for name in store.rows().objects(&case.id).await.unwrap() {
+            needed.push(root.join("objects").join(name.path().as_ref()));
+        }
+    }
+    needed.sort();
+    needed.dedup();
+    assert_eq!(files_below(&root.join("objects")), needed);
+}

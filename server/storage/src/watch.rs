@@ -1,0 +1,52 @@
+//! The changes of one case, as they come.
+
+use tokio::sync::watch;
+
+use super::signals::Signal;
+use super::{Store, StoreError};
+use case::{Case, CaseId};
+
+/// The changes of one case: at once where this process makes them, and by looking at its row from time to time where another does.
+#[derive(Debug)]
+pub struct Watch {
+    store: Store,
+    id: CaseId,
+    signals: watch::Receiver<Signal>,
+    seen: Option<Case>,
+}
+
+impl Watch {
+    pub(super) fn new(store: Store, id: CaseId) -> Self {
+        let signals = store.signals().watch(&id);
+        Self {
+            store,
+            id,
+            signals,
+            seen: None,
+        }
+    }
+
+    /// The case as it is, at the first call; then whenever it has changed. `None` once it is gone.
+    ///
+    /// After a final state it waits for a deletion or a new upload; a caller that wants none of that stops at
+    /// [`CaseState::is_final`](case::CaseState::is_final). Safe to drop and call again.
+    ///
+    /// # Errors
+    /// When the rows cannot be read.
+    pub async fn next(&mut self) -> Result<Option<Case>, StoreError> {
+        loop {
+            self.signals.mark_unchanged();
+            let case = self.store.case(&self.id).await?;
+            if case.is_none() || case != self.seen {
+                self.seen.clone_from(&case);
+                return Ok(case);
+            }
+            let poll = tokio::time::sleep(self.store.options().poll);
+            tokio::select! {
+                // The store holds the sender as long as there is a receiver.
+                _ = self.signals.changed() => {}
+                () = poll => {}
+            }
+        }
+    }
+}

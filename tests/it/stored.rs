@@ -1,0 +1,86 @@
+//! A store that an earlier version wrote: it opens, and answers as it did then.
+
+use std::io::{Cursor, Read as _};
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::server::Server;
+
+const ARCHIVE: &[u8] = include_bytes!("../fixtures/store-48a553e.zip");
+
+/// The ready case of the archive.
+const READY: &str = "/v1/cases/f67e5a76ff8a7b1b135cdfd68538ea1c";
+/// Its version.
+const VERSION: &str = "/v1/cases/2ee61df8a2eb07349b33b45809b1a028";
+/// The case that failed.
+const FAILED: &str = "/v1/cases/5bc3db9c6c66e98752de9c19038959d0";
+
+fn archive() -> zip::ZipArchive<Cursor<&'static [u8]>> {
+    zip::ZipArchive::new(Cursor::new(ARCHIVE)).unwrap()
+}
+
+fn read(name: &str) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut archive = archive();
+    let mut file = archive.by_name(name).unwrap();
+    file.read_to_end(&mut bytes).unwrap();
+    bytes
+}
+
+/// Lays the store of the archive into a directory.
+fn unpack(directory: &Path) {
+    let archive = archive();
+    let names = archive.file_names().map(|name| name.unwrap().into_owned());
+    for name in names.collect::<Vec<_>>() {
+        let Some(below) = name.strip_prefix("store/") else {
+            continue;
+        };
+        let path = directory.join(below);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, read(&name)).unwrap();
+    }
+}
+
+async fn opened() -> Server {
+    Server::start_with(|config| unpack(&config.data)).await
+}
+
+/// The links of a case may become more; what is known of it stays.
+fn without_links(mut list: Value) -> Value {
+    for case in list["cases"].as_array_mut().unwrap() {
+        case.as_object_mut().unwrap().remove("links");
+    }
+    list
+}
+
+#[tokio::test]
+async fn cases_of_a_store_of_an_earlier_version_are_what_they_were() {
+    let server = opened().await;
+    let before: Value = serde_json::from_slice(&read("answers/cases.json")).unwrap();
+    let now = server.get("/v1/cases").await.json();
+    assert_eq!(without_links(now), without_links(before));
+    assert_eq!(server.state.cases.store().counters().bad_objects, 0);
+}
+
+#[tokio::test]
+async fn meshes_of_a_store_of_an_earlier_version_are_the_same_bytes() {
+    let server = opened().await;
+    for case in [READY, VERSION] {
+        let mesh = server.get(&format!("{case}/mesh?depth_mm=8")).await;
+        assert_eq!(mesh.body, read("answers/mesh-8mm.bin"));
+    }
+    let mesh = server
+        .get(&format!("{READY}/mesh?depth_mm=20&paths=flow"))
+        .await;
+    assert_eq!(mesh.body, read("answers/mesh-20mm-flow.bin"));
+}
+
+#[tokio::test]
+async fn a_failure_of_an_earlier_version_keeps_its_status_and_its_words() {
+    let server = opened().await;
+    let answer = server.get(&format!("{FAILED}/mesh?depth_mm=8")).await;
+    assert_eq!(answer.problem(), "mask-size-absurd");
+    assert_eq!(answer.status, 422);
+    assert!(answer.json()["detail"].as_str().unwrap().contains("ml"));
+}
