@@ -21,13 +21,25 @@ pub struct StudyParameters {
     pub shams: usize,
     /// Normal places with which a known one is compared.
     pub normals: usize,
-    /// Of all that is drawn.
+    /// Of all that is drawn in a head: another one for each head, or all heads get the same lesions.
     pub seed: u64,
     /// Of the maps that are judged.
     pub maps: MapParameters,
 }
 
 impl StudyParameters {
+    /// The same with a seed of its own for a head of this name.
+    pub fn for_head(self, name: &str) -> Self {
+        // Fowler, Noll and Vo's FNV-1a.
+        let mixed = name.bytes().fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+        });
+        Self {
+            seed: self.seed ^ mixed,
+            ..self
+        }
+    }
+
     /// The whole study.
     pub const FULL: Self = Self {
         lesions: 60,
