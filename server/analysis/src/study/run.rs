@@ -21,13 +21,25 @@ pub struct StudyParameters {
     pub shams: usize,
     /// Normal places with which a known one is compared.
     pub normals: usize,
-    /// Of all that is drawn.
+    /// Of all that is drawn in a head: another one for each head, or all heads get the same lesions.
     pub seed: u64,
     /// Of the maps that are judged.
     pub maps: MapParameters,
 }
 
 impl StudyParameters {
+    /// The same with a seed of its own for a head of this name.
+    pub fn for_head(self, name: &str) -> Self {
+        // Fowler, Noll and Vo's FNV-1a.
+        let mixed = name.bytes().fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+        });
+        Self {
+            seed: self.seed ^ mixed,
+            ..self
+        }
+    }
+
     /// The whole study.
     pub const FULL: Self = Self {
         lesions: 60,
@@ -109,8 +121,26 @@ pub struct Trial {
     pub thickening_mm: f64,
     /// As in [`Effect`].
     pub darkening: f64,
+    /// Of the lesion's edge and noise.
+    pub seed: u64,
     /// In the order of [`View::ALL`].
     pub sightings: Vec<Sighting>,
+}
+
+impl Trial {
+    /// The lesion, to be put into its head again.
+    pub fn lesion(&self) -> Lesion {
+        Lesion {
+            centre_in_patient: DVec3::from_array(self.position_in_patient),
+            radius_mm: self.radius_mm,
+            effect: Effect {
+                blur_mm: self.blur_mm,
+                thickening_mm: self.thickening_mm,
+                darkening: self.darkening,
+            },
+            seed: self.seed,
+        }
+    }
 }
 
 /// A head with all of its trials.
@@ -150,6 +180,7 @@ pub fn run_head(
             blur_mm: lesion.effect.blur_mm,
             thickening_mm: lesion.effect.thickening_mm,
             darkening: lesion.effect.darkening,
+            seed: lesion.seed,
             sightings,
         };
         let flow = observe(&trial, count);

@@ -165,6 +165,9 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
     })
     .unwrap();
     assert_eq!((trials.len(), heard), (5, 5));
+    let ground = Ground::new(scan.head()).unwrap();
+    let [lesioned, sham] = [0, 4].map(|number| ground.with_lesion(&trials[number].lesion()));
+    assert!(lesioned != scan.volume && sham == scan.volume);
     assert!(trials[3..].iter().all(|trial| trial.sign == Sign::Sham));
     for sighting in trials.iter().flat_map(|trial| &trial.sightings) {
         assert!((0.0..=1.0).contains(&sighting.known));
