@@ -33,6 +33,8 @@ const MAPS: Maps = {
   sphere: { center_in_patient: [10, 20, 30], radius_mm: 100 },
   plane: { normal: [1, 0, 0], offset_mm: 10 },
   native_spacing_mm: 1,
+  cuts: [],
+  spacing_mm: 2,
 };
 const SIZE: Vec2 = [200, 100];
 const LOOK: Look = {
@@ -163,4 +165,20 @@ test("the row before a depth is taken, the last but one at most", () => {
   assert.deepEqual(rows(0), [0, 0, 2, 14]);
   assert.deepEqual(rows(1.2), [2, 2, 3, 14]);
   assert.deepEqual(rows(99), [3, 5, 1, 14]);
+});
+
+test("what is nearer to a cut than the depth is behind its plane", () => {
+  const without = pictureFields(LOOK, MAPS, SIZE)["cuts"] as readonly number[];
+  assert.deepEqual(without, new Array<number>(24).fill(0));
+  // The head is cut at 12 mm, and seen at a depth of 8 mm with voxels of 2 mm: known from 12 + 8 + 1.96 mm on.
+  const cut = { normal: [0, 0, 1] as const, offset_mm: 12 };
+  const planes = pictureFields(LOOK, { ...MAPS, cuts: [cut] }, SIZE)["cuts"] as readonly number[];
+  assert.equal(planes.length, 24);
+  const [x, y, z, w] = planes.slice(0, 4) as [number, number, number, number];
+  const along = (mm: number): number => {
+    const { patient_from_voxel } = MAPS.field;
+    const voxel = (mm - (patient_from_voxel[2]?.[3] ?? 0)) / (patient_from_voxel[2]?.[2] ?? 1);
+    return x * 0 + y * 0 + z * voxel + w;
+  };
+  near([along(21.96), along(31.96)], [0, 10]);
 });

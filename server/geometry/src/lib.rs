@@ -11,10 +11,12 @@
 //! The method is that of Bergo, de Goes, Goldenstein and Falcão, "A Deformable Model for Fast
 //! Visualization of Euclidean Isosurfaces of the Brain", 2006; "the paper" below.
 
+mod beyond_cuts;
 mod bounding_sphere;
 mod build;
 mod contour;
 mod core_voxels;
+mod cut;
 mod deepest_first;
 mod depth_field;
 mod distance_map;
@@ -41,9 +43,10 @@ mod walk;
 pub use bounding_sphere::BoundingSphere;
 pub use build::{BuildStep, BuiltModel, ClosedBrain};
 pub use core_voxels::{Core, core};
+pub use cut::Cut;
 pub use depth_field::DepthField;
 pub use distance_map::{DistanceMap, distance_map};
-pub use envelope::{Envelope, check_closing, envelope};
+pub use envelope::{Envelope, check_closing, cut_envelope, envelope};
 pub use envelope_mesh::{EnvelopeMesh, MeshSize, envelope_mesh};
 pub use error::GeometryError;
 pub use forest::{Forest, forest};

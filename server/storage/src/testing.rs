@@ -36,6 +36,8 @@ pub fn facts() -> CaseFacts {
             width: 1.0,
         },
         midsagittal: None,
+        cuts: Vec::new(),
+        pipeline: 2,
         quality: None,
         dicom: None,
         timings: vec![(Stage::Reading, 1.0)],

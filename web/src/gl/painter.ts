@@ -100,13 +100,16 @@ interface Shrinking {
   readonly pieces: WebGLTexture;
 }
 
+/** What of the maps is the case's own. */
+export type CaseMaps = Pick<Maps, "sphere" | "plane" | "native_spacing_mm" | "cuts" | "spacing_mm">;
+
 export class Painter {
   readonly #gl: Gl;
   readonly #encodings: Encodings;
   readonly #picture: UniformBlock;
   readonly #paths: UniformBlock;
   readonly #programs: Readonly<Record<"mesh" | "shrink" | "reduce" | "trace", WebGLProgram>>;
-  readonly #case: Pick<Maps, "sphere" | "plane" | "native_spacing_mm">;
+  readonly #case: CaseMaps;
   #mesh: { readonly vertices: Vertices; readonly indexCount: number } | null = null;
   /** What the vertices' positions are of. */
   #positioned: { readonly depth_mm: number; readonly by: FieldTextures | "server" } | null = null;
@@ -117,7 +120,7 @@ export class Painter {
   #depths: DepthTarget | null = null;
 
   /** Compiles the shaders and finds out what the device can do. */
-  constructor(gl: Gl, texts: ShaderTexts, shown: Pick<Maps, "sphere" | "plane" | "native_spacing_mm">) {
+  constructor(gl: Gl, texts: ShaderTexts, shown: CaseMaps) {
     this.#gl = gl;
     this.#case = shown;
     const encodings = findEncodings(gl);

@@ -35,6 +35,10 @@ export interface Maps {
   readonly plane: MirrorPlane;
   /** The least edge of a native voxel, in mm. */
   readonly native_spacing_mm: number;
+  /** The faces of the volume that cut the brain, their normals into the volume. */
+  readonly cuts: readonly MirrorPlane[];
+  /** The edge of a voxel of the working grid, in mm. */
+  readonly spacing_mm: number;
 }
 
 /** What a pane shows. */
@@ -57,6 +61,9 @@ const BOX_MARGIN = 2.01;
 const BALL_MARGIN = 4;
 /** How far the mesh may be outside of the ball around the envelope, in voxels. */
 const CLIP_MARGIN = 4;
+// How many faces can cut a brain, and how near to one its voxels are unknown at any depth, in voxels.
+const MOST_CUTS = 6;
+const CUT_REACH = 0.98;
 /**
  * How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: `render::gpu::uniforms`.
  */
@@ -110,6 +117,19 @@ export function slabOffsets(slab_mm: number, depth_mm: number, native_spacing_mm
   return steps.filter((offset_mm) => depth_mm + offset_mm >= 0);
 }
 
+/** The planes behind which the isosurface is unknown, in voxel coordinates of the field: `render::known`. */
+function cutPlanes({ field, cuts, spacing_mm }: Maps, depth_mm: number): number[] {
+  const rows = field.patient_from_voxel;
+  const least_mm = depth_mm + CUT_REACH * spacing_mm;
+  const planes = cuts.slice(0, MOST_CUTS).flatMap(({ normal, offset_mm }) => {
+    const along = [0, 1, 2, 3].map((column) =>
+      normal.reduce((sum, share, row) => sum + share * (rows[row]?.[column] ?? 0), 0),
+    );
+    return [...along.slice(0, 3), (along[3] ?? 0) - offset_mm - least_mm];
+  });
+  return [...planes, ...Array.from({ length: 4 * MOST_CUTS - planes.length }, () => 0)];
+}
+
 /** The block `Picture` for a pane of `size` pixels. */
 export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
   const { field, volume, sphere, plane } = maps;
@@ -156,6 +176,7 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
     clip_piece: (PIECE_PIXELS * projection.mm_per_pixel) / (2 * reach_mm),
     // Where there is light alone, nothing is known of the isosurface.
     smooth_share: maps.borderBox ? smoothShare(depth) : 0,
+    cuts: cutPlanes(maps, look.depth_mm),
   };
 }
 

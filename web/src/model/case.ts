@@ -73,6 +73,8 @@ export interface ReadyCase extends AnyCase {
   readonly envelope_sphere: Sphere;
   /** The plane between the hemispheres; absent where the case is older than its fitting. */
   readonly midsagittal?: MirrorPlane;
+  /** The faces of the volume that cut the brain, their normals into the volume; absent if none does. */
+  readonly cuts?: readonly MirrorPlane[];
   readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
   readonly quality?: Quality;
 }

@@ -93,8 +93,14 @@ export class Device {
 
   async #filled(fetched: Fetched, shaders: ShaderTexts, signal: AbortSignal): Promise<Painter> {
     const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
-    const { envelope_sphere: sphere } = this.#case;
-    const painter = new Painter(this.gl, shaders, { sphere, plane: mirrorPlane(this.#case), native_spacing_mm });
+    const { envelope_sphere: sphere, cuts = [], grid } = this.#case;
+    const painter = new Painter(this.gl, shaders, {
+      sphere,
+      plane: mirrorPlane(this.#case),
+      native_spacing_mm,
+      cuts,
+      spacing_mm: grid.spacing_mm,
+    });
     let taken: Fetched;
     do {
       taken = { ...fetched };
