@@ -105,7 +105,7 @@ mod tests {
     fn checked(size: [usize; 3], spacing_mm: [f64; 3]) -> Result<(), String> {
         let grid = Grid::aligned(size, spacing_mm, DVec3::ZERO).unwrap();
         let checked = HeadLimits::default().check_grid(&grid);
-        checked.map_err(|failure| failure.name.to_string())
+        checked.map_err(|failure| failure.name.clone())
     }
 
     #[test]

@@ -79,8 +79,7 @@ impl HttpBody for FormBody {
         }
         let frame = std::task::ready!(Pin::new(&mut self.body).poll_frame(context));
         if let Some(Ok(frame)) = &frame {
-            self.budget
-                .spend(frame.data_ref().map_or(0, |bytes| bytes.len()));
+            self.budget.spend(frame.data_ref().map_or(0, Bytes::len));
             self.rests = true;
         }
         Poll::Ready(frame.map(|frame| frame.map_err(Into::into)))

@@ -127,7 +127,8 @@ where
 
 /// Whether an error of a body comes from a client that was too slow.
 pub(crate) fn is_too_slow(error: &(dyn std::error::Error + 'static)) -> bool {
-    std::iter::successors(Some(error), |error| error.source()).any(|error| error.is::<TooSlow>())
+    std::iter::successors(Some(error), |error| error.source())
+        .any(<dyn std::error::Error>::is::<TooSlow>)
 }
 
 #[cfg(test)]
