@@ -58,7 +58,7 @@ async fn a_gzip_that_unpacks_to_gigabytes() {
     header[70..72].copy_from_slice(&64i16.to_le_bytes());
     header[72..74].copy_from_slice(&64i16.to_le_bytes());
     header.resize(64 << 20, 0);
-    refused(&[("volume", &gzip(&header))], 413, "too-many-bytes").await;
+    refused(&[("volume", &gzip(&header))], 413, "too-many-voxels").await;
 }
 
 #[tokio::test]

@@ -26,6 +26,9 @@ const REMEMBERED_CASES: usize = 4096;
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
+/// How long an upload waits for room to be checked.
+const LONGEST_WAIT_FOR_CHECK: Duration = Duration::from_secs(30);
+
 /// How the application is set up.
 #[derive(Debug, Clone)]
 pub struct Options {
@@ -135,12 +138,15 @@ impl Cases {
     /// volumes wait for each other by their size.
     ///
     /// # Errors
-    /// [`Error::Failure`] where the header is not that of a head; [`Error::Unavailable`] where the server stops.
+    /// [`Error::Failure`] where the header is not that of a head; [`Error::Busy`] where others take too long.
     pub async fn room_to_check(&self, start: &[u8]) -> Result<SemaphorePermit<'_>, Error> {
         let limits = self.library.limits();
         let weight = thousands(self.head.check(start, &limits)?).min(thousands(limits.max_voxels));
-        let permit = self.checking.acquire_many(weight).await;
-        permit.map_err(|_| Error::Unavailable)
+        let permit = self.checking.acquire_many(weight);
+        match tokio::time::timeout(LONGEST_WAIT_FOR_CHECK, permit).await {
+            Ok(permit) => permit.map_err(|_| Error::Unavailable),
+            Err(_elapsed) => Err(Error::Busy),
+        }
     }
 
     /// The facts of a case that is ready.

@@ -168,8 +168,8 @@ mod tests {
 
     #[tokio::test]
     async fn a_body_at_the_least_rate_comes_whole() {
-        let body = body_of(20, 100, Duration::from_millis(30));
-        assert_eq!(body.collect().await.unwrap().to_bytes().len(), 2000);
+        let body = body_of(20, 300, Duration::from_millis(20));
+        assert_eq!(body.collect().await.unwrap().to_bytes().len(), 6000);
     }
 
     #[tokio::test]

@@ -88,6 +88,12 @@ pub enum AppError {
         /// The limit.
         limit_bytes: u64,
     },
+    /// A part of the body is larger than allowed.
+    #[error("{detail}")]
+    PartTooLarge {
+        /// Which, and the limit: one sentence.
+        detail: String,
+    },
     /// The range lies outside of the body.
     #[error("the range lies outside of the {length} bytes of this answer")]
     RangeNotSatisfiable {
@@ -196,7 +202,9 @@ impl AppError {
                 (StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type")
             }
             Self::NotAcceptable { .. } => (StatusCode::NOT_ACCEPTABLE, "not-acceptable"),
-            Self::TooLarge { .. } => (StatusCode::PAYLOAD_TOO_LARGE, "body-too-large"),
+            Self::TooLarge { .. } | Self::PartTooLarge { .. } => {
+                (StatusCode::PAYLOAD_TOO_LARGE, "body-too-large")
+            }
             Self::RangeNotSatisfiable { .. } => {
                 (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
             }

@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     const RATE: LeastRate = LeastRate {
-        bytes_per_second: 100,
+        bytes_per_second: 10,
         grace: Duration::from_millis(300),
         pause: Duration::from_millis(300),
     };
@@ -109,7 +109,7 @@ mod tests {
 
     /// What a client takes that reads a byte in each interval.
     async fn taken(every: Duration) -> Vec<u8> {
-        let (ours, mut theirs) = duplex(16);
+        let (ours, mut theirs) = duplex(4);
         let mut ours = Unstalled::new(ours, RATE);
         let reader = tokio::spawn(async move {
             let mut taken = Vec::new();
@@ -128,12 +128,12 @@ mod tests {
 
     #[tokio::test]
     async fn a_client_at_the_least_rate_gets_everything() {
-        assert_eq!(taken(Duration::from_millis(4)).await, [7; 200]);
+        assert_eq!(taken(Duration::from_millis(2)).await, [7; 200]);
     }
 
     #[tokio::test]
     async fn a_client_that_takes_a_byte_now_and_then_is_given_up() {
-        let taken = taken(Duration::from_millis(100)).await;
+        let taken = taken(Duration::from_millis(500)).await;
         assert!(taken.len() < 40, "{}", taken.len());
     }
 }

@@ -17,7 +17,7 @@ const PIN_ATTEMPTS: usize = 3;
 pub struct Submitted {
     /// The case.
     pub case: Case,
-    /// Whether it was not there before.
+    /// Whether its preparation was queued: it was not there before, or had failed.
     pub created: bool,
 }
 
@@ -189,7 +189,7 @@ impl Store {
             if inserted != Inserted::PinLost
                 && let Some(case) = self.case(id).await?
             {
-                let created = inserted == Inserted::Created;
+                let created = matches!(inserted, Inserted::Created | Inserted::Requeued);
                 return Ok(Some(Submitted { case, created }));
             }
         }

@@ -120,6 +120,26 @@ async fn a_full_queue_refuses_and_leaves_nothing() {
 }
 
 #[tokio::test]
+async fn a_preparation_that_takes_too_long_fails_and_the_next_one_is_begun() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let options = Options {
+        longest_preparation: Duration::from_millis(300),
+        ..options()
+    };
+    let opened = Store::open_with(directory.path(), options).await.unwrap();
+    let library = library_on(opened, &fake);
+    let workers = Workers::start(library.clone(), 1);
+    fake.hold(true);
+    let slow = submit(&library, "slow").await.id;
+    let case = settled(&library, &slow).await.unwrap();
+    assert_eq!(case.failure.unwrap().name, "preparation-too-slow");
+    fake.hold(false);
+    let next = submit(&library, "next").await.id;
+    assert_eq!(settled_state(&library, &next).await, Some(CaseState::Ready));
+    workers.shut_down(GRACE).await;
+}
+
+#[tokio::test]
 async fn an_upload_that_is_cut_leaves_nothing() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
     let library = open(&directory, &fake).await;
@@ -150,7 +170,13 @@ async fn a_failed_case_says_why_and_is_tried_again_when_it_is_uploaded_again() {
     let library = open(&directory, &fake).await;
     let workers = Workers::start(library.clone(), 1);
     for runs in 1..=2 {
-        let id = submit(&library, "bad").await.id;
+        let submitted = library.submit(source("bad"), Parameters::default()).await;
+        let submitted = submitted.unwrap();
+        assert!(
+            submitted.created,
+            "it is queued, whether for the first time or again"
+        );
+        let id = submitted.case.id;
         let case = settled(&library, &id).await.unwrap();
         assert_eq!(case.state, CaseState::Failed);
         assert_eq!(case.failure.unwrap().name, "mask-empty");

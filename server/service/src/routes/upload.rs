@@ -137,6 +137,10 @@ async fn check_unless_known(
     }
     let start = upload.volume.head(SNIFFED_BYTES).await?;
     let _room = state.cases.room_to_check(&start).await?;
+    // The same may have been accepted while this one waited.
+    if is_known(state, &id).await? {
+        return Ok(parameters);
+    }
     let source = Source {
         volume: upload.volume.read().await?,
         mask: match &upload.mask {
@@ -357,11 +361,9 @@ impl DicomParts {
         limits: PartLimits,
         mut field: Field<'_>,
     ) -> Result<(), AppError> {
-        let full = AppError::TooLarge {
-            limit_bytes: limits.bytes,
-        };
         if self.count == MAX_DICOM_PARTS {
-            return Err(full);
+            let detail = format!("the form has more than {MAX_DICOM_PARTS} parts named `dicom`");
+            return Err(AppError::PartTooLarge { detail });
         }
         let directory = match &mut self.directory {
             Some(directory) => directory,
@@ -375,7 +377,11 @@ impl DicomParts {
         while let Some(bytes) = in_time(limits, field.chunk()).await? {
             self.bytes += bytes.len() as u64;
             if self.bytes > limits.bytes {
-                return Err(full);
+                let detail = format!(
+                    "the parts named `dicom` are larger than the limit of {} bytes together",
+                    limits.bytes
+                );
+                return Err(AppError::PartTooLarge { detail });
             }
             state.metrics.uploaded(bytes.len());
             file.write_all(&bytes).await.map_err(disk)?;
@@ -507,9 +513,9 @@ async fn read_parameters(
     let mut text = Vec::new();
     while let Some(bytes) = in_time(limits, field.chunk()).await? {
         if text.len() + bytes.len() > MAX_PARAMETERS_BYTES {
-            return Err(AppError::TooLarge {
-                limit_bytes: MAX_PARAMETERS_BYTES as u64,
-            });
+            let detail =
+                format!("the part `parameters` is larger than {MAX_PARAMETERS_BYTES} bytes");
+            return Err(AppError::PartTooLarge { detail });
         }
         text.extend_from_slice(&bytes);
     }
