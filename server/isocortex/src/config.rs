@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use cases::dicom::Program;
 use cases::pictures::{GpuUse, GraphicsOptions};
-use pipeline::Limits;
+use pipeline::{HeadLimits, Limits};
 use serde::Deserialize;
 use service::auth::{Access, BadToken};
 use service::listen::ConnectionLimits;
 
 use crate::logs::LogFormat;
+use service::pace::LeastRate;
 
 /// How much more than an upload the DICOM files in it may take when they are unpacked.
 const DICOM_UNPACKING: u64 = 4;
@@ -40,6 +41,18 @@ pub struct Config {
     pub max_upload_bytes: u64,
     /// The largest accepted volume, in voxels: each takes two bytes, and a gzip can hold many in a few.
     pub max_voxels: usize,
+    /// The shortest edge of a voxel, in mm. What is beyond this and the four next limits is no head: it is refused at once.
+    pub min_voxel_mm: f64,
+    /// The longest edge of a voxel, in mm.
+    pub max_voxel_mm: f64,
+    /// The shortest side of a volume, in mm; infants and specimens may need a smaller one.
+    pub min_field_mm: f64,
+    /// The longest side of a volume, in mm.
+    pub max_field_mm: f64,
+    /// How much longer than another edge one of a voxel may be.
+    pub max_voxel_ratio: f64,
+    /// How long a preparation may take, in seconds; then the case fails.
+    pub max_prepare_secs: u64,
     /// How many cases may wait to be prepared.
     pub max_queued_cases: usize,
     /// Free bytes on the store's disk below which `/readyz` says that it is full.
@@ -60,8 +73,16 @@ pub struct Config {
     pub model_cache_bytes: u64,
     /// Memory for compressed bodies, in bytes.
     pub body_cache_bytes: u64,
-    /// Connections at a time.
+    /// Connections at a time. Of those beyond only health checks are answered.
     pub max_connections: usize,
+    /// Of these, how many may come from one address. Behind a proxy all have one.
+    pub max_connections_per_address: usize,
+    /// Uploads at a time.
+    pub max_uploads: usize,
+    /// How fast a client must send a body, and take an answer, on average after the first seconds, in bytes a second.
+    pub least_bytes_per_second: u64,
+    /// For how long a client may be slower at first, in seconds.
+    pub slow_start_secs: u64,
     /// Time for the headers of a request, in seconds; also how long a connection may be idle.
     pub header_timeout_secs: u64,
     /// Time for an answer, in seconds.
@@ -79,6 +100,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
+        let head = HeadLimits::default();
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         Self {
             data: PathBuf::from("isocortex-data"),
@@ -88,7 +110,13 @@ impl Default for Config {
             log_format: LogFormat::Text,
             log: "info".to_owned(),
             max_upload_bytes: 1 << 30,
-            max_voxels: 256 << 20,
+            max_voxels: 64 << 20,
+            min_voxel_mm: head.voxel_mm[0],
+            max_voxel_mm: head.voxel_mm[1],
+            min_field_mm: head.field_mm[0],
+            max_field_mm: head.field_mm[1],
+            max_voxel_ratio: head.max_ratio,
+            max_prepare_secs: 900,
             max_queued_cases: 64,
             min_free_bytes: 64 << 20,
             prepare_workers: 1,
@@ -100,6 +128,10 @@ impl Default for Config {
             model_cache_bytes: 512 << 20,
             body_cache_bytes: 64 << 20,
             max_connections: 512,
+            max_connections_per_address: 256,
+            max_uploads: 64,
+            least_bytes_per_second: 10_000,
+            slow_start_secs: 10,
             header_timeout_secs: 10,
             answer_timeout_secs: 60,
             upload_idle_secs: 30,
@@ -202,6 +234,7 @@ impl Config {
                     path: path.clone(),
                     source,
                 };
+                storage::keep_private(path, "the file of the token");
                 read.map(Some).map_err(unreadable)
             }
             (None, None) => Ok(None),
@@ -216,11 +249,19 @@ impl Config {
         let counts = [
             ("max_upload_bytes", self.max_upload_bytes),
             ("max_voxels", self.max_voxels as u64),
+            ("max_prepare_secs", self.max_prepare_secs),
             ("max_queued_cases", self.max_queued_cases as u64),
             ("prepare_workers", self.prepare_workers as u64),
             ("render_threads", self.render_threads as u64),
             ("max_queued_renders", self.max_queued_renders as u64),
             ("max_connections", self.max_connections as u64),
+            (
+                "max_connections_per_address",
+                self.max_connections_per_address as u64,
+            ),
+            ("max_uploads", self.max_uploads as u64),
+            ("least_bytes_per_second", self.least_bytes_per_second),
+            ("slow_start_secs", self.slow_start_secs),
             ("header_timeout_secs", self.header_timeout_secs),
             ("answer_timeout_secs", self.answer_timeout_secs),
             ("upload_idle_secs", self.upload_idle_secs),
@@ -239,12 +280,18 @@ impl Config {
             store: storage::Options {
                 queue_limit: self.max_queued_cases,
                 min_free_bytes: self.min_free_bytes,
+                longest_preparation: Duration::from_secs(self.max_prepare_secs),
                 ..storage::Options::default()
             },
             network: self.network.clone(),
             limits: Limits {
                 max_voxels: self.max_voxels,
                 ..Limits::default()
+            },
+            head: HeadLimits {
+                voxel_mm: [self.min_voxel_mm, self.max_voxel_mm],
+                field_mm: [self.min_field_mm, self.max_field_mm],
+                max_ratio: self.max_voxel_ratio,
             },
             render_threads: self.render_threads,
             max_queued_renders: self.max_queued_renders,
@@ -263,8 +310,13 @@ impl Config {
     pub fn connection_limits(&self) -> ConnectionLimits {
         ConnectionLimits {
             connections: self.max_connections,
+            connections_per_address: self.max_connections_per_address,
             header_timeout: Duration::from_secs(self.header_timeout_secs),
-            write_timeout: Duration::from_secs(self.upload_idle_secs),
+            least_rate: LeastRate {
+                bytes_per_second: self.least_bytes_per_second,
+                grace: Duration::from_secs(self.slow_start_secs),
+                pause: Duration::from_secs(self.upload_idle_secs),
+            },
             shutdown_grace: Duration::from_secs(self.shutdown_grace_secs),
         }
     }

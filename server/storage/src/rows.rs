@@ -180,8 +180,11 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Ends every lease and expires every pin: no other process lives that could hold one.
     async fn forget_holders(&self, now: Timestamp) -> Result<(), StoreError>;
 
-    /// Whether the rows can be read.
+    /// Whether the rows can be read and written. Changes nothing.
     async fn check(&self) -> Result<(), StoreError>;
+
+    /// The process ends: leaves nothing unfinished. Nothing can be asked afterwards.
+    async fn close(&self) {}
 }
 
 /// A removal under way. While it lasts nobody can pin or reference an object; dropping it changes nothing.

@@ -15,7 +15,10 @@ use utoipa::ToSchema;
 
 use super::cases::{CaseView, address_of, fresh_json};
 use super::query::{ApiQuery, NoQuery};
+use super::refusals::without_input;
 use crate::caching;
+use crate::form_body::HeaderBudget;
+use crate::pace::is_too_slow;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::{CaseId, CaseState, Parameters};
@@ -87,10 +90,8 @@ pub async fn create_case(
     request: Request,
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), state.max_upload_bytes)?;
-    let form = Multipart::from_request(request, &state)
-        .await
-        .map_err(|_| AppError::UnsupportedMediaType)?;
-    let form = read_form(&state, form).await?;
+    let _room = state.begin_upload()?;
+    let form = read_form(&state, request).await?;
     let parameters = form.parameters.clone();
     parameters.check()?;
     let keep_name = form.keep_name;
@@ -134,6 +135,8 @@ async fn check_unless_known(
     if is_known(state, &id).await? {
         return Ok(parameters);
     }
+    let start = upload.volume.head(SNIFFED_BYTES).await?;
+    let _room = state.cases.room_to_check(&start).await?;
     let source = Source {
         volume: upload.volume.read().await?,
         mask: match &upload.mask {
@@ -210,11 +213,17 @@ pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<
 }
 
 /// Reads the parts in whatever order they come.
-async fn read_form(state: &AppState, mut form: Multipart) -> Result<Form, AppError> {
+async fn read_form(state: &AppState, request: Request) -> Result<Form, AppError> {
+    let budget = HeaderBudget::default();
+    let request = request.map(|body| budget.watch(body));
+    let mut form = Multipart::from_request(request, state)
+        .await
+        .map_err(|_| AppError::UnsupportedMediaType)?;
     let limits = PartLimits::of(state);
     let (mut volume, mut mask, mut parameters) = (None, None, None);
     let mut dicom = DicomParts::default();
     while let Some(field) = in_time(limits, form.next_field()).await? {
+        budget.end_header();
         let name = field.name().unwrap_or_default().to_owned();
         match name.as_str() {
             "volume" => set_once(&mut volume, &name, spool(state, limits, field).await?)?,
@@ -229,6 +238,7 @@ async fn read_form(state: &AppState, mut form: Multipart) -> Result<Form, AppErr
             "dicom" => dicom.add(state, limits, field).await?,
             _ => return Err(unknown_part()),
         }
+        budget.begin_header();
     }
     let volume = match (volume, dicom.directory) {
         (Some(volume), None) => Volume::File(volume),
@@ -457,11 +467,20 @@ async fn in_time<T>(
         .await?
         .map_err(|error| match error.status() {
             StatusCode::PAYLOAD_TOO_LARGE => limits.too_large(),
+            _ if is_too_slow(&error) => too_slow(),
             _ => AppError::Upload {
                 kind: "form-unreadable",
                 detail: "the form cannot be read; was the upload cut off?".to_owned(),
             },
         })
+}
+
+/// The answer to a client that sends next to nothing.
+pub(super) fn too_slow() -> AppError {
+    AppError::Upload {
+        kind: "upload-stalled",
+        detail: "the upload came too slowly; send it again over a faster connection".to_owned(),
+    }
 }
 
 /// Streams a part to the store's disk.
@@ -496,7 +515,10 @@ async fn read_parameters(
     }
     let unreadable = |error: &dyn std::fmt::Display| AppError::Upload {
         kind: "parameters-unreadable",
-        detail: format!("the part `parameters` cannot be read: {error}"),
+        detail: format!(
+            "the part `parameters` {}",
+            without_input(&error.to_string())
+        ),
     };
     // By way of an object, because a list of the values in order would be taken as well.
     let mut object: serde_json::Map<String, serde_json::Value> =
