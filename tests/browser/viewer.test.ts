@@ -361,7 +361,14 @@ test(
     const panes = await page.locator(".panes").boundingBox();
     const large = await page.locator(".slice.coronal").boundingBox();
     assert.ok(panes && large && Math.abs(large.width - panes.width) < 2 && Math.abs(large.height - panes.height) < 2);
-    await page.waitForTimeout(300);
+    await page.waitForFunction(() => {
+      const image = document.querySelector<HTMLImageElement>(".slice.coronal .slice-image img");
+      const frame = document.querySelector(".slice.coronal .slice-view");
+      const box = image?.getBoundingClientRect();
+      if (!image || !frame || !box || image.naturalWidth < 700) return false;
+      const [across, down] = [box.width / image.naturalWidth, box.height / image.naturalHeight];
+      return Math.abs(box.width - frame.clientWidth) < 2 && Math.abs(across / down - 1) < 0.01;
+    });
     await keep(page, "slice-large");
     await page.locator(".slice.coronal .slice-view").dblclick({ position: { x: 200, y: 200 } });
     assert.ok(((await page.locator(".slice.coronal").boundingBox())?.width ?? 9999) < panes.width / 2);

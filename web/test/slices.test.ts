@@ -80,6 +80,17 @@ test("a slice is enlarged about the pointer and moved with the hand, in either c
   }
 });
 
+test("a picture of a smaller pane, laid in a larger one, shows every place where it is", () => {
+  const small = view({ placing: { zoom: 2, pan_mm: [5, -3] } });
+  const large = { ...small, size: [900, 500] as const };
+  const { scale, move } = laid(small, large, SPHERE);
+  const place = slicePosition(small, SPHERE, [40, 150]);
+  const now = slicePixel(large, SPHERE, place);
+  // About the middle of the pane, as large as it was drawn.
+  const [x, y] = [(40 - 150) * scale + 450 + move[0], (150 - 100) * scale + 250 + move[1]];
+  assert.ok(Math.hypot(x - now[0], y - now[1]) < 1e-6);
+});
+
 test("positions stay within the working grid", () => {
   assert.deepEqual(reachOf(SHOWN, 0), [-50, 49]);
   assert.deepEqual(withinReach(SHOWN, [-999, 3, 999]), [-50, 3, 59]);

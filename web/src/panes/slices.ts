@@ -195,8 +195,16 @@ export class SlicePane {
   /** Until the picture of another placing comes, the one that is up is laid as it will be. */
   #lay(drawn: SliceView, wanted: SliceView): void {
     const { scale, move } = laid(drawn, wanted, this.#shown.envelope_sphere);
-    const isPlace = Math.abs(scale - 1) < 1e-6 && Math.hypot(...move) < 1e-3;
-    this.#image.style.transform = isPlace ? "" : `translate(${move[0]}px, ${move[1]}px) scale(${scale})`;
+    const [width, height] = drawn.size;
+    // The picture keeps its own size and shape, about the pane's middle.
+    Object.assign(this.#image.style, {
+      inset: "auto",
+      left: `${(wanted.size[0] - width) / 2}px`,
+      top: `${(wanted.size[1] - height) / 2}px`,
+      width: `${width}px`,
+      height: `${height}px`,
+      transform: `translate(${move[0]}px, ${move[1]}px) scale(${scale})`,
+    });
   }
 
   #place(placing: Placing): void {
