@@ -300,6 +300,81 @@ test("a double click marks a point: slices, numbers and the depth profile follow
   await keep(page, "desktop-slices");
 });
 
+test(
+  "a slice is windowed, zoomed, moved and enlarged by the hands of other viewers, and says what is under the pointer",
+  { skip, timeout: 120_000 },
+  async () => {
+    await reset();
+    await page.locator(".layouts button[value=slices]").click();
+    await page.waitForSelector(".slice.axial[data-position]");
+    const frame = page.locator(".slice.axial .slice-view");
+    const box = await frame.boundingBox();
+    assert.ok(box);
+    // A wheel event tells whole pixels.
+    const [cx, cy] = [Math.round(box.x + box.width / 2), Math.round(box.y + box.height / 2)];
+    const slider = await page.locator(".slice.axial .slice-range").boundingBox();
+    assert.ok(slider && slider.y >= box.y + box.height - 0.5, "the slider lies below the picture");
+    const asked = (): Promise<string> =>
+      page.waitForRequest((request) => request.url().includes("/slices/axial")).then((request) => request.url());
+    await page.mouse.move(cx + 20, cy + 10);
+    await page.waitForFunction(() =>
+      /^[LR]\s.* mm\s+\d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
+    );
+    const words = await text(".slice.axial .hovered");
+    let waiting = asked();
+    await page.keyboard.down("Control");
+    await page.mouse.wheel(0, -300);
+    await page.keyboard.up("Control");
+    assert.match(await waiting, /zoom=1\.\d+&pan=/);
+    await page.mouse.move(cx + 24, cy + 10);
+    await page.mouse.move(cx + 20, cy + 10);
+    await until(
+      () => text(".slice.axial .hovered"),
+      (now) => now !== "",
+    );
+    const held = (await text(".slice.axial .hovered")).split("  ")[0];
+    assert.equal(held, words.split("  ")[0], "what is under the pointer stays there");
+    await keep(page, "slice-zoomed");
+    waiting = asked();
+    await page.keyboard.down("Shift");
+    await page.mouse.down();
+    await page.mouse.move(cx + 50, cy + 30, { steps: 3 });
+    await page.mouse.up();
+    await page.keyboard.up("Shift");
+    assert.match(await waiting, /pan=/);
+    assert.equal((await fragment(page)).x, undefined, "no point was marked");
+    await page.mouse.move(cx, cy);
+    await page.mouse.down({ button: "right" });
+    await page.mouse.move(cx + 60, cy, { steps: 3 });
+    await page.mouse.up({ button: "right" });
+    assert.ok((await fragment(page)).w, "the window is another one");
+    await page.locator(".slice.axial").focus();
+    waiting = asked();
+    await page.keyboard.press("Home");
+    assert.doesNotMatch(await waiting, /zoom=|pan=/);
+    waiting = asked();
+    await page.locator("#surface").focus();
+    await page.keyboard.press("o");
+    assert.doesNotMatch(await waiting, /depth_mm/);
+    await page.keyboard.press("o");
+    await page.locator(".slice.coronal .slice-view > .icon-button").click();
+    const panes = await page.locator(".panes").boundingBox();
+    const large = await page.locator(".slice.coronal").boundingBox();
+    assert.ok(panes && large && Math.abs(large.width - panes.width) < 2 && Math.abs(large.height - panes.height) < 2);
+    await page.waitForFunction(() => {
+      const image = document.querySelector<HTMLImageElement>(".slice.coronal .slice-image img");
+      const frame = document.querySelector(".slice.coronal .slice-view");
+      const box = image?.getBoundingClientRect();
+      if (!image || !frame || !box || image.naturalWidth < 700) return false;
+      const [across, down] = [box.width / image.naturalWidth, box.height / image.naturalHeight];
+      return Math.abs(box.width - frame.clientWidth) < 2 && Math.abs(across / down - 1) < 0.01;
+    });
+    await keep(page, "slice-large");
+    await page.locator(".slice.coronal .slice-view").dblclick({ position: { x: 200, y: 200 } });
+    assert.ok(((await page.locator(".slice.coronal").boundingBox())?.width ?? 9999) < panes.width / 2);
+  },
+);
+
 test("a click in a slice turns the surface to that point", { skip }, async () => {
   await reset();
   await page.locator(".layouts button[value=slices]").click();

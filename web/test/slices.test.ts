@@ -6,12 +6,16 @@ import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/model/query.ts";
 import { positionWords, scaleBar, voxelAt } from "../src/base/readout.ts";
 import {
+  CENTRED,
   type SliceView,
+  laid,
+  movedSlice,
   reachOf,
   sliceEdges,
   slicePixel,
   slicePosition,
   withinReach,
+  zoomedSlice,
 } from "../src/model/slice-geometry.ts";
 import { firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
@@ -22,6 +26,7 @@ const view = (change: Partial<SliceView>): SliceView => ({
   convention: "radiological",
   position_mm: 12,
   size: [300, 200],
+  placing: CENTRED,
   ...change,
 });
 
@@ -48,6 +53,42 @@ test("a click in a slice is the position that is seen there", () => {
       assert.ok(Math.hypot(x - 211, y - 57) < 1e-9, `${plane} ${convention}`);
     }
   }
+});
+
+test("a slice is enlarged about the pointer and moved with the hand, in either convention", () => {
+  for (const plane of PLANE_NAMES) {
+    for (const convention of ["radiological", "neurological"] as const) {
+      const slice = view({ plane, convention, position_mm: 7 });
+      const held = slicePosition(slice, SPHERE, [211, 57]);
+      const large = { ...slice, placing: zoomedSlice(slice, SHOWN, 2.5, [211, 57]) };
+      assert.equal(large.placing.zoom, 2.5);
+      const [x, y] = slicePixel(large, SPHERE, held);
+      assert.ok(Math.hypot(x - 211, y - 57) < 1e-6, `${plane} ${convention}: what is under the pointer stays there`);
+      const moved = { ...large, placing: movedSlice(large, SHOWN, [-30, 12]) };
+      const [right, down] = slicePixel(moved, SPHERE, held);
+      assert.ok(Math.hypot(right - 181, down - 69) < 1e-6, `${plane} ${convention}: it follows the hand`);
+      // The picture of before, laid as now, has every place where it is now.
+      const { scale, move } = laid(slice, moved, SPHERE);
+      const place = slicePosition(slice, SPHERE, [40, 150]);
+      const [before, now] = [slicePixel(slice, SPHERE, place), slicePixel(moved, SPHERE, place)];
+      const found = [0, 1].map((axis) => {
+        const middle = (slice.size[axis] ?? 0) / 2;
+        return middle + ((before[axis] ?? 0) - middle) * scale + (move[axis] ?? 0);
+      });
+      assert.ok(Math.hypot((found[0] ?? 0) - now[0], (found[1] ?? 0) - now[1]) < 1e-6, `${plane} ${convention}`);
+    }
+  }
+});
+
+test("a picture of a smaller pane, laid in a larger one, shows every place where it is", () => {
+  const small = view({ placing: { zoom: 2, pan_mm: [5, -3] } });
+  const large = { ...small, size: [900, 500] as const };
+  const { scale, move } = laid(small, large, SPHERE);
+  const place = slicePosition(small, SPHERE, [40, 150]);
+  const now = slicePixel(large, SPHERE, place);
+  // About the middle of the pane, as large as it was drawn.
+  const [x, y] = [(40 - 150) * scale + 450 + move[0], (150 - 100) * scale + 250 + move[1]];
+  assert.ok(Math.hypot(x - now[0], y - now[1]) < 1e-6);
 });
 
 test("positions stay within the working grid", () => {

@@ -1,6 +1,6 @@
 // From hands to changes of the state: pure, in pixels of a pane and what is written on keys.
 
-import { NAMED_VIEWS, VIEW_NAMES, type ViewName, project } from "./camera.ts";
+import { NAMED_VIEWS, VIEW_NAMES, type View, type ViewName, project } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
 import { type Vec2, compose, turnAbout, unit } from "./space.ts";
 import {
@@ -40,18 +40,24 @@ export function turn(state: ViewState, move: Vec2, size: PaneSize): Change {
   return { orientation: unit(compose(turnAbout([down, right, 0], angle_rad), state.orientation)) ?? state.orientation };
 }
 
-const panned = (x: number, y: number): Change => ({
+const panned = (x: number, y: number): Pick<ViewState, "pan_mm"> => ({
   pan_mm: [clamp(x, -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(y, -PAN_LIMIT_MM, PAN_LIMIT_MM)],
 });
 
 /** A drag by `move` pixels takes the head with it. */
-export function pan(state: ViewState, shown: ReadyCase, move: Vec2, size: PaneSize): Change {
+export function pan(state: View, shown: ReadyCase, move: Vec2, size: PaneSize): Pick<ViewState, "pan_mm"> {
   const { mm_per_pixel } = project(state, shown.envelope_sphere, size);
   return panned(state.pan_mm[0] + move[0] * mm_per_pixel, state.pan_mm[1] - move[1] * mm_per_pixel);
 }
 
 /** Zooms by `factor`; what is at `place` stays there. */
-export function zoomAt(state: ViewState, shown: ReadyCase, factor: number, place: Vec2, size: PaneSize): Change {
+export function zoomAt(
+  state: View,
+  shown: ReadyCase,
+  factor: number,
+  place: Vec2,
+  size: PaneSize,
+): Pick<ViewState, "zoom" | "pan_mm"> {
   const zoom = clamp(state.zoom * factor, ...ZOOM_RANGE);
   const before = project(state, shown.envelope_sphere, size).mm_per_pixel;
   const shift = before * (state.zoom / zoom) - before;
@@ -99,7 +105,12 @@ export interface Pinch {
 }
 
 /** The head follows two fingers: zoomed by their distance, moved by their middle. */
-export function pinch(state: ViewState, shown: ReadyCase, { from, to }: Pinch, size: PaneSize): Change {
+export function pinch(
+  state: View,
+  shown: ReadyCase,
+  { from, to }: Pinch,
+  size: PaneSize,
+): Pick<ViewState, "zoom" | "pan_mm"> {
   const middle = ([a, b]: readonly [Vec2, Vec2]): Vec2 => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
   const apart = ([a, b]: readonly [Vec2, Vec2]): number => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
   const [before, after] = [middle(from), middle(to)];
@@ -159,7 +170,8 @@ export type ChangingCommand =
   | { readonly kind: "invert" | "reset" };
 
 /** What a key asks for. */
-export type Command = ChangingCommand | { readonly kind: "help" | "play" | "timer" | "mark" | "undo" | "redo" };
+export type Command =
+  ChangingCommand | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" };
 
 /** A key, as a keyboard event has it. */
 export interface Key {
@@ -185,6 +197,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   h: { kind: "help" },
   "?": { kind: "help" },
   f: { kind: "timer" },
+  o: { kind: "outline" },
   " ": { kind: "play" },
   Enter: { kind: "mark" },
   "+": { kind: "zoom", factor: 1.2 },

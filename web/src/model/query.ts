@@ -51,10 +51,8 @@ export const PLANE_NAMES: readonly Plane[] = ["axial", "coronal", "sagittal"];
 
 /** The query of the slice through `position_in_patient`, with the outline of the cut at the state's depth. */
 export function sliceQuery(state: ViewState, plane: Plane, position_in_patient: Vec3, size: Vec2): URLSearchParams {
-  const query = new URLSearchParams({
-    position_mm: short(position_in_patient[PLANES[plane].axis], 2),
-    depth_mm: short(state.depth_mm, 2),
-  });
+  const query = new URLSearchParams({ position_mm: short(position_in_patient[PLANES[plane].axis], 2) });
+  query.set("depth_mm", short(state.depth_mm, 2));
   addColours(query, state);
   query.set("width", String(size[0]));
   query.set("height", String(size[1]));

@@ -57,6 +57,22 @@ export async function confirmDelete(title: string): Promise<boolean> {
   return (await closed) === "delete";
 }
 
+/** Whether a case that was there already is to have another label. */
+export async function confirmRename(title: string, name: string): Promise<boolean> {
+  const { closed } = open(
+    t("rename.title"),
+    "confirm-rename",
+    h("p", {}, t("rename.text", { title, name })),
+    h(
+      "div",
+      { class: "row end" },
+      closing("keep", t("rename.keep", { title }), { autofocus: true }),
+      closing("rename", t("rename.do", { name })),
+    ),
+  );
+  return (await closed) === "rename";
+}
+
 /** The token that the server wants; empty where none was typed. */
 export async function askToken(refused: boolean): Promise<string> {
   const input = h("input", { type: "password", autocomplete: "off", required: true, id: "token" });
@@ -82,6 +98,8 @@ const HELP: readonly (readonly [Key, readonly Key[]])[] = [
       "help.alt-wheel",
       "help.double-click",
       "help.slice-click",
+      "help.slice-drags",
+      "help.slice-double",
     ],
   ],
   ["help.touch", ["help.one-finger", "help.two-fingers", "help.double-tap"]],
@@ -89,12 +107,14 @@ const HELP: readonly (readonly [Key, readonly Key[]])[] = [
     "help.keys",
     [
       "help.key-depth",
+      "help.key-pages",
       "help.key-turn",
       "help.key-views",
       "help.key-window",
       "help.key-zoom",
       "help.key-play",
       "help.key-mark",
+      "help.key-outline",
       "help.key-undo",
       "help.key-rest",
     ],

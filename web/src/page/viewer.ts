@@ -3,20 +3,17 @@
 import { facing, outwardAt, towardsViewer } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { changeOf } from "../model/commands.ts";
-import { type Change, type Command, deepen, lookFrom } from "../model/controls.ts";
+import { type Change, type Command, deepen, dragWindow, lookFrom } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
 import type { StateHistory } from "../model/history.ts";
 import type { Left } from "../model/memory.ts";
 import type { Picked } from "../model/points.ts";
-import { PLANE_NAMES } from "../model/query.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { LAYOUTS, type Layout, type ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
-import { problemWords } from "../base/problem-words.ts";
 import { positionWords } from "../base/readout.ts";
-import { saveScreenshot } from "../panes/screenshot.ts";
-import { SlicePane } from "../panes/slices.ts";
+import { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfaceStatus } from "../panes/surface.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
 import type { Actions } from "./actions.ts";
@@ -24,6 +21,7 @@ import { AddressFollower } from "./address.ts";
 import { profileChart } from "./chart.ts";
 import { DepthBar } from "./depth-bar.ts";
 import { serverPictureDialog } from "./dialogs.ts";
+import { copied, saveView } from "./export.ts";
 import { Notices } from "./notices.ts";
 import { Panel } from "./panel.ts";
 import { pointWords } from "./point-section.ts";
@@ -48,7 +46,7 @@ export class Viewer {
   readonly #host: ViewerHost;
   readonly #panes: HTMLElement;
   readonly #surface: SurfacePane;
-  readonly #slices: readonly SlicePane[];
+  readonly #slices: SliceGroup;
   readonly #notices: Notices;
   readonly #depthBar: DepthBar;
   readonly #address: AddressFollower;
@@ -58,6 +56,8 @@ export class Viewer {
   #loadAbort = new AbortController();
   #state: ViewState;
   #picked: Picked | null = null;
+  /** Where a point was asked for before it could be found. */
+  #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
   #frame = 0;
   #moving = false;
   #timerShown = false;
@@ -89,16 +89,22 @@ export class Viewer {
       () => this.#state.depth_mm,
       (depth_mm) => this.#change({ depth_mm }),
     );
-    this.#slices = PLANE_NAMES.map((plane) => this.#slicePane(plane));
+    this.#slices = new SliceGroup(
+      shown,
+      {
+        move: (position, done) => this.#moveCross(position, done),
+        window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
+        probe: (position) => this.#surface.probe(position),
+        complain: (problem) => this.#notices.complain(problem),
+      },
+      () => this.#schedule(),
+    );
     this.#panes = h("div", { class: "panes" });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes, this.#depthBar.element);
     this.#surface = this.#surfacePane();
-    this.#panes.append(
-      this.#surface.element,
-      h("div", { class: "slices" }, ...this.#slices.map((pane) => pane.element)),
-    );
+    this.#panes.append(this.#surface.element, this.#slices.element);
     this.#observer = new ResizeObserver(() => this.#schedule());
-    for (const pane of [this.#surface, ...this.#slices]) this.#observer.observe(pane.element);
+    for (const pane of [this.#surface, ...this.#slices.panes]) this.#observer.observe(pane.element);
     this.#notices.unread(unread);
     this.#apply({});
   }
@@ -128,6 +134,9 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
+    const wanted = this.#wanted;
+    this.#wanted = null;
+    if (wanted) this.#pick(wanted.place, wanted.state);
     this.#showPoint();
     this.#schedule();
   }
@@ -158,6 +167,11 @@ export class Viewer {
         this.#timerShown = !this.#timerShown;
         this.#surface.showTimer(this.#timerShown);
         return this.#schedule();
+      case "outline": {
+        const hides = this.#slices.strip();
+        this.#panes.dataset.bare = String(hides);
+        return this.#host.announce(t(hides ? "outline.hidden" : "outline.shown"));
+      }
       case "mark": {
         const [width, height] = this.#surface.size();
         return this.#pick([width / 2, height / 2]);
@@ -170,7 +184,10 @@ export class Viewer {
         return this.#goTo(this.#history.redo(), "redo");
     }
     if (command.kind === "depth" || command.kind === "reset") this.#stopSweep();
-    if (command.kind === "reset") this.#picked = null;
+    if (command.kind === "reset") {
+      this.#picked = null;
+      this.#slices.center();
+    }
     const { change, isStep } = changeOf(command, this.#state, this.shown, this.#surface.size());
     this.#change(change, isStep);
     if (command.kind === "view") this.#host.announce(t(`view.${command.name}`));
@@ -198,7 +215,7 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    for (const slice of this.#slices) slice.dispose();
+    this.#slices.dispose();
     this.#surface.dispose();
     this.element.remove();
     this.panel.element.remove();
@@ -216,13 +233,6 @@ export class Viewer {
         if (!busy) this.#schedule();
       },
       status: (status) => this.#onStatus(status),
-    });
-  }
-
-  #slicePane(plane: SlicePane["plane"]): SlicePane {
-    return new SlicePane(plane, this.shown, {
-      move: (position, done) => this.#moveCross(position, done),
-      complain: (problem) => this.#notices.complain(problem),
     });
   }
 
@@ -279,7 +289,7 @@ export class Viewer {
   #say(): void {
     const words = spokenWords(this.#state, this.#surface);
     this.#surface.describe(words);
-    for (const slice of this.#slices) slice.describe(words);
+    this.#slices.describe(words);
     if (this.#said === words) return;
     // At first the page has enough to say.
     if (this.#said !== null) this.#host.announce(words);
@@ -291,7 +301,7 @@ export class Viewer {
       this.#frame = 0;
       if (this.#disposed) return;
       this.#surface.draw(this.#state, this.#moving || this.#sweep.isRunning);
-      if (this.#state.layout === "slices") for (const slice of this.#slices) slice.show(this.#state);
+      if (this.#state.layout === "slices") this.#slices.show(this.#state);
     });
   }
 
@@ -310,11 +320,13 @@ export class Viewer {
   // -- The marked point
 
   /** Puts the cross where the surface is seen at a place of the pane. */
-  #pick(place: Vec2): void {
-    const picked = this.#surface.pick(place);
+  #pick(place: Vec2, state: ViewState = this.#state): void {
+    const picked = this.#surface.pick(place, state);
     if (!picked) {
       // Until the depths are here nothing knows where the surface is.
-      const untold = this.element.dataset.loaded ? "point.unknown" : "point.loading";
+      const isLoading = this.element.dataset.loaded === undefined;
+      if (isLoading && !this.#surface.knowsSurface) this.#wanted = { place, state };
+      const untold = isLoading ? "point.loading" : "point.unknown";
       const words = t(this.#surface.knowsSurface ? "point.none" : untold);
       this.panel.point.hint(words);
       return this.#host.announce(words);
@@ -366,29 +378,15 @@ export class Viewer {
         if (typeof depth_mm !== "number") return;
         this.#change(deepen({ ...this.#state, depth_mm }, this.shown, 0, true), true);
       },
-      screenshot: () => void this.#screenshot(),
+      screenshot: () => {
+        const name = `isocortex-${this.shown.id.slice(0, 8)}-${this.#state.depth_mm.toFixed(1)}mm.png`;
+        void saveView(this.#panes, this.#surface, name).then((words) => this.panel.note(words));
+      },
       serverPicture: () => serverPictureDialog(this.shown.id, this.#state, this.#surface.size()),
-      copyAddress: () => void this.#copyAddress(),
+      copyAddress: () => {
+        this.#address.replace();
+        void copied(location.href).then((words) => this.panel.note(words));
+      },
     };
-  }
-
-  async #screenshot(): Promise<void> {
-    try {
-      const name = `isocortex-${this.shown.id.slice(0, 8)}-${this.#state.depth_mm.toFixed(1)}mm.png`;
-      await saveScreenshot(this.#panes, await this.#surface.picture(), this.#surface.host, name);
-      this.panel.note(t("export.saved"));
-    } catch (error) {
-      this.panel.note(problemWords(error));
-    }
-  }
-
-  async #copyAddress(): Promise<void> {
-    this.#address.replace();
-    try {
-      await navigator.clipboard.writeText(location.href);
-      this.panel.note(t("export.copied"));
-    } catch {
-      this.panel.note(location.href);
-    }
   }
 }

@@ -7,7 +7,9 @@ import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";
 export type DragKind = "turn" | "pan" | "window";
 
 export interface GestureListener {
-  drag(kind: DragKind, move: Vec2): void;
+  /** A hand came down. */
+  press?(kind: DragKind, place: Vec2): void;
+  drag(kind: DragKind, move: Vec2, place: Vec2): void;
   pinch(pinch: Pinch): void;
   /** The wheel, in pixels; `notches` are whole ones, for steps. Positive is towards the user. */
   wheel(pixels: number, notches: number, place: Vec2, event: WheelEvent): void;
@@ -44,6 +46,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     if (touches.size === 0) {
       kind = kindOf(event);
       listener.busy(true);
+      listener.press?.(kind, placeOf(event));
     }
     touches.set(event.pointerId, placeOf(event));
     pane.focus({ preventScroll: true });
@@ -57,7 +60,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     touches.set(event.pointerId, now);
     const other = [...touches].find(([id]) => id !== event.pointerId)?.[1];
     if (other) listener.pinch({ from: [before, other], to: [now, other] });
-    else listener.drag(kind, [now[0] - before[0], now[1] - before[1]]);
+    else listener.drag(kind, [now[0] - before[0], now[1] - before[1]], now);
   });
   // A touch that the system takes away (a call, a palm) ends the gesture where it is.
   for (const name of ["pointerup", "pointercancel", "lostpointercapture"] as const) pane.addEventListener(name, end);

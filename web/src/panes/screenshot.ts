@@ -26,6 +26,10 @@ export function paintPanes(
   const draw = (image: CanvasImageSource, element: Element, flipped: boolean): void => {
     const { x, y, width, height } = within(panes, element);
     context.save();
+    const clip = within(panes, element.closest(".pane") ?? element);
+    context.beginPath();
+    context.rect(clip.x, clip.y, clip.width, clip.height);
+    context.clip();
     context.translate(flipped ? x + width : x, y);
     context.scale(flipped ? -1 : 1, 1);
     context.drawImage(image, 0, 0, width, height);

@@ -109,8 +109,9 @@ export class SurfacePane {
     return [this.element.clientWidth / (state.layout === "mirror" ? 2 : 1), this.element.clientHeight];
   }
 
-  pick(place: Vec2): Picked | null {
-    return this.#surface.pick(this.#listener.state(), ...place);
+  /** What is seen at a place of the pane, or was in another state. */
+  pick(place: Vec2, state: ViewState = this.#listener.state()): Picked | null {
+    return this.#surface.pick(state, ...place);
   }
 
   probe(position: Vec3): Probed | null {
