@@ -62,7 +62,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
         }
         None => {
             let data = args.data.clone();
-            let data = data.unwrap_or_else(|| crate::config::Config::default().data);
+            let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
             super::block_on(into_store(&data, (source, parameters), pipeline))
         }
     }
