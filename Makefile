@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test check bench bench-record bench-times bench-peers
+.PHONY: help setup web demo test check faults bench bench-record bench-times bench-peers
 
 help: ## list these commands
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -20,6 +20,9 @@ test: ## set up what is missing, then format, lints and every test, the browser'
 
 check: ## format, lints and the fast tests, with nothing installed
 	@scripts/test.sh fast
+
+faults: ## attack the program with everything in tests/faults/ and show what it does to it
+	@scripts/faults.sh
 
 bench: ## count the instructions of every hot step and compare with the recorded base (without valgrind: times)
 	@scripts/bench.sh

@@ -24,6 +24,6 @@ if [ -z "$volume" ]; then
   volume=$folder/ch2.nii.gz mask=$folder/ch2bet.nii.gz
 fi
 [ -n "$mask" ] || die "ISOCORTEX_DEMO_MASK must name the mask of ISOCORTEX_DEMO_VOLUME."
-cargo build --locked -q --release -p isocortex
-exec "$peers/bin/python" scripts/peers/run.py --isocortex "$(target_dir)/release/isocortex" \
+cargo build --locked -q --release -p isocortex-bench
+exec "$peers/bin/python" scripts/peers/run.py --isocortex-bench "$(target_dir)/release/isocortex-bench" \
   --volume "$volume" --mask "$mask" "$@"

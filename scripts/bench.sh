@@ -8,7 +8,7 @@ set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
 
-readonly BASE=server/measure/benches/base.tsv
+readonly BASE=server/bench/benches/base.tsv
 readonly MOST=1.05
 
 need_rust
@@ -17,7 +17,7 @@ what=${1:-}
 
 # The programs of steps, built; one path a line.
 programs() {
-  cargo bench --locked -q -p isocortex-measure --bench steps --no-run --message-format=json |
+  cargo bench --locked -q -p isocortex-bench --bench steps --no-run --message-format=json |
     sed -nE '/"kind":\["bench"\]/s/.*"executable":"([^"]+)".*/\1/p'
 }
 
@@ -123,8 +123,8 @@ case "$what" in
     if [ -z "${ISOCORTEX_TEST_DATA:-}" ]; then
       say "ISOCORTEX_TEST_DATA is not set: benchmarks on real heads look beside the checkout, and say so if they find none."
     fi
-    cargo bench --locked -p isocortex-measure --bench steps
-    RAYON_NUM_THREADS=1 exec cargo bench --locked --workspace --exclude isocortex-measure --benches -- "$@"
+    cargo bench --locked -p isocortex-bench --bench steps
+    RAYON_NUM_THREADS=1 exec cargo bench --locked --workspace --exclude isocortex-bench --benches -- "$@"
     ;;
   *) die "usage: scripts/bench.sh [instructions|record|times] [PART OF A NAME...]" ;;
 esac

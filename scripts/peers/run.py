@@ -16,29 +16,18 @@ from stages import STAGES, Inputs
 
 
 class Isocortex:
-    """The program, which does a step for each line that it is sent."""
+    """The program `isocortex-bench`, which takes one step each time it is run."""
 
-    def __init__(self, program, volume, mask, directory, closing_mm):
-        command = [program, "bench", "--volume", volume, "--mask", mask, "--quick", "--threads", "1"]
-        command += ["--closing-radius-mm", str(closing_mm), "--take-turns", directory]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        if not self._answer().get("ready"):
-            sys.exit("isocortex did not start")
+    def __init__(self, program, volume, mask, closing_mm):
+        self.program = program
+        self.head = ["--volume", volume, "--mask", mask, "--closing-radius-mm", str(closing_mm), "--threads", "1"]
 
-    def step(self, name):
-        self.process.stdin.write(name + "\n")
-        self.process.stdin.flush()
-        return self._answer()
-
-    def _answer(self):
-        line = self.process.stdout.readline()
-        if not line:
-            sys.exit(f"isocortex ended with {self.process.wait()}")
-        return json.loads(line)
-
-    def end(self):
-        self.process.stdin.close()
-        self.process.wait()
+    def step(self, name, *options):
+        command = [self.program, "step", name, *self.head, *options]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+        if done.returncode:
+            sys.exit(f"isocortex-bench ended with {done.returncode}")
+        return json.loads(done.stdout)
 
 
 def timed(step):
@@ -96,7 +85,7 @@ def show(rows, missing):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--isocortex", required=True)
+    parser.add_argument("--isocortex-bench", required=True)
     parser.add_argument("--volume", required=True)
     parser.add_argument("--mask", required=True)
     parser.add_argument("--closing-radius-mm", type=float, default=10.0)
@@ -106,15 +95,16 @@ def main():
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as directory:
         closing_mm = arguments.closing_radius_mm
-        isocortex = Isocortex(arguments.isocortex, arguments.volume, arguments.mask, directory, closing_mm)
-        inputs = Inputs(arguments.volume, arguments.mask, Path(directory) / "envelope.nii.gz", closing_mm)
+        isocortex = Isocortex(arguments.isocortex_bench, arguments.volume, arguments.mask, closing_mm)
+        envelope = Path(directory) / "envelope.nii.gz"
+        isocortex.step("decode", "--envelope", envelope)
+        inputs = Inputs(arguments.volume, arguments.mask, envelope, closing_mm)
         print(f"  {'step':<9} {'program':<16} {'CPU, ms':>10} {'wall, ms':>10} {'× ours':>10}  {'result':>12}")
         everything = []
         for step in arguments.steps.split(","):
             rows, missing = measure(isocortex, step, inputs, arguments.rounds)
             show(rows, missing)
             everything += rows
-        isocortex.end()
     print("  CPU is the least of the rounds, one thread each where the program can be told. × ours: above 1, Isocortex is faster.")
     print("  A new depth makes a whole surface in VTK and scikit-image; Isocortex moves 1,800 triangles.")
     if arguments.json:

@@ -1,18 +1,8 @@
 //! How far the renderers' pictures of a real head are apart.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-
+use bench::agreement::Agreement;
 use geometry::PathTable;
-use render::agreement::{
-    Agreement, DepthLine, MESH_SIZES, markdown_table, mesh_against_exact, svg_plot,
-};
-use render::gpu::{GpuCase, GpuJob, GpuPool, GpuSurface};
-use render::{
-    Background, Facets, Frame, FrameSize, Hits, NamedView, PixelFormat, RenderParameters,
-    RenderRequest, SheetPlan, draw_mesh, draw_splat, draw_trace, encode_png, splat_hits,
-    trace_hits,
-};
+use render::{Frame, Hits, NamedView, RenderBackend, RenderRequest};
 
 use crate::scenes::{Head, device};
 
@@ -22,35 +12,22 @@ const DEPTHS_MM: [f64; 5] = [0.0, 5.0, 10.0, 20.0, 30.0];
 fn exact(head: &Head, depth_mm: f64, side: u32) -> Vec<(RenderRequest, Frame)> {
     let requests = NamedView::ALL.map(|view| head.request(view, depth_mm, side));
     requests
-        .map(|request| (request, draw_trace(&head.scene(), &request)))
+        .map(|request| (request, head.draw(&RenderBackend::Trace, &request)))
         .to_vec()
 }
 
-fn drawn_on(
-    pool: &GpuPool,
-    head: &Arc<Head>,
-    (request, surface): (&RenderRequest, GpuSurface),
-) -> Frame {
-    let job = GpuJob {
-        case: Arc::clone(head) as Arc<dyn GpuCase>,
-        request: *request,
-        surface,
-    };
-    pool.draw(job).expect("a picture").frame
-}
-
-/// The mesh of a table at the depth of a request, by the processor.
-fn facets(head: &Head, table: &PathTable, request: &RenderRequest) -> Frame {
-    let mesh = table.shrink(request.parameters().depth_mm as f32);
-    draw_mesh(&head.scene(), request, Facets::new(table.size, &mesh))
-}
-
-/// The same for a graphics device.
-fn surface(table: &PathTable, request: &RenderRequest) -> GpuSurface {
-    GpuSurface::Mesh {
-        size: table.size,
-        mesh: table.shrink(request.parameters().depth_mm as f32),
+/// The mesh of a table, drawn on the CPU, against exact pictures; the pixels of all pictures count alike.
+fn mesh_against_exact(
+    head: &Head,
+    table: &PathTable,
+    exact: &[(RenderRequest, Frame)],
+) -> Agreement {
+    let mut sum = Agreement::default();
+    for (request, exact) in exact {
+        let found = head.draw_mesh(&RenderBackend::Mesh, table, request);
+        sum += &Agreement::of(&found, exact);
     }
+    sum
 }
 
 #[test]
@@ -58,9 +35,10 @@ fn the_device_traces_colin27_as_the_processor_does() {
     let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
         return;
     };
+    let device = RenderBackend::GpuTrace(pool);
     for depth_mm in DEPTHS_MM {
         for (request, exact) in exact(&head, depth_mm, 512) {
-            let traced = drawn_on(&pool, &head, (&request, GpuSurface::Trace));
+            let traced = head.draw(&device, &request);
             let agreement = Agreement::of(&traced, &exact);
             let within = agreement.share_within(2);
             let what = format!("{depth_mm} mm, {:?}", request.parameters().camera);
@@ -72,7 +50,7 @@ fn the_device_traces_colin27_as_the_processor_does() {
 
 /// How far each point that a picture shows is from its depth, in mm, where the surface does not graze the line of sight.
 fn off_depth(head: &Head, hits: &Hits, depth_mm: f64) -> Vec<f64> {
-    let field = head.field();
+    let field = head.model().field();
     let size = hits.projection().size();
     let towards_viewer = hits.projection().towards_viewer_in_patient();
     let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| [x, y]));
@@ -92,28 +70,23 @@ fn off_depth(head: &Head, hits: &Hits, depth_mm: f64) -> Vec<f64> {
 #[test]
 fn points_of_colin27_are_at_their_depth() {
     let Some(head) = Head::colin27() else { return };
-    let pool = device();
+    let mut backends = vec![
+        ("splat", 1.0, RenderBackend::Splat),
+        ("trace", 0.02, RenderBackend::Trace),
+    ];
+    if let Some(pool) = device() {
+        backends.push(("trace on the device", 0.02, RenderBackend::GpuTrace(pool)));
+    }
     for depth_mm in [5.0, 10.0, 20.0, 30.0] {
         for view in NamedView::ALL {
             let request = head.request(view, depth_mm, 512);
-            let mut found = vec![
-                ("splat", 1.0, splat_hits(&head.scene(), &request)),
-                ("trace", 0.02, trace_hits(&head.scene(), &request)),
-            ];
-            if let Some(pool) = &pool {
-                let job = GpuJob {
-                    case: Arc::clone(&head) as Arc<dyn GpuCase>,
-                    request,
-                    surface: GpuSurface::Trace,
-                };
-                found.push(("trace on the device", 0.02, pool.hits(job).expect("hits")));
-            }
-            for (name, allowed, hits) in found {
+            for (name, allowed, backend) in &backends {
+                let hits = head.hits(backend, &request);
                 let off = off_depth(&head, &hits, depth_mm);
                 assert!(off.len() > 10_000, "{name}: {} pixels", off.len());
                 let most = off.into_iter().fold(0.0, f64::max);
                 assert!(
-                    most <= allowed,
+                    most <= *allowed,
                     "{name}, {view:?}, {depth_mm} mm: {most} mm off"
                 );
             }
@@ -126,7 +99,7 @@ fn splats_of_colin27_agree_with_the_exact_pictures() {
     let Some(head) = Head::colin27() else { return };
     for depth_mm in DEPTHS_MM {
         for (request, exact) in exact(&head, depth_mm, 512) {
-            let agreement = Agreement::of(&draw_splat(&head.scene(), &request), &exact);
+            let agreement = Agreement::of(&head.draw(&RenderBackend::Splat, &request), &exact);
             let mean = agreement.mean_difference();
             assert!(mean <= 3.0, "{depth_mm} mm: {mean} levels apart");
         }
@@ -139,12 +112,12 @@ fn a_fine_mesh_of_colin27_agrees_with_the_exact_pictures() {
     let table = head.table([200, 200]);
     for depth_mm in DEPTHS_MM {
         let exact = exact(&head, depth_mm, 512);
-        let all = mesh_against_exact(&head.scene(), &table, &exact);
+        let all = mesh_against_exact(&head, &table, &exact);
         let mean = all.mean_difference();
         assert!(mean <= 3.0, "{depth_mm} mm: {mean} levels apart");
         for exact in &exact {
             let one = std::slice::from_ref(exact);
-            let one = mesh_against_exact(&head.scene(), &table, one);
+            let one = mesh_against_exact(&head, &table, one);
             // Deep down its facets cut the corners of the isosurface's edges.
             let mean = one.mean_difference();
             assert!(mean <= 4.0, "{depth_mm} mm: {mean} levels apart");
@@ -158,76 +131,17 @@ fn the_device_draws_the_mesh_of_colin27_as_the_processor_does() {
         return;
     };
     let table = head.table([200, 200]);
+    let device = RenderBackend::GpuMesh(pool);
     for depth_mm in DEPTHS_MM {
         for view in NamedView::ALL {
             let request = head.request(view, depth_mm, 512);
-            let on_device = drawn_on(&pool, &head, (&request, surface(&table, &request)));
-            let agreement = Agreement::of(&on_device, &facets(&head, &table, &request));
+            let [on_device, on_cpu] = [&device, &RenderBackend::Mesh]
+                .map(|backend| head.draw_mesh(backend, &table, &request));
+            let agreement = Agreement::of(&on_device, &on_cpu);
             let within = agreement.share_within(2);
             let what = format!("{depth_mm} mm, {view:?}");
             assert!(within >= 0.99, "{what}: {within} within 2 levels");
             assert_eq!(agreement.beyond_edge(), 0, "{what}");
         }
     }
-}
-
-/// Writes `docs/renderers.png`: all five back ends side by side.
-#[test]
-#[ignore = "it makes a picture of the documentation"]
-fn five_back_ends_side_by_side() {
-    let (Some(head), Some(pool)) = (Head::colin27(), device()) else {
-        return;
-    };
-    let table = head.table([200, 200]);
-    let depths_mm = [0.0, 8.0];
-    let columns = ["splat", "mesh", "trace", "mesh, device", "trace, device"].map(str::to_owned);
-    let rows = depths_mm.map(|depth_mm| format!("{depth_mm} mm"));
-    let cell = FrameSize::new(224, 224).expect("a size within range");
-    let plan = SheetPlan::new(cell, rows.to_vec(), columns.to_vec()).expect("a sheet");
-    let mut sheet = plan.begin(PixelFormat::Grey8);
-    for (row, depth_mm) in depths_mm.into_iter().enumerate() {
-        let request = head.request(NamedView::Left, depth_mm, cell.width());
-        let request = RenderParameters {
-            background: Background::Black,
-            ..*request.parameters()
-        };
-        let request = RenderRequest::new(request).expect("a checked request");
-        let frames = [
-            draw_splat(&head.scene(), &request),
-            facets(&head, &table, &request),
-            draw_trace(&head.scene(), &request),
-            drawn_on(&pool, &head, (&request, surface(&table, &request))),
-            drawn_on(&pool, &head, (&request, GpuSurface::Trace)),
-        ];
-        for (column, frame) in frames.iter().enumerate() {
-            sheet.put(frame, row, column);
-        }
-    }
-    let png = encode_png(&sheet.finish(), &[]).expect("a PNG");
-    std::fs::write(docs().join("renderers.png"), png).expect("a written picture");
-}
-
-fn docs() -> PathBuf {
-    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
-    std::fs::create_dir_all(&docs).expect("a folder");
-    docs
-}
-
-/// Writes `docs/agreement.svg` and prints the table of `docs/renderers.md`.
-#[test]
-#[ignore = "it makes a figure of the documentation"]
-fn ten_meshes_of_colin27_against_the_exact_pictures() {
-    let Some(head) = Head::colin27() else { return };
-    let tables = MESH_SIZES.map(|size| head.table(size));
-    let lines = DEPTHS_MM.map(|depth_mm| {
-        let exact = exact(&head, depth_mm, 512);
-        let meshes = tables.iter().map(|table| {
-            let agreement = mesh_against_exact(&head.scene(), table, &exact);
-            (table.size.triangle_count(), agreement)
-        });
-        let meshes = meshes.collect();
-        DepthLine { depth_mm, meshes }
-    });
-    println!("{}", markdown_table(&lines));
-    std::fs::write(docs().join("agreement.svg"), svg_plot(&lines)).expect("a written plot");
 }

@@ -4,13 +4,9 @@
 //! difference (32 levels and more are white) are in `target/golden/`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use render::agreement::{Agreement, difference_picture};
-use render::gpu::{GpuCase, GpuJob, GpuSurface};
-use render::{
-    Facets, Frame, FrameSize, NamedView, PixelFormat, draw_mesh, draw_splat, draw_trace, encode_png,
-};
+use bench::agreement::{Agreement, difference_picture};
+use render::{Frame, FrameSize, NamedView, PixelFormat, RenderBackend, encode_png};
 
 use crate::scenes::{Head, device};
 
@@ -78,42 +74,33 @@ fn hold(name: &str, found: &Frame) {
     );
 }
 
-#[test]
-fn the_processor_draws_the_pictures_that_are_kept() {
+/// Draws the made-up head and compares.
+fn hold_all(backends: &[(&str, RenderBackend)]) {
     let head = Head::phantom();
     let table = head.table([80, 50]);
     for depth_mm in DEPTHS_MM {
         let request = head.request(NamedView::Left, depth_mm, SIDE);
-        let shrunk = table.shrink(depth_mm as f32);
-        let mesh = draw_mesh(&head.scene(), &request, Facets::new(table.size, &shrunk));
-        hold(&format!("mesh-{depth_mm}mm"), &mesh);
-        let splat = draw_splat(&head.scene(), &request);
-        hold(&format!("splat-{depth_mm}mm"), &splat);
-        let trace = draw_trace(&head.scene(), &request);
-        hold(&format!("trace-{depth_mm}mm"), &trace);
+        for (name, backend) in backends {
+            let picture = head.draw_mesh(backend, &table, &request);
+            hold(&format!("{name}-{depth_mm}mm"), &picture);
+        }
     }
 }
 
 #[test]
+fn the_processor_draws_the_pictures_that_are_kept() {
+    hold_all(&[
+        ("mesh", RenderBackend::Mesh),
+        ("splat", RenderBackend::Splat),
+        ("trace", RenderBackend::Trace),
+    ]);
+}
+
+#[test]
 fn the_graphics_device_draws_the_pictures_that_are_kept() {
-    let head = Head::phantom();
-    let table = head.table([80, 50]);
     let Some(pool) = device() else { return };
-    for depth_mm in DEPTHS_MM {
-        let request = head.request(NamedView::Left, depth_mm, SIDE);
-        let mesh = GpuSurface::Mesh {
-            size: table.size,
-            mesh: table.shrink(depth_mm as f32),
-        };
-        for (name, surface) in [("gpu-mesh", mesh), ("gpu-trace", GpuSurface::Trace)] {
-            let case = Arc::clone(&head) as Arc<dyn GpuCase>;
-            let job = GpuJob {
-                case,
-                request,
-                surface,
-            };
-            let drawn = pool.draw(job).expect("a picture");
-            hold(&format!("{name}-{depth_mm}mm"), &drawn.frame);
-        }
-    }
+    hold_all(&[
+        ("gpu-mesh", RenderBackend::GpuMesh(pool.clone())),
+        ("gpu-trace", RenderBackend::GpuTrace(pool)),
+    ]);
 }

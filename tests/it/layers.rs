@@ -49,7 +49,7 @@ const LAYERS: &[Layer] = &[
             "cases",
             "extraction",
             "imaging",
-            "measure",
+            "bench",
             "pipeline",
             "render",
             "service",
@@ -64,7 +64,7 @@ const LAYERS: &[Layer] = &[
             "cases",
             "extraction",
             "imaging",
-            "measure",
+            "bench",
             "pipeline",
             "render",
             "service",
@@ -75,7 +75,7 @@ const LAYERS: &[Layer] = &[
     Layer {
         name: "extraction",
         never: &[
-            "analysis", "case", "cases", "imaging", "measure", "pipeline", "render", "service",
+            "analysis", "case", "cases", "imaging", "bench", "pipeline", "render", "service",
             "storage",
         ],
         never_others: &["wgpu"],
@@ -87,7 +87,7 @@ const LAYERS: &[Layer] = &[
             "case",
             "cases",
             "extraction",
-            "measure",
+            "bench",
             "pipeline",
             "render",
             "service",
@@ -103,7 +103,7 @@ const LAYERS: &[Layer] = &[
             "cases",
             "extraction",
             "imaging",
-            "measure",
+            "bench",
             "pipeline",
             "service",
             "storage",
@@ -111,8 +111,8 @@ const LAYERS: &[Layer] = &[
         never_others: &[],
     },
     Layer {
-        name: "measure",
-        never: &["case", "cases", "pipeline", "service", "storage"],
+        name: "bench",
+        never: &["cases", "service", "storage"],
         never_others: &[],
     },
     Layer {
@@ -123,7 +123,7 @@ const LAYERS: &[Layer] = &[
             "extraction",
             "geometry",
             "imaging",
-            "measure",
+            "bench",
             "pipeline",
             "render",
             "service",
@@ -133,7 +133,7 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         name: "pipeline",
-        never: &["cases", "measure", "service", "storage"],
+        never: &["cases", "bench", "service", "storage"],
         never_others: &[],
     },
     Layer {
@@ -144,7 +144,7 @@ const LAYERS: &[Layer] = &[
             "extraction",
             "geometry",
             "imaging",
-            "measure",
+            "bench",
             "pipeline",
             "render",
             "service",
@@ -153,12 +153,12 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         name: "cases",
-        never: &["measure", "service"],
+        never: &["bench", "service"],
         never_others: &[],
     },
     Layer {
         name: "service",
-        never: &["measure"],
+        never: &["bench"],
         never_others: &["clap"],
     },
 ];

@@ -1,8 +1,8 @@
 //! The integration tests: one program, one module for each subject.
 
 mod agreement;
+mod attacks;
 mod bad_input;
-mod bench;
 mod dicom;
 mod extraction;
 mod faults;

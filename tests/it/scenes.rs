@@ -2,41 +2,44 @@
 
 use std::sync::Arc;
 
-use geometry::{DepthField, MeshSize, PathTable, Paths, envelope_mesh, path_table};
-use measure::MeasuredCase;
-use render::gpu::{CaseKey, GpuCase, GpuError, GpuOptions, GpuPool};
-use render::{Background, Camera, FrameSize, NamedView, RenderParameters, RenderRequest, Scene};
+use bench::PreparedHead;
+use geometry::{DeformableModel, MeshSize, PathTable, Paths};
+use render::gpu::{GpuError, GpuOptions, GpuPool};
+use render::{
+    Background, Camera, Frame, FrameSize, Hits, NamedView, RenderBackend, RenderParameters,
+    RenderRequest, SizedMesh,
+};
 
 use crate::heads::data;
 
 /// A head as the service prepares it: its mask closed by 10 mm, the window that of its intensities.
-pub(crate) struct Head(MeasuredCase);
+pub(crate) struct Head(PreparedHead);
 
 impl Head {
-    fn new(head: &measure::Head) -> Arc<Self> {
-        let (case, _) = MeasuredCase::prepare(head, 10.0).expect("a sound head");
-        Arc::new(Self(case))
+    fn new(head: &bench::Head) -> Self {
+        let (prepared, _) = PreparedHead::prepare(head, 10.0).expect("a sound head");
+        Self(prepared)
     }
 
     /// The made-up head, with voxels of 2 mm.
-    pub(crate) fn phantom() -> Arc<Self> {
-        Self::new(&measure::Head::phantom(2.0).expect("a head that can be written"))
+    pub(crate) fn phantom() -> Self {
+        Self::new(&bench::Head::phantom(2.0).expect("a head that can be written"))
     }
 
     /// Colin27, `None` without the test data.
-    pub(crate) fn colin27() -> Option<Arc<Self>> {
+    pub(crate) fn colin27() -> Option<Self> {
         let folder = data()?.join("colin27");
         let read = |name| std::fs::read(folder.join(name)).expect("a file of the test data");
-        Some(Self::new(&measure::Head {
+        Some(Self::new(&bench::Head {
             name: "Colin27".to_owned(),
             volume: read("ch2.nii.gz"),
             mask: read("ch2bet.nii.gz"),
         }))
     }
 
-    /// The depth below its envelope.
-    pub(crate) fn field(&self) -> &DepthField {
-        &self.0.field
+    /// Its model.
+    pub(crate) fn model(&self) -> &DeformableModel {
+        self.0.model()
     }
 
     /// A square picture of `side` pixels on nothing, in the head's own window.
@@ -54,18 +57,34 @@ impl Head {
     /// The table of a mesh of `contours` × `points` along the gradient.
     pub(crate) fn table(&self, [contours, points]: [usize; 2]) -> PathTable {
         let size = MeshSize::new(contours, points).expect("a size within range");
-        let mesh = envelope_mesh(&self.0.field, size).expect("a mesh");
-        path_table(&mesh, &self.0.distance, &self.0.field, Paths::Flow)
-    }
-}
-
-impl GpuCase for Head {
-    fn key(&self) -> CaseKey {
-        self.0.key()
+        let table = self.model().path_table(size, &self.0.distance, Paths::Flow);
+        table.expect("a mesh")
     }
 
-    fn scene(&self) -> Scene<'_> {
-        self.0.scene()
+    /// A picture without a mesh.
+    pub(crate) fn draw(&self, backend: &RenderBackend, request: &RenderRequest) -> Frame {
+        let drawn = backend.draw(&self.0.job(*request, None));
+        drawn.expect("a picture").frame
+    }
+
+    /// A picture of the mesh of a table, at the depth of the request.
+    pub(crate) fn draw_mesh(
+        &self,
+        backend: &RenderBackend,
+        table: &PathTable,
+        request: &RenderRequest,
+    ) -> Frame {
+        let mesh = SizedMesh {
+            size: table.size,
+            mesh: table.shrink(request.parameters().depth_mm as f32),
+        };
+        let drawn = backend.draw(&self.0.job(*request, Some(mesh)));
+        drawn.expect("a picture").frame
+    }
+
+    /// What a picture without a mesh shows.
+    pub(crate) fn hits(&self, backend: &RenderBackend, request: &RenderRequest) -> Hits {
+        backend.hits(&self.0.job(*request, None)).expect("hits")
     }
 }
 
@@ -73,7 +92,7 @@ impl GpuCase for Head {
 ///
 /// # Panics
 /// Without a driver where `CI` is set, unless `ISOCORTEX_NO_GPU` is, too.
-pub(crate) fn device() -> Option<GpuPool> {
+pub(crate) fn device() -> Option<Arc<GpuPool>> {
     let skip = |error: GpuError| {
         let is_set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
         assert!(
@@ -82,5 +101,6 @@ pub(crate) fn device() -> Option<GpuPool> {
         );
         eprintln!("SKIPPED: the pictures of the graphics device: {error}");
     };
-    GpuPool::start(GpuOptions::default()).map_err(skip).ok()
+    let pool = GpuPool::start(GpuOptions::default());
+    pool.map_err(skip).ok().map(Arc::new)
 }

@@ -95,6 +95,9 @@ fn scratch() -> String {
 
 const BOUNDARY: &str = "isocortex-test-boundary";
 
+/// Bytes of the line that ends a [`form`].
+pub(crate) const CLOSING_BYTES: usize = "\r\n--".len() + BOUNDARY.len() + "--\r\n".len();
+
 /// A multipart form.
 pub(crate) fn form(parts: &[Part<'_>]) -> Vec<u8> {
     let mut body = Vec::new();

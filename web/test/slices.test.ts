@@ -1,17 +1,29 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { facesOf } from "../src/cube.ts";
-import { NAMED_VIEWS } from "../src/camera.ts";
-import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/query.ts";
-import { positionWords, scaleBar, voxelAt } from "../src/readout.ts";
-import { type SliceView, reachOf, sliceEdges, slicePixel, slicePosition, withinReach } from "../src/slice-geometry.ts";
-import { firstState } from "../src/state.ts";
+import { facesOf } from "../src/panes/cube.ts";
+import { NAMED_VIEWS } from "../src/model/camera.ts";
+import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/model/query.ts";
+import { positionWords, scaleBar, voxelAt } from "../src/base/readout.ts";
+import {
+  type SliceView,
+  reachOf,
+  sliceEdges,
+  slicePixel,
+  slicePosition,
+  withinReach,
+} from "../src/model/slice-geometry.ts";
+import { firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
 
 const SPHERE = SHOWN.envelope_sphere;
-const view = (change: Partial<SliceView>): SliceView =>
-  ({ plane: "axial", convention: "radiological", position_mm: 12, size: [300, 200], ...change });
+const view = (change: Partial<SliceView>): SliceView => ({
+  plane: "axial",
+  convention: "radiological",
+  position_mm: 12,
+  size: [300, 200],
+  ...change,
+});
 
 test("the patient's right is at the picture's left, unless the other convention is chosen", () => {
   const right = [-40, 20, 12] as const;
@@ -55,12 +67,29 @@ test("a scale bar is a round length that fits", () => {
 });
 
 test("the server is asked for the state's own picture", () => {
-  const state = { ...firstState(SHOWN), orientation: NAMED_VIEWS.right, depth_mm: 8.5, zoom: 2, pan_mm: [3, -4], way: "exact", slab_mm: 1 } as const;
-  assert.equal(renderQuery(state, [640, 480]).toString(),
-    "depth_mm=8.5&view=right&zoom=2&pan=3%2C-4&window=400%2C600&slab_mm=1&ambient=0.3&renderer=trace&width=640&height=480");
-  assert.equal(sliceQuery(state, "coronal", [1, 2, 3], [64, 64]).toString(), "position_mm=2&depth_mm=8.5&window=400%2C600&width=64&height=64");
+  const state = {
+    ...firstState(SHOWN),
+    orientation: NAMED_VIEWS.right,
+    depth_mm: 8.5,
+    zoom: 2,
+    pan_mm: [3, -4],
+    way: "exact",
+    slab_mm: 1,
+  } as const;
+  assert.equal(
+    renderQuery(state, [640, 480]).toString(),
+    "depth_mm=8.5&view=right&zoom=2&pan=3%2C-4&window=400%2C600&slab_mm=1&ambient=0.3" +
+      "&renderer=trace&width=640&height=480",
+  );
+  assert.equal(
+    sliceQuery(state, "coronal", [1, 2, 3], [64, 64]).toString(),
+    "position_mm=2&depth_mm=8.5&window=400%2C600&width=64&height=64",
+  );
   const mesh = renderQuery({ ...state, way: "mesh" }, [64, 64]);
-  assert.deepEqual(["renderer", "contours", "points"].map((name) => mesh.get(name)), ["mesh", "80", "50"]);
+  assert.deepEqual(
+    ["renderer", "contours", "points"].map((name) => mesh.get(name)),
+    ["mesh", "80", "50"],
+  );
   const oblique = renderQuery({ ...state, orientation: [0.5, 0.5, 0.5, 0.5000001] }, [64, 64]);
   assert.equal(oblique.get("view"), null);
   assert.equal(oblique.get("orientation")?.split(",").length, 4);
@@ -75,7 +104,10 @@ test("a picture is as large as the pane's pixels, up to a limit", () => {
 test("the cube's front face is that of the view", () => {
   for (const [name, orientation] of Object.entries(NAMED_VIEWS)) {
     const front = facesOf(orientation).filter((face) => face.frontal > 0.5);
-    assert.deepEqual(front.map((face) => face.name), [name]);
+    assert.deepEqual(
+      front.map((face) => face.name),
+      [name],
+    );
     assert.ok(Math.hypot(...(front[0]?.middle ?? [9, 9])) < 1e-6);
   }
 });

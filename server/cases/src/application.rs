@@ -6,16 +6,18 @@ use std::time::{Duration, Instant};
 
 use case::{CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
-use pipeline::{Extractor, NoNetwork, Pipeline};
+use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
+use render::{RenderBackend, RenderJob, SizedMesh};
 use storage::{Store, StoreError};
+use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
-use crate::models::{Model, Models};
+use crate::models::{Models, WarmModel};
 use crate::pictures::{
-    Drawer, Drawing, Graphics, GraphicsOptions, PictureRequest, RenderPool, Turnstile, window_of,
+    Graphics, GraphicsOptions, PictureJob, PictureRequest, RenderPool, Turnstile, window_of,
 };
 
 /// How many cases are remembered to be ready.
@@ -35,6 +37,8 @@ pub struct Options {
     pub network: Option<PathBuf>,
     /// What uploads may ask for.
     pub limits: Limits,
+    /// What the volume of a head may measure.
+    pub head: HeadLimits,
     /// Threads that render.
     pub render_threads: usize,
     /// Renders that may wait for a thread.
@@ -63,6 +67,11 @@ pub enum StartError {
     Threads(std::io::Error),
 }
 
+fn thousands(voxels: usize) -> u32 {
+    let most = Semaphore::MAX_PERMITS.min(u32::MAX as usize);
+    u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
+}
+
 /// Everything that a protocol needs to serve cases. Cheap to clone.
 ///
 /// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
@@ -80,6 +89,9 @@ pub struct Cases {
     pub dicom: Arc<DicomReader>,
     /// Work that the store does for a request.
     pub turnstile: Arc<Turnstile>,
+    head: HeadLimits,
+    /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
+    checking: Arc<Semaphore>,
     ready: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
 }
 
@@ -108,6 +120,8 @@ impl Cases {
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
             turnstile: Arc::new(turnstile),
+            head: options.head,
+            checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
             ready: Arc::new(Cache::new(REMEMBERED_CASES)),
         })
     }
@@ -115,6 +129,18 @@ impl Cases {
     /// Where the cases are.
     pub fn store(&self) -> &Store {
         self.library.store()
+    }
+
+    /// Room to check an upload, until it is dropped; `start` is the first 64 kB of its volume. Its voxels are in memory meanwhile, so that
+    /// volumes wait for each other by their size.
+    ///
+    /// # Errors
+    /// [`Error::Failure`] where the header is not that of a head; [`Error::Unavailable`] where the server stops.
+    pub async fn room_to_check(&self, start: &[u8]) -> Result<SemaphorePermit<'_>, Error> {
+        let limits = self.library.limits();
+        let weight = thousands(self.head.check(start, &limits)?).min(thousands(limits.max_voxels));
+        let permit = self.checking.acquire_many(weight).await;
+        permit.map_err(|_| Error::Unavailable)
     }
 
     /// The facts of a case that is ready.
@@ -149,7 +175,7 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::ready`].
-    pub async fn model(&self, id: &CaseId) -> Result<Arc<Model>, Error> {
+    pub async fn model(&self, id: &CaseId) -> Result<Arc<WarmModel>, Error> {
         if let Some(model) = self.models.get(id).await? {
             return Ok(model);
         }
@@ -168,32 +194,34 @@ impl Cases {
     ///
     /// # Errors
     /// When the mesh cannot be had, or too much work waits.
-    pub async fn drawing(
+    pub async fn picture_job(
         &self,
-        model: &Arc<Model>,
+        warm: &WarmModel,
         request: &PictureRequest,
-        drawer: Drawer,
-    ) -> Result<Drawing, Error> {
-        let depth_mm = request.depth_mm.min(model.facts.max_depth_mm);
-        let mesh = if drawer.wants_mesh() {
+        backend: RenderBackend,
+    ) -> Result<PictureJob, Error> {
+        let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
+        let mesh = if backend.needs_mesh() {
             let (size, kind) = (request.mesh_size()?, request.paths);
-            let shrunk = model.shrink(size, kind, depth_mm);
-            let shrunk = if model.has_at_hand(size, kind) {
+            let shrunk = warm.shrink(size, kind, depth_mm);
+            let mesh = if warm.has_at_hand(size, kind) {
                 shrunk.await?
             } else {
                 self.turnstile.pass(shrunk).await??
             };
-            Some((size, shrunk))
+            Some(SizedMesh { size, mesh })
         } else {
             None
         };
-        let window = window_of(&model.facts);
-        Ok(Drawing {
-            case: Arc::clone(model) as Arc<_>,
-            request: request.at(depth_mm, window)?,
+        let window = window_of(&warm.facts);
+        Ok(PictureJob {
+            job: RenderJob {
+                case: warm.keyed(),
+                request: request.at(depth_mm, window)?,
+                mesh,
+            },
             asked: request.renderer,
-            drawer,
-            mesh,
+            backend,
         })
     }
 }

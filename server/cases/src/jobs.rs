@@ -141,7 +141,11 @@ impl Worker {
     }
 
     async fn prepare(&self, claim: &Claim) {
-        tracing::info!(case = %claim.id, attempt = claim.attempt, "preparing a case");
+        tracing::info!(
+            job = claim.fence,
+            attempt = claim.attempt,
+            "preparing a case"
+        );
         self.store.signals().changed(&claim.id);
         let cancelled = self.store.signals().begin(&claim.id);
         let settled = match self.run(claim, &cancelled).await {
@@ -170,9 +174,21 @@ impl Worker {
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
         heartbeat.tick().await;
         let mut phase = self.phase.clone();
+        let longest = self.store.options().longest_preparation;
+        let mut end = std::pin::pin!(tokio::time::sleep(longest));
+        let mut is_too_slow = false;
         loop {
             tokio::select! {
-                derived = &mut derived => return Ok(self.outcome(derived, cancelled)),
+                derived = &mut derived => {
+                    return Ok(match is_too_slow {
+                        true => Outcome::Refused(too_slow(longest)),
+                        false => self.outcome(derived, cancelled),
+                    });
+                }
+                () = &mut end, if !cancelled.load(Ordering::Relaxed) => {
+                    is_too_slow = true;
+                    cancelled.store(true, Ordering::Relaxed);
+                }
                 _ = heartbeat.tick() => {
                     let progress = *seen.borrow();
                     if !self.renew(claim, progress).await {
@@ -211,7 +227,11 @@ impl Worker {
             .renew(claim, self.store.options().lease, progress)
             .await;
         renewed.unwrap_or_else(|error| {
-            tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be renewed");
+            tracing::warn!(
+                job = claim.fence,
+                error = &error as &dyn std::error::Error,
+                "a lease could not be renewed"
+            );
             true
         })
     }
@@ -220,14 +240,18 @@ impl Worker {
         match outcome {
             Outcome::Derived(derived) => self.publish(claim, *derived).await,
             Outcome::Refused(failure) => {
-                tracing::info!(case = %claim.id, kind = failure.name, "a case cannot be prepared");
+                tracing::info!(
+                    job = claim.fence,
+                    kind = failure.name,
+                    "a case cannot be prepared"
+                );
                 if self.store.rows().fail(claim, &failure).await? {
                     self.store.signals().count(Count::Failed);
                 }
                 Ok(())
             }
             Outcome::Lost => {
-                tracing::info!(case = %claim.id, "a preparation was cancelled");
+                tracing::info!(job = claim.fence, "a preparation was cancelled");
                 Ok(())
             }
             Outcome::HandedBack => {
@@ -236,7 +260,7 @@ impl Worker {
                     counts: false,
                 };
                 self.store.rows().release(claim, release).await?;
-                tracing::info!(case = %claim.id, "a preparation was handed back");
+                tracing::info!(job = claim.fence, "a preparation was handed back");
                 Ok(())
             }
         }
@@ -262,9 +286,12 @@ impl Worker {
             .await?;
         if published == Published::Done {
             self.store.signals().count(Count::Prepared);
-            tracing::info!(case = %claim.id, "a case is ready");
+            tracing::info!(job = claim.fence, "a case is ready");
         } else {
-            tracing::info!(case = %claim.id, "a preparation came too late and was dropped");
+            tracing::info!(
+                job = claim.fence,
+                "a preparation came too late and was dropped"
+            );
         }
         Ok(())
     }
@@ -272,7 +299,7 @@ impl Worker {
     /// The store, not the input, was at fault: the job is tried again, by this worker or another.
     async fn retry_later(&self, claim: &Claim, error: &StoreError) {
         tracing::error!(
-            case = %claim.id,
+            job = claim.fence,
             error = error as &dyn std::error::Error,
             "a preparation was interrupted by the store"
         );
@@ -283,7 +310,11 @@ impl Worker {
         };
         // Where even this fails, the lease ends by itself.
         if let Err(error) = self.store.rows().release(claim, release).await {
-            tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be handed back");
+            tracing::warn!(
+                job = claim.fence,
+                error = &error as &dyn std::error::Error,
+                "a lease could not be handed back"
+            );
         }
     }
 }
@@ -301,6 +332,15 @@ fn derive(
         library.store().signals().progress(&claim.id, Some(now));
     };
     library.prepare(source, &claim.parameters, &observe, cancelled)
+}
+
+/// The preparation took longer than it may.
+fn too_slow(longest: Duration) -> Failure {
+    let detail = format!(
+        "the preparation took longer than {} seconds and was given up; upload a volume with fewer voxels",
+        longest.as_secs()
+    );
+    Failure::unusable("preparation-too-slow", detail)
 }
 
 /// The preparation panicked: a fault of this program that the same input would meet again.

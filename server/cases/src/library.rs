@@ -261,11 +261,14 @@ impl Library {
                     .publish(Publisher::Rebuild(id), &framed, &derived.facts)
                     .await?;
                 self.store().signals().count(Count::Rebuild);
-                tracing::warn!(case = %id, "the derived objects of a case were made again from its source");
+                tracing::warn!("the derived objects of a case were made again from its source");
             }
             Err(failure) => {
                 self.store().rows().condemn(id, &failure).await?;
-                tracing::error!(case = %id, kind = failure.name, "a case cannot be made again from its source");
+                tracing::error!(
+                    kind = failure.name,
+                    "a case cannot be made again from its source"
+                );
             }
         }
         self.store().signals().changed(id);

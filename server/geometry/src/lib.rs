@@ -2,6 +2,8 @@
 //!
 //! `Volume → BrainMask → Envelope → DistanceMap → Forest → EnvelopeMesh → ShrunkMesh`
 //!
+//! [`DeformableModel::build`] takes all steps from the envelope on; its value is what pictures and meshes are made from.
+//!
 //! Values go in and values come out: there is no input or output here, no clock, no async and no GPU.
 //! World space is DICOM's patient space: LPS, in millimetres. Arrays are x-fastest. The grid of every
 //! step after the mask is the *working grid*: isotropic, its axes along L, P and S.
@@ -9,6 +11,8 @@
 //! The method is that of Bergo, de Goes, Goldenstein and Falcão, "A Deformable Model for Fast
 //! Visualization of Euclidean Isosurfaces of the Brain", 2006; "the paper" below.
 
+mod bounding_sphere;
+mod build;
 mod contour;
 mod core_voxels;
 mod deepest_first;
@@ -21,7 +25,7 @@ mod forest;
 mod grid;
 mod mask;
 mod measures;
-mod midsagittal;
+mod model;
 mod morphology;
 mod nearest_core;
 mod offset;
@@ -34,6 +38,8 @@ mod transform;
 mod volume;
 mod walk;
 
+pub use bounding_sphere::BoundingSphere;
+pub use build::{BuildStep, BuiltModel, ClosedBrain};
 pub use core_voxels::{Core, core};
 pub use depth_field::DepthField;
 pub use distance_map::{DistanceMap, distance_map};
@@ -44,7 +50,7 @@ pub use forest::{Forest, forest};
 pub use grid::{Grid, MAX_VOXELS, MAX_WORKING_SIZE};
 pub use mask::{BrainMask, Mask};
 pub use measures::Face;
-pub use midsagittal::{MidsagittalPlane, midsagittal_plane};
+pub use model::{DeformableModel, DepthMaps};
 pub use offset::offset;
 pub use paths::{PathTable, Piece, ShrunkMesh, path_table, shrink_once};
 pub use shell::{ShellIndex, ShellVoxel};

@@ -67,6 +67,11 @@ impl PathTable {
         self.rows.len() / self.size.vertex_count()
     }
 
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        6 * self.rows.len() + size_of_val(&self.pieces[..]) + 4 * self.first_piece.len()
+    }
+
     /// The mesh of the isosurface `depth_mm` below the envelope, clamped to 0 and the case's greatest depth.
     ///
     /// Each vertex is at the first point of its path that is deep enough; where no point is, at the path's end. Two

@@ -3,7 +3,10 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use crate::{BrainMask, Grid, Mask, Rescale, Volume};
+use crate::{
+    BrainMask, BuiltModel, ClosedBrain, DeformableModel, Envelope, GeometryError, Grid, Mask,
+    Rescale, Volume,
+};
 
 /// Half of the side of the head's volume, in mm: left to right, front to back, top to bottom.
 const HEAD_HALF_EXTENT_MM: DVec3 = DVec3::new(92.0, 108.0, 92.0);
@@ -25,6 +28,46 @@ pub struct PhantomHead {
     pub volume: Volume,
     /// The voxels of its brain.
     pub brain: Mask,
+}
+
+/// The envelope whose voxels are those of `grid` at which `is_inside` holds, by their centres in LPS mm.
+///
+/// # Panics
+/// When that is no envelope: it is empty or reaches a face of the grid, or the grid is not a working grid.
+pub fn envelope(grid: &Grid, is_inside: impl Fn(DVec3) -> bool) -> Envelope {
+    let voxels = centres(grid).map(is_inside).collect();
+    let mask = Mask::new(grid.clone(), voxels).expect("one value for each voxel");
+    Envelope::from_stored(mask).expect("an envelope inside of its grid")
+}
+
+/// A volume that is `intensity` of the centres of its voxels in LPS mm.
+pub fn volume(grid: Grid, intensity: impl Fn(DVec3) -> u16) -> Volume {
+    let voxels = centres(&grid).map(intensity).collect();
+    Volume::new(grid, voxels, UNSCALED).expect("one value for each voxel")
+}
+
+/// The model of a volume and an envelope, whether or not the volume is cropped to it.
+///
+/// # Panics
+/// When the envelope is too small for a mesh.
+pub fn model(volume: Volume, envelope: Envelope) -> BuiltModel {
+    let closed = ClosedBrain::Envelope(envelope);
+    let built = DeformableModel::build(volume, closed, |_| Ok::<_, GeometryError>(()));
+    built.expect("an envelope that is large enough for a mesh")
+}
+
+const UNSCALED: Rescale = Rescale {
+    slope: 1.0,
+    intercept: 0.0,
+};
+
+/// The centres of a grid's voxels in LPS mm, x-fastest.
+fn centres(grid: &Grid) -> impl Iterator<Item = DVec3> {
+    let voxels = (0..grid.voxel_count()).map(|index| grid.voxel(index));
+    voxels.map(|voxel| {
+        let voxel = DVec3::from_array(voxel.map(|place| place as f64));
+        grid.patient_from_voxel().transform_point3(voxel)
+    })
 }
 
 /// A ball of `radius_voxels` around a voxel centre, at 1 mm.
@@ -109,12 +152,8 @@ pub fn head(spacing_mm: f64) -> PhantomHead {
         ((tissue.intensity + noise).max(0.0) as u16, tissue.is_brain)
     };
     let (voxels, brain) = (0..grid.voxel_count()).into_par_iter().map(at).unzip();
-    let rescale = Rescale {
-        slope: 1.0,
-        intercept: 0.0,
-    };
     PhantomHead {
-        volume: Volume::new(grid.clone(), voxels, rescale).expect("one value for each voxel"),
+        volume: Volume::new(grid.clone(), voxels, UNSCALED).expect("one value for each voxel"),
         brain: Mask::new(grid, brain).expect("one value for each voxel"),
     }
 }

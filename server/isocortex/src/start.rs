@@ -27,6 +27,7 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
     let options = HttpOptions {
         access: config.access()?,
         max_upload_bytes: config.limits.max_upload_bytes,
+        max_uploads: config.http.max_uploads,
         body_cache_bytes: config.http.body_cache_bytes,
         answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
         upload_idle: Duration::from_secs(config.http.upload_idle_secs),

@@ -1,6 +1,6 @@
 //! The mask of the brain: supplied, the volume's own, or extracted.
 
-use geometry::{BrainMask, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume};
+use geometry::{BrainMask, ClosedBrain, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume};
 
 use super::failure::{from_geometry, from_imaging};
 use super::own_mask::own_mask;
@@ -22,30 +22,6 @@ pub(super) struct Found {
     verdict: Verdict,
 }
 
-/// A closed brain.
-pub(super) enum Closed {
-    Envelope(Envelope),
-    /// The extraction has measured the depth already.
-    Measured(DistanceMap),
-}
-
-impl Closed {
-    pub(super) fn envelope(&self) -> &Envelope {
-        match self {
-            Self::Envelope(envelope) => envelope,
-            Self::Measured(distance) => distance.envelope(),
-        }
-    }
-
-    /// The depth below the envelope.
-    pub(super) fn distance(self) -> DistanceMap {
-        match self {
-            Self::Envelope(envelope) => geometry::distance_map(&envelope),
-            Self::Measured(distance) => distance,
-        }
-    }
-}
-
 /// What is known of a mask before it is closed.
 enum Verdict {
     Measured {
@@ -59,13 +35,13 @@ enum Verdict {
 
 impl Found {
     /// The brain, closed as the parameters say.
-    pub(super) fn close(&mut self, parameters: &Parameters) -> Result<Closed, Failure> {
+    pub(super) fn close(&mut self, parameters: &Parameters) -> Result<ClosedBrain, Failure> {
         if let Some(distance) = self.closed.take() {
-            return Ok(Closed::Measured(distance));
+            return Ok(ClosedBrain::Measured(distance));
         }
         let radius_mm = closing_radius_mm(parameters);
         let envelope = geometry::envelope(&self.brain, radius_mm).map_err(from_geometry)?;
-        Ok(Closed::Envelope(envelope))
+        Ok(ClosedBrain::Envelope(envelope))
     }
 
     /// How far the mask can be trusted.

@@ -8,6 +8,7 @@ mod check;
 pub mod codec;
 mod extractor;
 mod failure;
+mod head_limits;
 mod own_mask;
 pub mod quality;
 mod steps;
@@ -25,12 +26,9 @@ use case::{
     SphereFacts, Stage, WindowFacts,
 };
 use geometry::{
-    BrainMask, DepthField, DistanceMap, Envelope, Forest, Grid, MeshSize, PathTable, Paths,
-    ShellIndex, Volume,
+    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Grid, Volume,
 };
-
 use imaging::dicom::Attributes;
-use render::BoundingSphere;
 
 use self::brain::find_brain;
 use self::codec::{encode_brain, encode_envelope, encode_forest, encode_paths, encode_volume};
@@ -39,20 +37,15 @@ use self::steps::Steps;
 
 pub use self::check::{check, settled};
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
+pub use self::head_limits::HeadLimits;
 pub use imaging::Limits;
 
-/// N_F and N_P of the mesh whose paths are stored.
-pub const DEFAULT_MESH: [usize; 2] = [30, 30];
-
-/// The greatest magnitude of an intensity, and the greatest width of a window: those of [`render::Window`].
+/// The greatest magnitude of an intensity, and the greatest width of a window: those of a picture's window.
 const MOST_INTENSITY: f64 = 1e9;
 
 /// The least difference between the darkest and the brightest voxel. A window's centre and width are counted from 0.5 and from 1, as
 /// DICOM has it, so that double precision has no more than seven digits left of this.
 const LEAST_RANGE: f64 = 1e-9;
-
-/// Voxels of the volume kept around the working grid, which itself surrounds the brain by 4: what trilinear sampling needs.
-const CROP_MARGIN_VOXELS: usize = 1;
 
 /// What was uploaded.
 #[derive(Debug, Clone, Default)]
@@ -81,14 +74,8 @@ pub struct StoredBrain {
 pub struct Prepared {
     /// The mask of the brain on the working grid, as it was closed.
     pub brain: BrainMask,
-    /// Intensities, cropped to the working grid.
-    pub volume: Volume,
-    /// The distance map on the working grid, with the envelope.
-    pub distance: DistanceMap,
-    /// The optimal-path forest.
-    pub forest: Forest,
-    /// The table of the forest's paths for a mesh of [`DEFAULT_MESH`].
-    pub default_paths: PathTable,
+    /// Its model, with the distance map and the forest.
+    pub built: BuiltModel,
     /// What clients are told.
     pub facts: CaseFacts,
 }
@@ -96,7 +83,7 @@ pub struct Prepared {
 impl Prepared {
     /// The envelope, on the working grid.
     pub fn envelope(&self) -> &Envelope {
-        self.distance.envelope()
+        self.built.distance.envelope()
     }
 }
 
@@ -119,35 +106,54 @@ fn prepare(
     let volume = crop(&native, closed.envelope())?;
     drop(native);
 
-    steps.begin(Stage::Distance)?;
-    let distance = closed.distance();
+    let observe = |step| match stage_of(step) {
+        Some(stage) => Ok(steps.begin(stage)?),
+        None => Ok(steps.go_on()?),
+    };
+    let built = DeformableModel::build(volume, closed, observe);
+    let built = built.map_err(|Refused(failure)| failure)?;
 
-    steps.begin(Stage::Core)?;
-    let core = geometry::core(&distance);
-
-    steps.begin(Stage::Forest)?;
-    let forest = geometry::forest(&distance, &core);
-
-    steps.begin(Stage::Mesh)?;
-    let default_paths = default_paths(&distance, &forest)?;
-
-    let facts = CaseFacts {
+    let mut facts = CaseFacts {
         native_size: native_grid.size(),
         native_spacing_mm: native_grid.spacing_mm(),
         native_patient_from_voxel: rows_of(&native_grid),
         quality: Some(quality),
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
-        timings: steps.timings(),
-        ..facts(&volume, &distance)?
+        ..facts(&built)
     };
+    // Last of all, so that everything before is part of a stage.
+    facts.timings = steps.timings();
     Ok(Prepared {
         brain: found.brain,
-        volume,
-        distance,
-        forest,
-        default_paths,
+        built,
         facts,
     })
+}
+
+/// The stage that begins with a step; `None` for a step within a stage.
+fn stage_of(step: BuildStep) -> Option<Stage> {
+    match step {
+        BuildStep::Distance => Some(Stage::Distance),
+        BuildStep::Core => Some(Stage::Core),
+        BuildStep::Forest => Some(Stage::Forest),
+        BuildStep::Field => Some(Stage::Mesh),
+        BuildStep::Mesh | BuildStep::Table | BuildStep::Shell => None,
+    }
+}
+
+/// Why no model was built.
+struct Refused(Failure);
+
+impl From<Failure> for Refused {
+    fn from(failure: Failure) -> Self {
+        Self(failure)
+    }
+}
+
+impl From<GeometryError> for Refused {
+    fn from(error: GeometryError) -> Self {
+        Self(from_geometry(error))
+    }
 }
 
 /// What clients are told of the DICOM files: nothing that says whose they are.
@@ -175,15 +181,13 @@ pub fn read_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> 
 
 /// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
 fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
-    let volume = native
-        .crop_to(envelope.grid(), CROP_MARGIN_VOXELS)
-        .ok_or_else(|| {
-            Failure::unusable(
-                "mask-outside-volume",
-                "nothing of the mask lies inside the volume; is it the mask of another head?"
-                    .to_owned(),
-            )
-        })?;
+    let volume = DeformableModel::crop(native, envelope).ok_or_else(|| {
+        Failure::unusable(
+            "mask-outside-volume",
+            "nothing of the mask lies inside the volume; is it the mask of another head?"
+                .to_owned(),
+        )
+    })?;
     check_intensities(&volume)?;
     Ok(volume)
 }
@@ -210,28 +214,17 @@ fn check_intensities(volume: &Volume) -> Result<(), Failure> {
     Err(Failure::unusable("intensity-range", detail))
 }
 
-fn default_paths(distance: &DistanceMap, forest: &Forest) -> Result<PathTable, Failure> {
-    let field = DepthField::new(distance);
-    let [contours, points] = DEFAULT_MESH;
-    let size = MeshSize::new(contours, points).map_err(from_geometry)?;
-    let mesh = geometry::envelope_mesh(&field, size).map_err(from_geometry)?;
-    Ok(geometry::path_table(
-        &mesh,
-        distance,
-        &field,
-        Paths::Forest(forest),
-    ))
-}
-
-fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> {
+/// What clients are told of a model: grids, depth, intensities, and the plane between the hemispheres.
+pub fn facts(built: &BuiltModel) -> CaseFacts {
+    let (volume, distance) = (built.model.volume(), &built.distance);
     let grid = distance.grid();
     let [intensity_min, intensity_max] = volume.intensity_range();
     let [low, high] = volume
         .percentiles_inside(distance.envelope(), [0.02, 0.98])
         .unwrap_or([intensity_min, intensity_max]);
-    let midsagittal = geometry::midsagittal_plane(distance.envelope(), volume);
-    let sphere = BoundingSphere::of_envelope(&ShellIndex::new(distance));
-    Ok(CaseFacts {
+    let midsagittal = analysis::midsagittal_plane(distance.envelope(), volume);
+    let sphere = built.model.bounds();
+    CaseFacts {
         grid_size: grid.size(),
         spacing_mm: grid.spacing_mm()[0],
         patient_from_voxel: rows_of(grid),
@@ -254,7 +247,7 @@ fn facts(volume: &Volume, distance: &DistanceMap) -> Result<CaseFacts, Failure> 
         dicom: None,
         quality: None,
         timings: Vec::new(),
-    })
+    }
 }
 
 /// The rows of the affine from a grid's voxels to LPS mm.
@@ -290,12 +283,15 @@ impl Derived {
     pub fn of(prepared: Prepared) -> Self {
         let Prepared {
             brain,
-            volume,
-            distance,
-            forest,
-            default_paths,
+            built,
             facts,
         } = prepared;
+        let BuiltModel {
+            model,
+            distance,
+            forest,
+        } = built;
+        let (volume, default_paths) = model.into_stored();
         let envelope = distance.envelope();
         let objects = vec![
             (ObjectKind::Mask, encode_brain(&brain).into()),

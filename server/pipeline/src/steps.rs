@@ -33,14 +33,20 @@ impl<'a> Steps<'a> {
 
     /// The step before is done and the next begins.
     pub(super) fn begin(&mut self, stage: Stage) -> Result<(), Failure> {
-        if self.cancelled.load(Ordering::Relaxed) {
-            return Err(cancelled());
-        }
+        self.go_on()?;
         (self.observe)(Progress {
             stage,
             fraction: self.fraction(stage),
         });
         self.begun.push((stage, Instant::now()));
+        Ok(())
+    }
+
+    /// A step within a stage begins.
+    pub(super) fn go_on(&self) -> Result<(), Failure> {
+        if self.cancelled.load(Ordering::Relaxed) {
+            return Err(cancelled());
+        }
         Ok(())
     }
 

@@ -34,7 +34,7 @@ fn a_head_is_prepared_and_its_facts_are_those_of_its_parts() {
     let head = phantom();
     let prepared = run(&upload(&head), &Parameters::default()).unwrap();
     let facts = &prepared.facts;
-    let grid = prepared.distance.grid();
+    let grid = prepared.built.distance.grid();
     assert_eq!((facts.grid_size, facts.spacing_mm), (grid.size(), 4.0));
     assert_eq!(facts.native_size, head.volume.grid().size());
     let [row, ..] = facts.patient_from_voxel;
@@ -42,7 +42,10 @@ fn a_head_is_prepared_and_its_facts_are_those_of_its_parts() {
         [row[0], row[3]],
         [4.0, grid.patient_from_voxel().translation.x]
     );
-    assert_eq!(facts.max_depth_mm, prepared.default_paths.max_depth_mm);
+    assert_eq!(
+        facts.max_depth_mm,
+        prepared.built.model.default_paths().max_depth_mm
+    );
     assert!(
         (1000.0..2000.0).contains(&facts.envelope_ml),
         "{} ml",
@@ -62,14 +65,31 @@ fn a_head_is_prepared_and_its_facts_are_those_of_its_parts() {
 }
 
 #[test]
+fn the_timings_cover_all_of_a_preparation() {
+    let head = upload(&phantom());
+    // A busy machine may stop this thread between the two clocks, but hardly every time.
+    let shares: Vec<f64> = (0..5)
+        .map(|_| {
+            let begin = std::time::Instant::now();
+            let prepared = run(&head, &Parameters::default()).unwrap();
+            let whole_ms = begin.elapsed().as_secs_f64() * 1e3;
+            let told_ms: f64 = prepared.facts.timings.iter().map(|&(_, ms)| ms).sum();
+            told_ms / whole_ms
+        })
+        .collect();
+    assert!(shares.iter().all(|&share| share <= 1.0), "{shares:?}");
+    assert!(shares.iter().any(|&share| share > 0.95), "{shares:?}");
+}
+
+#[test]
 fn what_is_stored_is_read_back_as_it_was() {
     let prepared = run(&upload(&phantom()), &Parameters::default()).unwrap();
     let envelope = prepared.envelope().clone();
     let brain = prepared.brain.clone();
     let (volume, forest, paths) = (
-        prepared.volume.clone(),
-        prepared.forest.clone(),
-        prepared.default_paths.clone(),
+        prepared.built.model.volume().clone(),
+        prepared.built.forest.clone(),
+        prepared.built.model.default_paths().clone(),
     );
     for (kind, payload) in Derived::of(prepared).objects {
         match kind {
@@ -101,7 +121,7 @@ fn a_skull_stripped_volume_is_its_own_mask() {
     };
     let own = run(&stripped, &Parameters::default()).unwrap();
     let given = run(&upload(&head), &Parameters::default()).unwrap();
-    assert!(own.distance == given.distance);
+    assert!(own.built.distance == given.built.distance);
     let raw = Source {
         mask: None,
         ..upload(&head)
@@ -174,7 +194,7 @@ fn a_raw_head_is_extracted_first_and_a_rebuild_keeps_its_brain() {
         ..raw.clone()
     };
     let rebuilt = run(&again, &parameters).unwrap();
-    assert!(rebuilt.distance == prepared.distance);
+    assert!(rebuilt.built.distance == prepared.built.distance);
     assert_eq!(rebuilt.facts.quality, prepared.facts.quality);
     // A cancellation ends an extraction under way.
     let cancelled = AtomicBool::new(false);

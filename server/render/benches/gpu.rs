@@ -6,23 +6,11 @@ mod common;
 
 use std::sync::Arc;
 
-use common::Case;
+use common::head_sized;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use geometry::{MeshSize, Paths, envelope_mesh, path_table};
-use render::gpu::{CaseKey, GpuCase, GpuJob, GpuOptions, GpuPool, GpuSurface};
-use render::{RenderParameters, RenderRequest, Scene, Window};
-
-struct Head(Case);
-
-impl GpuCase for Head {
-    fn key(&self) -> CaseKey {
-        CaseKey(1)
-    }
-
-    fn scene(&self) -> Scene<'_> {
-        self.0.scene()
-    }
-}
+use geometry::{MeshSize, Paths};
+use render::gpu::{CaseKey, GpuOptions, GpuPool, KeyedModel};
+use render::{RenderBackend, RenderJob, RenderParameters, RenderRequest, SizedMesh, Window};
 
 fn pictures(criterion: &mut Criterion) {
     let pool = match GpuPool::start(GpuOptions::default()) {
@@ -33,35 +21,39 @@ fn pictures(criterion: &mut Criterion) {
         }
     };
     eprintln!("{:?}", pool.adapter());
-    let head = Arc::new(Head(Case::head_sized()));
-    let job = |depth_mm: f64, surface| GpuJob {
-        case: Arc::clone(&head) as Arc<dyn GpuCase>,
+    let pool = Arc::new(pool);
+    let head = head_sized();
+    let case = KeyedModel {
+        key: CaseKey(1),
+        model: Arc::new(head.model.clone()),
+    };
+    let job = |depth_mm: f64, mesh| RenderJob {
+        case: case.clone(),
         request: RenderRequest::new(RenderParameters {
             depth_mm,
             ..RenderParameters::new(Window::between(40.0, 160.0))
         })
         .expect("a request"),
-        surface,
+        mesh,
     };
     let mut group = criterion.benchmark_group("gpu");
     group.sample_size(20);
+    let mesh_backend = RenderBackend::GpuMesh(Arc::clone(&pool));
     for (contours, points) in [(30, 30), (80, 50), (100, 100)] {
         let size = MeshSize::new(contours, points).expect("a size");
-        let distance = head.0.distance();
-        let mesh = envelope_mesh(head.scene().field, size).expect("a mesh");
-        let table = path_table(&mesh, distance, head.scene().field, Paths::Flow);
-        let mesh = table.shrink(15.0);
+        let table = head.model.path_table(size, &head.distance, Paths::Flow);
+        let mesh = table.expect("a mesh").shrink(15.0);
         let id = BenchmarkId::new("mesh at 15 mm", size.triangle_count());
-        group.bench_with_input(id, &mesh, |bencher, mesh| {
-            bencher.iter(|| {
-                let mesh = mesh.clone();
-                pool.draw(job(15.0, GpuSurface::Mesh { size, mesh }))
-            });
+        let job = job(15.0, Some(SizedMesh { size, mesh }));
+        group.bench_with_input(id, &job, |bencher, job| {
+            bencher.iter(|| mesh_backend.draw(job));
         });
     }
+    let trace_backend = RenderBackend::GpuTrace(pool);
     for depth_mm in [0.5, 15.0, 40.0] {
+        let job = job(depth_mm, None);
         group.bench_function(BenchmarkId::new("trace at mm", depth_mm), |bencher| {
-            bencher.iter(|| pool.draw(job(depth_mm, GpuSurface::Trace)));
+            bencher.iter(|| trace_backend.draw(&job));
         });
     }
     group.sample_size(10);

@@ -2,19 +2,17 @@
 
 mod common;
 
-use common::Case;
+use common::head_sized;
 use criterion::{Criterion, criterion_group, criterion_main};
-use render::{RenderParameters, RenderRequest, Window, draw_splat, encode_png};
+use render::{RenderParameters, RenderRequest, Scene, Window, draw_splat, encode_png};
 
 fn png(criterion: &mut Criterion) {
-    let case = Case::head_sized();
+    let head = head_sized();
+    let scene = Scene::from(&head.model);
     let parameters = RenderParameters::new(Window::between(40.0, 160.0));
-    let frame = draw_splat(
-        &case.scene(),
-        &RenderRequest::new(parameters).expect("a request"),
-    );
+    let frame = draw_splat(&scene, &RenderRequest::new(parameters).expect("a request"));
     criterion.bench_function("png of a grey frame 512x512", |bencher| {
-        bencher.iter(|| encode_png(&frame, &[("renderer", "splat")]));
+        bencher.iter(|| encode_png(&frame, &[("renderer", "splat".to_owned())]));
     });
 }
 

@@ -2,15 +2,16 @@
 
 mod common;
 
-use common::Case;
+use common::head_sized;
 use criterion::{Criterion, criterion_group, criterion_main};
 use render::{
-    RenderParameters, RenderRequest, SliceParameters, SlicePlane, SliceRequest, Window, draw_slice,
-    draw_splat, draw_trace,
+    RenderParameters, RenderRequest, Scene, SliceParameters, SlicePlane, SliceRequest, Window,
+    draw_slice, draw_splat, draw_trace,
 };
 
 fn splat(criterion: &mut Criterion) {
-    let case = Case::head_sized();
+    let head = head_sized();
+    let scene = Scene::from(&head.model);
     let window = Window::between(40.0, 160.0);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
@@ -23,20 +24,20 @@ fn splat(criterion: &mut Criterion) {
         };
         let request = RenderRequest::new(parameters).expect("a request");
         criterion.bench_function(&format!("splat 512x512 at {depth_mm} mm"), |bencher| {
-            pool.install(|| bencher.iter(|| draw_splat(&case.scene(), &request)));
+            pool.install(|| bencher.iter(|| draw_splat(&scene, &request)));
         });
         criterion.bench_function(&format!("trace 512x512 at {depth_mm} mm"), |bencher| {
-            pool.install(|| bencher.iter(|| draw_trace(&case.scene(), &request)));
+            pool.install(|| bencher.iter(|| draw_trace(&scene, &request)));
         });
     }
-    let middle_mm = SlicePlane::Axial.middle_mm(&case.scene().bounds);
+    let middle_mm = SlicePlane::Axial.middle_mm(&scene.bounds);
     let parameters = SliceParameters {
         depths_mm: vec![5.0, 10.0, 20.0],
         ..SliceParameters::new(SlicePlane::Axial, middle_mm, window)
     };
     let request = SliceRequest::new(parameters).expect("a request");
     criterion.bench_function("slice 512x512 with three contours", |bencher| {
-        pool.install(|| bencher.iter(|| draw_slice(&case.scene(), &request)));
+        pool.install(|| bencher.iter(|| draw_slice(&scene, &request)));
     });
 }
 

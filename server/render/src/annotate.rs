@@ -193,11 +193,10 @@ pub(crate) fn short(number: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use geometry::BoundingSphere;
+
     use super::*;
-    use crate::{
-        BoundingSphere, Camera, FrameSize, NamedView, PixelFormat, RenderParameters,
-        SliceParameters,
-    };
+    use crate::{Camera, FrameSize, NamedView, PixelFormat, RenderParameters, SliceParameters};
 
     fn annotated(view: NamedView, side: u32) -> Frame {
         let size = FrameSize::new(side, side).unwrap();

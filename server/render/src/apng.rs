@@ -33,7 +33,7 @@ impl AnimatedPng {
         format: PixelFormat,
         frames: NonZeroU32,
         delay_ms: u16,
-        texts: &[(&str, &str)],
+        texts: &[(&str, String)],
     ) -> Result<Self, RenderError> {
         let failed = |_: png::EncodingError| RenderError::PngEncoding;
         let bytes = Shared::default();
@@ -109,7 +109,14 @@ mod tests {
     fn animation(frames: u32) -> AnimatedPng {
         let size = FrameSize::new(3, 2).unwrap();
         let frames = NonZeroU32::new(frames).unwrap();
-        AnimatedPng::begin(size, PixelFormat::Grey8, frames, 80, &[("Case", "a")]).unwrap()
+        AnimatedPng::begin(
+            size,
+            PixelFormat::Grey8,
+            frames,
+            80,
+            &[("Case", "a".to_owned())],
+        )
+        .unwrap()
     }
 
     fn grey(value: u8) -> Frame {

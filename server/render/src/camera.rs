@@ -2,10 +2,11 @@
 
 use std::str::FromStr;
 
+use geometry::BoundingSphere;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::error::checked;
-use crate::{BoundingSphere, FrameSize, RenderError};
+use crate::{FrameSize, RenderError};
 
 /// A standard direction from which the head is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -2,12 +2,16 @@
 //!
 //! A renderer passes when [`check`] does not panic.
 
-use geometry::{DepthField, DistanceMap, Envelope, Grid, Mask, Rescale, ShellIndex, Volume};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use geometry::{DistanceMap, Grid, MeshSize, PathTable, Paths, Volume, phantom};
 use glam::{DAffine3, DMat3, DVec3};
 
+use crate::gpu::{CaseKey, KeyedModel};
 use crate::{
-    Background, BoundingSphere, Camera, ColorMap, Frame, FrameSize, Hits, Light, NamedView,
-    PixelFormat, RenderParameters, RenderRequest, Renderer, Scene, Trace, Window,
+    Background, Camera, ColorMap, Frame, FrameSize, Hits, Light, NamedView, PixelFormat,
+    RenderBackend, RenderJob, RenderParameters, RenderRequest, SizedMesh, Window,
 };
 
 /// How much a renderer may differ from the truth.
@@ -24,12 +28,9 @@ pub struct Limits {
 
 /// A made-up case: an ellipsoid of half axes 30, 38 and 26 mm about (5, −7, 11), at 1.25 mm.
 #[derive(Debug)]
-pub struct Phantom {
-    volume: Volume,
+struct Phantom {
+    case: KeyedModel,
     distance: DistanceMap,
-    field: DepthField,
-    normals: DepthField,
-    shell: ShellIndex,
 }
 
 const CENTRE: DVec3 = DVec3::new(5.0, -7.0, 11.0);
@@ -38,62 +39,76 @@ const VOXEL_MM: f64 = 1.25;
 
 impl Phantom {
     /// The ellipsoid, and a volume on a grid of its own that is `intensity` of a position in LPS mm.
-    ///
-    /// # Panics
-    /// When `patient_from_voxel` has no inverse.
-    pub fn new(patient_from_voxel: DAffine3, intensity: impl Fn(DVec3) -> u16) -> Self {
-        let working = Grid::aligned(
-            [64, 72, 56],
-            [VOXEL_MM; 3],
-            CENTRE - DVec3::new(40.0, 45.0, 35.0),
-        )
-        .unwrap();
-        let inside = |index| {
-            let position = working
-                .patient_from_voxel()
-                .transform_point3(centre_of(&working, index));
-            ((position - CENTRE) / HALF_AXES).length() <= 1.0
-        };
-        let mask = (0..working.voxel_count()).map(inside).collect();
-        let envelope = Envelope::from_stored(Mask::new(working, mask).unwrap()).unwrap();
+    fn new(patient_from_voxel: DAffine3, intensity: impl Fn(DVec3) -> u16) -> Self {
         let native = Grid::new([80, 90, 70], patient_from_voxel).unwrap();
-        let voxels = (0..native.voxel_count())
-            .map(|index| patient_from_voxel.transform_point3(centre_of(&native, index)))
-            .map(intensity)
-            .collect();
-        let distance = geometry::distance_map(&envelope);
-        let field = DepthField::new(&distance);
-        Self {
-            volume: Volume::new(
-                native,
-                voxels,
-                Rescale {
-                    slope: 1.0,
-                    intercept: 0.0,
-                },
-            )
-            .unwrap(),
-            normals: field.smoothed(1.5),
-            shell: ShellIndex::new(&distance),
-            field,
-            distance,
-        }
+        Self::of_volume(phantom::volume(native, intensity))
     }
 
-    /// What a renderer needs of it.
-    pub fn scene(&self) -> Scene<'_> {
-        Scene {
-            volume: &self.volume,
-            field: &self.field,
-            normals: &self.normals,
-            shell: &self.shell,
-            bounds: BoundingSphere::of_envelope(&self.shell),
+    fn of_volume(volume: Volume) -> Self {
+        let corner = CENTRE - DVec3::new(40.0, 45.0, 35.0);
+        let working = Grid::aligned([64, 72, 56], [VOXEL_MM; 3], corner).unwrap();
+        let is_inside = |position: DVec3| ((position - CENTRE) / HALF_AXES).length() <= 1.0;
+        let built = phantom::model(volume, phantom::envelope(&working, is_inside));
+        Self {
+            case: KeyedModel {
+                key: next_key(),
+                model: Arc::new(built.model),
+            },
+            distance: built.distance,
         }
     }
 }
 
-fn centre_of(grid: &Grid, index: usize) -> DVec3 {
-    DVec3::from(grid.voxel(index).map(|coordinate| coordinate as f64))
+/// A key that no other case of this process has.
+fn next_key() -> CaseKey {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    CaseKey(u128::from(NEXT.fetch_add(1, Ordering::Relaxed)))
+}
+
+/// A backend, and the mesh that it draws.
+struct Renderer {
+    backend: RenderBackend,
+    /// All phantoms have the same envelope and so the same mesh.
+    table: OnceLock<PathTable>,
+}
+
+impl Renderer {
+    /// Contours and points of the mesh: fine, so that its facets do not show.
+    const MESH: [usize; 2] = [200, 200];
+
+    fn job(&self, phantom: &Phantom, request: &RenderRequest) -> RenderJob {
+        let mesh = self.backend.needs_mesh().then(|| {
+            let table = self.table.get_or_init(|| table(phantom));
+            let depth_mm = request.parameters().depth_mm as f32;
+            SizedMesh {
+                size: table.size,
+                mesh: table.shrink(depth_mm),
+            }
+        });
+        RenderJob {
+            case: phantom.case.clone(),
+            request: *request,
+            mesh,
+        }
+    }
+
+    fn draw(&self, phantom: &Phantom, request: &RenderRequest) -> Frame {
+        let drawn = self.backend.draw(&self.job(phantom, request));
+        drawn.expect("a picture").frame
+    }
+
+    fn hits(&self, phantom: &Phantom, request: &RenderRequest) -> Hits {
+        let hits = self.backend.hits(&self.job(phantom, request));
+        hits.expect("hits")
+    }
+}
+
+fn table(phantom: &Phantom) -> PathTable {
+    let [contours, points] = Renderer::MESH;
+    let size = MeshSize::new(contours, points).unwrap();
+    let model = &phantom.case.model;
+    let table = model.path_table(size, &phantom.distance, Paths::Flow);
+    table.unwrap()
 }
 
 /// Voxels of 1.1 mm along L, P and S around the ellipsoid.
@@ -104,11 +119,27 @@ fn aligned() -> DAffine3 {
     }
 }
 
-pub(crate) fn bright() -> Phantom {
+fn bright() -> Phantom {
     Phantom::new(aligned(), |_| 200)
 }
 
-pub(crate) fn parameters() -> RenderParameters {
+/// A picture of the bright ellipsoid, with its default mesh.
+#[cfg(test)]
+pub(crate) fn job() -> RenderJob {
+    let case = bright().case;
+    let table = case.model.default_paths();
+    let mesh = SizedMesh {
+        size: table.size,
+        mesh: table.shrink(0.0),
+    };
+    RenderJob {
+        mesh: Some(mesh),
+        request: request(parameters()),
+        case,
+    }
+}
+
+fn parameters() -> RenderParameters {
     RenderParameters {
         size: FrameSize::new(96, 96).unwrap(),
         light: Light::new(1.0).unwrap(),
@@ -139,7 +170,11 @@ fn cameras() -> Vec<Camera> {
 ///
 /// # Panics
 /// When a check fails: the message says which.
-pub fn check(renderer: &dyn Renderer, limits: Limits) {
+pub fn check(backend: RenderBackend, limits: Limits) {
+    let renderer = &Renderer {
+        backend,
+        table: OnceLock::new(),
+    };
     there_are_no_holes_inside_the_silhouette(renderer, &limits);
     hits_lie_on_the_isosurface(renderer, &limits);
     hits_are_those_of_the_ellipsoid_that_face_the_viewer(renderer);
@@ -155,18 +190,14 @@ pub fn check(renderer: &dyn Renderer, limits: Limits) {
     pictures_agree_with_the_exact_ones(renderer, &limits);
 }
 
-fn draw(renderer: &dyn Renderer, scene: &Scene<'_>, request: &RenderRequest) -> Frame {
-    renderer.draw(scene, request).expect("a picture")
-}
-
-fn hits(renderer: &dyn Renderer, scene: &Scene<'_>, request: &RenderRequest) -> Hits {
-    renderer.hits(scene, request).expect("hits")
-}
-
-fn pictures_agree_with_the_exact_ones(renderer: &dyn Renderer, limits: &Limits) {
+fn pictures_agree_with_the_exact_ones(renderer: &Renderer, limits: &Limits) {
     let case = Phantom::new(aligned(), |position| {
         (3.0 * position.x - 2.0 * position.y + position.z + 300.0) as u16
     });
+    let judge = Renderer {
+        backend: RenderBackend::Trace,
+        table: OnceLock::new(),
+    };
     for camera in cameras() {
         for depth_mm in [0.0, 5.0, 10.0, 20.0] {
             let request = request(RenderParameters {
@@ -177,8 +208,8 @@ fn pictures_agree_with_the_exact_ones(renderer: &dyn Renderer, limits: &Limits) 
                 background: Background::Transparent,
                 ..parameters()
             });
-            let found = draw(renderer, &case.scene(), &request);
-            let exact = draw(&Trace, &case.scene(), &request);
+            let found = renderer.draw(&case, &request);
+            let exact = judge.draw(&case, &request);
             let [mut sum, mut both] = [0.0; 2];
             for index in 0..96 * 96 {
                 let [x, y] = [index % 96, index / 96];
@@ -215,7 +246,7 @@ fn is_at_edge(frame: &Frame, [x, y]: [u32; 2]) -> bool {
     covered.contains(&true) && covered.contains(&false)
 }
 
-fn there_are_no_holes_inside_the_silhouette(renderer: &dyn Renderer, limits: &Limits) {
+fn there_are_no_holes_inside_the_silhouette(renderer: &Renderer, limits: &Limits) {
     let case = bright();
     for camera in cameras() {
         for zoom in [0.3, 1.0, 2.0, 4.0] {
@@ -226,7 +257,7 @@ fn there_are_no_holes_inside_the_silhouette(renderer: &dyn Renderer, limits: &Li
                     camera,
                     ..parameters()
                 });
-                let frame = draw(renderer, &case.scene(), &request);
+                let frame = renderer.draw(&case, &request);
                 let width = frame.size().width() as usize;
                 let mut lit = 0;
                 // An ellipsoid's picture is convex: a row's lit pixels stand in one piece.
@@ -261,9 +292,9 @@ fn is_beside_black(frame: &Frame, x: usize, y: usize) -> bool {
     })
 }
 
-fn hits_lie_on_the_isosurface(renderer: &dyn Renderer, limits: &Limits) {
+fn hits_lie_on_the_isosurface(renderer: &Renderer, limits: &Limits) {
     let case = bright();
-    let scene = case.scene();
+    let field = case.case.model.field();
     for camera in cameras() {
         for (zoom, depth_mm) in [(1.0, 0.0), (1.0, 8.0), (3.0, 15.5), (0.4, 5.0)] {
             let camera = camera.with_zoom(zoom).unwrap();
@@ -272,13 +303,13 @@ fn hits_lie_on_the_isosurface(renderer: &dyn Renderer, limits: &Limits) {
                 camera,
                 ..parameters()
             });
-            let hits = hits(renderer, &scene, &request);
-            let voxel_from_patient = case.field.grid().voxel_from_patient();
+            let hits = renderer.hits(&case, &request);
+            let voxel_from_patient = field.grid().voxel_from_patient();
             let mut count = 0;
             for index in 0..96 * 96 {
                 if let Some(position) = hits.position_in_patient(index % 96, index / 96) {
                     let position_in_voxel = voxel_from_patient.transform_point3(position);
-                    let found = case.field.depth_mm(position_in_voxel.as_vec3());
+                    let found = field.depth_mm(position_in_voxel.as_vec3());
                     let off = (f64::from(found) - depth_mm).abs() / VOXEL_MM;
                     let shallow = if depth_mm < 5.0 * VOXEL_MM { 1.0 } else { 0.0 };
                     let allowed = limits.depth_voxels + shallow;
@@ -291,13 +322,13 @@ fn hits_lie_on_the_isosurface(renderer: &dyn Renderer, limits: &Limits) {
     }
 }
 
-fn hits_are_those_of_the_ellipsoid_that_face_the_viewer(renderer: &dyn Renderer) {
+fn hits_are_those_of_the_ellipsoid_that_face_the_viewer(renderer: &Renderer) {
     let case = bright();
     let request = request(RenderParameters {
         camera: Camera::named(NamedView::Left),
         ..parameters()
     });
-    let hits = hits(renderer, &case.scene(), &request);
+    let hits = renderer.hits(&case, &request);
     let centre = hits.position_in_patient(48, 48).unwrap();
     let left_pole = CENTRE.x + HALF_AXES.x;
     assert!((centre.x - left_pole).abs() < VOXEL_MM, "{centre}");
@@ -310,7 +341,7 @@ fn mean(bytes: &[u8]) -> f64 {
     bytes.iter().map(|&byte| f64::from(byte)).sum::<f64>() / bytes.len() as f64
 }
 
-fn a_mark_on_the_right_shows_from_the_right_alone(renderer: &dyn Renderer) {
+fn a_mark_on_the_right_shows_from_the_right_alone(renderer: &Renderer) {
     let mark = CENTRE - DVec3::X * HALF_AXES.x;
     let intensity = |position: DVec3| {
         if (position - mark).length() < 8.0 {
@@ -338,14 +369,14 @@ fn a_mark_on_the_right_shows_from_the_right_alone(renderer: &dyn Renderer) {
                 window,
                 ..parameters()
             });
-            let frame = draw(renderer, &case.scene(), &request);
+            let frame = renderer.draw(&case, &request);
             let shows_mark = mean(frame.bytes()) > 100.0;
             assert_eq!(shows_mark, view == NamedView::Right, "{view:?}");
         }
     }
 }
 
-fn any_number_of_threads_gives_the_same_bytes(renderer: &dyn Renderer) {
+fn any_number_of_threads_gives_the_same_bytes(renderer: &Renderer) {
     let case = Phantom::new(aligned(), |position| (position.length() * 40.0) as u16);
     let camera = cameras().pop().unwrap();
     let request = request(RenderParameters {
@@ -362,7 +393,7 @@ fn any_number_of_threads_gives_the_same_bytes(renderer: &dyn Renderer) {
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| draw(renderer, &case.scene(), &request))
+        pool.install(|| renderer.draw(&case, &request))
     };
     let one = draw(1);
     assert!(mean(one.bytes()) > 10.0);
@@ -371,7 +402,7 @@ fn any_number_of_threads_gives_the_same_bytes(renderer: &dyn Renderer) {
     }
 }
 
-fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &dyn Renderer, limits: &Limits) {
+fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &Renderer, limits: &Limits) {
     let case = Phantom::new(aligned(), |position| {
         (3.0 * position.x - 2.0 * position.y + position.z + 200.0) as u16
     });
@@ -381,8 +412,8 @@ fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &dyn Renderer, limits
         window,
         ..parameters()
     });
-    let frame = draw(renderer, &case.scene(), &request);
-    let hits = hits(renderer, &case.scene(), &request);
+    let frame = renderer.draw(&case, &request);
+    let hits = renderer.hits(&case, &request);
     for index in 0..96 * 96 {
         let [x, y] = [index % 96, index / 96];
         let is_soft = limits.has_soft_edges && is_beside_black(&frame, x as usize, y as usize);
@@ -394,7 +425,7 @@ fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &dyn Renderer, limits
     }
 }
 
-fn a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer: &dyn Renderer) {
+fn a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer: &Renderer) {
     let case = bright();
     let light = Light::new(0.2).unwrap();
     let request = request(RenderParameters {
@@ -403,7 +434,7 @@ fn a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer: &dyn R
         background: Background::Transparent,
         ..parameters()
     });
-    let frame = draw(renderer, &case.scene(), &request);
+    let frame = renderer.draw(&case, &request);
     assert!(frame.pixel(48, 48).unwrap()[0] >= 198);
     let (pixels, _) = frame.bytes().as_chunks::<2>();
     let covered = pixels.iter().filter(|[_, alpha]| *alpha > 0);
@@ -411,20 +442,11 @@ fn a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer: &dyn R
     assert!((38..100).contains(&least), "{least} at the edge");
 }
 
-fn outside_of_the_volume_nothing_is_shown(renderer: &dyn Renderer) {
+fn outside_of_the_volume_nothing_is_shown(renderer: &Renderer) {
     // The volume ends 10 mm to the right of the middle.
-    let case = Phantom::new(aligned(), |_| 200);
-    let half = case.volume.grid().block([0, 0, 0], [30, 90, 70]).unwrap();
-    let cut = Volume::new(
-        half.clone(),
-        vec![200; half.voxel_count()],
-        case.volume.rescale(),
-    )
-    .unwrap();
-    let scene = Scene {
-        volume: &cut,
-        ..case.scene()
-    };
+    let whole = Grid::new([80, 90, 70], aligned()).unwrap();
+    let half = whole.block([0, 0, 0], [30, 90, 70]).unwrap();
+    let case = Phantom::of_volume(phantom::volume(half, |_| 200));
     let camera = Camera::named(NamedView::Posterior);
     let request = request(RenderParameters {
         camera,
@@ -432,7 +454,7 @@ fn outside_of_the_volume_nothing_is_shown(renderer: &dyn Renderer) {
         slab_mm: 2.0,
         ..parameters()
     });
-    let frame = draw(renderer, &scene, &request);
+    let frame = renderer.draw(&case, &request);
     assert_eq!(frame.format(), PixelFormat::GreyAlpha8);
     assert_eq!(
         frame.pixel(30, 48),
@@ -442,7 +464,7 @@ fn outside_of_the_volume_nothing_is_shown(renderer: &dyn Renderer) {
     assert_eq!(frame.pixel(70, 48), Some(&[200, 255][..]), "the right");
 }
 
-fn colours_are_those_of_the_map(renderer: &dyn Renderer) {
+fn colours_are_those_of_the_map(renderer: &Renderer) {
     let case = bright();
     for (colormap, background, format) in [
         (ColorMap::Inverted, Background::Black, PixelFormat::Grey8),
@@ -454,7 +476,7 @@ fn colours_are_those_of_the_map(renderer: &dyn Renderer) {
             background,
             ..parameters()
         });
-        let frame = draw(renderer, &case.scene(), &request);
+        let frame = renderer.draw(&case, &request);
         let color = colormap.table()[200];
         let bytes = format.bytes_per_pixel();
         let expected = [color[0], color[1], color[2], 255];
@@ -464,21 +486,18 @@ fn colours_are_those_of_the_map(renderer: &dyn Renderer) {
     }
 }
 
-fn deeper_than_the_deepest_there_is_nothing(renderer: &dyn Renderer) {
+fn deeper_than_the_deepest_there_is_nothing(renderer: &Renderer) {
     let case = bright();
     let depth_mm = f64::from(case.distance.max_depth_mm()) + 1.0;
-    let frame = draw(
-        renderer,
-        &case.scene(),
-        &request(RenderParameters {
-            depth_mm,
-            ..parameters()
-        }),
-    );
+    let request = request(RenderParameters {
+        depth_mm,
+        ..parameters()
+    });
+    let frame = renderer.draw(&case, &request);
     assert!(frame.bytes().iter().all(|&byte| byte == 0));
 }
 
-fn a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer: &dyn Renderer) {
+fn a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer: &Renderer) {
     // Bright outside of the ellipsoid: 0 inside.
     let case = Phantom::new(aligned(), |position| {
         if ((position - CENTRE) / (HALF_AXES + 3.0)).length() > 1.0 {
@@ -491,11 +510,11 @@ fn a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer: &dyn Rendere
         slab_mm: 5.0,
         ..parameters()
     });
-    let frame = draw(renderer, &case.scene(), &request);
+    let frame = renderer.draw(&case, &request);
     assert_eq!(frame.pixel(48, 48), Some(&[100][..]));
 }
 
-fn one_pixel_and_extreme_zooms_are_drawn(renderer: &dyn Renderer) {
+fn one_pixel_and_extreme_zooms_are_drawn(renderer: &Renderer) {
     let case = bright();
     for (side, zoom) in [(1, 1.0), (1, 0.01), (2, 100.0), (96, 100.0), (96, 0.01)] {
         let camera = Camera::named(NamedView::Left).with_zoom(zoom).unwrap();
@@ -506,7 +525,7 @@ fn one_pixel_and_extreme_zooms_are_drawn(renderer: &dyn Renderer) {
             background: Background::Transparent,
             ..parameters()
         });
-        let frame = draw(renderer, &case.scene(), &request);
+        let frame = renderer.draw(&case, &request);
         let pixel = frame.pixel(side / 2, side / 2).unwrap();
         // The colour of a pixel that is covered in part was rounded twice.
         let is_bright = pixel[0].abs_diff(200) <= 1 && pixel[1] > 0;

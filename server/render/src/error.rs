@@ -1,5 +1,7 @@
 //! What can be wrong with a request for a picture.
 
+use crate::gpu::GpuError;
+
 /// Why a picture was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -30,6 +32,12 @@ pub enum RenderError {
         /// How many are accepted.
         limit: usize,
     },
+    /// A backend that draws a mesh was given none.
+    #[error("this renderer draws a mesh, and none was given")]
+    MeshMissing,
+    /// The graphics device did not draw.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
     /// A text to be kept in a PNG cannot be: its keyword is not one.
     #[error("a PNG text needs a keyword of 1 to 79 Latin letters")]
     PngKeyword,

@@ -2,7 +2,7 @@
 //!
 //! `Scene + RenderRequest → Frame → PNG`
 //!
-//! Camera, window, colour map and light are shared by every renderer. [`draw_splat`] draws the
+//! A [`RenderBackend`] is one way to draw. Camera, window, colour map and light are shared by all of them. [`draw_splat`] draws the
 //! isosurface {depth = D} in software by projecting the voxels of a thin shell (the paper's section 3.3)
 //! and correcting every pixel along its line of sight; [`draw_trace`] follows every line of sight to the isosurface itself and
 //! judges the others; [`draw_mesh`] draws the facets of a shrunk mesh; [`draw_slice`] draws a slice with the contours
@@ -13,10 +13,9 @@
 //! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
 //! camera looks: x to the right of the picture, y up, z towards the viewer.
 
-pub mod agreement;
 mod annotate;
 mod apng;
-mod bounds;
+mod backend;
 mod camera;
 mod canvas;
 pub mod choice;
@@ -34,11 +33,8 @@ mod mesh;
 mod png;
 mod quality;
 mod rays;
-mod renderer;
 mod sampler;
 mod scene;
-#[cfg(test)]
-mod scene_meshes;
 mod seeds;
 mod settle;
 mod shade;
@@ -52,7 +48,7 @@ mod window;
 
 pub use annotate::{MIN_ANNOTATED_SIDE, annotate, annotate_slice};
 pub use apng::AnimatedPng;
-pub use bounds::BoundingSphere;
+pub use backend::{RenderBackend, RenderJob, RenderedFrame, SizedMesh};
 pub use camera::{Camera, NamedView, Projection};
 pub use colormap::ColorMap;
 pub use error::RenderError;
@@ -62,7 +58,6 @@ pub use light::Light;
 pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
 pub use png::{RESEARCH_USE_NOTICE, encode_png};
 pub use quality::draw_quality_sheet;
-pub use renderer::{Renderer, Splat, Trace};
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};
 pub use slice::{MAX_CONTOURS, SliceParameters, SlicePlane, SliceRequest, draw_slice};

@@ -13,7 +13,7 @@ pub const RESEARCH_USE_NOTICE: &str = "For research use only. Not for diagnosis.
 ///
 /// # Errors
 /// When a keyword is not 1 to 79 printable Latin-1 characters.
-pub fn encode_png(frame: &Frame, texts: &[(&str, &str)]) -> Result<Vec<u8>, RenderError> {
+pub fn encode_png(frame: &Frame, texts: &[(&str, String)]) -> Result<Vec<u8>, RenderError> {
     let mut bytes = Vec::with_capacity(frame.bytes().len() / 4 + 1024);
     let mut encoder = png::Encoder::new(&mut bytes, frame.size().width(), frame.size().height());
     encoder.set_color(color_type(frame.format()));
@@ -113,7 +113,8 @@ mod tests {
             ("depth_mm", "8"),
             ("note", "größer, 深さ"),
         ];
-        let encoded = encode_png(&frame(PixelFormat::Grey8), &texts).unwrap();
+        let owned = texts.map(|(keyword, text)| (keyword, text.to_owned()));
+        let encoded = encode_png(&frame(PixelFormat::Grey8), &owned).unwrap();
         let reader = png::Decoder::new(std::io::Cursor::new(encoded))
             .read_info()
             .unwrap();
@@ -145,7 +146,7 @@ mod tests {
             "line\nbreak",
             &"x".repeat(80),
         ] {
-            let result = encode_png(&frame(PixelFormat::Grey8), &[(keyword, "8")]);
+            let result = encode_png(&frame(PixelFormat::Grey8), &[(keyword, "8".to_owned())]);
             assert_eq!(result, Err(RenderError::PngKeyword), "{keyword:?}");
         }
     }

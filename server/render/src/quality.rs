@@ -126,24 +126,17 @@ fn legend(canvas: &mut Canvas, [mut left, top]: [i32; 2]) {
 
 #[cfg(test)]
 mod tests {
-    use geometry::{DepthField, ShellIndex, distance_map, envelope, phantom};
+    use geometry::phantom;
 
     use super::*;
-    use crate::BoundingSphere;
 
     #[test]
     fn nine_slices_show_every_contour_and_what_lies_around_the_brain() {
         let head = phantom::head(4.0);
         let brain = geometry::BrainMask::from_mask(&head.brain, head.volume.grid()).unwrap();
-        let distance = distance_map(&envelope(&brain, 10.0).unwrap());
-        let (field, shell) = (DepthField::new(&distance), ShellIndex::new(&distance));
-        let scene = Scene {
-            volume: &head.volume,
-            normals: &field,
-            field: &field,
-            bounds: BoundingSphere::of_envelope(&shell),
-            shell: &shell,
-        };
+        let envelope = geometry::envelope(&brain, 10.0).unwrap();
+        let built = phantom::model(head.volume.clone(), envelope);
+        let scene = Scene::from(&built.model);
         let lines = ["the brain mask was supplied: ok".to_owned()];
         let window = Window::between(0.0, 900.0);
         let sheet = draw_quality_sheet(&scene, window, &lines).unwrap();

@@ -1,11 +1,9 @@
 //! What is drawn, and how it is asked for.
 
-use geometry::{DepthField, ShellIndex, Volume};
+use geometry::{BoundingSphere, DeformableModel, DepthField, ShellIndex, Volume};
 
 use crate::error::checked;
-use crate::{
-    BoundingSphere, Camera, ColorMap, FrameSize, Light, NamedView, Projection, RenderError, Window,
-};
+use crate::{Camera, ColorMap, FrameSize, Light, NamedView, Projection, RenderError, Window};
 
 /// All that a renderer needs of a case. Cheap to make: it borrows everything.
 #[derive(Debug, Clone, Copy)]
@@ -18,8 +16,20 @@ pub struct Scene<'a> {
     pub normals: &'a DepthField,
     /// The envelope's voxels by depth.
     pub shell: &'a ShellIndex,
-    /// What the camera looks at: [`BoundingSphere::of_envelope`], kept with the case.
+    /// What the camera looks at.
     pub bounds: BoundingSphere,
+}
+
+impl<'a> From<&'a DeformableModel> for Scene<'a> {
+    fn from(model: &'a DeformableModel) -> Self {
+        Self {
+            volume: model.volume(),
+            field: model.field(),
+            normals: model.normals(),
+            shell: model.shell(),
+            bounds: model.bounds(),
+        }
+    }
 }
 
 /// What is behind the brain.

@@ -47,33 +47,24 @@ pub(crate) fn settled<'a>(mesh: &'a ShrunkMesh, scene: &Scene<'_>) -> Cow<'a, Sh
 
 #[cfg(test)]
 mod tests {
-    use geometry::{DepthField, MeshSize, Paths, ShellIndex, envelope_mesh, path_table, phantom};
+    use geometry::{MeshSize, Paths, phantom};
 
     use super::*;
-    use crate::BoundingSphere;
 
     #[test]
     fn vertices_near_the_envelope_are_on_the_surface_without_terraces_and_deep_ones_stay() {
-        let distance =
-            geometry::distance_map(&geometry::envelope(&phantom::ball(20.0), 2.0).unwrap());
-        let field = DepthField::new(&distance);
-        let normals = field.smoothed(1.5);
-        let shell = ShellIndex::new(&distance);
-        let volume = phantom::head(4.0).volume;
-        let scene = Scene {
-            volume: &volume,
-            field: &field,
-            normals: &normals,
-            shell: &shell,
-            bounds: BoundingSphere::of_envelope(&shell),
-        };
-        let mesh = envelope_mesh(&field, MeshSize::new(20, 30).unwrap()).unwrap();
-        let table = path_table(&mesh, &distance, &field, Paths::Flow);
+        let envelope = geometry::envelope(&phantom::ball(20.0), 2.0).unwrap();
+        let built = phantom::model(phantom::head(4.0).volume, envelope);
+        let (model, scene) = (&built.model, Scene::from(&built.model));
+        let size = MeshSize::new(20, 30).unwrap();
+        let table = model.path_table(size, &built.distance, Paths::Flow);
+        let table = table.unwrap();
         for depth_mm in [0.0, 1.7, 3.6] {
             let shrunk = table.shrink(depth_mm);
-            let isosurface = Isosurface::new(&field, &normals, f64::from(depth_mm));
+            let isosurface = Isosurface::new(scene.field, scene.normals, f64::from(depth_mm));
             let off = |position: &[f32; 3]| {
-                let place = field
+                let place = model
+                    .field()
                     .grid()
                     .voxel_from_patient()
                     .transform_point3(Vec3::from(*position).as_dvec3());

@@ -42,7 +42,7 @@ impl SheetPlan {
                 accepted,
                 "at least one cell and at most 4096 pixels",
             )?;
-            Ok(pixels as u32)
+            Ok::<_, RenderError>(pixels as u32)
         };
         let width = side("sheet width", left, columns.len(), cell.width())?;
         let height = side("sheet height", top, rows.len(), cell.height())?;

@@ -59,6 +59,12 @@ pub enum AppError {
         /// What is wrong with it: a sentence that begins with its verb.
         detail: String,
     },
+    /// A key of the query is unknown. It is not repeated: it may be anything, such as a patient's name.
+    #[error("the query has a key that this address does not take; {known}")]
+    UnknownKey {
+        /// Those it takes, in words.
+        known: String,
+    },
     /// The form of an upload cannot be read.
     #[error("{detail}")]
     Upload {
@@ -182,6 +188,7 @@ impl AppError {
         let (status, kind) = match self {
             Self::Cases(error) => return of_cases(error),
             Self::NotACaseId => (StatusCode::NOT_FOUND, "not-a-case-id"),
+            Self::UnknownKey { .. } => (StatusCode::BAD_REQUEST, "query-unknown-key"),
             Self::Query { kind, .. } | Self::Upload { kind, .. } => {
                 (StatusCode::BAD_REQUEST, *kind)
             }

@@ -29,6 +29,7 @@ mod frame;
 mod name;
 mod objects;
 mod page;
+mod private;
 mod publish;
 pub mod rows;
 mod signals;
@@ -40,6 +41,7 @@ pub mod testing;
 mod watch;
 
 use std::fmt;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -54,6 +56,7 @@ pub use self::frame::{Framed, frame};
 pub use self::name::ObjectName;
 pub use self::objects::{Objects, Unreadable};
 pub use self::page::{Cursor, Page};
+pub use self::private::keep_private;
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
     CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
@@ -88,6 +91,8 @@ pub struct Options {
     /// How often a preparation is begun before the case fails: so often that a machine that is switched off again and
     /// again loses nothing, and not for ever, because an input could be what ends the program.
     pub max_attempts: u32,
+    /// How long a preparation may take; then the case fails.
+    pub longest_preparation: Duration,
     /// How long to wait before the next attempt when the store, not the input, was at fault.
     pub retry_after: Duration,
     /// How often to look for changes that other processes make.
@@ -102,6 +107,7 @@ impl Default for Options {
             lease: Duration::from_secs(30),
             heartbeat: Duration::from_secs(1),
             max_attempts: 30,
+            longest_preparation: Duration::from_secs(900),
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
         }
@@ -164,7 +170,9 @@ impl Store {
         let forget_dead_holders = async |root: &Path| {
             alone = true;
             let rows = SqliteRows::open(&rows_file(root)).await?;
-            rows.forget_holders().await
+            rows.forget_holders().await?;
+            rows.close().await;
+            Ok(())
         };
         let place = Directory::open::<StoreError>(directory, forget_dead_holders).await?;
         let rows = SqliteRows::open(&rows_file(directory)).await?;
@@ -327,8 +335,13 @@ impl Store {
         self.rows().check().await?;
         self.inner.objects.check().await?;
         let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
-        tokio::task::spawn_blocking(move || check_room(&scratch, wanted)).await??;
+        tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
         Ok(())
+    }
+
+    /// The process ends: leaves nothing unfinished. Nothing can be asked of the rows afterwards.
+    pub async fn close(&self) {
+        self.rows().close().await;
     }
 
     /// Removes the objects that nobody needs any more.
@@ -402,13 +415,17 @@ impl Store {
     }
 }
 
-/// Whether so many bytes are free on the disk of a directory, for a process without privileges.
-fn check_room(directory: &Path, wanted: u64) -> std::io::Result<()> {
+/// Whether so many bytes are free on the disk of a directory, for a process without privileges, and a file can be made durable there.
+fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
     let disk = rustix::fs::statvfs(directory)?;
     if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
         return Err(std::io::ErrorKind::StorageFull.into());
     }
-    Ok(())
+    let mut probe = tempfile::Builder::new()
+        .prefix("check-")
+        .tempfile_in(directory)?;
+    probe.write_all(b"check")?;
+    probe.as_file().sync_data()
 }
 
 fn rows_file(root: &Path) -> std::path::PathBuf {

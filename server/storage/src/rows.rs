@@ -187,6 +187,9 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Ends every lease and expires every pin: no other process lives that could hold one.
     async fn forget_holders(&self) -> Result<(), StoreError>;
 
-    /// Whether the rows can be read.
+    /// Whether the rows can be read and written. Changes nothing.
     async fn check(&self) -> Result<(), StoreError>;
+
+    /// The process ends: leaves nothing unfinished. Nothing can be asked afterwards.
+    async fn close(&self) {}
 }

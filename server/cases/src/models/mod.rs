@@ -17,7 +17,7 @@ use storage::StoreError;
 
 use crate::library::Library;
 
-pub use self::model::{Model, PathKind, PathsError};
+pub use self::model::{PathKind, PathsError, WarmModel};
 
 /// Models in memory unless said otherwise, in bytes: some twenty heads of 256³.
 pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
@@ -41,7 +41,7 @@ struct Inner {
 
 #[derive(Clone)]
 struct Entry {
-    model: Arc<Model>,
+    model: Arc<WarmModel>,
     /// When the case was last known to be there, in ms since `Inner::begun`.
     seen_ms: Arc<AtomicU64>,
 }
@@ -84,7 +84,7 @@ impl Models {
     ///
     /// # Errors
     /// When the store fails.
-    pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<Model>>, StoreError> {
+    pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<WarmModel>>, StoreError> {
         if let Some(entry) = self.inner.cache.get(id) {
             return self.inner.confirm(id, entry).await;
         }
@@ -113,7 +113,11 @@ impl Inner {
     }
 
     /// A model from the cache, if its case is still there.
-    async fn confirm(&self, id: &CaseId, entry: Entry) -> Result<Option<Arc<Model>>, StoreError> {
+    async fn confirm(
+        &self,
+        id: &CaseId,
+        entry: Entry,
+    ) -> Result<Option<Arc<WarmModel>>, StoreError> {
         let now = self.now_ms();
         let unseen_ms = now.saturating_sub(entry.seen_ms.load(Ordering::Relaxed));
         if u128::from(unseen_ms) >= TRUST_FOR.as_millis() {
@@ -129,7 +133,7 @@ impl Inner {
 
     async fn load(&self, id: &CaseId) -> Result<Entry, NotLoaded> {
         let seen_ms = self.now_ms();
-        match Model::load(&self.library, id).await {
+        match WarmModel::load(&self.library, id).await {
             Ok(Some(model)) => Ok(Entry {
                 model: Arc::new(model),
                 seen_ms: Arc::new(AtomicU64::new(seen_ms)),

@@ -46,7 +46,7 @@ async fn ready() -> Ready {
 }
 
 impl Ready {
-    async fn model(&self) -> Arc<Model> {
+    async fn model(&self) -> Arc<WarmModel> {
         self.models.get(&self.id).await.unwrap().unwrap()
     }
 
@@ -72,11 +72,9 @@ async fn a_model_is_what_was_prepared() {
     );
     let prepared = prepared.unwrap();
     let model = ready.model().await;
-    assert!(model.volume == prepared.volume);
-    assert!(**model.default_paths() == prepared.default_paths);
-    assert!(*model.field == geometry::DepthField::new(&prepared.distance));
+    assert!(**model.model() == prepared.built.model);
     assert_eq!(model.facts.max_depth_mm, prepared.facts.max_depth_mm);
-    assert!(model.distance().await.unwrap() == Some(prepared.distance));
+    assert!(model.distance().await.unwrap() == Some(prepared.built.distance));
     assert_eq!(
         (ready.models.count(), ready.models.bytes()),
         (1, model.bytes())
@@ -91,7 +89,7 @@ async fn tables_are_made_at_their_first_use_and_kept() {
     let model = ready.model().await;
     let size = |contours, points| MeshSize::new(contours, points).unwrap();
     let default = model.paths(size(30, 30), PathKind::Forest).await.unwrap();
-    assert!(Arc::ptr_eq(&default, model.default_paths()));
+    assert!(Arc::ptr_eq(&default, model.model().default_paths()));
     let flow = model.paths(size(30, 30), PathKind::Flow).await.unwrap();
     assert!(flow.rows != default.rows);
     assert!(Arc::ptr_eq(
@@ -140,7 +138,7 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
         ready.damage(kind);
         let cold = Models::new(ready.library.clone(), DEFAULT_BUDGET_BYTES);
         let model = cold.get(&ready.id).await.unwrap().unwrap();
-        assert!(model.volume == first.volume && model.field == first.field);
+        assert!(model.model() == first.model());
         assert_eq!(
             ready.library.store().counters().rebuilds,
             rebuilds as u64 + 1,

@@ -1,15 +1,15 @@
 //! Pictures of cases: what may be asked for, who draws it, and where.
 
 mod drawing;
-mod finish;
+mod encoding;
 mod graphics;
 mod numbers;
 mod render_pool;
 mod request;
 mod turnstile;
 
-pub use self::drawing::{Drawer, Drawing, Drawn, device_name};
-pub use self::finish::{Finished, Story, borrowed, dressed, finish};
+pub use self::drawing::{DrawnPicture, PictureJob, backend_for};
+pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::numbers::{NumberList, Numbers};
 pub use self::render_pool::RenderPool;

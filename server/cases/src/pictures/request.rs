@@ -1,7 +1,7 @@
 //! What may be asked for in a picture: one request for HTTP and the command line.
 
 use case::CaseFacts;
-use geometry::MeshSize;
+use geometry::{DeformableModel, MeshSize};
 use render::choice::Renderer;
 use render::{
     Background, Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, NamedView,
@@ -34,7 +34,7 @@ pub fn default_zoom() -> f64 {
 
 /// The fineness of a mesh by default, along and across.
 pub fn default_count() -> usize {
-    30
+    DeformableModel::DEFAULT_MESH.contour_count()
 }
 
 fn default_ambient() -> f64 {

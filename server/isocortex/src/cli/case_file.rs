@@ -3,20 +3,20 @@
 //! Little-endian: the magic word `ISOCASE\n`, a version (u32), the facts as JSON and then the derived objects as the store has
 //! them, unpacked; each of these parts as its BLAKE3 digest (32 bytes), its packed and its plain length (u64), and its bytes, packed with zstd.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
+use case::{CaseFacts, ObjectKind};
+use cases::models::PathKind;
 use geometry::{
-    DepthField, DistanceMap, Forest, GeometryError, MeshSize, Paths, ShellIndex, ShrunkMesh,
-    Volume, distance_map,
+    BuiltModel, DeformableModel, DepthMaps, DistanceMap, Forest, GeometryError, MeshSize, Paths,
+    ShrunkMesh, distance_map,
 };
-use render::gpu::{CaseKey, GpuCase};
-use render::{BoundingSphere, Scene};
+use pipeline::codec::{decode_envelope, decode_forest, decode_paths, decode_volume};
+use pipeline::{Derived, Prepared};
+use render::gpu::{CaseKey, KeyedModel};
 
 use super::status::{CliError, ExitStatus};
-use case::CaseFacts;
-use case::ObjectKind;
-use cases::models::PathKind;
-use pipeline::codec::{decode_envelope, decode_forest, decode_volume};
-use pipeline::{Derived, Prepared};
 
 /// What a file begins with.
 pub(super) const MAGIC: &[u8; 8] = b"ISOCASE\n";
@@ -35,41 +35,35 @@ const KINDS: [ObjectKind; 4] = [
     ObjectKind::Paths,
 ];
 
-/// How much the field is smoothed for normals, in voxels, as in the store's models.
-const NORMAL_SIGMA_VOXELS: f32 = 1.5;
-
-/// What a picture needs of a case.
-pub(super) struct Picturable {
-    volume: Volume,
+/// The one case of this process, and the maps for meshes of any size.
+pub(super) struct LocalCase {
+    model: Arc<DeformableModel>,
     distance: DistanceMap,
     forest: Forest,
-    field: DepthField,
-    normals: DepthField,
-    shell: ShellIndex,
     pub(super) facts: CaseFacts,
 }
 
-impl Picturable {
-    /// What a picture needs of a case that was prepared in this process.
+impl LocalCase {
+    /// A case that was prepared in this process.
     pub(super) fn of(prepared: Prepared) -> Self {
-        Self::new(
-            prepared.volume,
-            prepared.distance,
-            prepared.forest,
-            prepared.facts,
-        )
-    }
-
-    fn new(volume: Volume, distance: DistanceMap, forest: Forest, facts: CaseFacts) -> Self {
-        let field = DepthField::new(&distance);
-        Self {
-            normals: field.smoothed(NORMAL_SIGMA_VOXELS),
-            shell: ShellIndex::new(&distance),
-            field,
-            volume,
+        let BuiltModel {
+            model,
             distance,
             forest,
-            facts,
+        } = prepared.built;
+        Self {
+            model: Arc::new(model),
+            distance,
+            forest,
+            facts: prepared.facts,
+        }
+    }
+
+    /// Its model, for a renderer.
+    pub(super) fn keyed(&self) -> KeyedModel {
+        KeyedModel {
+            key: CaseKey(0),
+            model: Arc::clone(&self.model),
         }
     }
 
@@ -83,35 +77,12 @@ impl Picturable {
         kind: PathKind,
         depth_mm: f32,
     ) -> Result<ShrunkMesh, GeometryError> {
-        let mesh = geometry::envelope_mesh(&self.field, size)?;
         let paths = match kind {
             PathKind::Forest => Paths::Forest(&self.forest),
             PathKind::Flow => Paths::Flow,
         };
-        Ok(geometry::shrink_once(
-            &mesh,
-            &self.distance,
-            &self.field,
-            paths,
-            depth_mm,
-        ))
-    }
-}
-
-impl GpuCase for Picturable {
-    /// There is one case in this process.
-    fn key(&self) -> CaseKey {
-        CaseKey(0)
-    }
-
-    fn scene(&self) -> Scene<'_> {
-        Scene {
-            volume: &self.volume,
-            field: &self.field,
-            normals: &self.normals,
-            shell: &self.shell,
-            bounds: BoundingSphere::of_envelope(&self.shell),
-        }
+        self.model
+            .shrink_once(size, &self.distance, paths, depth_mm)
     }
 }
 
@@ -138,26 +109,29 @@ pub(super) fn write(prepared: Prepared) -> Result<Vec<u8>, CliError> {
 }
 
 /// Reads a file back. Every part is checked against its digest.
-pub(super) fn read(file: &Bytes) -> Result<Picturable, CliError> {
+pub(super) fn read(file: &Bytes) -> Result<LocalCase, CliError> {
     decode(file).ok_or_else(|| {
         let message = "the prepared file is damaged, or of another version; prepare it again";
         CliError::new(ExitStatus::BadInput, message)
     })
 }
 
-fn decode(file: &[u8]) -> Option<Picturable> {
+fn decode(file: &[u8]) -> Option<LocalCase> {
     let rest = file.strip_prefix(MAGIC)?;
     let mut rest = rest.strip_prefix(&VERSION.to_le_bytes())?;
     let facts = serde_json::from_slice(&part(&mut rest)?).ok()?;
     let envelope = decode_envelope(&part(&mut rest)?)?;
     let volume = decode_volume(&part(&mut rest)?)?;
     let forest = decode_forest(&part(&mut rest)?, &envelope)?;
-    Some(Picturable::new(
-        volume,
-        distance_map(&envelope),
+    let paths = decode_paths(&part(&mut rest)?)?;
+    let distance = distance_map(&envelope);
+    let model = DeformableModel::new(volume, DepthMaps::new(&distance), paths);
+    Some(LocalCase {
+        model: Arc::new(model),
+        distance,
         forest,
         facts,
-    ))
+    })
 }
 
 /// The next part of a file.

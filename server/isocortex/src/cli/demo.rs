@@ -76,6 +76,7 @@ struct Sample {
 
 /// Serves until the process is told to stop.
 pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
+    super::keep_files_private();
     let temporary = match args.data {
         Some(_) => None,
         None => Some(temporary_directory()?),

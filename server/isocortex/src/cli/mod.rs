@@ -1,6 +1,5 @@
 //! The command line.
 
-mod bench;
 mod case_file;
 mod choices;
 mod demo;
@@ -28,7 +27,6 @@ Examples:
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
   isocortex prepare dicom-folder --mask brain.nii.gz --series 3
   isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
-  isocortex bench --plot plots                      how fast and how exact it is on this machine
 
 Exit status:
    0  done
@@ -63,8 +61,12 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case, a volume or a prepared file as PNG.
     Render(render::RenderArgs),
-    /// Measure this machine by the experiments of the paper.
-    Bench(bench::BenchArgs),
+    /// The experiments of the paper, a program of their own by now.
+    #[command(hide = true, disable_help_flag = true)]
+    Bench {
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
     /// Reads DICOM files with limits on what it may take; started by the others.
     #[command(hide = true)]
     ReadDicom,
@@ -157,10 +159,23 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
-        Command::Bench(args) => bench::run(&args),
+        Command::Bench { .. } => Err(CliError::new(
+            ExitStatus::Usage,
+            "`bench` is a program of its own now: run `isocortex-bench paper`",
+        )),
         Command::ReadDicom => unreachable!("it has its own way out"),
     }
 }
+
+/// What this process makes from now on is for its owner alone: it holds images of patients.
+#[cfg(unix)]
+fn keep_files_private() {
+    rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
+}
+
+/// Other systems have no modes.
+#[cfg(not(unix))]
+fn keep_files_private() {}
 
 /// Starts the runtime and waits for `work`.
 fn block_on<T>(work: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {
@@ -211,6 +226,14 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_old_bench_names_the_program_that_took_its_place() {
+        let old = ["isocortex", "bench", "--growth", "--plot", "plots"];
+        let error = run(Cli::try_parse_from(old).unwrap().command).unwrap_err();
+        assert_eq!(error.status, ExitStatus::Usage);
+        assert!(error.message.contains("isocortex-bench paper"));
     }
 
     #[test]

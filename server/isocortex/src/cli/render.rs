@@ -1,21 +1,20 @@
 //! `isocortex render`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use case::CaseId;
 use cases::models::{Models, PathKind};
 use cases::pictures::{
-    Drawer, Drawing, GpuUse, Graphics, GraphicsOptions, Numbers, PictureRequest, Story, finish,
-    window_of,
+    GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
+    backend_for, encode, window_of,
 };
 use cases::{Error, Library};
 use clap::Args;
 use render::choice::Renderer;
-use render::{Background, ColorMap, NamedView};
+use render::{Background, ColorMap, NamedView, RenderBackend, RenderJob, SizedMesh};
 use storage::Store;
 
-use super::case_file::{self, Picturable};
+use super::case_file::{self, LocalCase};
 use super::prepare::{head_of, prepare_here, source};
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, check_output, choices, read_input, write_output};
@@ -182,31 +181,36 @@ async fn of_case(
         )
     })?;
     let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
-    let drawer = Drawer::choose(query.renderer, graphics).await;
-    let mesh = if drawer.wants_mesh() {
+    let backend = backend_for(query.renderer, graphics).await;
+    let mesh = if backend.needs_mesh() {
         let size = query.mesh_size()?;
         let shrunk = model.shrink(size, query.paths, depth_mm).await;
-        Some((size, shrunk.map_err(Error::from)?))
+        let mesh = shrunk.map_err(Error::from)?;
+        Some(SizedMesh { size, mesh })
     } else {
         None
     };
-    let drawing = Drawing {
+    let job = RenderJob {
+        case: model.keyed(),
         request: query.at(depth_mm, window_of(&model.facts))?,
-        case: model,
-        asked: query.renderer,
-        drawer,
         mesh,
     };
-    finished(drawing, Some(&id), query)
+    drawn(job, backend, Some(&id), query)
 }
 
-fn finished(
-    drawing: Drawing,
+fn drawn(
+    job: RenderJob,
+    backend: RenderBackend,
     id: Option<&CaseId>,
     query: &PictureRequest,
 ) -> Result<Vec<u8>, CliError> {
-    let story = Story::of(id, &drawing.request, &drawing.case.scene());
-    Ok(finish(drawing.draw(&|| true)?, &story, query.annotate)?.png)
+    let metadata = ImageMetadata::of(id, &job);
+    let picture = PictureJob {
+        job,
+        asked: query.renderer,
+        backend,
+    };
+    Ok(encode(picture.draw(&|| true)?, &metadata, query.annotate)?.png)
 }
 
 async fn of_file(
@@ -220,27 +224,26 @@ async fn of_file(
     } else {
         let source = source(&args.input, &args.options).await?;
         let parameters = args.options.parameters(None)?;
-        Picturable::of(prepare_here(
+        LocalCase::of(prepare_here(
             &source,
             &parameters,
             &args.options.pipeline()?,
         )?)
     };
     let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
-    let drawer = Drawer::choose(query.renderer, graphics).await;
-    let mesh = if drawer.wants_mesh() {
+    let backend = backend_for(query.renderer, graphics).await;
+    let mesh = if backend.needs_mesh() {
         let size = query.mesh_size()?;
         let shrunk = case.shrink(size, query.paths, depth_mm);
-        Some((size, shrunk.map_err(Error::from)?))
+        let mesh = shrunk.map_err(Error::from)?;
+        Some(SizedMesh { size, mesh })
     } else {
         None
     };
-    let drawing = Drawing {
+    let job = RenderJob {
+        case: case.keyed(),
         request: query.at(depth_mm, window_of(&case.facts))?,
-        case: Arc::new(case),
-        asked: query.renderer,
-        drawer,
         mesh,
     };
-    finished(drawing, None, query)
+    drawn(job, backend, None, query)
 }

@@ -89,6 +89,7 @@ impl ServeArgs {
 
 /// Serves until the process is told to stop.
 pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
+    super::keep_files_private();
     let config = args.config()?;
     logs::start(config.log_format, &config.log);
     for renamed in &config.renamed {
@@ -141,6 +142,7 @@ impl Server {
             tracing::error!(%error, "the listener failed");
         }
         self.workers.shut_down(self.grace).await;
+        self.state.cases.store().close().await;
         tracing::info!("stopped");
     }
 }

@@ -9,9 +9,11 @@ use std::time::Duration;
 
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
+use pipeline::HeadLimits;
 use serde::Deserialize;
 use service::auth::{Access, BadToken};
 use service::listen::ConnectionLimits;
+use service::pace::LeastRate;
 
 use crate::logs::LogFormat;
 
@@ -159,6 +161,7 @@ impl Config {
                     path: path.clone(),
                     source,
                 };
+                storage::keep_private(path, "the file of the token");
                 read.map(Some).map_err(unreadable)
             }
             (None, None) => Ok(None),
@@ -184,6 +187,16 @@ impl Config {
                 self.limits.max_queued_renders as u64,
             ),
             ("http.max_connections", self.http.max_connections as u64),
+            (
+                "http.max_connections_per_address",
+                self.http.max_connections_per_address as u64,
+            ),
+            ("http.max_uploads", self.http.max_uploads as u64),
+            (
+                "http.least_bytes_per_second",
+                self.http.least_bytes_per_second,
+            ),
+            ("http.slow_start_secs", self.http.slow_start_secs),
             ("http.header_timeout_secs", self.http.header_timeout_secs),
             ("http.answer_timeout_secs", self.http.answer_timeout_secs),
             ("http.upload_idle_secs", self.http.upload_idle_secs),
@@ -202,12 +215,18 @@ impl Config {
             store: storage::Options {
                 queue_limit: self.limits.max_queued_cases,
                 min_free_bytes: self.storage.min_free_bytes,
+                longest_preparation: Duration::from_secs(self.prepare.max_secs),
                 ..storage::Options::default()
             },
             network: self.prepare.network.clone(),
             limits: pipeline::Limits {
                 max_voxels: self.limits.max_voxels,
                 ..pipeline::Limits::default()
+            },
+            head: HeadLimits {
+                voxel_mm: [self.limits.min_voxel_mm, self.limits.max_voxel_mm],
+                field_mm: [self.limits.min_field_mm, self.limits.max_field_mm],
+                max_ratio: self.limits.max_voxel_ratio,
             },
             render_threads: self.render.threads,
             max_queued_renders: self.limits.max_queued_renders,
@@ -226,8 +245,13 @@ impl Config {
     pub fn connection_limits(&self) -> ConnectionLimits {
         ConnectionLimits {
             connections: self.http.max_connections,
+            connections_per_address: self.http.max_connections_per_address,
             header_timeout: Duration::from_secs(self.http.header_timeout_secs),
-            write_timeout: Duration::from_secs(self.http.upload_idle_secs),
+            least_rate: LeastRate {
+                bytes_per_second: self.http.least_bytes_per_second,
+                grace: Duration::from_secs(self.http.slow_start_secs),
+                pause: Duration::from_secs(self.http.upload_idle_secs),
+            },
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }

@@ -4,6 +4,7 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
 use cases::pictures::GpuUse;
+use pipeline::HeadLimits;
 use serde::Deserialize;
 
 /// The address to listen at where none is configured.
@@ -20,8 +21,16 @@ pub struct Http {
     pub token: Option<Secret>,
     /// A file that holds the token, instead of `token`.
     pub token_file: Option<PathBuf>,
-    /// Connections at a time.
+    /// Connections at a time. Of those beyond only health checks are answered.
     pub max_connections: usize,
+    /// Of these, how many may come from one address. Behind a proxy all have one.
+    pub max_connections_per_address: usize,
+    /// Uploads at a time.
+    pub max_uploads: usize,
+    /// How fast a client must send a body, and take an answer, on average after the first seconds, in bytes a second.
+    pub least_bytes_per_second: u64,
+    /// For how long a client may be slower at first, in seconds.
+    pub slow_start_secs: u64,
     /// Time for the headers of a request, in seconds; also how long a connection may be idle.
     pub header_timeout_secs: u64,
     /// Time for an answer, in seconds.
@@ -43,6 +52,10 @@ impl Default for Http {
             token: None,
             token_file: None,
             max_connections: 512,
+            max_connections_per_address: 256,
+            max_uploads: 64,
+            least_bytes_per_second: 10_000,
+            slow_start_secs: 10,
             header_timeout_secs: 10,
             answer_timeout_secs: 60,
             upload_idle_secs: 30,
@@ -61,6 +74,16 @@ pub struct Limits {
     pub max_upload_bytes: u64,
     /// The largest accepted volume, in voxels: each takes two bytes, and a gzip can hold many in a few.
     pub max_voxels: usize,
+    /// The shortest edge of a voxel, in mm. What is beyond this and the four next limits is no head: it is refused at once.
+    pub min_voxel_mm: f64,
+    /// The longest edge of a voxel, in mm.
+    pub max_voxel_mm: f64,
+    /// The shortest side of a volume, in mm; infants and specimens may need a smaller one.
+    pub min_field_mm: f64,
+    /// The longest side of a volume, in mm.
+    pub max_field_mm: f64,
+    /// How much longer than another edge one of a voxel may be.
+    pub max_voxel_ratio: f64,
     /// How many cases may wait to be prepared.
     pub max_queued_cases: usize,
     /// Renders that may wait for a thread.
@@ -69,9 +92,15 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
+        let head = HeadLimits::default();
         Self {
             max_upload_bytes: 1 << 30,
-            max_voxels: 256 << 20,
+            max_voxels: 64 << 20,
+            min_voxel_mm: head.voxel_mm[0],
+            max_voxel_mm: head.voxel_mm[1],
+            min_field_mm: head.field_mm[0],
+            max_field_mm: head.field_mm[1],
+            max_voxel_ratio: head.max_ratio,
             max_queued_cases: 64,
             max_queued_renders: 64,
         }
@@ -84,6 +113,8 @@ impl Default for Limits {
 pub struct Prepare {
     /// Cases prepared at a time.
     pub workers: usize,
+    /// How long a preparation may take, in seconds; then the case fails.
+    pub max_secs: u64,
     /// The file with the weights of the network that extracts brains; by default the one beside the program, if there is one.
     pub network: Option<PathBuf>,
 }
@@ -92,6 +123,7 @@ impl Default for Prepare {
     fn default() -> Self {
         Self {
             workers: 1,
+            max_secs: 900,
             network: None,
         }
     }

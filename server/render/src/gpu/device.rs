@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use wgpu::{Device, Features, Limits, Queue, TextureFormat, TextureFormatFeatureFlags};
 
 use super::GpuError;
-use super::host::Host;
+use super::adapter::Adapter;
 use super::texels::Texels;
 
 /// A device, its queue and what it offers.
@@ -24,8 +24,8 @@ pub(super) struct OpenDevice {
 
 impl OpenDevice {
     /// Opens a device with the adapter's own limits.
-    pub(super) fn open(host: &Host) -> Result<Self, GpuError> {
-        let adapter = host.adapter();
+    pub(super) fn open(adapter: &Adapter) -> Result<Self, GpuError> {
+        let adapter = adapter.wgpu();
         let features = adapter.features() & Features::TEXTURE_FORMAT_16BIT_NORM;
         let limits = Limits::downlevel_defaults().using_resolution(adapter.limits());
         let max_buffer_size = adapter.limits().max_buffer_size;
@@ -67,7 +67,7 @@ impl OpenDevice {
     }
 
     /// As if the driver had said that there is no memory.
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     pub(super) fn run_short(&self) {
         self.faults.note(GpuError::OutOfMemory);
     }

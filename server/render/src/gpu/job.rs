@@ -3,21 +3,37 @@
 use std::fmt;
 use std::sync::Arc;
 
-use geometry::{MeshSize, ShrunkMesh};
+use geometry::{DeformableModel, MeshSize, ShrunkMesh};
 
-use crate::{Frame, RenderRequest, Scene};
+use crate::{RenderRequest, Scene};
 
 /// Which case a scene is of: textures are kept under it. The same key must always mean the same scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CaseKey(pub u128);
 
-/// A case that threads can share, to be drawn by a graphics device.
-pub trait GpuCase: Send + Sync {
-    /// Which case this is, of all that are drawn: part of a digest of its content.
-    fn key(&self) -> CaseKey;
+/// A model that threads share, and the key of its textures.
+#[derive(Clone)]
+pub struct KeyedModel {
+    /// The key: the same one always means the same model.
+    pub key: CaseKey,
+    /// The model.
+    pub model: Arc<DeformableModel>,
+}
 
-    /// Its scene. It is read when the textures of the case are made, and for each picture.
-    fn scene(&self) -> Scene<'_>;
+impl KeyedModel {
+    /// Its scene.
+    pub fn scene(&self) -> Scene<'_> {
+        Scene::from(&*self.model)
+    }
+}
+
+impl fmt::Debug for KeyedModel {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("KeyedModel")
+            .field("key", &self.key)
+            .finish_non_exhaustive()
+    }
 }
 
 /// What is drawn of a case.
@@ -35,13 +51,13 @@ pub enum GpuSurface {
 }
 
 /// A picture that is asked for.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct GpuJob {
-    /// Of which case.
-    pub case: Arc<dyn GpuCase>,
-    /// How.
+    /// The model to draw.
+    pub case: KeyedModel,
+    /// How to draw it.
     pub request: RenderRequest,
-    /// And of what.
+    /// What to draw of it.
     pub surface: GpuSurface,
 }
 
@@ -57,29 +73,10 @@ pub(super) struct Call<'a> {
 impl GpuJob {
     pub(super) fn call(&self) -> Call<'_> {
         Call {
-            key: self.case.key(),
+            key: self.case.key,
             scene: self.case.scene(),
             request: &self.request,
             surface: &self.surface,
         }
     }
-}
-
-impl fmt::Debug for GpuJob {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("GpuJob")
-            .field("case", &self.case.key())
-            .field("request", &self.request)
-            .finish_non_exhaustive()
-    }
-}
-
-/// A picture that was drawn.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct GpuFrame {
-    /// Its pixels, in the format that the software renderers give for the same request.
-    pub frame: Frame,
-    /// How many native voxels along x, y and z became one, when the volume is too large for a texture of this device.
-    pub reduction: Option<[usize; 3]>,
 }

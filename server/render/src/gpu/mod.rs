@@ -8,31 +8,32 @@
 //! A device that is lost is opened anew and the picture drawn again. Textures of cases stay on the device, bounded
 //! by bytes. A volume that is too large for a texture is drawn from a copy of fewer voxels, and the answer says so.
 
+mod adapter;
 mod block;
 mod cache;
 mod case;
 mod device;
 mod error;
 mod gradients;
-mod host;
 mod job;
 mod layout;
-mod painter;
 mod pipelines;
 mod pixels;
 mod pool;
 mod reduce;
+mod renderer;
 mod shaders;
-mod studio;
 mod target;
 #[cfg(test)]
 mod tests;
 mod texels;
 mod uniforms;
+mod worker;
 
+pub use adapter::AdapterSummary;
 pub use error::GpuError;
-pub use host::AdapterSummary;
-pub use job::{CaseKey, GpuCase, GpuFrame, GpuJob, GpuSurface};
-#[cfg(feature = "faults")]
+pub use job::{CaseKey, GpuJob, GpuSurface, KeyedModel};
+#[cfg(any(test, feature = "faults"))]
 pub use pool::Fault;
 pub use pool::{GpuOptions, GpuPool, GpuTicket};
+pub use shaders::{PAGE_SHADERS, PageShader, PageStage};

@@ -6,11 +6,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::host::Host;
-use super::painter::Painter;
-use super::studio::StudioLimits;
-use super::{AdapterSummary, GpuError, GpuFrame, GpuJob};
-use crate::{Hits, Wanted};
+use super::adapter::Adapter;
+use super::renderer::GpuLimits;
+use super::worker::GpuWorker;
+use super::{AdapterSummary, GpuError, GpuJob};
+use crate::{Hits, RenderedFrame, Wanted};
 
 /// How often who waits for a picture asks whether it is still wanted.
 const LOOK_UP: Duration = Duration::from_millis(10);
@@ -52,20 +52,22 @@ type Reply<T> = Sender<Result<T, GpuError>>;
 
 /// What a thread does next.
 enum Task {
-    Frame(GpuJob, Reply<GpuFrame>, Waiting),
+    Frame(GpuJob, Reply<RenderedFrame>, Waiting),
     Hits(GpuJob, Reply<Hits>, Waiting),
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     Break(Fault),
 }
 
 /// What can happen to a graphics device.
-#[cfg(feature = "faults")]
+#[cfg(any(test, feature = "faults"))]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// It is lost.
     Loss,
     /// It has no memory for the next attempts, so many, at a picture.
     OutOfMemory(u32),
+    /// Its thread panics at the next picture.
+    Panic,
 }
 
 /// Whether anyone still waits for an answer.
@@ -109,24 +111,24 @@ impl GpuPool {
     /// # Errors
     /// [`GpuError::NoAdapter`] on a machine without a driver, [`GpuError::NoDevice`] with one that does not work.
     pub fn start(options: GpuOptions) -> Result<Self, GpuError> {
-        let host = Host::find()?;
+        let adapter = Adapter::find()?;
         let (tasks, queue) = mpsc::sync_channel(options.queue.max(1));
         let queue = Arc::new(Mutex::new(queue));
         let (opened, outcomes) = mpsc::channel();
-        let limits = StudioLimits {
+        let limits = GpuLimits {
             case_bytes: options.case_bytes,
             max_side_3d: options.max_side_3d,
         };
         let mut pool = Self {
-            adapter: host.summary(),
+            adapter: adapter.summary(),
             tasks: Some(tasks),
             threads: Vec::new(),
         };
         for _ in 0..options.threads.max(1) {
-            let (host, queue, opened) = (host.clone(), Arc::clone(&queue), opened.clone());
+            let (adapter, queue, opened) = (adapter.clone(), Arc::clone(&queue), opened.clone());
             let thread = std::thread::Builder::new()
                 .name("graphics".to_owned())
-                .spawn(move || work(host, limits, &queue, &opened));
+                .spawn(move || work(adapter, limits, &queue, &opened));
             pool.threads
                 .push(thread.map_err(|error| GpuError::NoDevice {
                     reason: error.to_string(),
@@ -148,7 +150,7 @@ impl GpuPool {
     ///
     /// # Errors
     /// [`GpuError::Busy`] at once when too many wait; otherwise what the device met.
-    pub fn draw(&self, job: GpuJob) -> Result<GpuFrame, GpuError> {
+    pub fn draw(&self, job: GpuJob) -> Result<RenderedFrame, GpuError> {
         self.begin_draw(job)?.wait()
     }
 
@@ -166,7 +168,7 @@ impl GpuPool {
     ///
     /// # Errors
     /// [`GpuError::Busy`] when too many wait.
-    pub fn begin_draw(&self, job: GpuJob) -> Result<GpuTicket<GpuFrame>, GpuError> {
+    pub fn begin_draw(&self, job: GpuJob) -> Result<GpuTicket<RenderedFrame>, GpuError> {
         let (reply, ticket) = ticket();
         self.enqueue(Task::Frame(job, reply, Arc::downgrade(&ticket._waiting)))?;
         Ok(ticket)
@@ -176,7 +178,7 @@ impl GpuPool {
     ///
     /// # Errors
     /// [`GpuError::Busy`] when too many pictures wait.
-    #[cfg(feature = "faults")]
+    #[cfg(any(test, feature = "faults"))]
     pub fn break_device(&self, fault: Fault) -> Result<(), GpuError> {
         self.enqueue(Task::Break(fault))
     }
@@ -209,13 +211,13 @@ fn ticket<T>() -> (Reply<T>, GpuTicket<T>) {
 
 /// A thread: opens its device, says so, and draws until the queue ends.
 fn work(
-    host: Host,
-    limits: StudioLimits,
+    adapter: Adapter,
+    limits: GpuLimits,
     queue: &Mutex<Receiver<Task>>,
     opened: &Sender<Result<(), GpuError>>,
 ) {
-    let mut painter = match Painter::new(host, limits) {
-        Ok(painter) => painter,
+    let mut worker = match GpuWorker::new(adapter, limits) {
+        Ok(worker) => worker,
         Err(error) => {
             // Nobody listens when another thread failed before.
             let _ = opened.send(Err(error));
@@ -227,17 +229,17 @@ fn work(
         let next = queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
         match next {
             Ok(Task::Frame(job, reply, waiting)) => {
-                answer(&mut painter, &reply, &waiting, |painter| {
-                    painter.attempt(|studio| studio.draw(&job))
+                answer(&mut worker, &reply, &waiting, |worker| {
+                    worker.attempt(|renderer| renderer.draw(&job))
                 });
             }
             Ok(Task::Hits(job, reply, waiting)) => {
-                answer(&mut painter, &reply, &waiting, |painter| {
-                    painter.attempt(|studio| studio.hits(&job))
+                answer(&mut worker, &reply, &waiting, |worker| {
+                    worker.attempt(|renderer| renderer.hits(&job))
                 });
             }
-            #[cfg(feature = "faults")]
-            Ok(Task::Break(fault)) => painter.meet(fault),
+            #[cfg(any(test, feature = "faults"))]
+            Ok(Task::Break(fault)) => worker.meet(fault),
             Err(_) => return,
         }
     }
@@ -245,16 +247,16 @@ fn work(
 
 /// Draws for whoever still waits. A panic costs the device, not the thread.
 fn answer<T>(
-    painter: &mut Painter,
+    worker: &mut GpuWorker,
     reply: &Reply<T>,
     waiting: &Waiting,
-    draw: impl FnOnce(&mut Painter) -> Result<T, GpuError>,
+    draw: impl FnOnce(&mut GpuWorker) -> Result<T, GpuError>,
 ) {
     if waiting.strong_count() == 0 {
         return;
     }
-    let result = catch_unwind(AssertUnwindSafe(|| draw(painter))).unwrap_or_else(|_| {
-        painter.give_up();
+    let result = catch_unwind(AssertUnwindSafe(|| draw(worker))).unwrap_or_else(|_| {
+        worker.give_up();
         Err(GpuError::Failed {
             reason: "its thread panicked".to_owned(),
         })

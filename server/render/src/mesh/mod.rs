@@ -117,71 +117,31 @@ impl Surface for DrawnMesh<'_> {
 
 #[cfg(test)]
 mod tests {
+    use geometry::{BuiltModel, Grid, PathTable, Paths, phantom};
+    use glam::DVec3;
+
     use super::*;
-    use crate::conformance::{Limits, Phantom, check};
-    use crate::scene_meshes::SceneMeshes;
-    use crate::{
-        Background, Camera, FrameSize, Light, RenderError, RenderParameters, Renderer, Window,
-    };
+    use crate::{Background, Camera, FrameSize, Light, RenderParameters, Window};
 
-    /// The mesh renderer of whatever scene it is given.
-    struct OnProcessor(SceneMeshes);
-
-    impl Renderer for OnProcessor {
-        fn name(&self) -> &'static str {
-            "mesh"
-        }
-
-        fn draw(&self, scene: &Scene<'_>, request: &RenderRequest) -> Result<Frame, RenderError> {
-            let mesh = self.0.shrunk(scene, request.parameters().depth_mm as f32);
-            Ok(draw_mesh(scene, request, Facets::new(self.0.size, &mesh)))
-        }
-
-        fn hits(&self, scene: &Scene<'_>, request: &RenderRequest) -> Result<Hits, RenderError> {
-            let mesh = self.0.shrunk(scene, request.parameters().depth_mm as f32);
-            Ok(mesh_hits(scene, request, Facets::new(self.0.size, &mesh)))
-        }
+    /// An even ellipsoid of half axes 30, 38 and 26 mm.
+    fn ellipsoid() -> BuiltModel {
+        let brain = phantom::ellipsoid([24.0, 30.4, 20.8], 1.25);
+        let envelope = geometry::envelope(&brain, 0.0).unwrap();
+        let grid = Grid::aligned([45; 3], [2.0; 3], DVec3::splat(-44.0)).unwrap();
+        phantom::model(phantom::volume(grid, |_| 200), envelope)
     }
 
-    #[test]
-    fn the_mesh_on_the_processor_does_what_a_renderer_must() {
-        let limits = Limits {
-            depth_voxels: 0.5,
-            mean_difference: 3.0,
-            has_soft_edges: true,
-        };
-        check(&OnProcessor(SceneMeshes::new([200, 200])), limits);
-    }
-
-    fn phantom() -> Phantom {
-        Phantom::new(
-            glam::DAffine3::from_translation(glam::DVec3::splat(-40.0)),
-            |_| 200,
-        )
-    }
-
-    #[test]
-    fn a_mesh_that_is_not_wanted_any_more_is_given_up() {
-        use std::sync::atomic::{AtomicUsize, Ordering};
-
-        let case = phantom();
-        let meshes = SceneMeshes::new([30, 30]);
-        let mesh = meshes.shrunk(&case.scene(), 4.0);
-        let facets = Facets::new(meshes.size, &mesh);
-        let request = RenderRequest::new(crate::conformance::parameters()).unwrap();
-        let asked = AtomicUsize::new(0);
-        let few_times = || asked.fetch_add(1, Ordering::Relaxed) < 3;
-        let given_up = draw_mesh_while(&case.scene(), &request, facets, &few_times);
-        assert!(given_up.is_none() && asked.load(Ordering::Relaxed) > 3);
-        let wanted = draw_mesh_while(&case.scene(), &request, facets, &|| true);
-        assert_eq!(wanted, Some(draw_mesh(&case.scene(), &request, facets)));
+    fn table(built: &BuiltModel, [contours, points]: [usize; 2]) -> PathTable {
+        let size = MeshSize::new(contours, points).unwrap();
+        let table = built.model.path_table(size, &built.distance, Paths::Flow);
+        table.unwrap()
     }
 
     #[test]
     fn edges_are_soft_in_the_color_of_the_face() {
-        let case = phantom();
-        let meshes = SceneMeshes::new([30, 30]);
-        let mesh = meshes.shrunk(&case.scene(), 4.0);
+        let case = ellipsoid();
+        let table = table(&case, [30, 30]);
+        let mesh = table.shrink(4.0);
         let parameters = RenderParameters {
             depth_mm: 4.0,
             size: FrameSize::new(96, 96).unwrap(),
@@ -194,9 +154,9 @@ mod tests {
                 ..parameters
             });
             draw_mesh(
-                &case.scene(),
+                &Scene::from(&case.model),
                 &request.unwrap(),
-                Facets::new(meshes.size, &mesh),
+                Facets::new(table.size, &mesh),
             )
         };
         let [opaque, clear] = [Background::Black, Background::Transparent].map(draw);
@@ -212,12 +172,12 @@ mod tests {
 
     /// The greatest height in mm at which a line of sight meets a facet, by each facet's own coordinates; and whether it passes
     /// an edge of one so near that rounding decides.
-    fn plainly(triangles: &[[glam::DVec3; 3]], x: f64, y: f64) -> (f64, bool) {
+    fn plainly(triangles: &[[DVec3; 3]], x: f64, y: f64) -> (f64, bool) {
         let mut nearest = f64::NEG_INFINITY;
         let mut is_unsure = false;
         for [a, b, c] in triangles {
-            let cross = |u: glam::DVec3, v: glam::DVec3| u.x * v.y - u.y * v.x;
-            let at = glam::DVec3::new(x, y, 0.0);
+            let cross = |u: DVec3, v: DVec3| u.x * v.y - u.y * v.x;
+            let at = DVec3::new(x, y, 0.0);
             let area = cross(*b - *a, *c - *a);
             if area.abs() < 1e-3 {
                 continue;
@@ -234,8 +194,9 @@ mod tests {
 
     #[test]
     fn each_pixel_shows_the_nearest_facet() {
-        let case = phantom();
-        let meshes = SceneMeshes::new([14, 12]);
+        let case = ellipsoid();
+        let table = table(&case, [14, 12]);
+        let scene = Scene::from(&case.model);
         for (orientation, zoom, depth_mm) in [
             ([0.0, 0.0, 0.0, 1.0], 1.0, 0.0),
             ([0.3, -0.5, 0.1, 0.8], 1.7, 5.0),
@@ -248,25 +209,24 @@ mod tests {
                 ..RenderParameters::new(Window::between(0.0, 255.0))
             })
             .unwrap();
-            let scene = case.scene();
-            let mesh = meshes.shrunk(&scene, depth_mm as f32);
+            let mesh = table.shrink(depth_mm as f32);
             let drawn = settled(&mesh, &scene);
             let projection = request.projection(&scene);
-            let corners: Vec<glam::DVec3> = drawn
+            let corners: Vec<DVec3> = drawn
                 .positions_in_patient
                 .iter()
                 .map(|position| {
-                    let position = glam::DVec3::from(position.map(f64::from));
+                    let position = DVec3::from(position.map(f64::from));
                     projection.frame_from_patient().transform_point3(position)
                 })
                 .collect();
-            let triangles: Vec<_> = meshes
+            let triangles: Vec<_> = table
                 .size
                 .triangles()
                 .into_iter()
                 .map(|triangle| triangle.map(|index| corners[index as usize]))
                 .collect();
-            let hits = mesh_hits(&scene, &request, Facets::new(meshes.size, &mesh));
+            let hits = mesh_hits(&scene, &request, Facets::new(table.size, &mesh));
             let mut counts = [0; 2];
             for index in 0..61 * 47 {
                 let [x, y] = [index % 61, index / 61];
@@ -294,7 +254,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "vertices")]
     fn a_mesh_of_another_size_is_refused() {
-        let mesh = SceneMeshes::new([10, 10]).shrunk(&phantom().scene(), 1.0);
+        let mesh = table(&ellipsoid(), [10, 10]).shrink(1.0);
         let _ = Facets::new(MeshSize::STANDARD, &mesh);
     }
 }

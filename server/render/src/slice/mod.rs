@@ -6,14 +6,15 @@ mod tests;
 
 use std::str::FromStr;
 
+use geometry::BoundingSphere;
 use rayon::prelude::*;
 
 use crate::error::checked;
 use crate::rays::Rays;
 use crate::sampler::Sampler;
 use crate::{
-    BoundingSphere, Camera, ColorMap, Frame, FrameSize, NamedView, PixelFormat, Projection,
-    RenderError, Scene, Window,
+    Camera, ColorMap, Frame, FrameSize, NamedView, PixelFormat, Projection, RenderError, Scene,
+    Window,
 };
 use contour::Contours;
 pub(crate) use contour::color as contour_color;

@@ -1,6 +1,6 @@
 //! Slices through a ball whose contours are circles.
 
-use geometry::{DepthField, Envelope, Grid, Mask, Rescale, ShellIndex, Volume};
+use geometry::{BoundingSphere, Grid, phantom};
 use glam::DVec3;
 
 use super::*;
@@ -21,36 +21,22 @@ fn draw_shape(
     depths_mm: Vec<f64>,
 ) -> Frame {
     let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
-    let position = |index| grid.voxel(index).map(|coordinate| coordinate as f64 - 30.0);
-    let indices = 0..grid.voxel_count();
-    let mask = indices
-        .clone()
-        .map(|index| is_inside(DVec3::from(position(index))));
-    let mask = Mask::new(grid.clone(), mask.collect()).unwrap();
-    let envelope = Envelope::from_stored(mask).unwrap();
+    let envelope = phantom::envelope(&grid, is_inside);
     // Brighter to the left (+100), to posterior (+40) and to superior (+20).
-    let voxels = indices.map(|index| {
-        let [left, posterior, superior] =
-            position(index).map(|coordinate| f64::from(coordinate > 0.0));
+    let volume = phantom::volume(grid, |position| {
+        let [left, posterior, superior] = position
+            .to_array()
+            .map(|coordinate| f64::from(coordinate > 0.0));
         (10.0 + 100.0 * left + 40.0 * posterior + 20.0 * superior) as u16
     });
-    let rescale = Rescale {
-        slope: 1.0,
-        intercept: 0.0,
-    };
-    let volume = Volume::new(grid.clone(), voxels.collect(), rescale).unwrap();
-    let distance = geometry::distance_map(&envelope);
-    let field = DepthField::new(&distance);
-    let shell = ShellIndex::new(&distance);
+    let model = phantom::model(volume, envelope).model;
     let scene = Scene {
-        volume: &volume,
-        field: &field,
-        normals: &field,
-        shell: &shell,
+        normals: model.field(),
         bounds: BoundingSphere {
             centre_in_patient: DVec3::ZERO,
             radius_mm: 40.0,
         },
+        ..Scene::from(&model)
     };
     let parameters = SliceParameters {
         depths_mm,

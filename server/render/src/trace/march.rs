@@ -310,10 +310,10 @@ fn select_state(condition: bool, yes: u32, no: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use geometry::{DepthField, Envelope, Grid, Mask};
+    use geometry::{BoundingSphere, DepthField, Envelope, Grid, Mask};
 
     use super::*;
-    use crate::{BoundingSphere, Camera, FrameSize};
+    use crate::{Camera, FrameSize};
 
     /// Steps of the plain tracer in a voxel.
     const FINE: f32 = 1.0 / 32.0;

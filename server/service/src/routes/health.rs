@@ -13,7 +13,6 @@ use super::query::{ApiQuery, NoQuery};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use cases::pictures::GraphicsState;
-use cases::pictures::device_name;
 
 /// What OpenMetrics text is called.
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -86,7 +85,7 @@ pub async fn version(State(state): State<AppState>, _no_query: ApiQuery<NoQuery>
     let graphics = match state.cases.graphics.state() {
         GraphicsState::Starting => "starting".to_owned(),
         GraphicsState::Absent(why) => format!("none: {why}"),
-        GraphicsState::Present(adapter) => device_name(&adapter),
+        GraphicsState::Present(adapter) => adapter.line(),
     };
     Json(Version {
         name: "isocortex",

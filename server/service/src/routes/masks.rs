@@ -8,20 +8,22 @@ use cases::Error;
 use futures_util::StreamExt as _;
 use geometry::Mask;
 use render::Scene;
-use render::gpu::GpuCase as _;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, Checked, NoQuery};
 use super::render::PNG;
-use super::upload::{PartLimits, check_now, is_form, is_known, refuse_too_large, submitted};
+use super::upload::{
+    PartLimits, check_now, is_form, is_known, refuse_too_large, submitted, too_slow,
+};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
 use crate::negotiate::{Coding, media_type};
+use crate::pace::is_too_slow;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
-use cases::pictures::{borrowed, window_of};
+use cases::pictures::window_of;
 use pipeline::codec::{decode_brain, decode_envelope};
 use pipeline::read_volume;
 use storage::{NewMask, Spooled, StoreError, Version};
@@ -240,6 +242,7 @@ pub async fn put_mask(
         });
     }
     refuse_too_large(request.headers(), state.max_upload_bytes)?;
+    let _room = state.begin_upload()?;
     let case = state
         .cases
         .store()
@@ -259,9 +262,12 @@ async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled
     let mut body = request.into_body().into_data_stream();
     let mut spool = state.cases.store().spool().await?;
     while let Some(bytes) = limits.await_next(body.next()).await? {
-        let bytes = bytes.map_err(|_| AppError::Upload {
-            kind: "body-unreadable",
-            detail: "the body cannot be read; was the upload cut off?".to_owned(),
+        let bytes = bytes.map_err(|error| match is_too_slow(&error) {
+            true => too_slow(),
+            false => AppError::Upload {
+                kind: "body-unreadable",
+                detail: "the body cannot be read; was the upload cut off?".to_owned(),
+            },
         })?;
         if spool.len() + bytes.len() as u64 > limits.bytes {
             return Err(limits.too_large());
@@ -292,6 +298,8 @@ async fn check_version(state: &AppState, version: &Version) -> Result<Parameters
         NewMask::None => source.mask = None,
         NewMask::Kept => {}
     }
+    let start = source.volume.slice(..source.volume.len().min(64 << 10));
+    let _room = state.cases.room_to_check(&start).await?;
     check_now(state, source, parameters).await
 }
 
@@ -342,7 +350,7 @@ pub async fn get_quality(
         let window = window_of(&facts);
         let frame = render::draw_quality_sheet(&scene, window, &lines(&facts))?;
         let texts = render::sheet_texts(&id.to_string(), window);
-        Ok::<_, AppError>(render::encode_png(&frame, &borrowed(&texts))?)
+        Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
     };
     let picture = state.cases.pool.run(draw).await??;
     Representation {

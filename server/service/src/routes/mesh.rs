@@ -152,7 +152,7 @@ pub async fn get_mesh(
     let model = state.model(&id).await?;
     let depth_mm = query.depth_mm.min(facts.max_depth_mm);
     let kind = query.paths;
-    let at_hand = model.default_paths();
+    let at_hand = model.model().default_paths();
     let shrunk = if at_hand.size == size && kind == PathKind::Forest {
         at_hand.shrink(depth_mm)
     } else {

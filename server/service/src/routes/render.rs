@@ -4,9 +4,8 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use case::CaseId;
-use cases::pictures::{Drawer, Finished, PictureRequest, Story, finish};
-use render::Wanted;
-use render::gpu::GpuCase as _;
+use cases::pictures::{EncodedImage, ImageMetadata, PictureRequest, backend_for, encode};
+use render::{RenderBackend, Wanted};
 
 use super::depth_headers;
 use super::query::{ApiQuery, CasePath, Checked};
@@ -52,47 +51,48 @@ pub async fn get_render(
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let facts = state.cases.ready(&id).await?;
-    let drawer = Drawer::choose(query.renderer, &state.cases.graphics).await;
-    let tag = tag_of(&id, &query, &drawer);
+    let backend = backend_for(query.renderer, &state.cases.graphics).await;
+    let tag = tag_of(&id, &query, &backend);
     if tag.is_known_to(&request) {
         return Ok(not_modified(&tag, "accept", IMMUTABLE));
     }
     let model = state.model(&id).await?;
-    let drawing = state.cases.drawing(&model, &query, drawer).await?;
-    let story = Story::of(Some(&id), &drawing.request, &model.scene());
+    let picture = state.cases.picture_job(&model, &query, backend).await?;
+    let metadata = ImageMetadata::of(Some(&id), &picture.job);
     let annotate = query.annotate;
     let work = move |is_wanted: &Wanted<'_>| {
-        drawing
+        picture
             .draw(is_wanted)
-            .and_then(|drawn| finish(drawn, &story, annotate))
+            .and_then(|drawn| encode(drawn, &metadata, annotate))
     };
-    let finished = state.cases.pool.run_while(work).await??;
+    let image = state.cases.pool.run_while(work).await??;
     let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
-    describe(&finished, &mut headers);
+    describe(&image, &mut headers);
     Representation {
         headers,
         vary: "accept",
-        ..Representation::immutable(tag_of(&id, &query, &finished.drawer), PNG, finished.png)
+        ..Representation::immutable(tag_of(&id, &query, &image.backend), PNG, image.png)
     }
     .respond(&request)
 }
 
 /// The tag of a picture: renderers differ in their pixels, and graphics devices, too.
-fn tag_of(id: &CaseId, query: &PictureRequest, drawer: &Drawer) -> EntityTag {
-    EntityTag::of_answer(id, "render", query, (&drawer.tag(), Coding::Identity))
+fn tag_of(id: &CaseId, query: &PictureRequest, backend: &RenderBackend) -> EntityTag {
+    let backend = backend.to_string();
+    EntityTag::of_answer(id, "render", query, (&backend, Coding::Identity))
 }
 
 /// What every picture names as its maker.
 pub(crate) const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
 
 /// Says in headers who drew, on what, and of how much.
-pub(super) fn describe(finished: &Finished, headers: &mut HeaderMap) {
+pub(super) fn describe(image: &EncodedImage, headers: &mut HeaderMap) {
     let mut insert = |name, text: &str| {
         caching::insert(headers, HeaderName::from_static(name), text);
     };
-    insert("x-isocortex-renderer", finished.drawer.name());
-    insert("x-isocortex-device", &finished.drawer.device());
-    if let Some([x, y, z]) = finished.reduction {
+    insert("x-isocortex-renderer", image.backend.name());
+    insert("x-isocortex-device", &image.backend.device());
+    if let Some([x, y, z]) = image.reduction {
         insert("x-isocortex-reduction", &format!("{x}x{y}x{z}"));
     }
 }

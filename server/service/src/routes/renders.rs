@@ -11,21 +11,23 @@ use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use render::gpu::GpuCase as _;
-use render::{AnimatedPng, Sheet, SheetPlan, Wanted};
+use render::{AnimatedPng, RenderBackend, Sheet, SheetPlan, Wanted};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::query::{ApiQuery, CasePath, NoQuery, unreadable_words};
+use super::query::{ApiQuery, CasePath, NoQuery};
+use super::refusals::without_input;
 use super::render::PNG;
 use crate::caching::{self, EntityTag};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::CaseId;
-use cases::models::Model;
-use cases::pictures::{Drawer, Drawn};
-use cases::pictures::{Numbers, PictureRequest, Story, borrowed, dressed, finish, picture_size};
+use cases::models::WarmModel;
+use cases::pictures::{
+    DrawnPicture, ImageMetadata, Numbers, PictureRequest, annotated, backend_for, encode,
+    picture_size,
+};
 
 const ZIP: &str = "application/zip";
 
@@ -167,12 +169,12 @@ pub async fn create_renders(
     let count = plan.pictures.len();
     let asked = (plan.pictures.clone(), plan.form.parameters());
     let collector = Arc::new(Mutex::new(Collector::new(plan.form, count)));
-    let mut drawers = Vec::new();
+    let mut backends = Vec::new();
     for (number, query) in plan.pictures.iter().enumerate() {
-        let drawer = draw_one(&state, &model, &id, query, (number, &collector)).await?;
-        let name = format!("{} on {}", drawer.name(), drawer.device());
-        if !drawers.contains(&name) {
-            drawers.push(name);
+        let backend = draw_one(&state, &model, &id, query, (number, &collector)).await?;
+        let name = backend.to_string();
+        if !backends.contains(&name) {
+            backends.push(name);
         }
     }
     let body = state
@@ -185,9 +187,9 @@ pub async fn create_renders(
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     let name = HeaderName::from_static("x-isocortex-renderer");
-    let drawers = drawers.join("; ");
-    caching::insert(headers, name, &drawers);
-    let tag = EntityTag::of_answer(&id, "renders", &asked, (&drawers, Coding::Identity));
+    let backends = backends.join("; ");
+    caching::insert(headers, name, &backends);
+    let tag = EntityTag::of_answer(&id, "renders", &asked, (&backends, Coding::Identity));
     headers.insert(header::ETAG, tag.header());
     Ok(response)
 }
@@ -195,20 +197,20 @@ pub async fn create_renders(
 /// Draws a picture and adds it to what is collected; between pictures others get their turn, and a client that left ends the work.
 async fn draw_one(
     state: &AppState,
-    model: &Arc<Model>,
+    model: &Arc<WarmModel>,
     id: &CaseId,
     query: &PictureRequest,
     (number, collector): (usize, &Arc<Mutex<Collector>>),
-) -> Result<Drawer, AppError> {
-    let drawer = Drawer::choose(query.renderer, &state.cases.graphics).await;
-    let drawing = state.cases.drawing(model, query, drawer).await?;
-    let story = Story::of(Some(id), &drawing.request, &model.scene());
+) -> Result<RenderBackend, AppError> {
+    let backend = backend_for(query.renderer, &state.cases.graphics).await;
+    let picture = state.cases.picture_job(model, query, backend).await?;
+    let metadata = ImageMetadata::of(Some(id), &picture.job);
     loop {
-        let (drawing, story) = (drawing.clone(), story.clone());
+        let (picture, metadata) = (picture.clone(), metadata.clone());
         let (query, collector) = (query.clone(), Arc::clone(collector));
         let work = move |is_wanted: &Wanted<'_>| {
-            let drawn = drawing.draw(is_wanted)?;
-            lock(&collector).add(number, drawn, &story, &query)
+            let drawn = picture.draw(is_wanted)?;
+            lock(&collector).add(number, drawn, &metadata, &query)
         };
         match state.cases.pool.run_while(work).await {
             // A single picture is refused then; these have begun, and their time is bounded.
@@ -238,11 +240,12 @@ fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
         let path = error.path().to_string();
         let reason = error.inner().to_string();
         if reason.starts_with("unknown field") {
-            let detail = "is not a key of this place".to_owned();
-            return refuse("body-unknown-key", path, detail);
+            // The key itself is not repeated.
+            let place = path.rsplit_once('.').map_or(".", |(place, _)| place);
+            return refuse("body-unknown-key", place.to_owned(), without_input(&reason));
         }
         let detail = match error.inner().classify() {
-            serde_json::error::Category::Data => unreadable_words(&reason),
+            serde_json::error::Category::Data => without_input(&reason),
             _ => {
                 return refuse(
                     "body-unreadable",
@@ -492,11 +495,11 @@ impl Collector {
     fn add(
         &mut self,
         number: usize,
-        drawn: Drawn,
-        story: &Story,
+        drawn: DrawnPicture,
+        metadata: &ImageMetadata,
         query: &PictureRequest,
-    ) -> Result<Drawer, AppError> {
-        let drawer = drawn.drawer.clone();
+    ) -> Result<RenderBackend, AppError> {
+        let backend = drawn.backend.clone();
         match self {
             Self::Zip(zip) => {
                 let depth = query.depth_mm;
@@ -504,7 +507,7 @@ impl Collector {
                     "{number:03}-{}-{depth}mm.png",
                     query.direction().replace(',', "_")
                 );
-                let png = finish(drawn, story, query.annotate)?.png;
+                let png = encode(drawn, metadata, query.annotate)?.png;
                 let options = zip::write::SimpleFileOptions::default()
                     .compression_method(zip::CompressionMethod::Stored);
                 let started = zip.start_file(name, options);
@@ -517,38 +520,33 @@ impl Collector {
                 cells,
                 states,
             } => {
-                let frame = dressed(drawn.frame, story, query.annotate);
+                let frame = annotated(drawn.rendered.frame, metadata, query.annotate);
                 if let Some(plan) = plan.take() {
                     *sheet = Some(Box::new(plan.begin(frame.format())));
                 }
                 let [row, column] = cells[number];
                 let sheet = sheet.as_mut().ok_or(Error::Internal)?;
                 sheet.put(&frame, row, column);
-                states.push(state_of_cell([row, column], &story.texts(&drawer)));
+                states.push(state_of_cell([row, column], &metadata.texts(&backend)));
             }
             Self::Animation {
                 animation,
                 frames,
                 delay_ms,
             } => {
-                let frame = dressed(drawn.frame, story, query.annotate);
+                let frame = annotated(drawn.rendered.frame, metadata, query.annotate);
                 if animation.is_none() {
                     let frames = NonZeroU32::new(*frames).ok_or(Error::Internal)?;
-                    let texts = story.texts(&drawer);
-                    let begun = AnimatedPng::begin(
-                        frame.size(),
-                        frame.format(),
-                        frames,
-                        *delay_ms,
-                        &borrowed(&texts),
-                    );
+                    let texts = metadata.texts(&backend);
+                    let begun =
+                        AnimatedPng::begin(frame.size(), frame.format(), frames, *delay_ms, &texts);
                     *animation = Some(begun?);
                 }
                 animation.as_mut().ok_or(Error::Internal)?.add(&frame)?;
             }
             Self::Taken => return Err(Error::Internal.into()),
         }
-        Ok(drawer)
+        Ok(backend)
     }
 
     fn finish(self) -> Result<Vec<u8>, AppError> {
@@ -559,12 +557,11 @@ impl Collector {
             }
             Self::Sheet { sheet, states, .. } => {
                 let frame = sheet.ok_or(Error::Internal)?.finish();
-                let mut texts = vec![("Software", super::render::SOFTWARE)];
-                texts.extend(
-                    states
-                        .iter()
-                        .map(|(name, state)| (name.as_str(), state.as_str())),
-                );
+                let mut texts = vec![("Software", super::render::SOFTWARE.to_owned())];
+                let states = states
+                    .iter()
+                    .map(|(name, state)| (name.as_str(), state.clone()));
+                texts.extend(states);
                 Ok(render::encode_png(&frame, &texts)?)
             }
             Self::Animation { animation, .. } => Ok(animation.ok_or(Error::Internal)?.finish()?),

@@ -3,7 +3,6 @@
 use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
-use render::gpu::GpuCase as _;
 use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
@@ -15,10 +14,10 @@ use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::CaseFacts;
-use cases::models::Model;
+use cases::models::WarmModel;
 use cases::pictures::{
-    NumberList, Numbers, borrowed, check_annotation, default_side, default_zoom, picture_size,
-    window_of, window_or,
+    NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size, window_of,
+    window_or,
 };
 
 /// A picture of a slice.
@@ -162,7 +161,7 @@ pub async fn get_slice(
 }
 
 fn draw(
-    model: &Model,
+    model: &WarmModel,
     case: &str,
     request: &SliceRequest,
     annotate: bool,
@@ -174,5 +173,5 @@ fn draw(
     }
     let mut texts = render::slice_texts(case, request);
     texts.retain(|(_, text)| !text.is_empty());
-    Ok(render::encode_png(&frame, &borrowed(&texts))?)
+    Ok(render::encode_png(&frame, &texts)?)
 }

@@ -16,7 +16,7 @@ use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use crate::wire::{self, Texture, Voxels};
 use case::CaseId;
-use cases::models::Model;
+use cases::models::WarmModel;
 use cases::pictures::check_count;
 
 const MEDIA_TYPE: &str = "application/octet-stream";
@@ -101,7 +101,7 @@ pub async fn get_volume(
     ApiQuery(query): ApiQuery<VolumeQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let texture = move |model: &Arc<Model>| match query.bits {
+    let texture = move |model: &Arc<WarmModel>| match query.bits {
         8 => wire::quick_volume_texture(model),
         _ => wire::volume_texture(model),
     };
@@ -142,7 +142,7 @@ pub async fn get_distance(
     ApiQuery(query): ApiQuery<DistanceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let texture = move |model: &Arc<Model>| match query.step {
+    let texture = move |model: &Arc<WarmModel>| match query.step {
         1 => wire::depth_texture(model),
         step => wire::coarse_depth_texture(model, step),
     };
@@ -166,7 +166,7 @@ async fn answer(
     id: CaseId,
     query: impl Serialize,
     request: &HeaderMap,
-    source: Source<impl FnOnce(&Arc<Model>) -> Texture>,
+    source: Source<impl FnOnce(&Arc<WarmModel>) -> Texture>,
 ) -> Result<Response, AppError> {
     media_type(request, &[MEDIA_TYPE])?;
     let coding = coding_for(request);

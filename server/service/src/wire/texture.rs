@@ -7,7 +7,7 @@ use bytes::Bytes;
 use geometry::{DepthField, Grid};
 use glam::{DAffine3, DVec3};
 
-use cases::models::Model;
+use cases::models::WarmModel;
 
 /// A block of voxels and how to read them.
 #[derive(Debug)]
@@ -54,26 +54,28 @@ impl fmt::Debug for Voxels {
 }
 
 /// The intensities of a case, as acquired, cropped to the envelope.
-pub fn volume_texture(model: &Arc<Model>) -> Texture {
-    let rescale = model.volume.rescale();
+pub fn volume_texture(model: &Arc<WarmModel>) -> Texture {
+    let rescale = model.model().volume().rescale();
     Texture {
-        voxels: Voxels::Shared(shared_voxels(model, |model| model.volume.voxels())),
+        voxels: Voxels::Shared(shared_voxels(model, |model| {
+            model.model().volume().voxels()
+        })),
         format: "u16",
         scale: rescale.slope,
         offset: rescale.intercept,
-        size: model.volume.grid().size(),
-        patient_from_voxel: rows_of(model.volume.grid().patient_from_voxel()),
+        size: model.model().volume().grid().size(),
+        patient_from_voxel: rows_of(model.model().volume().grid().patient_from_voxel()),
     }
 }
 
 /// The same in eight bits, for a first picture: equal steps over the default window and half its width to either side, as far
 /// as there are such intensities.
-pub fn quick_volume_texture(model: &Arc<Model>) -> Texture {
+pub fn quick_volume_texture(model: &Arc<WarmModel>) -> Texture {
     let [low, high] = quick_range(model);
     let step = ((high - low) / 255.0).max(f32::MIN_POSITIVE);
     let shared = Arc::clone(model);
     let make = move || {
-        let volume = &shared.volume;
+        let volume = shared.model().volume();
         // A float below 0 or above 255 becomes the nearer end.
         let quick = |stored| ((volume.intensity(f32::from(stored)) - low) / step).round() as u8;
         let table: Vec<u8> = (0..=u16::MAX).map(quick).collect();
@@ -90,7 +92,7 @@ pub fn quick_volume_texture(model: &Arc<Model>) -> Texture {
 }
 
 /// The intensities that eight bits are spread over.
-fn quick_range(model: &Model) -> [f32; 2] {
+fn quick_range(model: &WarmModel) -> [f32; 2] {
     let window = model.facts.window;
     let low = (window.center - window.width).max(model.facts.intensity_min);
     let high = (window.center + window.width).min(model.facts.intensity_max);
@@ -98,10 +100,10 @@ fn quick_range(model: &Model) -> [f32; 2] {
 }
 
 /// The signed depth of a case on the working grid, in mm.
-pub fn depth_texture(model: &Arc<Model>) -> Texture {
-    let grid = model.field.grid();
+pub fn depth_texture(model: &Arc<WarmModel>) -> Texture {
+    let grid = model.model().field().grid();
     Texture {
-        voxels: Voxels::Shared(shared_voxels(model, |model| model.field.values())),
+        voxels: Voxels::Shared(shared_voxels(model, |model| model.model().field().values())),
         format: "i16",
         scale: grid.spacing_mm()[0] as f32 / DepthField::STEPS_PER_VOXEL,
         offset: 0.0,
@@ -111,12 +113,12 @@ pub fn depth_texture(model: &Arc<Model>) -> Texture {
 }
 
 /// Every `step`th depth along each axis, from the first on: enough for the light of a first picture.
-pub fn coarse_depth_texture(model: &Arc<Model>, step: usize) -> Texture {
+pub fn coarse_depth_texture(model: &Arc<WarmModel>, step: usize) -> Texture {
     let whole = depth_texture(model);
-    let affine = model.field.grid().patient_from_voxel();
+    let affine = model.model().field().grid().patient_from_voxel();
     let shared = Arc::clone(model);
     let make = move || {
-        let field = &shared.field;
+        let field = shared.model().field();
         let values = every(step, field.grid(), field.values());
         values.into_iter().flat_map(i16::to_le_bytes).collect()
     };
@@ -142,8 +144,11 @@ fn every(step: usize, grid: &Grid, values: &[i16]) -> Vec<i16> {
 }
 
 /// Voxels of a model as bytes that keep the model alive, not copied where memory is little-endian already.
-fn shared_voxels<T: bytemuck::Pod>(model: &Arc<Model>, voxels: fn(&Model) -> &[T]) -> Bytes {
-    struct Shared<T: 'static>(Arc<Model>, fn(&Model) -> &[T]);
+fn shared_voxels<T: bytemuck::Pod>(
+    model: &Arc<WarmModel>,
+    voxels: fn(&WarmModel) -> &[T],
+) -> Bytes {
+    struct Shared<T: 'static>(Arc<WarmModel>, fn(&WarmModel) -> &[T]);
     impl<T: bytemuck::Pod> AsRef<[u8]> for Shared<T> {
         fn as_ref(&self) -> &[u8] {
             bytemuck::cast_slice(self.1(&self.0))

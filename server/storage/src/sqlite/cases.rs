@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqlitePool, SqliteRow};
 
-use super::{jobs, pins};
+use super::{jobs, pins, upkeep};
 use crate::rows::{Inserted, NewCase, Pinned};
 use crate::{Cursor, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, Stage};
@@ -13,7 +13,7 @@ use case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, St
 macro_rules! select_case {
     ($rest:literal) => {
         concat!(
-            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, created_at, previous, stage, fraction,
+            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at, previous, stage, fraction,
                     (SELECT group_concat(id) FROM (SELECT id FROM cases AS version WHERE version.previous = cases.id
                                                    ORDER BY created_at, id)) AS next
              FROM cases LEFT JOIN jobs ON jobs.case_id = cases.id ",
@@ -94,7 +94,7 @@ pub(super) fn read_parameters(row: &SqliteRow) -> Result<Parameters, StoreError>
 }
 
 async fn queue_again(connection: &mut SqliteConnection, id: &CaseId) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL WHERE id = ?")
+    sqlx::query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = ?")
         .bind(id.to_string())
         .execute(connection)
         .await?;
@@ -146,11 +146,15 @@ pub(super) async fn make_ready(
     id: &CaseId,
     facts: &CaseFacts,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'ready', facts = ?, failure = NULL WHERE id = ?")
-        .bind(serde_json::to_string(facts)?)
-        .bind(id.to_string())
-        .execute(connection)
-        .await?;
+    let facts = serde_json::to_string(facts)?;
+    sqlx::query(
+        "UPDATE cases SET state = 'ready', facts = ?, facts_digest = ?, failure = NULL WHERE id = ?",
+    )
+    .bind(&facts)
+    .bind(upkeep::digest(&facts))
+    .bind(id.to_string())
+    .execute(connection)
+    .await?;
     Ok(())
 }
 
@@ -159,7 +163,7 @@ pub(super) async fn make_failed(
     id: &CaseId,
     failure: &Failure,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'failed', failure = ?, facts = NULL WHERE id = ?")
+    sqlx::query("UPDATE cases SET state = 'failed', failure = ?, facts = NULL, facts_digest = NULL WHERE id = ?")
         .bind(serde_json::to_string(failure)?)
         .bind(id.to_string())
         .execute(connection)
@@ -251,6 +255,11 @@ fn read(row: &SqliteRow) -> Result<Case, StoreError> {
     let state: String = row.try_get("state")?;
     let failure: Option<String> = row.try_get("failure")?;
     let facts: Option<String> = row.try_get("facts")?;
+    let id = CaseId::parse(&id).ok_or_else(|| unreadable("id"))?;
+    let digest: Option<String> = row.try_get("facts_digest")?;
+    if facts.as_deref().map(upkeep::digest) != digest {
+        return Err(StoreError::DamagedFacts(id));
+    }
     let [previous, next]: [Option<String>; 2] = [row.try_get("previous")?, row.try_get("next")?];
     let versions = |ids: Option<String>| {
         let ids = ids.unwrap_or_default();
@@ -260,7 +269,7 @@ fn read(row: &SqliteRow) -> Result<Case, StoreError> {
     };
     let created_at = Timestamp::from_microsecond(row.try_get("created_at")?);
     Ok(Case {
-        id: CaseId::parse(&id).ok_or_else(|| unreadable("id"))?,
+        id,
         parameters: read_parameters(row)?,
         state: read_state(&state).ok_or_else(|| unreadable("state"))?,
         progress: read_progress(row)?,

@@ -8,6 +8,7 @@ mod cases;
 mod jobs;
 mod pins;
 mod tombstones;
+mod upkeep;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,7 +21,7 @@ use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
     SqliteSynchronous,
 };
-use sqlx::{Sqlite, Transaction};
+use sqlx::{Connection as _, Sqlite, Transaction};
 
 use super::rows::{
     CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
@@ -52,7 +53,8 @@ impl SqliteRows {
             .filename(file)
             .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full);
+            .synchronous(SqliteSynchronous::Full)
+            .pragma("secure_delete", "ON");
         Self::connect(options, CONNECTIONS).await
     }
 
@@ -70,9 +72,11 @@ impl SqliteRows {
             .max_connections(connections)
             .idle_timeout(None)
             .max_lifetime(None)
+            .after_release(|connection, _| Box::pin(async { is_reusable(connection).await }))
             .connect_with(options)
             .await?;
         migrate(&pool).await?;
+        upkeep::add_missing_digests(&pool).await?;
         Ok(Self {
             pool,
             ahead_us: Arc::default(),
@@ -105,6 +109,16 @@ impl SqliteRows {
 /// A duration as the rows have it.
 fn microseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
+}
+
+/// Whether a connection that was given back can be used again.
+///
+/// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows then fails, and
+/// sqlx counts the connection as inside its transaction for ever: every later `BEGIN` on it fails. Such a connection is closed.
+async fn is_reusable(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    // A rollback that is under way is over once the connection answers.
+    connection.ping().await?;
+    Ok(!connection.is_in_transaction())
 }
 
 /// Brings the tables to the newest form. Those of a newer version are left as they are.
@@ -151,11 +165,24 @@ impl CaseRows for SqliteRows {
     }
 
     async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
-        cases::one(&self.pool, id).await
+        match cases::one(&self.pool, id).await {
+            Err(StoreError::DamagedFacts(id)) => {
+                upkeep::prepare_again(&self.pool, &id).await?;
+                cases::one(&self.pool, &id).await
+            }
+            read => read,
+        }
     }
 
     async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError> {
-        cases::page(&self.pool, after, limit).await
+        loop {
+            match cases::page(&self.pool, after, limit).await {
+                Err(StoreError::DamagedFacts(id)) => {
+                    upkeep::prepare_again(&self.pool, &id).await?;
+                }
+                read => return read,
+            }
+        }
     }
 
     async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
@@ -172,6 +199,9 @@ impl CaseRows for SqliteRows {
         let (mut transaction, now) = self.write().await?;
         let deleted = cases::delete(&mut transaction, id, now).await?;
         transaction.commit().await?;
+        if deleted {
+            upkeep::empty_log(&self.pool).await;
+        }
         Ok(deleted)
     }
 
@@ -286,24 +316,192 @@ impl CaseRows for SqliteRows {
     }
 
     async fn forget_holders(&self) -> Result<(), StoreError> {
+        upkeep::check_file(&self.pool).await?;
         let (mut transaction, now) = self.write().await?;
         jobs::end_leases(&mut transaction, now).await?;
         pins::expire_all(&mut transaction, now).await?;
         tombstones::end_leases(&mut transaction, now).await?;
-        Ok(transaction.commit().await?)
+        transaction.commit().await?;
+        upkeep::empty_log(&self.pool).await;
+        Ok(())
     }
 
     async fn check(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT value FROM fence")
-            .fetch_one(&self.pool)
+        let (mut transaction, _) = self.write().await?;
+        sqlx::query("UPDATE fence SET value = value")
+            .execute(&mut *transaction)
             .await?;
-        Ok(())
+        Ok(transaction.rollback().await?)
+    }
+
+    async fn close(&self) {
+        upkeep::empty_log(&self.pool).await;
+        self.pool.close().await;
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use case::{CaseState, ObjectKind};
+
     use super::*;
+    use crate::testing;
+
+    const HOUR: Duration = Duration::from_secs(3600);
+
+    /// Rows in a file that may not grow any further, on one connection.
+    async fn full_rows(directory: &Path) -> SqliteRows {
+        let options = SqliteConnectOptions::new()
+            .filename(directory.join("rows.sqlite"))
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal);
+        let rows = SqliteRows::connect(options, 1).await.unwrap();
+        // Less than there is: SQLite takes the size of the file for it.
+        sqlx::query("PRAGMA max_page_count = 1")
+            .execute(&rows.pool)
+            .await
+            .unwrap();
+        rows
+    }
+
+    fn many_pins() -> Pinned {
+        let pin = |number: u32| ObjectName {
+            kind: ObjectKind::Volume,
+            digest: blake3::hash(&number.to_le_bytes()),
+        };
+        Pinned {
+            holder: "somebody".to_owned(),
+            names: (0..500).map(pin).collect(),
+        }
+    }
+
+    #[tokio::test]
+    async fn rows_go_on_after_the_disk_was_full() {
+        let directory = tempfile::tempdir().unwrap();
+        let rows = full_rows(directory.path()).await;
+        let full = rows.pin(&many_pins(), HOUR).await.unwrap_err();
+        assert!(full.is_full(), "{full:?}");
+        // The connection was closed; another one does not have its limit.
+        rows.check().await.unwrap();
+        rows.pin(&many_pins(), HOUR).await.unwrap();
+    }
+
+    /// A file with a ready case, whose facts hold a word that is nowhere else.
+    async fn with_a_ready_case(file: &Path) -> (SqliteRows, CaseId) {
+        let rows = SqliteRows::open(file).await.unwrap();
+        let new = testing::new_case(&rows, "volume").await;
+        rows.insert(&new).await.unwrap();
+        let claim = testing::claim(&rows).await.unwrap();
+        let derived = testing::pinned(&rows, &[]).await;
+        rows.publish(&claim, &derived, &testing::facts())
+            .await
+            .unwrap();
+        (rows, new.id)
+    }
+
+    fn holds(file: &Path, word: &str) -> bool {
+        let bytes = std::fs::read(file).unwrap_or_default();
+        bytes
+            .windows(word.len())
+            .any(|part| part == word.as_bytes())
+    }
+
+    #[tokio::test]
+    async fn nothing_of_a_deleted_case_stays_in_the_file_or_its_log() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let log = directory.path().join("rows.sqlite-wal");
+        let (rows, id) = with_a_ready_case(&file).await;
+        rows.rename(&id, "CANARY-LABEL").await.unwrap();
+        let words = ["CANARY-LABEL".to_owned(), id.to_string()];
+        for word in &words {
+            assert!(holds(&file, word) || holds(&log, word), "{word}");
+        }
+        rows.delete(&id).await.unwrap();
+        for word in &words {
+            assert!(!holds(&file, word) && !holds(&log, word), "{word}");
+        }
+        rows.close().await;
+        assert!(!log.exists());
+    }
+
+    #[tokio::test]
+    async fn a_digit_that_flips_in_the_facts_is_found_and_they_are_made_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let (rows, id) = with_a_ready_case(&directory.path().join("rows.sqlite")).await;
+        let other = serde_json::to_string(&testing::facts()).unwrap().replacen(
+            "\"spacing_mm\":",
+            "\"spacing_mm\":1",
+            1,
+        );
+        for found_by_list in [false, true] {
+            sqlx::query("UPDATE cases SET facts = ?, state = 'ready', facts_digest = 'another'")
+                .bind(&other)
+                .execute(&rows.pool)
+                .await
+                .unwrap();
+            if found_by_list {
+                rows.cases(None, 10).await.unwrap();
+            }
+            let case = rows.case(&id).await.unwrap().unwrap();
+            assert_eq!((case.state, case.facts), (CaseState::Queued, None));
+            assert_eq!(rows.waiting().await.unwrap(), 1);
+        }
+    }
+
+    #[tokio::test]
+    async fn rows_of_an_earlier_version_get_digests() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let (rows, id) = with_a_ready_case(&file).await;
+        sqlx::query("UPDATE cases SET facts_digest = NULL")
+            .execute(&rows.pool)
+            .await
+            .unwrap();
+        rows.close().await;
+        let rows = SqliteRows::open(&file).await.unwrap();
+        let digest: Option<String> = sqlx::query_scalar("SELECT facts_digest FROM cases")
+            .fetch_one(&rows.pool)
+            .await
+            .unwrap();
+        assert!(digest.is_some());
+        let case = rows.case(&id).await.unwrap().unwrap();
+        assert_eq!(case.state, CaseState::Ready);
+    }
+
+    #[tokio::test]
+    async fn a_damaged_file_is_not_opened_for_work() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let (rows, _) = with_a_ready_case(&file).await;
+        // The pages of an index that nobody owns.
+        let mut connection = rows.pool.acquire().await.unwrap();
+        for statement in [
+            "PRAGMA writable_schema = ON",
+            "DELETE FROM sqlite_schema WHERE name = 'jobs_by_age'",
+        ] {
+            sqlx::query(statement)
+                .execute(&mut *connection)
+                .await
+                .unwrap();
+        }
+        drop(connection);
+        rows.close().await;
+        let rows = SqliteRows::open(&file).await.unwrap();
+        let error = rows.forget_holders().await.unwrap_err();
+        assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
+    }
+
+    #[tokio::test]
+    async fn a_check_writes_nothing() {
+        let rows = SqliteRows::in_memory().await.unwrap();
+        rows.check().await.unwrap();
+        let value: i64 = sqlx::query_scalar("SELECT value FROM fence")
+            .fetch_one(&rows.pool)
+            .await
+            .unwrap();
+        assert_eq!(value, 0);
+    }
 
     #[tokio::test]
     async fn rows_of_a_newer_version_are_refused_in_words_and_left_as_they_are() {

@@ -1,33 +1,23 @@
 //! What the device draws, held to what is known on paper and to the software renderer.
 
-use std::sync::Arc;
-
-use geometry::{EnvelopeMesh, MeshSize, PathTable, Paths};
+use geometry::PathTable;
 use glam::DVec3;
 
-use super::super::painter::Painter;
-use super::super::studio::StudioLimits;
-use super::super::{GpuCase, GpuError, GpuJob, GpuSurface};
-use super::support::{Case, LIMITS, painter, parameters, trace};
+use super::super::renderer::GpuLimits;
+use super::super::worker::GpuWorker;
+use super::super::{GpuError, GpuJob, GpuSurface};
+use super::support::{Case, LIMITS, parameters, trace, worker};
 use crate::{
     Background, Camera, ColorMap, Facets, Frame, FrameSize, Light, NamedView, PixelFormat,
     RenderParameters, RenderRequest, Window, draw_mesh, draw_splat, draw_trace,
 };
 
-fn frame(painter: &mut Painter, job: &GpuJob) -> Frame {
-    painter.attempt(|studio| studio.draw(job)).unwrap().frame
+fn frame(worker: &mut GpuWorker, job: &GpuJob) -> Frame {
+    worker.attempt(|renderer| renderer.draw(job)).unwrap().frame
 }
 
 fn splat(job: &GpuJob) -> Frame {
     draw_splat(&job.case.scene(), &job.request)
-}
-
-/// The table of all depths of a mesh of `contours` × `points`, along the gradient.
-fn table(case: &Case, contours: usize, points: usize) -> (EnvelopeMesh, PathTable) {
-    let size = MeshSize::new(contours, points).unwrap();
-    let mesh = geometry::envelope_mesh(&case.field, size).unwrap();
-    let table = geometry::path_table(&mesh, &case.distance, &case.field, Paths::Flow);
-    (mesh, table)
 }
 
 /// The same picture of the mesh.
@@ -62,11 +52,11 @@ fn share_apart(a: &Frame, b: &Frame) -> f64 {
 
 #[test]
 fn a_ball_is_seen_from_six_sides() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(1);
-    let (_, table) = table(&case, 60, 60);
+    let table = case.table(60, 60);
     let nearest = [
         (NamedView::Left, 1.5),
         (NamedView::Right, -1.5),
@@ -79,7 +69,7 @@ fn a_ball_is_seen_from_six_sides() {
         for depth_mm in [0.0, 6.0, 14.0] {
             let job = trace(&case, parameters(view, depth_mm));
             for (name, job) in [("trace", job.clone()), ("mesh", mesh(&job, &table))] {
-                let picture = frame(&mut painter, &job);
+                let picture = frame(&mut worker, &job);
                 let radius_mm = 30.0 - depth_mm;
                 let found = f64::from(picture.pixel(64, 64).unwrap()[0]);
                 let expected = 110.0 + per_mm * radius_mm;
@@ -104,11 +94,11 @@ fn a_ball_is_seen_from_six_sides() {
 
 #[test]
 fn left_is_left() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(2);
-    let (_, table) = table(&case, 40, 40);
+    let table = case.table(40, 40);
     // Facing the patient, the left is at the right; it is the brighter side. Superior is up, and brighter, too.
     for (view, is_left_at_right) in [
         (NamedView::Anterior, true),
@@ -118,20 +108,17 @@ fn left_is_left() {
     ] {
         let job = trace(&case, parameters(view, 5.0));
         for job in [job.clone(), mesh(&job, &table)] {
-            let picture = frame(&mut painter, &job);
+            let picture = frame(&mut worker, &job);
             let [left, right] = [40, 87].map(|x| picture.pixel(x, 64).unwrap()[0]);
             assert_eq!(right > left, is_left_at_right, "{view:?}: {left} {right}");
         }
     }
-    let picture = frame(
-        &mut painter,
-        &trace(&case, parameters(NamedView::Left, 5.0)),
-    );
+    let picture = frame(&mut worker, &trace(&case, parameters(NamedView::Left, 5.0)));
     assert!(picture.pixel(64, 40).unwrap()[0] > picture.pixel(64, 87).unwrap()[0]);
 }
 
 /// Two balls side by side, and waves: something to lose oneself in.
-fn lumpy(key: u128) -> Arc<Case> {
+fn lumpy(key: u128) -> Case {
     let is_inside = |position: DVec3| {
         let waves = ((position.y / 4.0).sin() + (position.z / 5.0).cos()) * 1.5;
         let [left, right] = [-13.0, 15.0].map(|x| position.distance(DVec3::X * x));
@@ -146,16 +133,16 @@ fn lumpy(key: u128) -> Arc<Case> {
 
 #[test]
 fn the_traced_isosurface_is_at_its_depth() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = lumpy(3);
-    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let voxel_from_patient = case.model().field().grid().voxel_from_patient();
     let mut covered = 0;
     for view in NamedView::ALL {
         for depth_mm in [0.0, 2.5, 5.0, 7.0, 12.0] {
             let job = trace(&case, parameters(view, depth_mm));
-            let hits = painter.attempt(|studio| studio.hits(&job)).unwrap();
+            let hits = worker.attempt(|renderer| renderer.hits(&job)).unwrap();
             let towards_viewer = hits.projection().towards_viewer_in_patient();
             for (x, y) in (0..128).flat_map(|y| (0..128).map(move |x| (x, y))) {
                 let Some(position) = hits.position_in_patient(x, y) else {
@@ -164,9 +151,9 @@ fn the_traced_isosurface_is_at_its_depth() {
                 let position = voxel_from_patient.transform_point3(position).as_vec3();
                 // Down to 3 voxels the smoothed field stands for the field, from 5 on the field itself is met.
                 let field = if depth_mm < 3.0 {
-                    &case.normals
+                    case.model().normals()
                 } else {
-                    &case.field
+                    case.model().field()
                 };
                 let outward = -field.gradient(position).as_dvec3();
                 if outward.normalize_or_zero().dot(towards_viewer) > 0.1 {
@@ -185,7 +172,7 @@ fn by_small_steps(case: &Case, parameters: &RenderParameters) -> Frame {
     let scene = case.scene();
     let projection = parameters.camera.projection(&scene.bounds, parameters.size);
     let patient_from_frame = projection.patient_from_frame();
-    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let voxel_from_patient = case.model().field().grid().voxel_from_patient();
     let towards_viewer = projection.towards_viewer_in_patient();
     let colors = parameters.colormap.table();
     let mut bytes = Vec::new();
@@ -228,7 +215,7 @@ fn by_small_steps(case: &Case, parameters: &RenderParameters) -> Frame {
 
 #[test]
 fn the_traced_picture_is_that_of_small_steps() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     // What is 4 mm thick and seen from the side must not be stepped over.
@@ -243,7 +230,7 @@ fn the_traced_picture_is_that_of_small_steps() {
         (flat, NamedView::Left, 19.5),
     ] {
         let parameters = parameters(view, depth_mm);
-        let traced = frame(&mut painter, &trace(&case, parameters));
+        let traced = frame(&mut worker, &trace(&case, parameters));
         let apart = share_apart(&traced, &by_small_steps(&case, &parameters));
         assert!(apart <= 0.005, "{view:?} {depth_mm}: {apart}");
     }
@@ -251,7 +238,7 @@ fn the_traced_picture_is_that_of_small_steps() {
 
 #[test]
 fn the_traced_picture_is_that_of_the_software() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = lumpy(17);
@@ -259,7 +246,7 @@ fn the_traced_picture_is_that_of_the_software() {
         for depth_mm in [0.0, 4.0, 8.0, 12.0] {
             let job = trace(&case, parameters(view, depth_mm));
             let software = draw_trace(&case.scene(), &job.request);
-            let apart = share_apart(&frame(&mut painter, &job), &software);
+            let apart = share_apart(&frame(&mut worker, &job), &software);
             assert!(apart <= 0.005, "{view:?} {depth_mm}: {apart}");
         }
     }
@@ -267,12 +254,12 @@ fn the_traced_picture_is_that_of_the_software() {
 
 #[test]
 fn the_mesh_is_that_of_the_processor() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = lumpy(23);
     for (contours, points) in [(12, 10), (40, 40), (90, 80)] {
-        let (_, table) = table(&case, contours, points);
+        let table = case.table(contours, points);
         for (view, depth_mm, slab_mm) in [
             (NamedView::Anterior, 0.0, 0.0),
             (NamedView::Left, 4.0, 1.5),
@@ -285,7 +272,7 @@ fn the_mesh_is_that_of_the_processor() {
             };
             let shrunk = table.shrink(depth_mm as f32);
             let job = mesh(&trace(&case, parameters), &table);
-            let found = frame(&mut painter, &job);
+            let found = frame(&mut worker, &job);
             let facets = Facets::new(table.size, &shrunk);
             let expected = draw_mesh(&case.scene(), &job.request, facets);
             let apart = share_apart(&found, &expected);
@@ -299,19 +286,19 @@ fn the_mesh_is_that_of_the_processor() {
 
 #[test]
 fn mesh_trace_and_splat_agree() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = lumpy(4);
-    let (_, table) = table(&case, 120, 200);
+    let table = case.table(120, 200);
     for view in NamedView::ALL {
         for depth_mm in [5.0, 9.0] {
             let job = trace(&case, parameters(view, depth_mm));
-            let (splat, traced) = (splat(&job), frame(&mut painter, &job));
+            let (splat, traced) = (splat(&job), frame(&mut worker, &job));
             let what = format!("{view:?} {depth_mm}");
             let apart = share_apart(&splat, &traced);
             assert!(apart < 0.03, "{what}: {apart} of trace and splat apart");
-            let facets = frame(&mut painter, &mesh(&job, &table));
+            let facets = frame(&mut worker, &mesh(&job, &table));
             let difference = mean_difference(&facets, &traced);
             assert!(
                 difference <= 3.0,
@@ -323,7 +310,7 @@ fn mesh_trace_and_splat_agree() {
 
 #[test]
 fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = lumpy(5);
@@ -362,18 +349,18 @@ fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
     }
     for parameters in variants {
         let job = trace(&case, parameters);
-        let apart = share_apart(&splat(&job), &frame(&mut painter, &job));
+        let apart = share_apart(&splat(&job), &frame(&mut worker, &job));
         assert!(apart < 0.03, "{parameters:?}: {apart}");
     }
 }
 
 #[test]
 fn a_transparent_mesh_has_soft_edges_in_the_colors_of_the_opaque() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(6);
-    let (_, table) = table(&case, 40, 40);
+    let table = case.table(40, 40);
     let background = Background::Transparent;
     let opaque = mesh(&trace(&case, parameters(NamedView::Left, 3.0)), &table);
     let clear = RenderParameters {
@@ -384,7 +371,7 @@ fn a_transparent_mesh_has_soft_edges_in_the_colors_of_the_opaque() {
         request: RenderRequest::new(clear).unwrap(),
         ..opaque.clone()
     };
-    let (opaque, clear) = (frame(&mut painter, &opaque), frame(&mut painter, &clear));
+    let (opaque, clear) = (frame(&mut worker, &opaque), frame(&mut worker, &clear));
     assert_eq!(
         (opaque.format(), clear.format()),
         (PixelFormat::Grey8, PixelFormat::GreyAlpha8)
@@ -403,19 +390,19 @@ fn a_transparent_mesh_has_soft_edges_in_the_colors_of_the_opaque() {
 
 #[test]
 fn the_mesh_tells_where_its_facets_are() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(7);
-    let (_, table) = table(&case, 80, 80);
+    let table = case.table(80, 80);
     let job = mesh(&trace(&case, parameters(NamedView::Superior, 4.0)), &table);
-    let hits = painter.attempt(|studio| studio.hits(&job)).unwrap();
+    let hits = worker.attempt(|renderer| renderer.hits(&job)).unwrap();
     let pixels = (0..128).flat_map(|y| (0..128).map(move |x| (x, y)));
     let positions = pixels.filter_map(|(x, y)| hits.position_in_patient(x, y));
-    let voxel_from_patient = case.field.grid().voxel_from_patient();
+    let voxel_from_patient = case.model().field().grid().voxel_from_patient();
     let depths = positions.map(|position| {
         let position = voxel_from_patient.transform_point3(position);
-        f64::from(case.field.depth_mm(position.as_vec3()))
+        f64::from(case.model().field().depth_mm(position.as_vec3()))
     });
     let off: Vec<f64> = depths.map(|depth_mm| (depth_mm - 4.0).abs()).collect();
     assert!(off.len() > 8_000, "{}", off.len());
@@ -426,12 +413,12 @@ fn the_mesh_tells_where_its_facets_are() {
 
 #[test]
 fn beyond_the_deepest_point_there_is_nothing() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(8);
     let picture = frame(
-        &mut painter,
+        &mut worker,
         &trace(&case, parameters(NamedView::Left, 200.0)),
     );
     assert!(picture.bytes().iter().all(|byte| *byte == 0));
@@ -439,30 +426,30 @@ fn beyond_the_deepest_point_there_is_nothing() {
 
 #[test]
 fn a_volume_that_is_too_large_is_drawn_from_fewer_voxels_and_the_answer_says_so() {
-    let Some(mut whole) = painter(LIMITS) else {
+    let Some(mut whole) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(9);
     let job = trace(&case, parameters(NamedView::Left, 6.0));
-    let drawn = whole.attempt(|studio| studio.draw(&job)).unwrap();
+    let drawn = whole.attempt(|renderer| renderer.draw(&job)).unwrap();
     assert_eq!(drawn.reduction, None);
     let fields = 8 * 71_u64.pow(3);
-    let some = StudioLimits {
+    let some = GpuLimits {
         case_bytes: fields + 200_000,
         ..LIMITS
     };
-    let mut small = painter(some).unwrap();
-    let reduced = small.attempt(|studio| studio.draw(&job)).unwrap();
+    let mut small = worker(some).unwrap();
+    let reduced = small.attempt(|renderer| renderer.draw(&job)).unwrap();
     assert_eq!(reduced.reduction, Some([1, 2, 2]));
     // Brightness rises evenly, so that means tell the same.
     let apart = share_apart(&drawn.frame, &reduced.frame);
     assert!(apart < 0.01, "{apart}");
-    let mut tiny = painter(StudioLimits {
+    let mut tiny = worker(GpuLimits {
         case_bytes: fields - 1,
         ..LIMITS
     })
     .unwrap();
-    let refused = tiny.attempt(|studio| studio.draw(&job));
+    let refused = tiny.attempt(|renderer| renderer.draw(&job));
     assert_eq!(
         refused,
         Err(GpuError::CaseTooLarge {
@@ -470,12 +457,12 @@ fn a_volume_that_is_too_large_is_drawn_from_fewer_voxels_and_the_answer_says_so(
             limit: fields - 1
         })
     );
-    let mut short = painter(StudioLimits {
+    let mut short = worker(GpuLimits {
         max_side_3d: Some(64),
         ..LIMITS
     })
     .unwrap();
-    let refused = short.attempt(|studio| studio.draw(&job));
+    let refused = short.attempt(|renderer| renderer.draw(&job));
     assert!(
         matches!(refused, Err(GpuError::CaseTooLarge { .. })),
         "{refused:?}"
@@ -485,52 +472,52 @@ fn a_volume_that_is_too_large_is_drawn_from_fewer_voxels_and_the_answer_says_so(
 #[test]
 fn cases_come_and_go_within_their_bytes() {
     let bytes = 10 * 71_u64.pow(3);
-    let two_cases = StudioLimits {
+    let two_cases = GpuLimits {
         case_bytes: 2 * bytes,
         ..LIMITS
     };
-    let Some(mut painter) = painter(two_cases) else {
+    let Some(mut worker) = worker(two_cases) else {
         return;
     };
     let cases = [10, 11, 12].map(Case::ball);
     let first = frame(
-        &mut painter,
+        &mut worker,
         &trace(&cases[0], parameters(NamedView::Left, 6.0)),
     );
     for case in cases.iter().chain(&cases) {
-        let again = frame(&mut painter, &trace(case, parameters(NamedView::Left, 6.0)));
+        let again = frame(&mut worker, &trace(case, parameters(NamedView::Left, 6.0)));
         assert_eq!(first, again);
     }
 }
 
 #[test]
 fn the_same_request_gives_the_same_bytes() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = lumpy(13);
-    let (_, table) = table(&case, 40, 40);
+    let table = case.table(40, 40);
     let job = trace(&case, parameters(NamedView::Anterior, 3.0));
     for job in [job.clone(), mesh(&job, &table)] {
-        let first = frame(&mut painter, &job);
+        let first = frame(&mut worker, &job);
         for _ in 0..5 {
-            assert_eq!(frame(&mut painter, &job), first);
+            assert_eq!(frame(&mut worker, &job), first);
         }
     }
 }
 
 #[test]
 fn a_mesh_of_other_vertices_is_refused() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(14);
-    let (_, table) = table(&case, 20, 20);
+    let table = case.table(20, 20);
     let mut job = mesh(&trace(&case, parameters(NamedView::Left, 3.0)), &table);
     if let GpuSurface::Mesh { mesh, .. } = &mut job.surface {
         mesh.positions_in_patient.pop();
     }
-    let refused = painter.attempt(|studio| studio.draw(&job));
+    let refused = worker.attempt(|renderer| renderer.draw(&job));
     assert_eq!(
         refused,
         Err(GpuError::Mesh {
@@ -538,5 +525,5 @@ fn a_mesh_of_other_vertices_is_refused() {
             expected: 402
         })
     );
-    assert_eq!(job.case.key(), case.key());
+    assert_eq!(job.case.key, case.keyed.key);
 }

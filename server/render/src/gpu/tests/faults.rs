@@ -1,12 +1,10 @@
 //! A device that is not there, is lost, has too much to do, or serves who left.
 
 use std::process::Command;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::super::{CaseKey, GpuCase, GpuError, GpuJob, GpuOptions, GpuPool};
-use super::support::{Case, LIMITS, painter, parameters, skip, trace};
-use crate::{FrameSize, NamedView, RenderParameters, Scene};
+use super::super::{Fault, GpuError, GpuJob, GpuOptions, GpuPool};
+use super::support::{Case, LIMITS, parameters, skip, trace, worker};
+use crate::{FrameSize, NamedView, RenderParameters};
 
 /// Set in the process that runs without a driver.
 const CHILD: &str = "ISOCORTEX_TEST_CHILD";
@@ -45,33 +43,33 @@ fn pool(options: GpuOptions) -> Option<GpuPool> {
 
 #[test]
 fn a_device_that_is_destroyed_is_opened_anew() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(20);
     let job = trace(&case, parameters(NamedView::Left, 4.0));
-    let expected = painter.attempt(|studio| studio.draw(&job)).unwrap();
-    painter
-        .attempt(|studio| {
-            studio.open.device.destroy();
+    let expected = worker.attempt(|renderer| renderer.draw(&job)).unwrap();
+    worker
+        .attempt(|renderer| {
+            renderer.open.device.destroy();
             Ok(())
         })
         .unwrap();
-    let again = painter.attempt(|studio| studio.draw(&job)).unwrap();
+    let again = worker.attempt(|renderer| renderer.draw(&job)).unwrap();
     assert_eq!(again, expected);
-    assert_eq!(painter.reopened(), 1);
+    assert_eq!(worker.reopened(), 1);
 }
 
 #[test]
 fn a_device_that_is_destroyed_while_it_draws_is_opened_anew() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
     let case = Case::ball(21);
     let job = trace(&case, parameters(NamedView::Left, 4.0));
-    let expected = painter.attempt(|studio| studio.draw(&job)).unwrap();
-    let device = painter
-        .attempt(|studio| Ok(studio.open.device.clone()))
+    let expected = worker.attempt(|renderer| renderer.draw(&job)).unwrap();
+    let device = worker
+        .attempt(|renderer| Ok(renderer.open.device.clone()))
         .unwrap();
     std::thread::scope(|scope| {
         scope.spawn(move || {
@@ -79,14 +77,14 @@ fn a_device_that_is_destroyed_while_it_draws_is_opened_anew() {
             device.destroy();
         });
         let begun = std::time::Instant::now();
-        while painter.reopened() == 0 && begun.elapsed().as_secs() < 60 {
+        while worker.reopened() == 0 && begun.elapsed().as_secs() < 60 {
             assert_eq!(
-                painter.attempt(|studio| studio.draw(&job)).unwrap(),
+                worker.attempt(|renderer| renderer.draw(&job)).unwrap(),
                 expected
             );
         }
     });
-    assert_eq!(painter.reopened(), 1);
+    assert_eq!(worker.reopened(), 1);
 }
 
 #[test]
@@ -137,32 +135,8 @@ fn a_full_queue_says_so_and_the_next_picture_is_drawn() {
     assert!(pool.draw(job).is_ok());
 }
 
-/// A case that counts how often it is looked at, and panics if it is to.
-struct Watched {
-    case: Arc<Case>,
-    looks: AtomicUsize,
-    panics: bool,
-}
-
-impl GpuCase for Watched {
-    fn key(&self) -> CaseKey {
-        CaseKey(u128::MAX)
-    }
-
-    fn scene(&self) -> Scene<'_> {
-        self.looks.fetch_add(1, Ordering::SeqCst);
-        assert!(!self.panics, "a case that cannot be drawn");
-        self.case.scene()
-    }
-}
-
-fn watched(panics: bool) -> Arc<Watched> {
-    Arc::new(Watched {
-        case: Case::ball(24),
-        looks: AtomicUsize::new(0),
-        panics,
-    })
-}
+/// Two attempts at a picture find no memory: the next one that is drawn fails.
+const SHORT_FOR_ONE: Fault = Fault::OutOfMemory(2);
 
 #[test]
 fn who_leaves_before_his_turn_costs_nothing() {
@@ -174,23 +148,24 @@ fn who_leaves_before_his_turn_costs_nothing() {
         size: FrameSize::new(1500, 1500).unwrap(),
         ..parameters(NamedView::Left, 4.0)
     };
-    let slow: Vec<_> = (0..3)
-        .map(|_| pool.begin_draw(trace(&case, large)).unwrap())
-        .collect();
-    let watched = watched(false);
-    let left = GpuJob {
-        case: Arc::clone(&watched) as Arc<dyn GpuCase>,
-        ..trace(&case, large)
-    };
-    drop(pool.begin_draw(left.clone()).unwrap());
-    for ticket in slow {
-        ticket.wait().unwrap();
+    let begin = || pool.begin_draw(trace(&case, large)).unwrap();
+    for is_left in [true, false] {
+        let slow: Vec<_> = (0..3).map(|_| begin()).collect();
+        pool.break_device(SHORT_FOR_ONE).unwrap();
+        let waited_for = (!is_left).then(begin);
+        if is_left {
+            drop(begin());
+        }
+        for ticket in slow {
+            ticket.wait().unwrap();
+        }
+        // Who waits meets the fault; who left leaves it to the next.
+        if let Some(ticket) = waited_for {
+            assert_eq!(ticket.wait(), Err(GpuError::OutOfMemory));
+        }
+        let next = pool.draw(trace(&case, parameters(NamedView::Left, 4.0)));
+        assert_eq!(next.err(), is_left.then_some(GpuError::OutOfMemory));
     }
-    pool.draw(trace(&case, parameters(NamedView::Left, 4.0)))
-        .unwrap();
-    assert_eq!(watched.looks.load(Ordering::SeqCst), 0);
-    pool.draw(left).unwrap();
-    assert!(watched.looks.load(Ordering::SeqCst) > 0);
 }
 
 #[test]
@@ -199,12 +174,10 @@ fn a_panic_costs_a_picture_and_not_the_pool() {
         return;
     };
     let case = Case::ball(26);
-    let good = trace(&case, parameters(NamedView::Left, 4.0));
-    let expected = pool.draw(good.clone()).unwrap();
-    let bad = GpuJob {
-        case: watched(true),
-        ..good.clone()
-    };
-    assert!(matches!(pool.draw(bad), Err(GpuError::Failed { .. })));
-    assert_eq!(pool.draw(good).unwrap(), expected);
+    let job = trace(&case, parameters(NamedView::Left, 4.0));
+    let expected = pool.draw(job.clone()).unwrap();
+    pool.break_device(Fault::Panic).unwrap();
+    let failed = pool.draw(job.clone());
+    assert!(matches!(failed, Err(GpuError::Failed { .. })));
+    assert_eq!(pool.draw(job).unwrap(), expected);
 }

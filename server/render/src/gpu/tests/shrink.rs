@@ -1,8 +1,6 @@
 //! The page's vertex shader shrinks the mesh as the table does.
 
-use std::sync::Arc;
-
-use geometry::{MeshSize, PathTable, Paths as Follow};
+use geometry::PathTable;
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BufferUsages, Extent3d,
     RenderPipeline, ShaderStages, TextureFormat, TextureView, TextureViewDimension,
@@ -10,12 +8,11 @@ use wgpu::{
 
 use super::super::device::OpenDevice;
 use super::super::layout::Paths;
-use super::super::studio::Studio;
+use super::super::renderer::GpuRenderer;
 use super::super::target::{DEPTH, HEIGHT, Output, Plan, Surface, Target};
 use super::super::{GpuError, GpuJob, GpuSurface, pixels, shaders};
-use super::support::{Case, LIMITS, painter, parameters, trace};
+use super::support::{Case, LIMITS, parameters, trace, worker};
 use crate::NamedView;
-use crate::gpu::GpuCase;
 use crate::settle::settled;
 
 /// Texels in a line of the table's textures: not a divisor of anything, so that lines break within rows and pieces.
@@ -157,8 +154,8 @@ fn bind(
     })
 }
 
-fn pipeline(studio: &Studio, layout: &BindGroupLayout) -> RenderPipeline {
-    let device = &studio.open.device;
+fn pipeline(renderer: &GpuRenderer, layout: &BindGroupLayout) -> RenderPipeline {
+    let device = &renderer.open.device;
     let source = [shaders::SHRUNK_MESH, DRAWN_VERTEX].concat();
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: None,
@@ -166,7 +163,7 @@ fn pipeline(studio: &Studio, layout: &BindGroupLayout) -> RenderPipeline {
     });
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
-        bind_group_layouts: &[Some(studio.pipelines.case_layout()), Some(layout)],
+        bind_group_layouts: &[Some(renderer.pipelines.case_layout()), Some(layout)],
         immediate_size: 0,
     });
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -199,23 +196,27 @@ fn pipeline(studio: &Studio, layout: &BindGroupLayout) -> RenderPipeline {
 }
 
 /// Heights of the mesh that the shader shrinks; everything else is as the picture before left it.
-fn heights(studio: &mut Studio, job: &GpuJob, table: &PathTable) -> Result<Vec<f32>, GpuError> {
+fn heights(
+    renderer: &mut GpuRenderer,
+    job: &GpuJob,
+    table: &PathTable,
+) -> Result<Vec<f32>, GpuError> {
     let parameters = job.request.parameters();
-    let layout = layout(&studio.open);
-    let pipeline = pipeline(studio, &layout);
-    let bound = bind(&studio.open, &layout, table, parameters.depth_mm as f32);
-    let triangles = studio.triangles(table.size);
+    let layout = layout(&renderer.open);
+    let pipeline = pipeline(renderer, &layout);
+    let bound = bind(&renderer.open, &layout, table, parameters.depth_mm as f32);
+    let triangles = renderer.triangles(table.size);
     let plan = Plan {
         size: parameters.size,
         surface: Surface::Mesh,
         output: Output::Height,
     };
-    let target = Target::new(&studio.open, &studio.pipelines, plan);
-    let case = studio
+    let target = Target::new(&renderer.open, &renderer.pipelines, plan);
+    let case = renderer
         .cases
-        .get(job.case.key())
+        .get(job.case.key)
         .expect("it was drawn before");
-    let mut encoder = studio
+    let mut encoder = renderer
         .open
         .device
         .create_command_encoder(&Default::default());
@@ -227,22 +228,19 @@ fn heights(studio: &mut Studio, job: &GpuJob, table: &PathTable) -> Result<Vec<f
     pass.draw_indexed(0..(triangles.size() / 4) as u32, 0, 0..1);
     drop(pass);
     target.copy_out(&mut encoder);
-    studio.open.queue.submit([encoder.finish()]);
-    target.read(&studio.open, |rows| pixels::heights(parameters.size, rows))
+    renderer.open.queue.submit([encoder.finish()]);
+    target.read(&renderer.open, |rows| {
+        pixels::heights(parameters.size, rows)
+    })
 }
 
 #[test]
 fn the_vertex_shader_shrinks_as_the_table_does() {
-    let Some(mut painter) = painter(LIMITS) else {
+    let Some(mut worker) = worker(LIMITS) else {
         return;
     };
-    let case: Arc<Case> = Case::ball(30);
-    let size = MeshSize::new(25, 31).unwrap();
-    let mesh = geometry::envelope_mesh(&case.field, size).unwrap();
-    let distance = &case.distance;
-    let forest = geometry::forest(distance, &geometry::core(distance));
-    let follow = Follow::Forest(&forest);
-    let table = geometry::path_table(&mesh, distance, &case.field, follow);
+    let case = Case::ball(30);
+    let table = case.forest_table(25, 31);
     assert!(!table.pieces.is_empty(), "finer pieces are tested, too");
     for depth_mm in [
         0.0,
@@ -258,15 +256,18 @@ fn the_vertex_shader_shrinks_as_the_table_does() {
         let mesh = settled(&shrunk, &case.scene()).into_owned();
         // Near the envelope vertices go along gradients, which the device keeps in 8 bits.
         let tolerance = if mesh == shrunk { 1e-3 } else { 0.05 };
-        let surface = GpuSurface::Mesh { size, mesh };
+        let surface = GpuSurface::Mesh {
+            size: table.size,
+            mesh,
+        };
         let job = GpuJob {
             surface,
             ..trace(&case, parameters(NamedView::Anterior, depth_mm))
         };
-        let [expected, found] = painter
-            .attempt(|studio| {
-                let hits = studio.heights(&job.call())?;
-                Ok([hits, heights(studio, &job, &table)?])
+        let [expected, found] = worker
+            .attempt(|renderer| {
+                let hits = renderer.heights(&job.call())?;
+                Ok([hits, heights(renderer, &job, &table)?])
             })
             .unwrap();
         let is_apart = |(expected, found): &(&f32, &f32)| {

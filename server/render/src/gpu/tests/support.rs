@@ -2,25 +2,20 @@
 
 use std::sync::{Arc, Once};
 
-use geometry::{DepthField, DistanceMap, Envelope, Grid, Mask, Rescale, ShellIndex, Volume};
+use geometry::{BuiltModel, DeformableModel, Grid, MeshSize, PathTable, Paths, phantom};
 use glam::DVec3;
 
-use super::super::host::Host;
-use super::super::painter::Painter;
-use super::super::studio::StudioLimits;
-use super::super::{CaseKey, GpuCase, GpuError, GpuJob, GpuSurface};
-use crate::{
-    BoundingSphere, Camera, FrameSize, NamedView, RenderParameters, RenderRequest, Scene, Window,
-};
+use super::super::adapter::Adapter;
+use super::super::renderer::GpuLimits;
+use super::super::worker::GpuWorker;
+use super::super::{CaseKey, GpuError, GpuJob, GpuSurface, KeyedModel};
+use crate::{Camera, FrameSize, NamedView, RenderParameters, RenderRequest, Scene, Window};
 
 /// A made-up case, all of whose numbers are known.
+#[derive(Clone)]
 pub(super) struct Case {
-    key: CaseKey,
-    pub(super) volume: Volume,
-    pub(super) distance: DistanceMap,
-    pub(super) field: DepthField,
-    pub(super) normals: DepthField,
-    shell: ShellIndex,
+    pub(super) keyed: KeyedModel,
+    built: Arc<BuiltModel>,
 }
 
 impl Case {
@@ -31,37 +26,23 @@ impl Case {
         side: usize,
         is_inside: impl Fn(DVec3) -> bool,
         intensity: impl Fn(DVec3) -> u16,
-    ) -> Arc<Self> {
+    ) -> Self {
         let corner = DVec3::splat(-((side - 1) as f64) / 2.0);
         let grid = Grid::aligned([side; 3], [1.0; 3], corner).unwrap();
-        let position =
-            |index| corner + DVec3::from(grid.voxel(index).map(|coordinate| coordinate as f64));
-        let indices = 0..grid.voxel_count();
-        let mask = indices
-            .clone()
-            .map(|index| is_inside(position(index)))
-            .collect();
-        let voxels = indices.map(|index| intensity(position(index))).collect();
-        let rescale = Rescale {
-            slope: 1.0,
-            intercept: 0.0,
-        };
-        let volume = Volume::new(grid.clone(), voxels, rescale).unwrap();
-        let envelope = Envelope::from_stored(Mask::new(grid, mask).unwrap()).unwrap();
-        let distance = geometry::distance_map(&envelope);
-        let field = DepthField::new(&distance);
-        Arc::new(Self {
+        let envelope = phantom::envelope(&grid, is_inside);
+        let built = phantom::model(phantom::volume(grid, intensity), envelope);
+        let keyed = KeyedModel {
             key: CaseKey(key),
-            volume,
-            normals: field.smoothed(1.5),
-            shell: ShellIndex::new(&distance),
-            field,
-            distance,
-        })
+            model: Arc::new(built.model.clone()),
+        };
+        Self {
+            keyed,
+            built: Arc::new(built),
+        }
     }
 
     /// A ball of radius 30 mm that is brighter to the patient's left, to posterior and to superior.
-    pub(super) fn ball(key: u128) -> Arc<Self> {
+    pub(super) fn ball(key: u128) -> Self {
         Self::new(
             key,
             71,
@@ -72,21 +53,29 @@ impl Case {
             },
         )
     }
-}
 
-impl GpuCase for Case {
-    fn key(&self) -> CaseKey {
-        self.key
+    pub(super) fn model(&self) -> &DeformableModel {
+        &self.keyed.model
     }
 
-    fn scene(&self) -> Scene<'_> {
-        Scene {
-            volume: &self.volume,
-            field: &self.field,
-            normals: &self.normals,
-            shell: &self.shell,
-            bounds: BoundingSphere::of_envelope(&self.shell),
-        }
+    pub(super) fn scene(&self) -> Scene<'_> {
+        self.keyed.scene()
+    }
+
+    /// The table of all depths of a mesh of `contours` × `points`, along the gradient.
+    pub(super) fn table(&self, contours: usize, points: usize) -> PathTable {
+        self.table_along(Paths::Flow, contours, points)
+    }
+
+    /// The same along the forest.
+    pub(super) fn forest_table(&self, contours: usize, points: usize) -> PathTable {
+        self.table_along(Paths::Forest(&self.built.forest), contours, points)
+    }
+
+    fn table_along(&self, paths: Paths<'_>, contours: usize, points: usize) -> PathTable {
+        let size = MeshSize::new(contours, points).unwrap();
+        let table = self.model().path_table(size, &self.built.distance, paths);
+        table.unwrap()
     }
 }
 
@@ -101,24 +90,24 @@ pub(super) fn parameters(view: NamedView, depth_mm: f64) -> RenderParameters {
 }
 
 /// The isosurface itself, as `parameters` say.
-pub(super) fn trace(case: &Arc<Case>, parameters: RenderParameters) -> GpuJob {
+pub(super) fn trace(case: &Case, parameters: RenderParameters) -> GpuJob {
     GpuJob {
-        case: Arc::clone(case) as Arc<dyn GpuCase>,
+        case: case.keyed.clone(),
         request: RenderRequest::new(parameters).unwrap(),
         surface: GpuSurface::Trace,
     }
 }
 
 /// Plenty.
-pub(super) const LIMITS: StudioLimits = StudioLimits {
+pub(super) const LIMITS: GpuLimits = GpuLimits {
     case_bytes: 1 << 28,
     max_side_3d: None,
 };
 
 /// A device, or `None` where there is no driver: said aloud, and a failure where tests must not be skipped.
-pub(super) fn painter(limits: StudioLimits) -> Option<Painter> {
-    match Host::find().and_then(|host| Painter::new(host, limits)) {
-        Ok(painter) => Some(painter),
+pub(super) fn worker(limits: GpuLimits) -> Option<GpuWorker> {
+    match Adapter::find().and_then(|adapter| GpuWorker::new(adapter, limits)) {
+        Ok(worker) => Some(worker),
         Err(error) => {
             skip(&error);
             None

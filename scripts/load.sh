@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# How many requests a second a server of its own answers, with Debian's wrk: meshes, paths, pictures and the list of the cases, to
+# 1, 16, 64 and 256 connections. Server and clients share this machine. Prints a table; an answer 503 (come again later) counts as
+# an error. Arguments: seconds for each line (3), and the most connections (256).
+set -euo pipefail
+# shellcheck source=scripts/lib.sh
+. "$(dirname "$0")/lib.sh"
+
+readonly KINDS=(list mesh paths render)
+readonly CONNECTIONS=(1 16 64 256)
+seconds=${1:-3}
+most=${2:-256}
+
+have wrk || die "wrk is missing; install it: apt-get install wrk"
+have curl || die "curl is missing."
+program=${ISOCORTEX_PROGRAM:-}
+if [ -z "$program" ]; then
+  need_rust
+  cargo build --locked -q --release --bin isocortex
+  program=$(target_dir)/release/isocortex
+fi
+scratch=$(mktemp -d)
+"$program" demo --data "$scratch/store" --listen 127.0.0.1:0 >"$scratch/said" &
+server=$!
+trap 'kill "$server" 2>/dev/null; wait "$server" 2>/dev/null || true; rm -rf "$scratch"' EXIT
+until page=$(grep -oE 'http://[^ ]+' "$scratch/said"); do
+  kill -0 "$server" 2>/dev/null || die "the server ended before its case was ready"
+  sleep 0.2
+done
+address=${page%%/#*} case=${page##*/#}
+# The first answers read the case from the disk.
+for route in mesh "render?renderer=splat"; do curl -sS -o "$scratch/warm" "$address/v1/cases/$case/$route"; done
+
+{
+  echo "request,connections,requests/s,50 % ms,99 % ms,KiB,errors"
+  for kind in "${KINDS[@]}"; do
+    for connections in "${CONNECTIONS[@]}"; do
+      [ "$connections" -le "$most" ] || continue
+      threads=$((connections < 2 ? 1 : 2))
+      wrk -t "$threads" -c "$connections" -d "${seconds}s" --timeout 30s -s scripts/load.lua "$address" -- "$kind" "$case" |
+        tail -n 1 | sed "s/^/$kind,$connections,/"
+    done
+  done
+} | column -s, -t
+memory=$(awk '/^VmHWM/ { printf "%.0f", $2 / 1024 }' "/proc/$server/status" 2>/dev/null || true)
+[ -z "$memory" ] || say "The server held at most $memory MiB."

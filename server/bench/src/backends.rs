@@ -1,0 +1,82 @@
+//! Who can draw on this machine.
+
+use std::sync::Arc;
+
+use render::RenderBackend;
+use render::gpu::{GpuOptions, GpuPool};
+
+/// The backends that are measured.
+#[derive(Debug)]
+pub struct Backends {
+    /// All of them.
+    pub all: Vec<RenderBackend>,
+    /// The graphics device and its driver, or why there is none.
+    pub graphics: String,
+}
+
+impl Backends {
+    /// Those of the CPU alone.
+    pub fn on_cpu() -> Self {
+        let all = vec![
+            RenderBackend::Splat,
+            RenderBackend::Mesh,
+            RenderBackend::Trace,
+        ];
+        let graphics = "not used".to_owned();
+        Self { all, graphics }
+    }
+
+    /// All that this machine has: the CPU's, then those of its graphics device.
+    pub fn open() -> Self {
+        let Self { mut all, .. } = Self::on_cpu();
+        let pool = match GpuPool::start(GpuOptions::default()) {
+            Ok(pool) => Arc::new(pool),
+            Err(error) => {
+                let graphics = format!("none: {error}");
+                return Self { all, graphics };
+            }
+        };
+        let graphics = pool.adapter().line();
+        all.push(RenderBackend::GpuMesh(Arc::clone(&pool)));
+        all.push(RenderBackend::GpuTrace(pool));
+        Self { all, graphics }
+    }
+
+    /// Those whose frame rates are worth a table: a device in hardware comes first, and none traces by a driver in software, which
+    /// is slower than the program itself.
+    pub fn for_rates(mut self) -> Self {
+        let is_software =
+            |backend: &RenderBackend| backend.adapter().map(|adapter| adapter.is_software);
+        self.all
+            .retain(|backend| backend.needs_mesh() || is_software(backend) != Some(true));
+        self.all
+            .sort_by_key(|backend| is_software(backend) != Some(false));
+        self
+    }
+
+    /// Only the backends of these names, or all if there are none.
+    pub fn only(mut self, names: &[&str]) -> Self {
+        let is_wanted =
+            |backend: &RenderBackend| names.is_empty() || names.contains(&backend.name());
+        self.all.retain(is_wanted);
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_backend_may_be_chosen_by_its_name() {
+        let names = |backends: Backends| {
+            let names = backends.all.iter().map(RenderBackend::name);
+            names.collect::<Vec<_>>()
+        };
+        assert_eq!(
+            names(Backends::on_cpu().only(&[])),
+            ["splat", "mesh", "trace"]
+        );
+        assert_eq!(names(Backends::on_cpu().only(&["trace"])), ["trace"]);
+    }
+}

@@ -1,0 +1,97 @@
+//! The command line.
+
+mod agreement;
+mod head;
+mod paper;
+mod step;
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use bench::{BenchError, Report, plots};
+use clap::{Args, Parser, Subcommand};
+
+/// Measure this machine by the experiments of the paper, and hold the pictures of its renderers against each other
+///
+/// For research use only, not for diagnosis.
+#[derive(Debug, Parser)]
+#[command(name = "isocortex-bench", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Paper(paper::PaperArgs),
+    Agreement(agreement::AgreementArgs),
+    Step(step::StepArgs),
+}
+
+/// How a report is given.
+#[derive(Debug, Args)]
+struct OutputArgs {
+    /// Print JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+    /// Also write the figures as SVG files into this directory, which is made if it is missing.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<std::path::PathBuf>,
+}
+
+/// Runs the program by its arguments.
+pub(crate) fn run() -> ExitCode {
+    let done = match Cli::parse().command {
+        Command::Paper(args) => paper::run(&args),
+        Command::Agreement(args) => agreement::run(&args),
+        Command::Step(args) => step::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("isocortex-bench: {error}");
+            ExitCode::from(error.exit_status())
+        }
+    }
+}
+
+/// Tells whoever waits what is measured next.
+fn progress(what: &str) {
+    eprintln!("{what}");
+}
+
+impl OutputArgs {
+    /// Makes the directory of the plots: before all work, which may take minutes.
+    fn check(&self) -> Result<(), BenchError> {
+        let Some(directory) = &self.plot else {
+            return Ok(());
+        };
+        std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))
+    }
+
+    /// Prints a report and writes its plots.
+    fn give(&self, report: &Report) -> Result<(), BenchError> {
+        if let Some(directory) = &self.plot {
+            for (name, svg) in report.tables.iter().flat_map(plots) {
+                write(&directory.join(format!("{name}.svg")), svg.as_bytes())?;
+            }
+        }
+        if self.json {
+            println!("{:#}", report.json());
+        } else {
+            print!("{}", report.text());
+        }
+        Ok(())
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
+    std::fs::write(path, bytes).map_err(|error| unwritable(path, &error))
+}
+
+fn unwritable(path: &Path, reason: &dyn std::fmt::Display) -> BenchError {
+    BenchError::Unwritable {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    }
+}

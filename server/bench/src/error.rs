@@ -1,0 +1,61 @@
+//! Why something cannot be measured.
+
+use std::path::PathBuf;
+
+use geometry::GeometryError;
+use imaging::ImagingError;
+use render::RenderError;
+
+/// Why something cannot be measured.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BenchError {
+    /// The command line asks for something impossible.
+    #[error("{0}")]
+    Usage(String),
+    /// A file cannot be read.
+    #[error("{} cannot be read: {reason}", path.display())]
+    Unreadable {
+        /// Its path.
+        path: PathBuf,
+        /// What the system reports.
+        reason: std::io::Error,
+    },
+    /// A file or directory cannot be written.
+    #[error("{} cannot be written: {reason}", path.display())]
+    Unwritable {
+        /// Its path.
+        path: PathBuf,
+        /// What the system or the encoder reports.
+        reason: String,
+    },
+    /// The volume or the mask cannot be read.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+    /// The head cannot be prepared.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+    /// A picture cannot be drawn as asked.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// Mask and volume do not overlap.
+    #[error("nothing of the mask lies inside the volume")]
+    MaskOutsideVolume,
+    /// The worker threads cannot be started.
+    #[error("the worker threads cannot be started: {0}")]
+    Threads(String),
+}
+
+impl BenchError {
+    /// The exit status: 2 for the command line, the others as in BSD's `sysexits.h`.
+    pub fn exit_status(&self) -> u8 {
+        match self {
+            Self::Usage(_) => 2,
+            Self::Imaging(_) | Self::Geometry(_) | Self::MaskOutsideVolume => 65,
+            Self::Unreadable { .. } => 66,
+            Self::Render(RenderError::Gpu(_)) | Self::Threads(_) => 69,
+            Self::Render(_) => 70,
+            Self::Unwritable { .. } => 73,
+        }
+    }
+}

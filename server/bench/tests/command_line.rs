@@ -1,0 +1,174 @@
+//! `isocortex-bench` on a small made-up head: every table is there, and numbers are in it.
+
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// Runs the program on a small head.
+fn run(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_isocortex-bench"))
+        .args(arguments)
+        .env_remove("ISOCORTEX_DEMO_VOLUME")
+        .env_remove("ISOCORTEX_DEMO_MASK")
+        .output()
+        .expect("it can be run")
+}
+
+/// What it prints as JSON.
+fn report(arguments: &[&str]) -> Value {
+    let output = run(arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    serde_json::from_slice(&output.stdout).expect("it prints JSON")
+}
+
+fn rows<'a>(report: &'a Value, table: &str) -> &'a [Value] {
+    let rows = report["tables"][table]["rows"].as_array();
+    rows.unwrap_or_else(|| panic!("no table {table}"))
+}
+
+fn positive(row: &Value, key: &str) -> f64 {
+    let number = row[key].as_f64();
+    let number = number.unwrap_or_else(|| panic!("no number {key} in {row}"));
+    assert!(number > 0.0, "{key} in {row}");
+    number
+}
+
+#[test]
+fn the_papers_tables_and_figures_are_there_with_its_own_numbers_beside_them() {
+    let plots = tempfile::tempdir().expect("a directory");
+    let path = plots.path().join("made by it");
+    let mut arguments = vec!["paper", "--phantom", "4", "--quick", "--json", "--cpu-only"];
+    arguments.extend(["--size", "64", "--plot", path.to_str().expect("UTF-8")]);
+    let report = report(&arguments);
+    assert_eq!(report["format"], "isocortex-bench 1");
+    assert!(report["machine"]["processor"].is_string());
+    assert_eq!(report["graphics"], "not used");
+    assert!(positive(&report["head"], "envelope_voxels") > 10_000.0);
+    let setup = rows(&report, "setup");
+    assert_eq!(setup.len(), 15, "13 steps and two sums");
+    for step in setup {
+        positive(step, "wall_ms");
+    }
+    let table_2 = rows(&report, "table_2");
+    assert_eq!((table_2.len(), &table_2[0]["paper_best"]), (5, &5.8.into()));
+    positive(&table_2[0], "here");
+    positive(&table_2[1], "here");
+    for line in rows(&report, "table_3") {
+        let (here, best) = (positive(line, "here"), positive(line, "paper_best"));
+        let is_time = line["figure"] == "setup, s";
+        let ratio = if is_time { best / here } else { here / best };
+        assert!((positive(line, "times_best") - ratio).abs() < 1e-9 * ratio);
+    }
+    let figure_5 = rows(&report, "figure_5");
+    let mut painters: Vec<_> = figure_5.iter().map(|row| &row["painter"]).collect();
+    assert_eq!(painters.len(), 12, "a row for each size of mesh");
+    painters.dedup();
+    assert_eq!(painters, ["splat", "mesh", "trace"]);
+    for name in ["figure_6", "figure_7"] {
+        let triangles = rows(&report, name)
+            .iter()
+            .map(|row| positive(row, "triangles"));
+        let paper = [200, 400, 600, 800, 1800, 2400, 3200, 4000, 6000, 8000].map(f64::from);
+        assert_eq!(triangles.collect::<Vec<_>>(), paper);
+    }
+    let facets = |row: &Value| positive(row, "facet_depth_mean_mm");
+    let figure_7 = rows(&report, "figure_7");
+    assert!(
+        facets(&figure_7[9]) < facets(&figure_7[0]),
+        "finer is nearer"
+    );
+    for plot in [
+        "figure_5_envelope",
+        "figure_5_inner",
+        "figure_6",
+        "figure_7",
+    ] {
+        let svg = std::fs::read_to_string(path.join(format!("{plot}.svg"))).expect("a plot");
+        assert!(svg.starts_with("<svg") && svg.contains("triangles"));
+    }
+}
+
+#[test]
+fn one_renderer_may_be_asked_for() {
+    let mut arguments = vec!["paper", "--phantom", "4", "--quick", "--json", "--cpu-only"];
+    arguments.extend(["--size", "32", "--renderer", "trace"]);
+    let report = report(&arguments);
+    let figure_5 = rows(&report, "figure_5");
+    assert_eq!(
+        (figure_5.len(), &figure_5[0]["painter"]),
+        (1, &"trace".into())
+    );
+}
+
+#[test]
+fn agreement_is_told_as_a_table_a_plot_and_markdown() {
+    let plots = tempfile::tempdir().expect("a directory");
+    let path = plots.path().to_str().expect("UTF-8");
+    let mut arguments = vec![
+        "agreement",
+        "--phantom",
+        "4",
+        "--size",
+        "32",
+        "--plot",
+        path,
+    ];
+    arguments.push("--json");
+    let report = report(&arguments);
+    let found = rows(&report, "agreement");
+    assert_eq!(found.len(), 10);
+    assert!(positive(&found[9], "mean_5mm") < positive(&found[0], "mean_5mm"));
+    let svg = std::fs::read_to_string(plots.path().join("agreement.svg")).expect("a plot");
+    assert!(svg.contains("30 mm deep"));
+    let output = run(&["agreement", "--phantom", "4", "--size", "32", "--markdown"]);
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(text.starts_with("| triangles | 0 mm |"), "{text}");
+}
+
+#[test]
+fn a_step_is_taken_alone_and_leaves_the_envelope() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let envelope = folder.path().join("envelope.nii.gz");
+    let path = envelope.to_str().expect("UTF-8");
+    let found = report(&["step", "distance", "--phantom", "4", "--envelope", path]);
+    assert_eq!(found["step"], "distance");
+    positive(&found, "wall_s");
+    assert!((30.0..80.0).contains(&positive(&found, "check")), "mm");
+    assert!(envelope.is_file());
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused_in_a_sentence() {
+    let refused = [
+        (&["paper", "--phantom", "9"][..], 2, "0.5 to 4"),
+        (&["paper", "--seconds", "0"], 2, "above 0"),
+        (&["step", "cerebellum"], 2, "closing, distance"),
+        (
+            &[
+                "paper",
+                "--volume",
+                "/nowhere.nii",
+                "--mask",
+                "/nowhere.nii",
+            ],
+            66,
+            "cannot be read",
+        ),
+        (
+            &["agreement", "--phantom", "4", "--plot", "/dev/null/plots"],
+            73,
+            "cannot be written",
+        ),
+    ];
+    for (arguments, status, words) in refused {
+        let output = run(arguments);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(
+            output.status.code(),
+            Some(status),
+            "{arguments:?}: {errors}"
+        );
+        assert!(errors.contains(words), "{errors}");
+    }
+}

@@ -1,0 +1,73 @@
+//! From a drawn picture to PNG, with the state that it shows.
+
+use case::CaseId;
+use render::{Frame, Projection, RenderBackend, RenderJob, RenderRequest};
+
+use super::drawing::DrawnPicture;
+use crate::error::Error;
+
+/// All that is needed to draw a picture again, and to write into it.
+#[derive(Debug, Clone)]
+pub struct ImageMetadata {
+    case: Option<CaseId>,
+    request: RenderRequest,
+    projection: Projection,
+}
+
+impl ImageMetadata {
+    /// The metadata of a picture of a case; `None` for a picture of a file, whose name may be a patient's.
+    pub fn of(case: Option<&CaseId>, job: &RenderJob) -> Self {
+        Self {
+            case: case.copied(),
+            request: job.request,
+            projection: job.request.projection(&job.case.scene()),
+        }
+    }
+
+    /// The PNG texts of a picture, once it is known who drew it.
+    pub fn texts(&self, backend: &RenderBackend) -> Vec<(&'static str, String)> {
+        let case = self.case.map(|id| id.to_string()).unwrap_or_default();
+        let mut texts = render::state_texts(&case, backend.name(), &self.request);
+        texts.push(("device", backend.device()));
+        texts.retain(|(_, text)| !text.is_empty());
+        texts
+    }
+}
+
+/// A picture as it is sent.
+#[derive(Debug)]
+pub struct EncodedImage {
+    /// The file.
+    pub png: Vec<u8>,
+    /// Who drew it.
+    pub backend: RenderBackend,
+    /// How many native voxels along x, y and z became one, if the volume is too large for the device.
+    pub reduction: Option<[usize; 3]>,
+}
+
+/// Annotates a picture if that is wished, and encodes it.
+///
+/// # Errors
+/// When it cannot be encoded.
+pub fn encode(
+    drawn: DrawnPicture,
+    metadata: &ImageMetadata,
+    annotate: bool,
+) -> Result<EncodedImage, Error> {
+    let frame = annotated(drawn.rendered.frame, metadata, annotate);
+    let png = render::encode_png(&frame, &metadata.texts(&drawn.backend))?;
+    Ok(EncodedImage {
+        png,
+        backend: drawn.backend,
+        reduction: drawn.rendered.reduction,
+    })
+}
+
+/// The picture, with what is written into it on request.
+pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Frame {
+    if annotate {
+        render::annotate(frame, &metadata.request, &metadata.projection)
+    } else {
+        frame
+    }
+}

@@ -1,0 +1,178 @@
+//! Everything that pictures and meshes of one surface are made from.
+
+use std::sync::{Arc, OnceLock};
+
+use crate::{
+    BoundingSphere, DepthField, DistanceMap, Envelope, GeometryError, MeshSize, PathTable, Paths,
+    ShellIndex, ShrunkMesh, Volume, envelope_mesh, path_table, shrink_once,
+};
+
+/// How much the field is smoothed for normals, in voxels: at 1.5 they are on average 2° off those of a smooth surface, at 0
+/// they are 13° off and show the staircase of the voxels.
+const NORMAL_SIGMA_VOXELS: f32 = 1.5;
+
+/// Voxels of the volume kept around the working grid, which itself surrounds the brain by 4: what trilinear sampling needs.
+const CROP_MARGIN_VOXELS: usize = 1;
+
+/// What pictures need from a distance map: some 5 bytes for each voxel of its grid.
+#[derive(Debug, Clone)]
+pub struct DepthMaps {
+    field: DepthField,
+    normals: OnceLock<DepthField>,
+    shell: ShellIndex,
+    bounds: BoundingSphere,
+}
+
+/// Two are equal if they are of the same depths, whether or not the smoothed field was computed.
+impl PartialEq for DepthMaps {
+    fn eq(&self, other: &Self) -> bool {
+        (&self.field, &self.shell, self.bounds) == (&other.field, &other.shell, other.bounds)
+    }
+}
+
+impl DepthMaps {
+    /// The maps of a distance map. The smoothed field is computed at its first use.
+    pub fn new(distance: &DistanceMap) -> Self {
+        Self::with_field(DepthField::new(distance), distance)
+    }
+
+    /// The maps of a distance map, of which the field is at hand.
+    pub(crate) fn with_field(field: DepthField, distance: &DistanceMap) -> Self {
+        let shell = ShellIndex::new(distance);
+        Self {
+            field,
+            normals: OnceLock::new(),
+            bounds: BoundingSphere::of_envelope(&shell),
+            shell,
+        }
+    }
+
+    /// Depth as a continuous function.
+    pub fn field(&self) -> &DepthField {
+        &self.field
+    }
+
+    /// The same, smoothed by 1.5 voxels: normals are its gradient. The first call computes it.
+    pub fn normals(&self) -> &DepthField {
+        self.normals
+            .get_or_init(|| self.field.smoothed(NORMAL_SIGMA_VOXELS))
+    }
+
+    /// The envelope's voxels by depth.
+    pub fn shell(&self) -> &ShellIndex {
+        &self.shell
+    }
+
+    /// The sphere around the envelope.
+    pub fn bounds(&self) -> BoundingSphere {
+        self.bounds
+    }
+}
+
+/// The model of one surface: a volume, depth below the envelope, and the paths that the vertices of a mesh follow.
+///
+/// [`DeformableModel::build`] makes it from a volume and a closed brain, [`DeformableModel::new`] from stored parts. The
+/// distance map and the forest are not among its parts: only the paths of other meshes need them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DeformableModel {
+    volume: Volume,
+    depth: DepthMaps,
+    default_paths: Arc<PathTable>,
+}
+
+impl DeformableModel {
+    /// The mesh of [`DeformableModel::default_paths`]: 30 × 30.
+    pub const DEFAULT_MESH: MeshSize = MeshSize::STANDARD;
+
+    /// A model from its parts: the volume as [`DeformableModel::crop`] cuts it, the maps of its envelope, and the table of the
+    /// forest's paths for a mesh of [`DeformableModel::DEFAULT_MESH`].
+    pub fn new(volume: Volume, depth: DepthMaps, default_paths: PathTable) -> Self {
+        Self {
+            volume,
+            depth,
+            default_paths: Arc::new(default_paths),
+        }
+    }
+
+    /// The part of a volume that pictures of an envelope show; `None` if the two do not overlap.
+    pub fn crop(volume: &Volume, envelope: &Envelope) -> Option<Volume> {
+        volume.crop_to(envelope.grid(), CROP_MARGIN_VOXELS)
+    }
+
+    /// Intensities on their native grid, cropped to the working grid.
+    pub fn volume(&self) -> &Volume {
+        &self.volume
+    }
+
+    /// Depth below the envelope, in the forms that pictures need.
+    pub fn depth(&self) -> &DepthMaps {
+        &self.depth
+    }
+
+    /// Depth as a continuous function.
+    pub fn field(&self) -> &DepthField {
+        self.depth.field()
+    }
+
+    /// The same, smoothed, for normals. The first call computes it.
+    pub fn normals(&self) -> &DepthField {
+        self.depth.normals()
+    }
+
+    /// The envelope's voxels by depth.
+    pub fn shell(&self) -> &ShellIndex {
+        self.depth.shell()
+    }
+
+    /// The sphere around the envelope.
+    pub fn bounds(&self) -> BoundingSphere {
+        self.depth.bounds()
+    }
+
+    /// The table of the forest's paths for a mesh of [`DeformableModel::DEFAULT_MESH`].
+    pub fn default_paths(&self) -> &Arc<PathTable> {
+        &self.default_paths
+    }
+
+    /// The volume and the table of paths, for storing. What can be computed again is dropped.
+    pub fn into_stored(self) -> (Volume, Arc<PathTable>) {
+        (self.volume, self.default_paths)
+    }
+
+    /// The table of all depths of a mesh. `distance` is the map that this model was made from.
+    ///
+    /// # Errors
+    /// When the envelope is too small to be cut.
+    pub fn path_table(
+        &self,
+        size: MeshSize,
+        distance: &DistanceMap,
+        paths: Paths<'_>,
+    ) -> Result<PathTable, GeometryError> {
+        let mesh = envelope_mesh(self.field(), size)?;
+        Ok(path_table(&mesh, distance, self.field(), paths))
+    }
+
+    /// A mesh at one depth, without a table. `distance` is the map that this model was made from.
+    ///
+    /// # Errors
+    /// When the envelope is too small to be cut.
+    pub fn shrink_once(
+        &self,
+        size: MeshSize,
+        distance: &DistanceMap,
+        paths: Paths<'_>,
+        depth_mm: f32,
+    ) -> Result<ShrunkMesh, GeometryError> {
+        let mesh = envelope_mesh(self.field(), size)?;
+        Ok(shrink_once(&mesh, distance, self.field(), paths, depth_mm))
+    }
+
+    /// Memory held, in bytes, with the smoothed field.
+    pub fn bytes(&self) -> usize {
+        let volume = 2 * self.volume.voxels().len();
+        let fields = 4 * self.field().values().len();
+        let shell = 4 * self.shell().voxels().len();
+        volume + fields + shell + self.default_paths.bytes()
+    }
+}

@@ -1,0 +1,82 @@
+//! The machine's graphics adapter.
+
+use wgpu::{Backends, DeviceType, Instance, InstanceDescriptor};
+
+use super::GpuError;
+
+/// What draws, for people to read and for choosing a renderer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AdapterSummary {
+    /// The adapter's name, as its driver gives it.
+    pub name: String,
+    /// The interface: `vulkan` or `gl`.
+    pub interface: String,
+    /// The driver and its version.
+    pub driver: String,
+    /// Whether it is a program, such as Mesa's lavapipe, that runs on the CPU: this crate's CPU renderers are faster.
+    pub is_software: bool,
+}
+
+impl AdapterSummary {
+    /// Name, interface and driver in one line of printable ASCII, at most 200 letters, as headers require it.
+    pub fn line(&self) -> String {
+        let text = format!("{} ({}, {})", self.name, self.interface, self.driver);
+        let printable = |letter: char| {
+            if matches!(letter, ' '..='~') {
+                letter
+            } else {
+                '?'
+            }
+        };
+        text.chars().take(200).map(printable).collect()
+    }
+}
+
+/// An adapter, found once, of which each thread opens a device.
+#[derive(Debug, Clone)]
+pub(super) struct Adapter(wgpu::Adapter);
+
+impl Adapter {
+    /// Looks for an adapter: Vulkan, in software if there is no other; failing that, a GPU with OpenGL.
+    ///
+    /// Software OpenGL is not taken: it does nothing that the CPU renderers do not do faster.
+    pub(super) fn find() -> Result<Self, GpuError> {
+        request(Backends::VULKAN).or_else(|reason| {
+            request(Backends::GL)
+                .ok()
+                .filter(|adapter| adapter.0.get_info().device_type != DeviceType::Cpu)
+                .ok_or(reason)
+        })
+    }
+
+    pub(super) fn wgpu(&self) -> &wgpu::Adapter {
+        &self.0
+    }
+
+    pub(super) fn summary(&self) -> AdapterSummary {
+        let info = self.0.get_info();
+        AdapterSummary {
+            interface: info.backend.to_string(),
+            driver: format!("{} {}", info.driver, info.driver_info)
+                .trim()
+                .to_owned(),
+            is_software: info.device_type == DeviceType::Cpu,
+            name: info.name,
+        }
+    }
+}
+
+fn request(backends: Backends) -> Result<Adapter, GpuError> {
+    let instance = Instance::new(InstanceDescriptor {
+        backends,
+        ..InstanceDescriptor::new_without_display_handle()
+    });
+    let options = wgpu::RequestAdapterOptions {
+        power_preference: wgpu::PowerPreference::HighPerformance,
+        ..Default::default()
+    };
+    let found = pollster::block_on(instance.request_adapter(&options));
+    found.map(Adapter).map_err(|error| GpuError::NoAdapter {
+        reason: error.to_string(),
+    })
+}

@@ -1,0 +1,330 @@
+//! All that one device needs to draw.
+
+use std::borrow::Cow;
+use std::collections::VecDeque;
+
+use geometry::{MeshSize, ShrunkMesh};
+use wgpu::{
+    Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, RenderPass, TextureView,
+};
+
+use super::adapter::Adapter;
+use super::block::Block;
+use super::cache::Cache;
+use super::case::{CasePlan, CaseTextures};
+use super::device::OpenDevice;
+use super::job::Call;
+use super::layout::Picture;
+use super::pipelines::{Pass, Pipelines};
+use super::target::{Output, Plan, Surface, Target};
+use super::{CaseKey, GpuError, GpuJob, GpuSurface, pixels, uniforms};
+use crate::settle::settled;
+use crate::shade::pixel_format;
+use crate::{ColorMap, Hits, RenderedFrame};
+
+/// Pictures larger than this have their textures made for them alone, so that none linger.
+const KEPT_PIXELS: usize = 2 << 20;
+
+/// How many kinds and sizes of pictures have their textures kept.
+const KEPT_TARGETS: usize = 4;
+
+/// How many sizes of meshes have their triangles kept.
+const KEPT_MESHES: usize = 8;
+
+/// What a device may be given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct GpuLimits {
+    /// Bytes of the textures of all cases together.
+    pub(super) case_bytes: u64,
+    /// The longest side of a 3-D texture, where it is to be less than the device's.
+    pub(super) max_side_3d: Option<u32>,
+}
+
+/// A device with its passes, the textures of cases and the targets of pictures.
+#[derive(Debug)]
+pub(super) struct GpuRenderer {
+    pub(super) open: OpenDevice,
+    limits: GpuLimits,
+    pub(super) pipelines: Pipelines,
+    picture: Buffer,
+    colors: TextureView,
+    pub(super) cases: Cache<CaseKey, CaseTextures>,
+    targets: VecDeque<Target>,
+    triangles: VecDeque<(MeshSize, Buffer)>,
+    vertices: Option<Buffer>,
+}
+
+impl GpuRenderer {
+    /// Opens a device and compiles its shaders.
+    pub(super) fn open(adapter: &Adapter, limits: GpuLimits) -> Result<Self, GpuError> {
+        let open = OpenDevice::open(adapter)?;
+        let pipelines = Pipelines::new(&open);
+        let renderer = Self {
+            picture: open.device.create_buffer(&BufferDescriptor {
+                label: Some("picture"),
+                size: size_of::<Picture>() as u64,
+                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            colors: colors(&open),
+            pipelines,
+            limits,
+            cases: Cache::new(limits.case_bytes),
+            targets: VecDeque::new(),
+            triangles: VecDeque::new(),
+            vertices: None,
+            open,
+        };
+        renderer.open.fault().map_or(Ok(renderer), Err)
+    }
+
+    /// Forgets what takes memory.
+    pub(super) fn free_memory(&mut self) {
+        self.cases.clear();
+        self.targets.clear();
+        self.triangles.clear();
+        self.vertices = None;
+    }
+
+    /// Draws a picture.
+    pub(super) fn draw(&mut self, job: &GpuJob) -> Result<RenderedFrame, GpuError> {
+        let call = &job.call();
+        let surface = surface_of(call);
+        let call = &Call {
+            surface: &surface,
+            ..*call
+        };
+        let parameters = call.request.parameters();
+        let format = pixel_format(parameters);
+        let size = parameters.size;
+        let frame = self.run(call, Output::Color, |target, open| {
+            target.read(open, |rows| pixels::frame(size, format, rows))
+        })?;
+        let reduction = self.cases.get(call.key).map(|case| case.maps.reduction);
+        Ok(RenderedFrame {
+            frame,
+            reduction: reduction.filter(|&factors| factors != [1; 3]),
+        })
+    }
+
+    /// Finds what each pixel shows.
+    pub(super) fn hits(&mut self, job: &GpuJob) -> Result<Hits, GpuError> {
+        let call = job.call();
+        let surface = surface_of(&call);
+        let heights_mm = self.heights(&Call {
+            surface: &surface,
+            ..call
+        })?;
+        let projection = call.request.projection(&call.scene);
+        Ok(Hits::new(projection, heights_mm))
+    }
+
+    /// Heights of what each pixel shows above the plane through the target's centre, in mm; −∞ where there is nothing. A mesh is
+    /// taken as it is.
+    pub(super) fn heights(&mut self, call: &Call<'_>) -> Result<Vec<f32>, GpuError> {
+        let size = call.request.parameters().size;
+        self.run(call, Output::Height, |target, open| {
+            target.read(open, |rows| pixels::heights(size, rows))
+        })
+    }
+
+    fn run<T>(
+        &mut self,
+        call: &Call<'_>,
+        output: Output,
+        read: impl FnOnce(&Target, &OpenDevice) -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        self.prepare(call)?;
+        let (surface, triangles) = match call.surface {
+            GpuSurface::Mesh { size, mesh } => (Surface::Mesh, Some(self.mesh(*size, mesh)?)),
+            GpuSurface::Trace => (Surface::Trace, None),
+        };
+        let size = call.request.parameters().size;
+        let target = self.target(Plan {
+            size,
+            surface,
+            output,
+        });
+        let case = self.cases.get(call.key).ok_or(GpuError::OutOfMemory)?;
+        let picture = uniforms::picture(&call.scene, call.request, &case.maps);
+        let bindings = case.bindings.clone();
+        let block = Block::around(call);
+        let queue = &self.open.queue;
+        queue.write_buffer(&self.picture, 0, bytemuck::bytes_of(&picture));
+        let mut encoder = self
+            .open
+            .device
+            .create_command_encoder(&CommandEncoderDescriptor::default());
+        if target.multisampled_depth().is_some() {
+            let mut pass = target.begin_depth(&mut encoder);
+            pass.set_bind_group(0, &bindings, &[]);
+            self.fill(&mut pass, Pass::MeshDepth, triangles.as_ref());
+        }
+        let mut pass = target.begin_picture(&mut encoder);
+        pass.set_bind_group(0, &bindings, &[]);
+        let Block {
+            corner: [x, y],
+            size: [width, height],
+        } = block;
+        pass.set_scissor_rect(x, y, width, height);
+        if let Some(depth) = target.multisampled_depth() {
+            pass.set_bind_group(1, depth, &[]);
+            self.fill(&mut pass, Pass::MeshResolved, None);
+        } else {
+            self.fill(&mut pass, one_pass(surface, output), triangles.as_ref());
+        }
+        drop(pass);
+        target.copy_out(&mut encoder);
+        queue.submit([encoder.finish()]);
+        let result = read(&target, &self.open);
+        if size.pixel_count() <= KEPT_PIXELS && result.is_ok() {
+            self.targets.push_front(target);
+            self.targets.truncate(KEPT_TARGETS);
+        }
+        result
+    }
+
+    /// Draws the triangles of a mesh, or one over the whole picture.
+    fn fill(&self, render: &mut RenderPass<'_>, pass: Pass, triangles: Option<&Buffer>) {
+        render.set_pipeline(self.pipelines.get(pass));
+        match (triangles, &self.vertices) {
+            (Some(triangles), Some(vertices)) => {
+                render.set_vertex_buffer(0, vertices.slice(..));
+                render.set_index_buffer(triangles.slice(..), wgpu::IndexFormat::Uint32);
+                render.draw_indexed(0..(triangles.size() / 4) as u32, 0, 0..1);
+            }
+            _ => render.draw(0..3, 0..1),
+        }
+    }
+
+    /// Makes sure that the textures of the case are on the device.
+    fn prepare(&mut self, call: &Call<'_>) -> Result<(), GpuError> {
+        let Call { key, scene, .. } = *call;
+        if self.cases.get(key).is_some() {
+            return Ok(());
+        }
+        let max_side = self.open.max_side_3d;
+        let max_side = max_side.min(self.limits.max_side_3d.unwrap_or(max_side));
+        let plan = CasePlan::new(&scene, max_side, self.cases.limit())?;
+        self.cases.make_room(plan.bytes);
+        let (open, pipelines) = (&self.open, &self.pipelines);
+        let textures = CaseTextures::upload(open, &scene, &plan, |voxels| {
+            pipelines.bind_case(&open.device, &self.picture, voxels, &self.colors)
+        });
+        if let Some(fault) = self.open.fault() {
+            return Err(fault);
+        }
+        self.cases.insert(key, textures, plan.bytes);
+        Ok(())
+    }
+
+    /// Brings the vertices of a mesh to the device; gives its triangles.
+    fn mesh(&mut self, size: MeshSize, mesh: &ShrunkMesh) -> Result<Buffer, GpuError> {
+        let positions = &mesh.positions_in_patient;
+        if positions.len() != size.vertex_count() {
+            return Err(GpuError::Mesh {
+                found: positions.len(),
+                expected: size.vertex_count(),
+            });
+        }
+        let bytes: &[u8] = bytemuck::cast_slice(positions);
+        let vertices = self.vertices.take();
+        let vertices = vertices
+            .filter(|buffer| buffer.size() >= bytes.len() as u64)
+            .unwrap_or_else(|| self.buffer("vertices", BufferUsages::VERTEX, bytes.len()));
+        self.open.queue.write_buffer(&vertices, 0, bytes);
+        self.vertices = Some(vertices);
+        Ok(self.triangles(size))
+    }
+
+    /// The triangles of a size of mesh.
+    pub(super) fn triangles(&mut self, size: MeshSize) -> Buffer {
+        let known = self.triangles.iter().position(|(known, _)| *known == size);
+        let triangles = match known.and_then(|place| self.triangles.remove(place)) {
+            Some((_, triangles)) => triangles,
+            None => {
+                let triangles = size.triangles();
+                let bytes: &[u8] = bytemuck::cast_slice(&triangles);
+                let buffer = self.buffer("triangles", BufferUsages::INDEX, bytes.len());
+                self.open.queue.write_buffer(&buffer, 0, bytes);
+                buffer
+            }
+        };
+        self.triangles.push_front((size, triangles.clone()));
+        self.triangles.truncate(KEPT_MESHES);
+        triangles
+    }
+
+    fn buffer(&self, label: &str, usage: BufferUsages, bytes: usize) -> Buffer {
+        self.open.device.create_buffer(&BufferDescriptor {
+            label: Some(label),
+            size: bytes as u64,
+            usage: usage | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// Where a picture is drawn: what was kept of an earlier one, if it suits.
+    fn target(&mut self, plan: Plan) -> Target {
+        let known = self.targets.iter().position(|kept| kept.plan == plan);
+        known
+            .and_then(|place| self.targets.remove(place))
+            .unwrap_or_else(|| Target::new(&self.open, &self.pipelines, plan))
+    }
+}
+
+/// What is drawn: of a mesh near the envelope, the one without terraces.
+fn surface_of<'a>(call: &Call<'a>) -> Cow<'a, GpuSurface> {
+    match call.surface {
+        GpuSurface::Mesh { size, mesh } => match settled(mesh, &call.scene) {
+            Cow::Borrowed(_) => Cow::Borrowed(call.surface),
+            Cow::Owned(mesh) => Cow::Owned(GpuSurface::Mesh { size: *size, mesh }),
+        },
+        GpuSurface::Trace => Cow::Borrowed(call.surface),
+    }
+}
+
+/// The pass that draws without a depth buffer of several samples a pixel.
+fn one_pass(surface: Surface, output: Output) -> Pass {
+    match (surface, output) {
+        (Surface::Mesh, Output::Color) => Pass::MeshShaded,
+        (Surface::Mesh, Output::Height) => Pass::MeshHeight,
+        (Surface::Trace, Output::Color) => Pass::TraceShaded,
+        (Surface::Trace, Output::Height) => Pass::TraceHeight,
+    }
+}
+
+/// The colour maps, one a row.
+fn colors(open: &OpenDevice) -> TextureView {
+    let texels: Vec<[u8; 4]> = ColorMap::ALL
+        .into_iter()
+        .flat_map(|map| {
+            map.table()
+                .map(|[red, green, blue]| [red, green, blue, 255])
+        })
+        .collect();
+    let size = wgpu::Extent3d {
+        width: 256,
+        height: ColorMap::ALL.len() as u32,
+        depth_or_array_layers: 1,
+    };
+    let texture = open.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("colors"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(4 * size.width),
+        rows_per_image: None,
+    };
+    let bytes = bytemuck::cast_slice(&texels);
+    open.queue
+        .write_texture(texture.as_image_copy(), bytes, layout, size);
+    texture.create_view(&Default::default())
+}

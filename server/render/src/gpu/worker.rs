@@ -1,0 +1,110 @@
+//! A device that is opened anew when it is lost.
+
+use super::GpuError;
+use super::adapter::Adapter;
+use super::renderer::{GpuLimits, GpuRenderer};
+
+/// How often a picture is tried: once more on a new device, or with its memory freed.
+const ATTEMPTS: usize = 2;
+
+/// Draws on a device, and goes on with another when that is lost.
+#[derive(Debug)]
+pub(super) struct GpuWorker {
+    adapter: Adapter,
+    limits: GpuLimits,
+    renderer: Option<GpuRenderer>,
+    reopened: u64,
+    /// Attempts that are to find no memory.
+    #[cfg(any(test, feature = "faults"))]
+    shortages: u32,
+    /// Whether the next attempt is to panic.
+    #[cfg(any(test, feature = "faults"))]
+    panics: bool,
+}
+
+impl GpuWorker {
+    /// Opens a device of `adapter`.
+    pub(super) fn new(adapter: Adapter, limits: GpuLimits) -> Result<Self, GpuError> {
+        let renderer = GpuRenderer::open(&adapter, limits)?;
+        Ok(Self {
+            adapter,
+            limits,
+            renderer: Some(renderer),
+            reopened: 0,
+            #[cfg(any(test, feature = "faults"))]
+            shortages: 0,
+            #[cfg(any(test, feature = "faults"))]
+            panics: false,
+        })
+    }
+
+    /// How often the device was opened anew.
+    #[cfg(test)]
+    pub(super) fn reopened(&self) -> u64 {
+        self.reopened
+    }
+
+    /// Draws; on a lost device, once more on a new one; without memory, once more with everything else freed.
+    pub(super) fn attempt<T>(
+        &mut self,
+        mut draw: impl FnMut(&mut GpuRenderer) -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        let mut result = Err(GpuError::Closed);
+        for _ in 0..ATTEMPTS {
+            #[cfg(any(test, feature = "faults"))]
+            self.fail_on_request();
+            result = self.renderer().and_then(&mut draw);
+            match &result {
+                Err(GpuError::Lost { .. }) => self.renderer = None,
+                Err(GpuError::OutOfMemory | GpuError::Failed { .. }) => self.free_memory(),
+                _ => return result,
+            }
+        }
+        result
+    }
+
+    /// Breaks the device.
+    #[cfg(any(test, feature = "faults"))]
+    pub(super) fn meet(&mut self, fault: super::pool::Fault) {
+        match (fault, &self.renderer) {
+            (super::pool::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
+            (super::pool::Fault::Panic, _) => self.panics = true,
+            (super::pool::Fault::Loss, Some(renderer)) => renderer.open.device.destroy(),
+            (super::pool::Fault::Loss, None) => {}
+        }
+    }
+
+    /// Panics, or lets the driver report that there is no memory, if a test asked for it.
+    #[cfg(any(test, feature = "faults"))]
+    fn fail_on_request(&mut self) {
+        assert!(!std::mem::take(&mut self.panics), "a fault for a test");
+        if let (Some(renderer), 1..) = (&self.renderer, self.shortages) {
+            self.shortages -= 1;
+            renderer.open.run_short();
+        }
+    }
+
+    /// Gives the device up: the next picture opens another.
+    pub(super) fn give_up(&mut self) {
+        self.renderer = None;
+    }
+
+    fn free_memory(&mut self) {
+        if let Some(renderer) = &mut self.renderer {
+            renderer.free_memory();
+        }
+    }
+
+    /// The device, opened anew if there is none. Its adapter may have gone with it and is looked for again.
+    fn renderer(&mut self) -> Result<&mut GpuRenderer, GpuError> {
+        let renderer = match self.renderer.take() {
+            Some(renderer) => renderer,
+            None => {
+                self.reopened += 1;
+                self.adapter = Adapter::find()?;
+                GpuRenderer::open(&self.adapter, self.limits)?
+            }
+        };
+        Ok(self.renderer.insert(renderer))
+    }
+}
