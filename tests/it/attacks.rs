@@ -96,7 +96,7 @@ async fn connections(socket: &Socket, count: usize, sending: &str) -> Vec<TcpStr
 
 #[tokio::test]
 async fn an_upload_that_drips_is_given_up() {
-    let server = Server::start_with(|config| config.slow_start_secs = 1).await;
+    let server = Server::start_with(|config| config.http.slow_start_secs = 1).await;
     let socket = server.on_a_socket().await;
     let mut stream = TcpStream::connect(socket.address).await.unwrap();
     stream.write_all(half_an_upload().as_bytes()).await.unwrap();
@@ -126,7 +126,7 @@ async fn an_upload_that_drips_is_given_up() {
 
 #[tokio::test]
 async fn uploads_leave_room_for_everybody_else() {
-    let server = Server::start_with(|config| config.max_uploads = 2).await;
+    let server = Server::start_with(|config| config.http.max_uploads = 2).await;
     let socket = server.on_a_socket().await;
     let held = connections(&socket, 2, &half_an_upload()).await;
     while server.stored_files().len() < 2 {
@@ -161,8 +161,8 @@ async fn answers_beyond_all_places(socket: &Socket) -> [String; 2] {
 async fn health_checks_are_answered_when_all_connections_are_taken() {
     for of_one_address in [false, true] {
         let server = Server::start_with(|config| match of_one_address {
-            true => config.max_connections_per_address = 4,
-            false => config.max_connections = 4,
+            true => config.http.max_connections_per_address = 4,
+            false => config.http.max_connections = 4,
         })
         .await;
         let socket = server.on_a_socket().await;
@@ -188,7 +188,8 @@ async fn health_checks_are_answered_when_all_connections_are_taken() {
 #[tokio::test]
 async fn wrong_tokens_are_answered_later_each_time() {
     const TOKEN: &str = "correct-horse-battery-staple";
-    let server = Server::start_with(|config| config.token = Some(Secret(TOKEN.to_owned()))).await;
+    let server =
+        Server::start_with(|config| config.http.token = Some(Secret(TOKEN.to_owned()))).await;
     let ask = async |token: &str| {
         let started = Instant::now();
         let value = format!("Bearer {token}");
@@ -234,7 +235,7 @@ async fn what_no_head_measures_is_refused_before_it_is_queued() {
         );
     }
     server.is_empty_and_well().await;
-    let server = Server::start_with(|config| config.min_field_mm = 1.0).await;
+    let server = Server::start_with(|config| config.limits.min_field_mm = 1.0).await;
     // What is in so small a skull the extraction tells, later.
     let small = volume_of([0.2; 3]).bytes();
     let answer = server.upload(&[("volume", &small)]).await;

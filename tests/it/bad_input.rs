@@ -261,7 +261,7 @@ async fn a_body_of_two_gigabytes_is_refused_by_its_length() {
 
 #[tokio::test]
 async fn a_body_without_a_length_is_cut_at_the_limit() {
-    let server = Server::start_with(|config| config.max_upload_bytes = 1 << 20).await;
+    let server = Server::start_with(|config| config.limits.max_upload_bytes = 1 << 20).await;
     let mut parts = form(&[("volume", &[])]);
     parts.truncate(parts.len() - CLOSING_BYTES);
     let head = stream::iter([Ok::<_, std::io::Error>(Bytes::from(parts))]);
@@ -294,7 +294,7 @@ async fn an_upload_that_is_cut_in_the_middle() {
 
 #[tokio::test]
 async fn an_upload_that_stalls() {
-    let server = Server::start_with(|config| config.upload_idle_secs = 1).await;
+    let server = Server::start_with(|config| config.http.upload_idle_secs = 1).await;
     let start = form(&[("volume", &plain_head().bytes())]);
     let start = stream::iter([Ok::<_, std::io::Error>(Bytes::copy_from_slice(
         &start[..5000],

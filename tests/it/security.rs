@@ -10,7 +10,8 @@ const TOKEN: &str = "correct-horse-battery-staple";
 
 #[tokio::test]
 async fn with_a_token_every_v1_route_wants_it() {
-    let server = Server::start_with(|config| config.token = Some(Secret(TOKEN.to_owned()))).await;
+    let server =
+        Server::start_with(|config| config.http.token = Some(Secret(TOKEN.to_owned()))).await;
     let none = "/v1/cases/00000000000000000000000000000000";
     let description = server.get("/openapi.json").await.json();
     let paths = description["paths"].as_object().unwrap();

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use case::{Failure, FailureKind, Progress, Stage};
-use jiff::Timestamp;
 use pipeline::{Derived, Source};
 use storage::{
     Claim, Count, LeaseTerms, Published, Publisher, Release, Store, StoreError, frame_all,
@@ -135,15 +134,10 @@ impl Worker {
 
     async fn claim(&self) -> Result<Option<Claim>, StoreError> {
         let terms = LeaseTerms {
-            now: self.store.now(),
-            until: self.lease_end(),
+            lease: self.store.options().lease,
             max_attempts: self.store.options().max_attempts,
         };
         self.store.rows().claim(&terms).await
-    }
-
-    fn lease_end(&self) -> Timestamp {
-        later(self.store.now(), self.store.options().lease)
     }
 
     async fn prepare(&self, claim: &Claim) {
@@ -230,7 +224,7 @@ impl Worker {
         let renewed = self
             .store
             .rows()
-            .renew(claim, self.lease_end(), progress)
+            .renew(claim, self.store.options().lease, progress)
             .await;
         renewed.unwrap_or_else(|error| {
             tracing::warn!(
@@ -262,7 +256,7 @@ impl Worker {
             }
             Outcome::HandedBack => {
                 let release = Release {
-                    available_at: self.store.now(),
+                    after: Duration::ZERO,
                     counts: false,
                 };
                 self.store.rows().release(claim, release).await?;
@@ -280,7 +274,11 @@ impl Worker {
         // The lease is renewed once more: writing is bounded, the preparation was not.
         self.store
             .rows()
-            .renew(claim, self.lease_end(), Some(Progress::at(Stage::Storing)))
+            .renew(
+                claim,
+                self.store.options().lease,
+                Some(Progress::at(Stage::Storing)),
+            )
             .await?;
         let published = self
             .store
@@ -306,9 +304,8 @@ impl Worker {
             "a preparation was interrupted by the store"
         );
         self.store.signals().count(Count::Retried);
-        let available_at = later(self.store.now(), self.store.options().retry_after);
         let release = Release {
-            available_at,
+            after: self.store.options().retry_after,
             counts: true,
         };
         // Where even this fails, the lease ends by itself.
@@ -353,8 +350,4 @@ fn crashed() -> Failure {
         "preparation-crashed",
         "the preparation met a fault of the program",
     )
-}
-
-fn later(time: Timestamp, by: Duration) -> Timestamp {
-    time.checked_add(by).unwrap_or(Timestamp::MAX)
 }

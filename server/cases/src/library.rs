@@ -81,7 +81,8 @@ struct Inner {
     preparation: Preparation,
     /// What uploads may ask for.
     limits: Limits,
-    /// One rebuild at a time: it takes a whole preparation's memory. Held across awaits.
+    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Several processes may
+    /// make the same case again at once: each writes the same objects, under pins of its own.
     rebuilding: tokio::sync::Mutex<()>,
 }
 

@@ -170,10 +170,9 @@ impl Store {
         for framed in derived {
             self.inner.objects.put(framed).await?;
         }
-        let now = self.now();
         match publisher {
-            Publisher::Worker(claim) => self.rows().publish(claim, pinned, facts, now).await,
-            Publisher::Rebuild(id) => self.rows().replace(id, pinned, now).await,
+            Publisher::Worker(claim) => self.rows().publish(claim, pinned, facts).await,
+            Publisher::Rebuild(id) => self.rows().replace(id, pinned).await,
         }
     }
 }

@@ -25,6 +25,7 @@ macro_rules! select_case {
 pub(super) async fn insert(
     connection: &mut SqliteConnection,
     new: &NewCase,
+    now: i64,
 ) -> Result<Inserted, StoreError> {
     let state: Option<String> = sqlx::query_scalar("SELECT state FROM cases WHERE id = ?")
         .bind(new.id.to_string())
@@ -37,14 +38,14 @@ pub(super) async fn insert(
         return Ok(Inserted::QueueFull);
     }
     if state.is_none() {
-        insert_row(connection, new).await?;
+        insert_row(connection, new, now).await?;
     } else {
         queue_again(connection, &new.id).await?;
     }
-    if !refer(connection, &new.id, &new.sources, new.now).await? {
+    if !refer(connection, &new.id, &new.sources, now).await? {
         return Ok(Inserted::PinLost);
     }
-    jobs::insert(connection, &new.id, new.now).await?;
+    jobs::insert(connection, &new.id, now).await?;
     Ok(if state.is_none() {
         Inserted::Created
     } else {
@@ -52,7 +53,11 @@ pub(super) async fn insert(
     })
 }
 
-async fn insert_row(connection: &mut SqliteConnection, new: &NewCase) -> Result<(), StoreError> {
+async fn insert_row(
+    connection: &mut SqliteConnection,
+    new: &NewCase,
+    now: i64,
+) -> Result<(), StoreError> {
     sqlx::query(
         "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
          VALUES (?, ?, ?, ?, 'queued', ?, (SELECT id FROM cases WHERE id = ?))",
@@ -61,7 +66,7 @@ async fn insert_row(connection: &mut SqliteConnection, new: &NewCase) -> Result<
     .bind(new.parameters.closing_radius_mm)
     .bind(without_columns(&new.parameters)?)
     .bind(&new.parameters.name)
-    .bind(new.now.as_microsecond())
+    .bind(now)
     .bind(new.previous.map(|id| id.to_string()))
     .execute(connection)
     .await?;
@@ -101,7 +106,7 @@ pub(super) async fn refer(
     connection: &mut SqliteConnection,
     id: &CaseId,
     pinned: &Pinned,
-    now: Timestamp,
+    now: i64,
 ) -> Result<bool, StoreError> {
     if !pins::consume(connection, pinned).await? {
         return Ok(false);
@@ -182,7 +187,7 @@ pub(super) async fn rename(
 pub(super) async fn delete(
     connection: &mut SqliteConnection,
     id: &CaseId,
-    now: Timestamp,
+    now: i64,
 ) -> Result<bool, StoreError> {
     let needed = objects(&mut *connection, id).await?;
     pins::abandon(connection, needed, now).await?;

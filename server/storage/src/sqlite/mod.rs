@@ -1,18 +1,21 @@
 //! Rows in an SQLite file.
 //!
 //! Write-ahead logging, and `synchronous=FULL`: with `NORMAL` a committed row may be lost with the power. Writing
-//! transactions begin as `IMMEDIATE`, so that none fails half-way because another one wrote.
+//! transactions begin as `IMMEDIATE`, so that none fails half-way because another one wrote. The time of a transaction is read
+//! from the database inside of it, in microseconds since 1970 (SQLite knows them to the millisecond).
 
 mod cases;
 mod jobs;
 mod pins;
+mod tombstones;
 mod upkeep;
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use jiff::Timestamp;
 use sqlx::migrate::MigrateError;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
@@ -21,7 +24,7 @@ use sqlx::sqlite::{
 use sqlx::{Connection as _, Sqlite, Transaction};
 
 use super::rows::{
-    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
+    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
 };
 use super::{Cursor, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, Progress};
@@ -36,6 +39,8 @@ const CONNECTIONS: u32 = 4;
 #[derive(Debug, Clone)]
 pub struct SqliteRows {
     pool: SqlitePool,
+    /// By how much the clock is ahead, in microseconds: 0 but in tests of leases.
+    ahead_us: Arc<AtomicI64>,
 }
 
 impl SqliteRows {
@@ -72,12 +77,38 @@ impl SqliteRows {
             .await?;
         migrate(&pool).await?;
         upkeep::add_missing_digests(&pool).await?;
-        Ok(Self { pool })
+        Ok(Self {
+            pool,
+            ahead_us: Arc::default(),
+        })
     }
 
-    async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.pool.begin_with("BEGIN IMMEDIATE").await?)
+    /// Lets time pass on the clock of these rows and their clones.
+    #[cfg(any(test, feature = "conformance"))]
+    pub fn pass_time(&self, by: Duration) {
+        self.ahead_us.fetch_add(microseconds(by), Ordering::Relaxed);
     }
+
+    /// The time by the database's clock.
+    async fn now(&self, connection: &mut SqliteConnection) -> Result<i64, StoreError> {
+        let now: i64 =
+            sqlx::query_scalar("SELECT CAST(unixepoch('subsec') * 1000 AS INTEGER) * 1000")
+                .fetch_one(connection)
+                .await?;
+        Ok(now + self.ahead_us.load(Ordering::Relaxed))
+    }
+
+    /// Begins a writing transaction; with it the time.
+    async fn write(&self) -> Result<(Transaction<'static, Sqlite>, i64), StoreError> {
+        let mut transaction = self.pool.begin_with("BEGIN IMMEDIATE").await?;
+        let now = self.now(&mut transaction).await?;
+        Ok((transaction, now))
+    }
+}
+
+/// A duration as the rows have it.
+fn microseconds(duration: Duration) -> i64 {
+    i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
 }
 
 /// Whether a connection that was given back can be used again.
@@ -108,21 +139,25 @@ async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
 
 #[async_trait]
 impl CaseRows for SqliteRows {
-    async fn pin(&self, pinned: &Pinned, until: Timestamp) -> Result<(), StoreError> {
-        let mut transaction = self.write().await?;
-        pins::insert(&mut transaction, pinned, until).await?;
-        Ok(transaction.commit().await?)
+    async fn pin(&self, pinned: &Pinned, lease: Duration) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if tombstones::any_of(&mut transaction, &pinned.names).await? {
+            return Ok(false);
+        }
+        pins::insert(&mut transaction, pinned, now + microseconds(lease)).await?;
+        transaction.commit().await?;
+        Ok(true)
     }
 
-    async fn unpin(&self, pinned: &Pinned, now: Timestamp) -> Result<(), StoreError> {
-        let mut transaction = self.write().await?;
+    async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
         pins::expire(&mut transaction, pinned, now).await?;
         Ok(transaction.commit().await?)
     }
 
     async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError> {
-        let mut transaction = self.write().await?;
-        let inserted = cases::insert(&mut transaction, new).await?;
+        let (mut transaction, now) = self.write().await?;
+        let inserted = cases::insert(&mut transaction, new, now).await?;
         if matches!(inserted, Inserted::Created | Inserted::Requeued) {
             transaction.commit().await?;
         }
@@ -155,13 +190,13 @@ impl CaseRows for SqliteRows {
     }
 
     async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
-        let mut transaction = self.write().await?;
+        let (mut transaction, _) = self.write().await?;
         cases::rename(&mut transaction, id, name).await?;
         Ok(transaction.commit().await?)
     }
 
-    async fn delete(&self, id: &CaseId, now: Timestamp) -> Result<bool, StoreError> {
-        let mut transaction = self.write().await?;
+    async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
         let deleted = cases::delete(&mut transaction, id, now).await?;
         transaction.commit().await?;
         if deleted {
@@ -178,15 +213,13 @@ impl CaseRows for SqliteRows {
     async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
         // Most looks find nothing; they shall not wait for the writers.
         let mut reader = self.pool.acquire().await?;
-        if jobs::oldest_available(&mut reader, terms.now)
-            .await?
-            .is_none()
-        {
+        let now = self.now(&mut reader).await?;
+        if jobs::oldest_available(&mut reader, now).await?.is_none() {
             return Ok(None);
         }
         drop(reader);
-        let mut transaction = self.write().await?;
-        let claim = jobs::claim(&mut transaction, terms).await?;
+        let (mut transaction, now) = self.write().await?;
+        let claim = jobs::claim(&mut transaction, terms, now).await?;
         transaction.commit().await?;
         Ok(claim)
     }
@@ -194,15 +227,17 @@ impl CaseRows for SqliteRows {
     async fn renew(
         &self,
         claim: &Claim,
-        until: Timestamp,
+        lease: Duration,
         progress: Option<Progress>,
     ) -> Result<bool, StoreError> {
-        jobs::renew(&self.pool, claim, until, progress).await
+        let mut connection = self.pool.acquire().await?;
+        let until = self.now(&mut connection).await? + microseconds(lease);
+        jobs::renew(&mut connection, claim, until, progress).await
     }
 
     async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
-        let mut transaction = self.write().await?;
-        let released = jobs::release(&mut transaction, claim, release).await?;
+        let (mut transaction, now) = self.write().await?;
+        let released = jobs::release(&mut transaction, claim, release, now).await?;
         transaction.commit().await?;
         Ok(released)
     }
@@ -212,9 +247,8 @@ impl CaseRows for SqliteRows {
         claim: &Claim,
         derived: &Pinned,
         facts: &CaseFacts,
-        now: Timestamp,
     ) -> Result<Published, StoreError> {
-        let mut transaction = self.write().await?;
+        let (mut transaction, now) = self.write().await?;
         if !jobs::finish(&mut transaction, claim).await? {
             return Ok(Published::Fenced);
         }
@@ -227,7 +261,7 @@ impl CaseRows for SqliteRows {
     }
 
     async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
-        let mut transaction = self.write().await?;
+        let (mut transaction, _) = self.write().await?;
         let ours = jobs::finish(&mut transaction, claim).await?;
         if ours {
             cases::make_failed(&mut transaction, &claim.id, failure).await?;
@@ -236,13 +270,8 @@ impl CaseRows for SqliteRows {
         Ok(ours)
     }
 
-    async fn replace(
-        &self,
-        id: &CaseId,
-        derived: &Pinned,
-        now: Timestamp,
-    ) -> Result<Published, StoreError> {
-        let mut transaction = self.write().await?;
+    async fn replace(&self, id: &CaseId, derived: &Pinned) -> Result<Published, StoreError> {
+        let (mut transaction, now) = self.write().await?;
         if !cases::is_ready(&mut transaction, id).await? {
             return Ok(Published::Fenced);
         }
@@ -254,7 +283,7 @@ impl CaseRows for SqliteRows {
     }
 
     async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError> {
-        let mut transaction = self.write().await?;
+        let (mut transaction, _) = self.write().await?;
         let ready = cases::is_ready(&mut transaction, id).await?;
         if ready {
             cases::make_failed(&mut transaction, id, failure).await?;
@@ -263,37 +292,42 @@ impl CaseRows for SqliteRows {
         Ok(ready)
     }
 
-    async fn expired_pins(
-        &self,
-        now: Timestamp,
-        limit: usize,
-    ) -> Result<Vec<ObjectName>, StoreError> {
-        pins::expired(&self.pool, now, limit).await
+    async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.pool.acquire().await?;
+        let now = self.now(&mut connection).await?;
+        tombstones::abandoned(&mut connection, now, limit).await
     }
 
-    async fn begin_removal(
+    async fn mark(
         &self,
         names: &[ObjectName],
-        now: Timestamp,
-    ) -> Result<Box<dyn Removal>, StoreError> {
-        let transaction = self.write().await?;
-        Ok(Box::new(
-            pins::PinnedRemoval::begin(transaction, names, now).await?,
-        ))
+        sweep: &Sweep,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let marked = tombstones::mark(&mut transaction, names, sweep, now).await?;
+        transaction.commit().await?;
+        Ok(marked)
     }
 
-    async fn forget_holders(&self, now: Timestamp) -> Result<(), StoreError> {
+    async fn bury(&self, holder: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        tombstones::bury(&mut transaction, holder).await?;
+        Ok(transaction.commit().await?)
+    }
+
+    async fn forget_holders(&self) -> Result<(), StoreError> {
         upkeep::check_file(&self.pool).await?;
-        let mut transaction = self.write().await?;
+        let (mut transaction, now) = self.write().await?;
         jobs::end_leases(&mut transaction, now).await?;
         pins::expire_all(&mut transaction, now).await?;
+        tombstones::end_leases(&mut transaction, now).await?;
         transaction.commit().await?;
         upkeep::empty_log(&self.pool).await;
         Ok(())
     }
 
     async fn check(&self) -> Result<(), StoreError> {
-        let mut transaction = self.write().await?;
+        let (mut transaction, _) = self.write().await?;
         sqlx::query("UPDATE fence SET value = value")
             .execute(&mut *transaction)
             .await?;
@@ -312,6 +346,8 @@ mod tests {
 
     use super::*;
     use crate::testing;
+
+    const HOUR: Duration = Duration::from_secs(3600);
 
     /// Rows in a file that may not grow any further, on one connection.
     async fn full_rows(directory: &Path) -> SqliteRows {
@@ -343,21 +379,21 @@ mod tests {
     async fn rows_go_on_after_the_disk_was_full() {
         let directory = tempfile::tempdir().unwrap();
         let rows = full_rows(directory.path()).await;
-        let full = rows.pin(&many_pins(), Timestamp::MAX).await.unwrap_err();
+        let full = rows.pin(&many_pins(), HOUR).await.unwrap_err();
         assert!(full.is_full(), "{full:?}");
         // The connection was closed; another one does not have its limit.
         rows.check().await.unwrap();
-        rows.pin(&many_pins(), Timestamp::MAX).await.unwrap();
+        rows.pin(&many_pins(), HOUR).await.unwrap();
     }
 
     /// A file with a ready case, whose facts hold a word that is nowhere else.
     async fn with_a_ready_case(file: &Path) -> (SqliteRows, CaseId) {
         let rows = SqliteRows::open(file).await.unwrap();
-        let new = testing::new_case(&rows, "volume", testing::at(0)).await;
+        let new = testing::new_case(&rows, "volume").await;
         rows.insert(&new).await.unwrap();
-        let claim = testing::claim(&rows, 1).await.unwrap();
+        let claim = testing::claim(&rows).await.unwrap();
         let derived = testing::pinned(&rows, &[]).await;
-        rows.publish(&claim, &derived, &testing::facts(), testing::at(2))
+        rows.publish(&claim, &derived, &testing::facts())
             .await
             .unwrap();
         (rows, new.id)
@@ -381,7 +417,7 @@ mod tests {
         for word in &words {
             assert!(holds(&file, word) || holds(&log, word), "{word}");
         }
-        rows.delete(&id, testing::at(3)).await.unwrap();
+        rows.delete(&id).await.unwrap();
         for word in &words {
             assert!(!holds(&file, word) && !holds(&log, word), "{word}");
         }
@@ -452,7 +488,7 @@ mod tests {
         drop(connection);
         rows.close().await;
         let rows = SqliteRows::open(&file).await.unwrap();
-        let error = rows.forget_holders(testing::at(1)).await.unwrap_err();
+        let error = rows.forget_holders().await.unwrap_err();
         assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
     }
 
