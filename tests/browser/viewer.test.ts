@@ -370,6 +370,7 @@ test(
       return Math.abs(box.width - frame.clientWidth) < 2 && Math.abs(across / down - 1) < 0.01;
     });
     await keep(page, "slice-large");
+    assert.ok((await text(".slice.coronal .pane-case")).endsWith(id.slice(0, 8)), "it names the case itself");
     await page.locator(".slice.coronal .slice-view").dblclick({ position: { x: 200, y: 200 } });
     assert.ok(((await page.locator(".slice.coronal").boundingBox())?.width ?? 9999) < panes.width / 2);
   },

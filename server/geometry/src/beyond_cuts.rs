@@ -96,8 +96,8 @@ impl Extended {
 fn room(working: &Grid, reach_mm: f64, cuts: &[Cut]) -> [[usize; 3]; 2] {
     let mut room = [[0; 3]; 2];
     for cut in cuts {
-        for axis in 0..3 {
-            let outward = -cut.inward[axis];
+        for (axis, inward) in cut.inward.to_array().into_iter().enumerate() {
+            let outward = -inward;
             let voxels = (outward.abs() * reach_mm / working.spacing_mm()[0]).ceil() as usize;
             let side = &mut room[usize::from(outward > 0.0)][axis];
             // An oblique face leans over the grid's sides by less than this.

@@ -37,7 +37,7 @@ enum Verdict {
     },
     Extracted(extraction::Method, Box<extraction::Quality>),
     /// From an earlier preparation.
-    Known(Quality),
+    Known(Box<Quality>),
 }
 
 impl Found {
@@ -54,7 +54,7 @@ impl Found {
     /// How far the mask can be trusted.
     pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
         match &self.verdict {
-            Verdict::Known(quality) => quality.clone(),
+            Verdict::Known(quality) => (**quality).clone(),
             Verdict::Extracted(method, found) => {
                 let measured =
                     quality::measure(&self.brain, envelope, found.largest_component, volume_grid);
@@ -162,7 +162,7 @@ fn stored_brain(stored: &StoredBrain, volume_grid: &Grid) -> Option<Found> {
         cuts: brain.cuts(volume_grid),
         brain,
         closed: None,
-        verdict: Verdict::Known(stored.quality.clone()),
+        verdict: Verdict::Known(Box::new(stored.quality.clone())),
     })
 }
 

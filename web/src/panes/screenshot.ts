@@ -23,6 +23,7 @@ export function paintPanes(
   context.scale(scale, scale);
   context.fillStyle = "#000";
   context.fillRect(0, 0, canvas.width, canvas.height);
+  const isShown = shownIn(panes);
   const draw = (image: CanvasImageSource, element: Element, flipped: boolean): void => {
     const { x, y, width, height } = within(panes, element);
     context.save();
@@ -35,22 +36,30 @@ export function paintPanes(
     context.drawImage(image, 0, 0, width, height);
     context.restore();
   };
-  draw(surface, surfaceHost, false);
+  if (isShown(surfaceHost)) draw(surface, surfaceHost, false);
   for (const image of panes.querySelectorAll<HTMLImageElement>(".slice-image img")) {
-    if (image.checkVisibility()) draw(image, image, image.closest(".flipped") !== null);
+    if (isShown(image)) draw(image, image, image.closest(".flipped") !== null);
   }
-  for (const ramp of panes.querySelectorAll<HTMLCanvasElement>("canvas.ramp")) draw(ramp, ramp, false);
+  for (const ramp of panes.querySelectorAll<HTMLCanvasElement>("canvas.ramp"))
+    if (isShown(ramp)) draw(ramp, ramp, false);
   paintWriting(context, panes);
   paintCube(context, panes);
   return canvas;
 }
 
+/** Whether an element is to be seen: not under a slice that is as large as all panes. */
+function shownIn(panes: HTMLElement): (element: Element) => boolean {
+  const large = panes.querySelector(".pane.large");
+  return (element) => element.checkVisibility() && (!large?.checkVisibility() || large.contains(element));
+}
+
 function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): void {
+  const isShown = shownIn(panes);
   context.textBaseline = "middle";
   context.shadowColor = "#000";
   context.shadowBlur = 3;
   for (const element of panes.querySelectorAll<HTMLElement>(".overlay span, .colour-bar span")) {
-    if (!element.checkVisibility()) continue;
+    if (!isShown(element)) continue;
     const { x, y, width, height } = within(panes, element);
     const style = getComputedStyle(element);
     context.fillStyle = style.color;
@@ -68,7 +77,7 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
     }
   }
   for (const line of panes.querySelectorAll<SVGLineElement>(".cursor line")) {
-    if (!line.checkVisibility()) continue;
+    if (!isShown(line)) continue;
     const owner = line.ownerSVGElement;
     const frame = within(panes, owner ?? line);
     const { x: fromX, y: fromY } = owner?.viewBox.baseVal ?? { x: 0, y: 0 };
@@ -85,7 +94,7 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
     context.restore();
   }
   for (const circle of panes.querySelectorAll<SVGCircleElement>(".cursor circle")) {
-    if (!circle.checkVisibility()) continue;
+    if (!isShown(circle)) continue;
     const { x, y, width, height } = within(panes, circle);
     context.save();
     stroked(context, circle);
@@ -107,7 +116,7 @@ function stroked(context: CanvasRenderingContext2D, shape: SVGElement): void {
 /** The orientation cube, as it stands. */
 function paintCube(context: CanvasRenderingContext2D, panes: HTMLElement): void {
   const cube = panes.querySelector<SVGSVGElement>("svg.cube");
-  if (!cube?.checkVisibility()) return;
+  if (!cube || !shownIn(panes)(cube)) return;
   const { x, y, width } = within(panes, cube);
   const { x: fromX, y: fromY, width: side } = cube.viewBox.baseVal;
   context.save();

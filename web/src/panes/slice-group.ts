@@ -45,8 +45,7 @@ export class SliceGroup {
 
   /** Shows a slice as large as all panes, or all panes again. */
   #enlarge(plane: Plane): void {
-    const isLarge = this.element.dataset.enlarged === plane;
-    this.element.dataset.enlarged = isLarge ? "" : plane;
+    for (const pane of this.panes) pane.enlarge(pane.plane === plane && !pane.isLarge);
     this.#redraw();
   }
 }

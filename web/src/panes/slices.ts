@@ -1,6 +1,7 @@
 // One slice with the outline of the cut, its cursor and its control.
 
 import type { ReadyCase } from "../model/case.ts";
+import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
@@ -117,6 +118,16 @@ export class SlicePane {
     setValue(this.#range, view.position_mm);
     // The convention and the cross are the page's own: they need no other picture.
     this.#write(state, view);
+  }
+
+  get isLarge(): boolean {
+    return this.element.classList.contains("large");
+  }
+
+  /** Whether the slice is as large as all panes; then it names the case itself. */
+  enlarge(isLarge: boolean): void {
+    this.element.classList.toggle("large", isLarge);
+    this.#overlay.identity(isLarge ? caseIdentity(this.#shown) : "");
   }
 
   /** The whole slice in the middle again. */
