@@ -185,8 +185,11 @@ fn no_layer_needs_what_is_above_or_beside_it() {
         assert_needs_none_of(&package, &needed, &ours);
         assert_needs_none_of(&package, &needed, layer.never_others);
         assert_needs_none_of(&package, &needed, &["isocortex"]);
-        if layer.name != "service" {
-            assert_needs_none_of(&package, &needed, PROTOCOLS);
+        match layer.name {
+            "service" => {}
+            // A program of its own, which reads a command line and speaks no HTTP.
+            "bench" => assert_needs_none_of(&package, &needed, &["axum", "hyper", "tower-http"]),
+            _ => assert_needs_none_of(&package, &needed, PROTOCOLS),
         }
         if !["storage", "cases", "service"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, FILES_AND_TASKS);

@@ -212,7 +212,7 @@ async fn what_is_wrong_is_named_by_its_path() {
         .map(|depth| picture(f64::from(depth), "left"))
         .collect();
     let wrong = [
-        (json!({"renders": [one, {"deep": 1}]}), "renders[1].deep"),
+        (json!({"renders": [one, {"deep": 1}]}), "renders[1]"),
         (json!({"picture": 1}), "picture"),
         (json!({"renders": [{"zoom": 0}]}), "renders[0].zoom"),
         (

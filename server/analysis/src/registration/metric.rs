@@ -2,11 +2,10 @@
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 
-use geometry::MidsagittalPlane;
-
 use super::image::Image;
 use super::pose::{Motion, Pose};
 use super::samples::{Range, Samples};
+use crate::MidsagittalPlane;
 
 /// Bins of either intensity.
 pub(super) const BINS: usize = 48;

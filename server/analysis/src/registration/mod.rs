@@ -10,7 +10,7 @@ mod search;
 #[cfg(test)]
 mod tests;
 
-use geometry::{Envelope, MidsagittalPlane, Volume, midsagittal_plane};
+use geometry::{Envelope, Volume};
 use glam::{DAffine3, Vec3};
 
 use self::blocks::shifts_of_parts_mm;
@@ -20,6 +20,7 @@ use self::metric::{BINS, Comparison};
 use self::pose::Pose;
 use self::samples::{Range, Region, Samples};
 use self::search::{LEAST_OVERLAP, by_worth, offsets, summits, worth};
+use crate::{MidsagittalPlane, midsagittal_plane};
 
 /// How much of what surrounds the envelope is compared as well, in mm.
 const MARGIN_MM: f64 = 8.0;

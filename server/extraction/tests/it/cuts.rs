@@ -16,7 +16,7 @@ fn as_position(voxel: [usize; 3]) -> DVec3 {
 /// A mask's grid without what is within `mm` of the mask's bounds at a face of the patient.
 fn without(mask: &Mask, number: usize, mm: f64) -> Grid {
     let grid = mask.grid();
-    let outward = DVec3::AXES[number / 2] * if number % 2 == 0 { 1.0 } else { -1.0 };
+    let outward = DVec3::AXES[number / 2] * if number.is_multiple_of(2) { 1.0 } else { -1.0 };
     let along = |axis: usize| grid.patient_from_voxel().matrix3.col(axis).dot(outward);
     let axis = (0..3)
         .max_by(|&a, &b| along(a).abs().total_cmp(&along(b).abs()))

@@ -152,7 +152,7 @@ fn masks_of_other_heads_and_moved_ones_are_doubted_and_right_ones_are_not() {
 /// A volume without what lies within `mm` of a brain's bounds at a face.
 fn cut(volume: &Volume, brain: &BrainMask, face: usize, mm: f64) -> Volume {
     let grid = volume.grid();
-    let outward = DVec3::AXES[face / 2] * if face % 2 == 0 { 1.0 } else { -1.0 };
+    let outward = DVec3::AXES[face / 2] * if face.is_multiple_of(2) { 1.0 } else { -1.0 };
     let column = |axis: usize| grid.patient_from_voxel().matrix3.col(axis).normalize();
     let axis = (0..3).max_by(|&a, &b| {
         column(a)
