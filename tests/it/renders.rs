@@ -213,7 +213,7 @@ async fn what_is_wrong_is_named_by_its_path() {
         .collect();
     let wrong = [
         (json!({"renders": [one, {"deep": 1}]}), "renders[1]"),
-        (json!({"picture": 1}), "picture"),
+        (json!({"picture": 1}), "."),
         (json!({"renders": [{"zoom": 0}]}), "renders[0].zoom"),
         (
             json!({"renders": [{"depth_mm": -1}]}),

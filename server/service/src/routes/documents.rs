@@ -173,12 +173,12 @@ mod tests {
 
     /// The page is to be there at once over a slow line.
     #[test]
-    fn the_script_is_at_most_40_kb_gzipped() {
+    fn the_script_is_at_most_45_kb_gzipped() {
         let (_, _, bytes) = PAGE
             .iter()
             .find(|(address, ..)| *address == "/main.js")
             .unwrap();
         let gzipped = compress(&Bytes::from_static(bytes), Coding::Gzip).len();
-        assert!(gzipped <= 40_000, "{gzipped} bytes");
+        assert!(gzipped <= 45_000, "{gzipped} bytes");
     }
 }
