@@ -3,10 +3,10 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test check bench bench-record bench-times bench-peers
+.PHONY: help setup web demo test check faults bench bench-record bench-times bench-peers bench-registration
 
 help: ## list these commands
-	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 web: ## bundle the page into web/dist, which the server carries
 	@scripts/web.sh
@@ -21,6 +21,9 @@ test: ## set up what is missing, then format, lints and every test, the browser'
 check: ## format, lints and the fast tests, with nothing installed
 	@scripts/test.sh fast
 
+faults: ## attack the program with everything in tests/faults/ and show what it does to it
+	@scripts/faults.sh
+
 bench: ## count the instructions of every hot step and compare with the recorded base (without valgrind: times)
 	@scripts/bench.sh
 
@@ -32,6 +35,9 @@ bench-times: ## the time of every hot step
 
 bench-peers: ## measure other programs on the same head, turn by turn with ours
 	@scripts/bench-peers.sh
+
+bench-registration: ## how far registrations of synthetic pairs are off, ours and SimpleITK's
+	@scripts/bench-registration.sh
 
 setup: ## install what demo and test want from Debian, where that is allowed
 	@scripts/setup.sh all

@@ -70,6 +70,7 @@ if have cargo-deny; then
 else
   skip licences "cargo-deny is not installed"
 fi
+step "page's format" npm run format --silent --prefix web
 step "page's types" npm run types --silent --prefix web
 step "page's unit tests" page_tests
 

@@ -24,9 +24,13 @@ fn mesh_shaded(point: OnFacet) -> @location(0) vec4<f32> {
     return shaded(point.position_in_field);
 }
 
+// Below every height: nothing is known of the facet there.
+const UNKNOWN: f32 = -1e30;
+
 // The height of the facet above the plane through the target's centre, in mm.
 @fragment
 fn mesh_height(point: OnFacet) -> @location(0) f32 {
     let from_centre = point.position_in_field - picture.sphere_centre;
-    return dot(from_centre, picture.towards_viewer) * picture.voxel_mm;
+    let height = dot(from_centre, picture.towards_viewer) * picture.voxel_mm;
+    return select(UNKNOWN, height, known_at(point.position_in_field) > 0.0);
 }

@@ -21,12 +21,22 @@ fn stored_on(position: vec3<f32>, inward: vec3<f32>) -> vec2<f32> {
     return vec2<f32>(sum / max(count, 1.0), min(count, 1.0));
 }
 
-// The pixel of a surface point in voxel coordinates of the depth field: background where the volume holds nothing.
+// Whether a point of the isosurface is known, 1 or 0: beside a face that cuts the brain it is not.
+fn known_at(position_in_field: vec3<f32>) -> f32 {
+    let place = vec4<f32>(position_in_field, 1.0);
+    var known = 1.0;
+    for (var index = 0; index < 6; index++) {
+        known *= select(0.0, 1.0, dot(picture.cuts[index], place) >= 0.0);
+    }
+    return known;
+}
+
+// The pixel of a surface point in voxel coordinates of the depth field: background where the volume holds nothing or the isosurface is unknown.
 fn shaded(position_in_field: vec3<f32>) -> vec4<f32> {
     let inward = inward_at(position_in_field);
     let position = (picture.volume_from_field * vec4<f32>(position_in_field, 1.0)).xyz;
     let stored = stored_on(position, inward);
     let facing = -dot(inward, picture.towards_viewer);
     let lit = color_of(brightness(stored.x)) * light_on(facing);
-    return vec4<f32>(floor(lit + 0.5) / 255.0, 1.0) * stored.y;
+    return vec4<f32>(floor(lit + 0.5) / 255.0, 1.0) * stored.y * known_at(position_in_field);
 }

@@ -123,6 +123,8 @@ fn trace_shaded(pixel: OnScreen) -> @location(0) vec4<f32> {
 // The height of the isosurface above the plane through the target's centre, in mm; MISS where there is none.
 @fragment
 fn trace_height(pixel: OnScreen) -> @location(0) f32 {
-    let height = first_hit(foot_of(pixel.place_in_frame));
-    return select(height * picture.voxel_mm, MISS, height <= MISS);
+    let foot = foot_of(pixel.place_in_frame);
+    let height = first_hit(foot);
+    let is_there = height > MISS && known_at(at_height(foot, height)) > 0.0;
+    return select(MISS, height * picture.voxel_mm, is_there);
 }

@@ -7,13 +7,7 @@ import path from "node:path";
 import { build } from "esbuild";
 
 const web = import.meta.dirname;
-const common = {
-  absWorkingDir: web,
-  bundle: true,
-  format: "esm",
-  target: "es2022",
-  logLevel: "warning",
-};
+const common = { absWorkingDir: web, bundle: true, format: "esm", target: "es2022", logLevel: "warning" };
 
 /** Only what has changed is written, so that cargo does not compile for nothing. */
 async function writeChanged(file, contents) {
@@ -23,7 +17,11 @@ async function writeChanged(file, contents) {
 
 async function page() {
   const { outputFiles } = await build({
-    ...common, entryPoints: ["src/main.ts", "src/style.css"], outdir: "dist", minify: true, write: false,
+    ...common,
+    entryPoints: { main: "src/page/main.ts", style: "src/style.css" },
+    outdir: "dist",
+    minify: true,
+    write: false,
   });
   await mkdir(path.join(web, "dist"), { recursive: true });
   for (const { path: file, contents } of outputFiles) await writeChanged(file, Buffer.from(contents));
@@ -38,17 +36,28 @@ async function page() {
 /** The shaders' texts by name, without what only people read. */
 async function shaders() {
   const names = (await readdir(path.join(web, "shaders"))).filter((name) => name.endsWith(".glsl")).sort();
-  const texts = names.map(async (name) => [name, (await readFile(path.join(web, "shaders", name), "utf8")).replace(/\n\s*/g, "\n").trim()]);
+  const texts = names.map(async (name) => [
+    name,
+    (await readFile(path.join(web, "shaders", name), "utf8")).replace(/\n\s*/g, "\n").trim(),
+  ]);
   return Object.fromEntries(await Promise.all(texts));
 }
 
 const filesBelow = async (folder) =>
-  (await readdir(path.join(web, folder))).filter((name) => /\.(ts|js|mjs)$/.test(name)).map((name) => path.join(folder, name));
+  (await readdir(path.join(web, folder)))
+    .filter((name) => /\.(ts|js|mjs)$/.test(name))
+    .map((name) => path.join(folder, name));
 
 /** Unit tests with what they test in one file each; tests in the browser import nothing of the page. */
 async function tests() {
   await rm(path.join(web, "build"), { recursive: true, force: true });
-  const forNode = { ...common, platform: "node", packages: "external", sourcemap: "inline", outExtension: { ".js": ".mjs" } };
+  const forNode = {
+    ...common,
+    platform: "node",
+    packages: "external",
+    sourcemap: "inline",
+    outExtension: { ".js": ".mjs" },
+  };
   await build({ ...forNode, entryPoints: await filesBelow("test"), outdir: "build/test" });
   await build({ ...forNode, entryPoints: await filesBelow("../tests/browser"), outdir: "build/browser" });
 }

@@ -10,7 +10,20 @@ import type { Browser, Page } from "playwright-core";
 import { brainMask, markedVolume } from "./phantom.ts";
 import { bare } from "./pixels.ts";
 import {
-  type Server, type Watched, brightest, headOfDemo, keep, launchBrowser, openPage, readyCase, scratchFolder, shown, skip, startServer,
+  type Server,
+  type Watched,
+  brightest,
+  fragment,
+  headOfDemo,
+  keep,
+  launchBrowser,
+  openPage,
+  readyCase,
+  rested,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
 } from "./support.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
@@ -20,16 +33,19 @@ let watched: Watched;
 let page: Page;
 let origin: string;
 
-before(async () => {
-  if (skip) return;
-  scratch = await scratchFolder();
-  server = await startServer({ command: "serve", data: path.join(scratch.folder, "data") });
-  browser = await launchBrowser();
-  watched = await openPage(browser);
-  page = watched.page;
-  origin = new URL(server.address).origin;
-  await page.goto(`${origin}/?renderer=server`);
-}, { timeout: 120_000 });
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "serve", data: path.join(scratch.folder, "data") });
+    browser = await launchBrowser();
+    watched = await openPage(browser);
+    page = watched.page;
+    origin = new URL(server.address).origin;
+    await page.goto(`${origin}/?renderer=server`);
+  },
+  { timeout: 120_000 },
+);
 
 after(async () => {
   await browser?.close();
@@ -44,8 +60,10 @@ async function drop(files: readonly { name: string; bytes: Buffer }[]): Promise<
   const packed = files.map(({ name, bytes }) => [name, bytes.toString("base64")] as const);
   await page.evaluate((all) => {
     const transfer = new DataTransfer();
-    for (const [name, base64] of all) transfer.items.add(new File([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))], name));
-    for (const type of ["dragover", "drop"]) document.body.dispatchEvent(new DragEvent(type, { dataTransfer: transfer, bubbles: true, cancelable: true }));
+    for (const [name, base64] of all)
+      transfer.items.add(new File([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))], name));
+    for (const type of ["dragover", "drop"])
+      document.body.dispatchEvent(new DragEvent(type, { dataTransfer: transfer, bubbles: true, cancelable: true }));
   }, packed);
 }
 
@@ -67,7 +85,10 @@ test("a volume and its mask that are dropped become a case, which is shown when 
   page.on("request", (request) => {
     if (request.method() === "POST") sent = request.postData() ?? "";
   });
-  await drop([{ name: "DOE-JANE-mask.nii", bytes: brainMask() }, { name: "DOE-JANE.nii", bytes: markedVolume() }]);
+  await drop([
+    { name: "DOE-JANE-mask.nii", bytes: brainMask() },
+    { name: "DOE-JANE.nii", bytes: markedVolume() },
+  ]);
   assert.match(await page.locator(".chosen").innerText(), /Volume, 0\.6 MB · mask, 0\.6 MB/);
   await page.locator("#upload-name").fill("Marked");
   await page.locator("#upload button[type=submit]").click();
@@ -96,15 +117,22 @@ async function open(fragment: string, way: "mesh" | "exact" | "server"): Promise
   await page.goto(address);
   // Where the fragment alone is another one, this is no new page.
   await page.evaluate((hash) => (location.hash = hash), new URL(address).hash);
-  await page.waitForFunction(([name, drawn_by]) => {
-    const pane = document.querySelector<HTMLElement>("#surface");
-    const canvas = document.querySelector<HTMLElement>("canvas.cortex");
-    const is_whole = drawn_by === "server" || (canvas?.dataset.complete === "true" && canvas.dataset.quality === "full");
-    const is_of_view = pane?.dataset.depth === "9" && pane.querySelector(".pane-title")?.textContent?.toLowerCase().includes(name);
-    return is_whole && is_of_view && document.querySelector<HTMLElement>(".viewer")?.dataset.way === drawn_by;
-  }, [view, way] as const, { timeout: 60_000 });
+  await page.waitForFunction(
+    ([name, drawn_by]) => {
+      const pane = document.querySelector<HTMLElement>("#surface");
+      const canvas = document.querySelector<HTMLElement>("canvas.cortex");
+      const is_whole =
+        drawn_by === "server" || (canvas?.dataset.complete === "true" && canvas.dataset.quality === "full");
+      const is_of_view =
+        pane?.dataset.depth === "9" && pane.querySelector(".pane-title")?.textContent?.toLowerCase().includes(name);
+      return is_whole && is_of_view && document.querySelector<HTMLElement>(".viewer")?.dataset.way === drawn_by;
+    },
+    [view, way] as const,
+    { timeout: 60_000 },
+  );
   const layout = /l=(\w+)/.exec(fragment)?.[1] ?? "single";
-  if (layout === "mirror") await page.waitForSelector(way === "server" ? "#surface.halved .server-picture.other img" : "#surface.halved");
+  if (layout === "mirror")
+    await page.waitForSelector(way === "server" ? "#surface.halved .server-picture.other img" : "#surface.halved");
   if (layout === "slices") await slicesOf(fragment);
   // What is on the screen is this frame with the next but one.
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
@@ -113,13 +141,16 @@ async function open(fragment: string, way: "mesh" | "exact" | "server"): Promise
 /** Waits until the slices are those of an address with a marked point, each with its picture. */
 async function slicesOf(fragment: string): Promise<void> {
   const [x, y, z] = /x=([-\d.,]+)/.exec(fragment)?.[1]?.split(",") ?? [];
-  await page.waitForFunction(([positions, is_flipped]) => {
-    const are_there = Object.entries(positions).every(([plane, position]) => {
-      const slice = document.querySelector<HTMLElement>(`.slice.${plane}`);
-      return slice?.dataset.depth === "9" && slice.dataset.position === position;
-    });
-    return are_there && (document.querySelector(".slice.axial .flipped") !== null) === is_flipped;
-  }, [{ sagittal: x, coronal: y, axial: z }, fragment.includes("c=n")] as const);
+  await page.waitForFunction(
+    ([positions, is_flipped]) => {
+      const are_there = Object.entries(positions).every(([plane, position]) => {
+        const slice = document.querySelector<HTMLElement>(`.slice.${plane}`);
+        return slice?.dataset.depth === "9" && slice.dataset.position === position;
+      });
+      return are_there && (document.querySelector(".slice.axial .flipped") !== null) === is_flipped;
+    },
+    [{ sagittal: x, coronal: y, axial: z }, fragment.includes("c=n")] as const,
+  );
 }
 
 /** Where in a picture the mark is, as a share of its width. */
@@ -128,115 +159,269 @@ async function markIn(png: Buffer, what: string): Promise<number> {
   assert.ok(found && found.count > 100, `${what}: ${JSON.stringify(found)}`);
   return found.x;
 }
-const markOf = async (selector: string, what: string): Promise<number> => markIn(await page.locator(selector).screenshot(), what);
-const letters = (selector: string): Promise<string[]> => page.locator(`${selector} .overlay:not(.other) .edge`).allInnerTexts();
+const markOf = async (selector: string, what: string): Promise<number> =>
+  markIn(await page.locator(selector).screenshot(), what);
+const letters = (selector: string): Promise<string[]> =>
+  page.locator(`${selector} .overlay:not(.other) .edge`).allInnerTexts();
 /** A window in which the mark alone is white, and no light. */
 const MARK = "d=9&w=700,300&a=1&";
 
 for (const way of ["server", "mesh", "exact"] as const) {
-  test(`a mark on the patient's right is on the right side of the surface and of its mirror image (${way})`, { skip, timeout: 120_000 }, async () => {
-    const id = await readyCase(server.address);
-    for (const [view, is_right_at_left] of [["anterior", true], ["posterior", false], ["superior", false], ["inferior", true]] as const) {
-      await open(`${id}&${MARK}v=${view}`, way);
-      const [left, right] = await letters("#surface");
-      assert.deepEqual([left, right], is_right_at_left ? ["R", "L"] : ["L", "R"], view);
+  test(
+    `a mark on the patient's right is on the right side of the surface and of its mirror image (${way})`,
+    { skip, timeout: 120_000 },
+    async () => {
+      const id = await readyCase(server.address);
+      for (const [view, is_right_at_left] of [
+        ["anterior", true],
+        ["posterior", false],
+        ["superior", false],
+        ["inferior", true],
+      ] as const) {
+        await open(`${id}&${MARK}v=${view}`, way);
+        const [left, right] = await letters("#surface");
+        assert.deepEqual([left, right], is_right_at_left ? ["R", "L"] : ["L", "R"], view);
+        await bare(page);
+        const x = await markOf("#surface > .surface-host", view);
+        assert.ok(is_right_at_left ? x < 0.45 : x > 0.55, `${view}: ${x}`);
+        await bare(page, false);
+      }
+      // From the left the mark is on the other side of the head, behind it.
+      await open(`${id}&${MARK}v=left`, way);
       await bare(page);
-      const x = await markOf("#surface > .surface-host", view);
-      assert.ok(is_right_at_left ? x < 0.45 : x > 0.55, `${view}: ${x}`);
+      assert.equal(await brightest(page, await page.locator("#surface > .surface-host").screenshot(), 250), null);
       await bare(page, false);
-    }
-    // From the left the mark is on the other side of the head, behind it.
-    await open(`${id}&${MARK}v=left`, way);
-    await bare(page);
-    assert.equal(await brightest(page, await page.locator("#surface > .surface-host").screenshot(), 250), null);
-    await bare(page, false);
-    await open(`${id}&${MARK}v=left&l=mirror`, way);
-    await bare(page);
-    const found = await brightest(page, await page.locator("#surface > .surface-host").screenshot(), 250);
-    assert.ok(found && found.count > 100 && found.least_x > 0.5, `the right hemisphere, and it alone, is in the right half: ${JSON.stringify(found)}`);
-    await bare(page, false);
-  });
+      await open(`${id}&${MARK}v=left&l=mirror`, way);
+      await bare(page);
+      const found = await brightest(page, await page.locator("#surface > .surface-host").screenshot(), 250);
+      assert.ok(
+        found && found.count > 100 && found.least_x > 0.5,
+        `the right hemisphere, and it alone, is in the right half: ${JSON.stringify(found)}`,
+      );
+      await bare(page, false);
+    },
+  );
 }
 
-test("a mark on the patient's right is on the right side of every slice, of the server's picture and of the screenshot", { skip, timeout: 120_000 }, async () => {
-  const id = await readyCase(server.address);
-  for (const [convention, is_right_at_left] of [["", true], ["&c=n", false]] as const) {
-    await open(`${id}&${MARK}v=right&x=-38,0,0&l=slices${convention}`, "server");
-    for (const plane of ["axial", "coronal"]) {
-      const x = await markOf(`.slice.${plane} .slice-image`, plane);
-      assert.ok(is_right_at_left ? x < 0.45 : x > 0.55, `${plane}${convention}: ${x}`);
+test(
+  "a mark on the patient's right is on the right side of every slice, of the server's picture and of the screenshot",
+  { skip, timeout: 120_000 },
+  async () => {
+    const id = await readyCase(server.address);
+    for (const [convention, is_right_at_left] of [
+      ["", true],
+      ["&c=n", false],
+    ] as const) {
+      await open(`${id}&${MARK}v=right&x=-38,0,0&l=slices${convention}`, "server");
+      for (const plane of ["axial", "coronal"]) {
+        const x = await markOf(`.slice.${plane} .slice-image`, plane);
+        assert.ok(is_right_at_left ? x < 0.45 : x > 0.55, `${plane}${convention}: ${x}`);
+      }
+      await markOf(".slice.sagittal .slice-image", "the sagittal slice through the mark");
     }
-    await markOf(".slice.sagittal .slice-image", "the sagittal slice through the mark");
-  }
-  await open(`${id}&${MARK}v=right&x=38,0,0&l=slices`, "server");
-  const slice = await page.locator(".slice.sagittal .slice-image").screenshot();
-  assert.ok(((await brightest(page, slice, 250))?.count ?? 0) < 100, "the sagittal slice of the left side has no mark");
-  await open(`${id}&${MARK}v=anterior`, "server");
-  await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
-  await page.getByRole("button", { name: "Picture from the server" }).click();
-  await page.waitForSelector("dialog.server-picture img");
-  const there = await markOf("dialog.server-picture img", "the server's picture");
-  assert.ok(there < 0.45, String(there));
-  await page.locator("dialog.server-picture button[value=close]").click();
-  const waiting = page.waitForEvent("download");
-  await page.getByRole("button", { name: "Screenshot" }).click();
-  const saved = await markIn(await readFile(await (await waiting).path()), "the screenshot");
-  assert.ok(saved < 0.45, String(saved));
-});
+    await open(`${id}&${MARK}v=right&x=38,0,0&l=slices`, "server");
+    const slice = await page.locator(".slice.sagittal .slice-image").screenshot();
+    assert.ok(
+      ((await brightest(page, slice, 250))?.count ?? 0) < 100,
+      "the sagittal slice of the left side has no mark",
+    );
+    await open(`${id}&${MARK}v=anterior`, "server");
+    await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
+    await page.getByRole("button", { name: "Picture from the server" }).click();
+    await page.waitForSelector("dialog.server-picture img");
+    const there = await markOf("dialog.server-picture img", "the server's picture");
+    assert.ok(there < 0.45, String(there));
+    await page.locator("dialog.server-picture button[value=close]").click();
+    const waiting = page.waitForEvent("download");
+    await page.getByRole("button", { name: "Screenshot" }).click();
+    const saved = await markIn(await readFile(await (await waiting).path()), "the screenshot");
+    assert.ok(saved < 0.45, String(saved));
+  },
+);
 
-test("the depth profile of the mark is bright, and that of the mirrored point is not", { skip, timeout: 120_000 }, async () => {
-  const id = await readyCase(server.address);
-  await open(`${id}&${MARK}v=right`, "mesh");
-  const box = await page.locator("#surface").boundingBox();
-  assert.ok(box);
-  await page.mouse.dblclick(box.x + box.width / 2, box.y + box.height / 2);
-  await page.waitForSelector(".as-table");
-  await page.locator(".as-table summary").click();
-  const rows = await page.locator(".as-table tbody tr").allInnerTexts();
-  const at = (depth_mm: number): number[] => rows.map((row) => row.split(/\s+/).map((cell) => Number(cell.replace(",", "")))).find(([depth]) => depth === depth_mm) ?? [];
-  const [, own = NaN, other = NaN] = at(8);
-  assert.ok(Math.abs(own - 1000) < 20, `${own} in the mark, of ${rows.join("; ")}`);
-  assert.ok(Math.abs(other - 300) < 40, `${other} opposite`);
-  await page.locator(".as-table summary").click();
-});
+test(
+  "the depth profile of the mark is bright, and that of the mirrored point is not",
+  { skip, timeout: 120_000 },
+  async () => {
+    const id = await readyCase(server.address);
+    await open(`${id}&${MARK}v=right`, "mesh");
+    const box = await page.locator("#surface").boundingBox();
+    assert.ok(box);
+    await page.mouse.dblclick(box.x + box.width / 2, box.y + box.height / 2);
+    await page.waitForSelector(".as-table");
+    await page.locator(".as-table summary").click();
+    const rows = await page.locator(".as-table tbody tr").allInnerTexts();
+    const at = (depth_mm: number): number[] =>
+      rows
+        .map((row) => row.split(/\s+/).map((cell) => Number(cell.replace(",", ""))))
+        .find(([depth]) => depth === depth_mm) ?? [];
+    const [, own = NaN, other = NaN] = at(8);
+    assert.ok(Math.abs(own - 1000) < 20, `${own} in the mark, of ${rows.join("; ")}`);
+    assert.ok(Math.abs(other - 300) < 40, `${other} opposite`);
+    await page.locator(".as-table summary").click();
+  },
+);
 
-/** Every text that the note above the picture has had since the page began, in order. */
+/** Every text that the list has had since the page began, in order. */
 async function notes(): Promise<string[]> {
   return page.evaluate(() => (globalThis as unknown as { notes?: string[] }).notes ?? []);
 }
 
-test("files are chosen as well as dropped; a case that is being prepared shows how far it has come, live", { skip, timeout: 120_000 }, async () => {
-  const head = headOfDemo();
-  const files = head.ISOCORTEX_DEMO_VOLUME && head.ISOCORTEX_DEMO_MASK ? [head.ISOCORTEX_DEMO_VOLUME, head.ISOCORTEX_DEMO_MASK] : await writtenPhantom();
-  await page.goto(`${origin}/?renderer=server`);
-  await page.waitForSelector("#case-list li");
-  await page.evaluate(() => {
-    const all: string[] = ((globalThis as unknown as { notes: string[] }).notes = []);
-    const note = document.querySelector("#case-note");
-    if (note) new MutationObserver(() => all.push(note.textContent ?? "")).observe(note, { childList: true, characterData: true, subtree: true });
-  });
-  await page.locator("#add summary").click();
-  await page.locator("#upload-volume").setInputFiles(files[0] ?? "");
-  await page.locator("#upload-mask").setInputFiles(files[1] ?? "");
-  assert.match(await page.locator(".chosen").innerText(), /Volume, .* MB · mask, .* MB/);
-  await page.locator("#upload-name").fill("Second");
-  await page.locator("#upload button[type=submit]").click();
-  const second = page.locator("#case-list li", { hasText: "Second" });
-  await second.and(page.locator("[data-state=ready]")).waitFor({ timeout: 90_000 });
-  const id = await second.getAttribute("data-id");
-  assert.ok(page.url().includes(id ?? "none"), "what was uploaded is what is shown");
-  await shown(page);
-  const shares = (await notes()).map((words) => /(\d+)\s%/.exec(words)?.[1]).filter((share) => share !== undefined).map(Number);
-  assert.ok(new Set(shares).size >= 2 && shares.every((share, at) => share >= (shares[at - 1] ?? 0)), (await notes()).join("; "));
+test(
+  "files are chosen as well as dropped; a case that is being prepared shows how far it has come, live",
+  { skip, timeout: 120_000 },
+  async () => {
+    const head = headOfDemo();
+    const files =
+      head.ISOCORTEX_DEMO_VOLUME && head.ISOCORTEX_DEMO_MASK
+        ? [head.ISOCORTEX_DEMO_VOLUME, head.ISOCORTEX_DEMO_MASK]
+        : await writtenPhantom();
+    await page.goto(`${origin}/?renderer=server`);
+    await page.waitForSelector("#case-list li");
+    await page.evaluate(() => {
+      const all: string[] = ((globalThis as unknown as { notes: string[] }).notes = []);
+      const note = document.querySelector("#case-list");
+      if (note)
+        new MutationObserver(() => all.push(note.textContent ?? "")).observe(note, {
+          childList: true,
+          characterData: true,
+          subtree: true,
+        });
+    });
+    await page.locator("#add summary").click();
+    await page.locator("#upload-volume").setInputFiles(files[0] ?? "");
+    await page.locator("#upload-mask").setInputFiles(files[1] ?? "");
+    assert.match(await page.locator(".chosen").innerText(), /Volume, .* MB · mask, .* MB/);
+    await page.locator("#case-list li", { hasText: "Marked" }).locator("a").click();
+    await shown(page);
+    await page.locator(".layouts button[value=slices]").click();
+    await page.getByRole("button", { name: "Superior", exact: true }).click();
+    await page.locator("#depth").fill("11.5");
+    await page.locator("#zoom").fill("1");
+    const left = await fragment(page);
+    await page.locator("#upload-name").fill("Second");
+    await page.locator("#upload button[type=submit]").click();
+    const second = page.locator("#case-list li", { hasText: "Second" });
+    await second.and(page.locator("[data-state=ready]")).waitFor({ timeout: 90_000 });
+    assert.deepEqual(await fragment(page), left, "what was shown is shown still");
+    assert.match(await page.locator("#upload-done").innerText(), /“Second” was added/);
+    assert.equal(await second.locator(".fresh-badge").innerText(), "New");
+    await page.waitForFunction(() => document.querySelector("#live")?.textContent === "Second is ready.");
+    await keep(page, "fresh-case");
+    const shares = (await notes())
+      .map((words) => /(\d+)\s%/.exec(words)?.[1])
+      .filter((share) => share !== undefined)
+      .map(Number);
+    assert.ok(
+      new Set(shares).size >= 2 && shares.every((share, at) => share >= (shares[at - 1] ?? 0)),
+      (await notes()).join("; "),
+    );
+  },
+);
+
+test(
+  "a case is left and found again as it was; a new one is seen as the one before",
+  { skip, timeout: 90_000 },
+  async () => {
+    const go = (name: string): Promise<void> => page.locator("#case-list li", { hasText: name }).locator("a").click();
+    const before = await fragment(page);
+    assert.deepEqual([before.d, before.v, before.l, before.z], ["11.5", "superior", "slices", "2"]);
+    await go("Second");
+    await shown(page);
+    const second = await fragment(page);
+    assert.notEqual(second.id, before.id);
+    assert.deepEqual([second.d, second.v, second.l, second.z], ["11.5", "superior", "slices", undefined]);
+    assert.equal(await page.locator(".fresh-badge:visible").count(), 0, "it is new no more");
+    await page.getByRole("button", { name: "Anterior", exact: true }).click();
+    await page.locator("#depth").fill("4");
+    await rested(page);
+    await go("Marked");
+    await shown(page);
+    assert.deepEqual(await fragment(page), before);
+    await go("Marked");
+    assert.deepEqual(await fragment(page), before, "a click on the open case changes nothing");
+    await go("Second");
+    await shown(page);
+    const again = await fragment(page);
+    assert.deepEqual([again.d, again.v], ["4", "anterior"]);
+    await page.keyboard.press("Control+z");
+    assert.equal((await fragment(page)).d, "11.5");
+    await page.getByRole("button", { name: "Undo", exact: true }).click();
+    assert.equal((await fragment(page)).v, "superior");
+    await page.keyboard.press("Control+Shift+z");
+    await page.getByRole("button", { name: "Do again", exact: true }).click();
+    assert.deepEqual(await fragment(page), again);
+    assert.ok(await page.getByRole("button", { name: "Do again", exact: true }).isDisabled());
+    await keep(page, "undo");
+  },
+);
+
+test(
+  "slices that are here already are said to be, and are renamed only when asked to",
+  { skip, timeout: 60_000 },
+  async () => {
+    const marked = page.locator("#case-list li", { hasText: "Marked" });
+    const again = async (name: string): Promise<void> => {
+      await drop([
+        { name: "again-mask.nii", bytes: brainMask() },
+        { name: "again.nii", bytes: markedVolume() },
+      ]);
+      assert.equal(await page.locator(".chosen-names").innerText(), "again.nii\nagain-mask.nii");
+      await page.locator("#upload-name").fill(name);
+      await page.locator("#upload button[type=submit]").click();
+    };
+    await again("");
+    await page.waitForFunction(() =>
+      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+    );
+    assert.equal(await marked.locator(".fresh-badge").innerText(), "Already here");
+    await again("Other");
+    await page.waitForSelector("dialog.confirm-rename");
+    assert.match(await page.locator("dialog.confirm-rename p").innerText(), /case “Marked”. Rename it “Other”\?/);
+    await keep(page, "confirm-rename");
+    await page.keyboard.press("Escape");
+    await page.waitForFunction(() =>
+      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+    );
+    assert.equal(await marked.count(), 1, "it has its label still");
+    await again("Other");
+    await page.locator("dialog.confirm-rename button[value=rename]").click();
+    await page.locator("#case-list li", { hasText: "Other" }).waitFor();
+    await again("Marked");
+    await page.locator("dialog.confirm-rename button[value=rename]").click();
+    await marked.waitFor();
+    assert.equal(await page.locator("#case-list li").count(), 2);
+  },
+);
+
+test("the list is sorted, walked through with arrows, and its rows are low", { skip }, async () => {
+  const titles = (): Promise<string[]> => page.locator("#case-list .title").allInnerTexts();
+  assert.deepEqual(await titles(), ["Second", "Marked"]);
+  await page.locator("#case-order").selectOption("label");
+  assert.deepEqual(await titles(), ["Marked", "Second"]);
+  await page.locator("#case-list a").first().focus();
+  await page.keyboard.press("ArrowDown");
+  assert.match(await page.evaluate(() => document.activeElement?.textContent ?? ""), /Second/);
+  await page.keyboard.press("ArrowUp");
+  assert.match(await page.evaluate(() => document.activeElement?.textContent ?? ""), /Marked/);
+  for (const item of await page.locator("#case-list li").all()) {
+    assert.ok(((await item.boundingBox())?.height ?? 99) <= 56, "a row of at most 56 pixels");
+  }
+  await page.locator("#case-order").selectOption("newest");
 });
 
 async function writtenPhantom(): Promise<string[]> {
-  const files = [["head.nii", markedVolume(5)], ["mask.nii", brainMask()]] as const;
-  return Promise.all(files.map(async ([name, bytes]) => {
-    const file = path.join(scratch.folder, name);
-    await writeFile(file, bytes);
-    return file;
-  }));
+  const files = [
+    ["head.nii", markedVolume(5)],
+    ["mask.nii", brainMask()],
+  ] as const;
+  return Promise.all(
+    files.map(async ([name, bytes]) => {
+      const file = path.join(scratch.folder, name);
+      await writeFile(file, bytes);
+      return file;
+    }),
+  );
 }
 
 test("a search leaves the cases that match", { skip }, async () => {
@@ -249,21 +434,67 @@ test("a search leaves the cases that match", { skip }, async () => {
   await keep(page, "cases");
 });
 
-test("over a slow line the first picture comes before the volume, whose bytes are counted", { skip, timeout: 90_000 }, async () => {
-  const slow = await openPage(browser, { viewport: { width: 700, height: 600 } });
-  const session = await slow.context.newCDPSession(slow.page);
-  await session.send("Network.enable");
-  // Fast 4G: 9 Mbit/s, 60 ms.
-  await session.send("Network.emulateNetworkConditions", { offline: false, latency: 60, downloadThroughput: 9e6 / 8, uploadThroughput: 3e6 / 8 });
-  const id = await readyCase(server.address);
-  await slow.page.goto(`${origin}/?renderer=server#${id}`);
-  await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
-  assert.equal(await slow.page.locator(".viewer[data-loaded=true]").count(), 0, "the volume is still on its way");
-  await slow.page.waitForFunction(() => /\d MB/.test(document.querySelector(".notices")?.textContent ?? ""));
-  await slow.page.locator(".cancel-load").click();
-  await slow.page.waitForFunction(() => document.querySelector("#live")?.textContent === "Loading was cancelled.");
-  await slow.context.close();
-});
+test(
+  "over a slow line the first picture comes before the volume, whose bytes are counted",
+  { skip, timeout: 90_000 },
+  async () => {
+    const slow = await openPage(browser, { viewport: { width: 700, height: 600 } });
+    const session = await slow.context.newCDPSession(slow.page);
+    await session.send("Network.enable");
+    // Fast 4G: 9 Mbit/s, 60 ms.
+    await session.send("Network.emulateNetworkConditions", {
+      offline: false,
+      latency: 60,
+      downloadThroughput: 9e6 / 8,
+      uploadThroughput: 3e6 / 8,
+    });
+    const id = await readyCase(server.address);
+    await slow.page.goto(`${origin}/?renderer=server#${id}`);
+    await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
+    assert.equal(await slow.page.locator(".viewer[data-loaded=true]").count(), 0, "the volume is still on its way");
+    await slow.page.waitForFunction(() => /\d MB/.test(document.querySelector(".notices")?.textContent ?? ""));
+    await slow.page.locator(".cancel-load").click();
+    await slow.page.waitForFunction(() => document.querySelector("#live")?.textContent === "Loading was cancelled.");
+    await slow.context.close();
+  },
+);
+
+test(
+  "while the page's own data come, a small picture of the server's is shown",
+  { skip, timeout: 90_000 },
+  async () => {
+    const slow = await openPage(browser, { viewport: { width: 900, height: 700 } });
+    const id = await readyCase(server.address);
+    const session = await slow.context.newCDPSession(slow.page);
+    await session.send("Network.enable");
+    await slow.page.goto(`${origin}/#`);
+    await slow.page.waitForSelector("#case-list li");
+    // A slow line: 5 Mbit/s, 40 ms.
+    await session.send("Network.emulateNetworkConditions", {
+      offline: false,
+      latency: 40,
+      downloadThroughput: 5e6 / 8,
+      uploadThroughput: 1e6 / 8,
+    });
+    const begun = Date.now();
+    await slow.page.evaluate((one) => (location.hash = one), id);
+    await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
+    const first_ms = Date.now() - begun;
+    assert.equal(await slow.page.locator(".surface-host[data-preview=true] img").count(), 1);
+    const box = await slow.page.locator("#surface").boundingBox();
+    await slow.page.mouse.dblclick((box?.x ?? 0) + (box?.width ?? 0) / 2, (box?.y ?? 0) + (box?.height ?? 0) / 2);
+    assert.match((await slow.page.textContent("#live")) ?? "", /The point will be marked when it is here/);
+    await keep(slow.page, "first-preview");
+    await slow.page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames, null, {
+      timeout: 60_000,
+    });
+    console.log(`5 Mbit/s: the server's picture after ${first_ms} ms, the page's own after ${Date.now() - begun} ms`);
+    assert.equal(await slow.page.locator(".surface-host img").count(), 0, "the page's own picture is up");
+    await slow.page.waitForFunction(() => /&x=/.test(location.hash), null, { timeout: 60_000 });
+    assert.deepEqual(slow.troubles, []);
+    await slow.context.close();
+  },
+);
 
 test("a server that dies is missed in words, and found again when it is back", { skip, timeout: 90_000 }, async () => {
   const port = Number(new URL(origin).port);
@@ -284,7 +515,11 @@ test("the versions of a case are told apart in the list", { skip, timeout: 60_00
   await page.waitForSelector(`#case-list li[data-id="${version}"][data-state=ready]`, { timeout: 40_000 });
   const words = (one: string | null): Promise<string> => page.locator(`#case-list li[data-id="${one}"]`).innerText();
   assert.match(await words(version), /Version of .*\d:\d\d/);
-  await page.waitForFunction((one) => /First version, of .*\d:\d\d/.test(document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? ""), id);
+  await page.waitForFunction(
+    (one) =>
+      /First version, of .*\d:\d\d/.test(document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? ""),
+    id,
+  );
   await fetch(new URL(`v1/cases/${version}`, server.address), { method: "DELETE" });
   await page.waitForSelector(`#case-list li[data-id="${version}"]`, { state: "detached" });
 });
@@ -303,10 +538,16 @@ test("a case is deleted only after a confirmation", { skip }, async () => {
   await item.waitFor({ state: "detached" });
   assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address))).status, 404);
   await page.evaluate((gone) => (location.hash = gone ?? ""), id);
-  await page.waitForFunction(() => /no such case|no case/i.test(document.querySelector("#case-note")?.textContent ?? ""));
+  await page.waitForFunction(() =>
+    /no such case|no case/i.test(document.querySelector("#case-note")?.textContent ?? ""),
+  );
 });
 
 test("nothing failed but what was made to, and nothing broke the content security policy", { skip }, () => {
-  const expected = /415|422|400|ERR_CONNECTION_REFUSED|ERR_CONNECTION_RESET|ERR_EMPTY_RESPONSE|404|ERR_INCOMPLETE_CHUNKED/;
-  assert.deepEqual(watched.troubles.filter((one) => !expected.test(one)), []);
+  const expected =
+    /415|422|400|ERR_CONNECTION_REFUSED|ERR_CONNECTION_RESET|ERR_EMPTY_RESPONSE|404|ERR_INCOMPLETE_CHUNKED/;
+  assert.deepEqual(
+    watched.troubles.filter((one) => !expected.test(one)),
+    [],
+  );
 });

@@ -6,22 +6,35 @@ import { after, before, test } from "node:test";
 
 import type { Browser } from "playwright-core";
 
-import { type Server, type Watched, keep, launchBrowser, openPage, readyCase, scratchFolder, skip, startServer } from "./support.ts";
+import {
+  type Server,
+  type Watched,
+  keep,
+  launchBrowser,
+  openPage,
+  readyCase,
+  scratchFolder,
+  skip,
+  startServer,
+} from "./support.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
 let server: Server;
 let browser: Browser;
 let watched: Watched;
 
-before(async () => {
-  if (skip) return;
-  scratch = await scratchFolder();
-  server = await startServer({ command: "demo", data: scratch.folder });
-  await readyCase(server.address);
-  browser = await launchBrowser();
-  watched = await openPage(browser);
-  await watched.page.goto(server.address);
-}, { timeout: 300_000 });
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "demo", data: scratch.folder });
+    await readyCase(server.address);
+    browser = await launchBrowser();
+    watched = await openPage(browser);
+    await watched.page.goto(server.address);
+  },
+  { timeout: 300_000 },
+);
 
 after(async () => {
   await browser?.close();
@@ -47,16 +60,18 @@ test("every document forbids what is not its own, and no script or style is inli
   assert.doesNotMatch(html, /<style|style=|\son\w+=|<script(?![^>]*src=)|https?:\/\//);
 });
 
-test("the script is at most 40 kB on its way", { skip }, async () => {
+test("the script is at most 45 kB on its way", { skip }, async () => {
   const size = await new Promise<number>((resolve, reject) => {
     get(new URL("/main.js", server.address), { headers: { "accept-encoding": "gzip" } }, (answer) => {
       let bytes = 0;
       answer.on("data", (piece: Buffer) => (bytes += piece.length));
-      answer.on("end", () => (answer.headers["content-encoding"] === "gzip" ? resolve(bytes) : reject(new Error("not gzipped"))));
+      answer.on("end", () =>
+        answer.headers["content-encoding"] === "gzip" ? resolve(bytes) : reject(new Error("not gzipped")),
+      );
     }).on("error", reject);
   });
   console.log(`main.js: ${size} bytes gzipped`);
-  assert.ok(size > 1000 && size <= 40_000, String(size));
+  assert.ok(size > 1000 && size <= 45_000, String(size));
 });
 
 test("the manual of the interface breaks no policy either", { skip }, async () => {

@@ -25,7 +25,11 @@ function nifti(value: (x: number, y: number, z: number) => number): Buffer {
   for (let z = 0, at = 352; z < nz; z += 1) {
     for (let y = 0; y < ny; y += 1) {
       for (let x = 0; x < nx; x += 1, at += 2) {
-        const [right, front, up] = [x, y, z].map((place, axis) => (place - ((SIZE[axis] ?? 1) - 1) / 2) * EDGE_MM) as [number, number, number];
+        const [right, front, up] = [x, y, z].map((place, axis) => (place - ((SIZE[axis] ?? 1) - 1) / 2) * EDGE_MM) as [
+          number,
+          number,
+          number,
+        ];
         file.writeInt16LE(value(right, front, up), at);
       }
     }
@@ -40,5 +44,7 @@ const isMark = (x: number, y: number, z: number): boolean => Math.hypot(x - 38, 
 
 /** Background 0, skull-less brain around 300 with a slow pattern, mark 1000. */
 export const markedVolume = (seed = 0): Buffer =>
-  nifti((x, y, z) => (!isBrain(x, y, z) ? 0 : isMark(x, y, z) ? 1000 : Math.round(300 + 20 * Math.sin((x + y + z + seed) / 9))));
+  nifti((x, y, z) =>
+    !isBrain(x, y, z) ? 0 : isMark(x, y, z) ? 1000 : Math.round(300 + 20 * Math.sin((x + y + z + seed) / 9)),
+  );
 export const brainMask = (): Buffer => nifti((x, y, z) => (isBrain(x, y, z) ? 1 : 0));

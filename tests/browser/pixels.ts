@@ -14,7 +14,8 @@ export interface Agreement {
 /** Hides what stands on the picture, so that the picture alone is seen; or shows it again. */
 export async function bare(page: Page, is_bare = true): Promise<void> {
   await page.evaluate((hidden) => {
-    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host)")) element.style.visibility = hidden ? "hidden" : "";
+    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host)"))
+      element.style.visibility = hidden ? "hidden" : "";
   }, is_bare);
 }
 
@@ -27,15 +28,23 @@ export const canvasSize = (page: Page): Promise<readonly [number, number]> =>
 
 /** Shows what an address says, and waits until it is drawn in full. */
 export async function show(page: Page, fragment: string, way: string): Promise<void> {
-  const before = await page.evaluate(() => Number(document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames ?? 0));
+  const before = await page.evaluate(() =>
+    Number(document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames ?? 0),
+  );
   await page.evaluate((hash) => {
     location.hash = hash;
   }, fragment);
-  await page.waitForFunction(([frames, wanted]) => {
-    const canvas = document.querySelector<HTMLElement>("canvas.cortex");
-    const viewer = document.querySelector<HTMLElement>(".viewer");
-    return Number(canvas?.dataset.frames) > frames && canvas?.dataset.quality === "full" && viewer?.dataset.way === wanted;
-  }, [before, way] as const, { timeout: 120_000 });
+  await page.waitForFunction(
+    ([frames, wanted]) => {
+      const canvas = document.querySelector<HTMLElement>("canvas.cortex");
+      const viewer = document.querySelector<HTMLElement>(".viewer");
+      return (
+        Number(canvas?.dataset.frames) > frames && canvas?.dataset.quality === "full" && viewer?.dataset.way === wanted
+      );
+    },
+    [before, way] as const,
+    { timeout: 120_000 },
+  );
   // The frame is on the screen with the next one but one.
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
 }
@@ -47,7 +56,10 @@ export interface Part {
   readonly is_flipped: boolean;
 }
 
-/** Compares the canvas, or a part of it, with the server's picture at `address`: pixels within `tolerance` of 255 are alike. */
+/**
+ * Compares the canvas, or a part of it, with the server's picture at `address`: pixels within `tolerance` of 255 are
+ * alike.
+ */
 export async function agreement(page: Page, address: string, part?: Part, tolerance = 4): Promise<Agreement> {
   // The screen's pixels that the canvas is painted on: its edges may lie between them.
   const clip = await page.locator("canvas.cortex").evaluate((canvas: HTMLCanvasElement) => {
@@ -55,28 +67,38 @@ export async function agreement(page: Page, address: string, part?: Part, tolera
     return { x: Math.round(left), y: Math.round(top), width: canvas.width, height: canvas.height };
   });
   const shot = await page.screenshot({ clip });
-  return page.evaluate(async ({ base64, address, part, tolerance }) => {
-    const own = await createImageBitmap(new Blob([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))]));
-    const answer = await fetch(address);
-    if (!answer.ok) throw new Error(`${address}: ${await answer.text()}`);
-    const other = await createImageBitmap(await answer.blob());
-    const pixels = (image: ImageBitmap, from: { left: number; is_flipped: boolean }): Uint8ClampedArray => {
-      const canvas = new OffscreenCanvas(other.width, other.height);
-      const context = canvas.getContext("2d", { willReadFrequently: true });
-      if (!context) throw new Error("no canvas");
-      if (from.is_flipped) context.setTransform(-1, 0, 0, 1, other.width, 0);
-      context.drawImage(image, -from.left, 0);
-      return context.getImageData(0, 0, other.width, other.height).data;
-    };
-    const [a, b] = [pixels(own, part ?? { left: 0, is_flipped: false }), pixels(other, { left: 0, is_flipped: false })];
-    let [near, lit, near_lit] = [0, 0, 0];
-    for (let at = 0; at < b.length; at += 4) {
-      const off = Math.max(...[0, 1, 2].map((channel) => Math.abs((a[at + channel] ?? 0) - (b[at + channel] ?? 0))));
-      const is_lit = (b[at] ?? 0) > 0;
-      near += off <= tolerance ? 1 : 0;
-      lit += is_lit ? 1 : 0;
-      near_lit += is_lit && off <= tolerance ? 1 : 0;
-    }
-    return { share: (4 * near) / b.length, share_of_lit: near_lit / Math.max(lit, 1), size: [other.width, other.height] as const };
-  }, { base64: shot.toString("base64"), address, part, tolerance });
+  return page.evaluate(
+    async ({ base64, address, part, tolerance }) => {
+      const own = await createImageBitmap(new Blob([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))]));
+      const answer = await fetch(address);
+      if (!answer.ok) throw new Error(`${address}: ${await answer.text()}`);
+      const other = await createImageBitmap(await answer.blob());
+      const pixels = (image: ImageBitmap, from: { left: number; is_flipped: boolean }): Uint8ClampedArray => {
+        const canvas = new OffscreenCanvas(other.width, other.height);
+        const context = canvas.getContext("2d", { willReadFrequently: true });
+        if (!context) throw new Error("no canvas");
+        if (from.is_flipped) context.setTransform(-1, 0, 0, 1, other.width, 0);
+        context.drawImage(image, -from.left, 0);
+        return context.getImageData(0, 0, other.width, other.height).data;
+      };
+      const [a, b] = [
+        pixels(own, part ?? { left: 0, is_flipped: false }),
+        pixels(other, { left: 0, is_flipped: false }),
+      ];
+      let [near, lit, near_lit] = [0, 0, 0];
+      for (let at = 0; at < b.length; at += 4) {
+        const off = Math.max(...[0, 1, 2].map((channel) => Math.abs((a[at + channel] ?? 0) - (b[at + channel] ?? 0))));
+        const is_lit = (b[at] ?? 0) > 0;
+        near += off <= tolerance ? 1 : 0;
+        lit += is_lit ? 1 : 0;
+        near_lit += is_lit && off <= tolerance ? 1 : 0;
+      }
+      return {
+        share: (4 * near) / b.length,
+        share_of_lit: near_lit / Math.max(lit, 1),
+        size: [other.width, other.height] as const,
+      };
+    },
+    { base64: shot.toString("base64"), address, part, tolerance },
+  );
 }

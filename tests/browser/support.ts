@@ -1,8 +1,10 @@
-// What the tests in a real browser share: the program itself on a free port, and Debian's Chromium with WebGL2 in software.
+// What the tests in a real browser share: the program itself on a free port, and Debian's Chromium with WebGL2 in
+// software.
 //
-// Needs the built program (ISOCORTEX_BINARY, else target/debug/isocortex) and Chromium; without the latter the tests are
-// skipped, but on CI (CI=true) they fail. Screenshots are left in target/browser/. ISOCORTEX_PAGE=web/dist shows the page as
-// it has just been bundled instead of the one in the program, which saves a build of the program while working on the page.
+// Needs the built program (ISOCORTEX_BINARY, else target/debug/isocortex) and Chromium; without the latter the tests
+// are skipped, but on CI (CI=true) they fail. Screenshots are left in target/browser/. ISOCORTEX_PAGE=web/dist shows
+// the page as it has just been bundled instead of the one in the program, which saves a build of the program while
+// working on the page.
 
 import assert from "node:assert/strict";
 import { type ChildProcess, execFileSync, spawn } from "node:child_process";
@@ -36,18 +38,28 @@ if (skip) console.error(`SKIPPED: ${skip}; install the package chromium or set C
 
 // WebGL2 in software, so that the tests draw the same where there is a graphics card and where there is none.
 const FLAGS = [
-  "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage", "--disable-quic",
-  "--force-color-profile=srgb", "--font-render-hinting=none",
+  "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader",
+  "--no-sandbox",
+  "--disable-dev-shm-usage",
+  "--disable-quic",
+  "--force-color-profile=srgb",
+  "--font-render-hinting=none",
 ];
 
-/** The head to test with: Colin27 of the test data or of Debian's mricron-data, as the demo finds it; else a phantom. */
+/**
+ * The head to test with: Colin27 of the test data or of Debian's mricron-data, as the demo finds it; else a phantom.
+ */
 export function headOfDemo(): Record<string, string> {
   const head = process.env.ISOCORTEX_DEMO_VOLUME;
   const mask = process.env.ISOCORTEX_DEMO_MASK;
   if (head) return { ISOCORTEX_DEMO_VOLUME: head, ...(mask ? { ISOCORTEX_DEMO_MASK: mask } : {}) };
   const folder = folderOfColin();
   if (folder) {
-    return { ISOCORTEX_DEMO_VOLUME: path.join(folder, "ch2.nii.gz"), ISOCORTEX_DEMO_MASK: path.join(folder, "ch2bet.nii.gz") };
+    return {
+      ISOCORTEX_DEMO_VOLUME: path.join(folder, "ch2.nii.gz"),
+      ISOCORTEX_DEMO_MASK: path.join(folder, "ch2bet.nii.gz"),
+    };
   }
   console.error("no real head is to be had here; the tests take the phantom instead");
   return {};
@@ -58,7 +70,10 @@ function folderOfColin(): string | null {
   if (existsSync(path.join(data, "colin27/ch2bet.nii.gz"))) return path.join(data, "colin27");
   try {
     // Finds it, or unpacks it into the checkout; ISOCORTEX_NO_INSTALL=1 or a missing network leave nothing.
-    return execFileSync(path.join(ROOT, "scripts/head.sh"), { encoding: "utf8", stdio: ["ignore", "pipe", "ignore"] }).trim();
+    return execFileSync(path.join(ROOT, "scripts/head.sh"), {
+      encoding: "utf8",
+      stdio: ["ignore", "pipe", "ignore"],
+    }).trim();
   } catch {
     return null;
   }
@@ -137,7 +152,9 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
   const troubles: string[] = [];
   // Playwright's init scripts are not the page's: the policy lets them be, and hears of all that is the page's.
   await page.addInitScript(() => {
-    document.addEventListener("securitypolicyviolation", (event) => console.error(`policy: ${event.violatedDirective} ${event.blockedURI}`));
+    document.addEventListener("securitypolicyviolation", (event) =>
+      console.error(`policy: ${event.violatedDirective} ${event.blockedURI}`),
+    );
   });
   page.on("pageerror", (error) => troubles.push(error.stack ?? error.message));
   page.on("console", (message) => {
@@ -151,11 +168,14 @@ async function servePage(context: BrowserContext): Promise<void> {
   const folder = process.env.ISOCORTEX_PAGE;
   if (!folder) return;
   const file = /^\/(|main\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
-  await context.route((url) => file.test(url.pathname), async (route) => {
-    const name = new URL(route.request().url()).pathname.slice(1) || "index.html";
-    const response = await route.fetch();
-    await route.fulfill({ response, body: await readFile(path.resolve(ROOT, folder, name)) });
-  });
+  await context.route(
+    (url) => file.test(url.pathname),
+    async (route) => {
+      const name = new URL(route.request().url()).pathname.slice(1) || "index.html";
+      const response = await route.fetch();
+      await route.fulfill({ response, body: await readFile(path.resolve(ROOT, folder, name)) });
+    },
+  );
 }
 
 /** Keeps what the page looks like, for people to look at. */
@@ -168,7 +188,9 @@ export async function keep(page: Page, name: string): Promise<void> {
 export async function readyCase(address: string, seconds = 240): Promise<string> {
   const deadline = Date.now() + 1000 * seconds;
   for (;;) {
-    const { cases } = (await (await fetch(new URL("v1/cases", address))).json()) as { cases: { id: string; state: string }[] };
+    const { cases } = (await (await fetch(new URL("v1/cases", address))).json()) as {
+      cases: { id: string; state: string }[];
+    };
     const ready = cases.find((one) => one.state === "ready");
     if (ready) return ready.id;
     assert.ok(Date.now() < deadline, "no case is ready");
@@ -176,7 +198,10 @@ export async function readyCase(address: string, seconds = 240): Promise<string>
   }
 }
 
-/** Where the pixels are that are at least so bright: as shares of the picture, their mean place and their leftmost one. */
+/**
+ * Where the pixels are that are at least so bright: as shares of the picture, their mean place and their leftmost
+ * one.
+ */
 export interface Bright {
   readonly x: number;
   readonly y: number;
@@ -186,26 +211,31 @@ export interface Bright {
 
 /** The grey pixels of a picture that are at least so bright; null where none is. */
 export async function brightest(page: Page, png: Buffer, least: number): Promise<Bright | null> {
-  return page.evaluate(async ([base64, threshold]) => {
-    const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-    const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
-    const canvas = new OffscreenCanvas(image.width, image.height);
-    const context = canvas.getContext("2d");
-    if (!context) return null;
-    context.drawImage(image, 0, 0);
-    const { data } = context.getImageData(0, 0, image.width, image.height);
-    let [count, x, y, least_x] = [0, 0, 0, image.width];
-    for (let at = 0; at < data.length; at += 4) {
-      // Grey alone: letters, lines and contours are coloured.
-      const [red = 0, green = 0, blue = 0] = data.subarray(at, at + 3);
-      if (red < threshold || Math.abs(red - blue) > 4 || Math.abs(red - green) > 4) continue;
-      count += 1;
-      x += ((at / 4) % image.width) + 0.5;
-      least_x = Math.min(least_x, (at / 4) % image.width);
-      y += Math.floor(at / 4 / image.width) + 0.5;
-    }
-    return count > 0 ? { x: x / count / image.width, y: y / count / image.height, least_x: least_x / image.width, count } : null;
-  }, [png.toString("base64"), least] as const);
+  return page.evaluate(
+    async ([base64, threshold]) => {
+      const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+      const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
+      const canvas = new OffscreenCanvas(image.width, image.height);
+      const context = canvas.getContext("2d");
+      if (!context) return null;
+      context.drawImage(image, 0, 0);
+      const { data } = context.getImageData(0, 0, image.width, image.height);
+      let [count, x, y, least_x] = [0, 0, 0, image.width];
+      for (let at = 0; at < data.length; at += 4) {
+        // Grey alone: letters, lines and contours are coloured.
+        const [red = 0, green = 0, blue = 0] = data.subarray(at, at + 3);
+        if (red < threshold || Math.abs(red - blue) > 4 || Math.abs(red - green) > 4) continue;
+        count += 1;
+        x += ((at / 4) % image.width) + 0.5;
+        least_x = Math.min(least_x, (at / 4) % image.width);
+        y += Math.floor(at / 4 / image.width) + 0.5;
+      }
+      return count > 0
+        ? { x: x / count / image.width, y: y / count / image.height, least_x: least_x / image.width, count }
+        : null;
+    },
+    [png.toString("base64"), least] as const,
+  );
 }
 
 /** Waits until the surface's first picture stands, and everything of the case has come. */
@@ -221,8 +251,15 @@ export async function rested(page: Page): Promise<void> {
   await page.waitForSelector(".viewer[data-rested=true]");
 }
 
-/** Asks again and again until an answer is good, and resolves to the last one: a test says then what it should have been. */
-export async function until<Value>(ask: () => Promise<Value>, isGood: (value: Value) => boolean, seconds = 20): Promise<Value> {
+/**
+ * Asks again and again until an answer is good, and resolves to the last one: a test says then what it should have
+ * been.
+ */
+export async function until<Value>(
+  ask: () => Promise<Value>,
+  isGood: (value: Value) => boolean,
+  seconds = 20,
+): Promise<Value> {
   const deadline = Date.now() + 1000 * seconds;
   for (;;) {
     const value = await ask();

@@ -1,5 +1,5 @@
-// The viewer on a real head: hands, panes, letters, address, words. The server draws the surface here, for what draws it
-// is another test's matter and WebGL2 in software is slow.
+// The viewer on a real head: hands, panes, letters, address, words. The server draws the surface here, for what draws
+// it is another test's matter and WebGL2 in software is slow.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
@@ -8,7 +8,20 @@ import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
 
-import { type Server, type Watched, fragment, keep, launchBrowser, openPage, readyCase, scratchFolder, shown, skip, startServer, until } from "./support.ts";
+import {
+  type Server,
+  type Watched,
+  fragment,
+  keep,
+  launchBrowser,
+  openPage,
+  readyCase,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+  until,
+} from "./support.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
 let server: Server;
@@ -18,18 +31,21 @@ let page: Page;
 let id: string;
 let origin: string;
 
-before(async () => {
-  if (skip) return;
-  scratch = await scratchFolder();
-  server = await startServer({ command: "demo", data: scratch.folder });
-  id = await readyCase(server.address);
-  browser = await launchBrowser();
-  watched = await openPage(browser);
-  page = watched.page;
-  origin = `${new URL(server.address).origin}/?renderer=server`;
-  await page.goto(origin);
-  await shown(page);
-}, { timeout: 300_000 });
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "demo", data: scratch.folder });
+    id = await readyCase(server.address);
+    browser = await launchBrowser();
+    watched = await openPage(browser);
+    page = watched.page;
+    origin = `${new URL(server.address).origin}/?renderer=server`;
+    await page.goto(origin);
+    await shown(page);
+  },
+  { timeout: 300_000 },
+);
 
 after(async () => {
   await browser?.close();
@@ -51,7 +67,10 @@ const surface = async (): Promise<{ x: number; y: number; width: number; height:
   return box;
 };
 const letters = (pane: string): Promise<string> =>
-  page.locator(`${pane} .overlay:not(.other) .edge`).allInnerTexts().then((all) => all.join(" "));
+  page
+    .locator(`${pane} .overlay:not(.other) .edge`)
+    .allInnerTexts()
+    .then((all) => all.join(" "));
 
 /** A drag by the mouse from the middle of the surface. */
 async function drag(right: number, down: number, button: "left" | "right" | "middle" = "left"): Promise<void> {
@@ -62,8 +81,13 @@ async function drag(right: number, down: number, button: "left" | "right" | "mid
   await page.mouse.up({ button });
 }
 
-test("the first ready case is shown at once", { skip }, async () => {
+test("the only case is shown at once, and named in the picture, in the tab and in the list", { skip }, async () => {
   assert.equal(await page.locator("#case-list [aria-current=true]").count(), 1);
+  const name = await text("#surface .overlay:not(.other) .pane-case");
+  assert.match(name, /· \d+ \w+ \d+ · [0-9a-f]{8}$|· \w+ \d+, \d+ · [0-9a-f]{8}$/);
+  assert.ok(name.endsWith(id.slice(0, 8)), name);
+  assert.equal(await page.title(), `${name} · Isocortex`);
+  assert.ok(page.url().includes(id), "the address names it from then on");
   await keep(page, "desktop-surface");
 });
 
@@ -82,7 +106,10 @@ test("the wheel zooms, with alt it peels by half a millimetre, with shift as wel
   const { x, y, width, height } = await surface();
   await page.mouse.move(x + width / 2, y + height / 2);
   await page.mouse.wheel(0, -200);
-  const zoomed = await until(() => fragment(page), ({ z }) => z !== undefined);
+  const zoomed = await until(
+    () => fragment(page),
+    ({ z }) => z !== undefined,
+  );
   assert.ok(Number(zoomed.z) > 1.2);
   const before = await depth();
   await page.keyboard.down("Alt");
@@ -107,7 +134,10 @@ test("shift or the middle button moves, the right button changes the window", { 
   assert.ok(Math.abs(Number((await fragment(page)).p?.split(",")[0] ?? 0)) < 0.2);
   await drag(100, 0, "right");
   const [level = NaN, wider = NaN] = (await fragment(page)).w?.split(",").map(Number) ?? [];
-  const { window } = await page.evaluate(async (one) => (await (await fetch(`v1/cases/${one}`)).json()).intensity as { window: { width: number } }, id);
+  const { window } = await page.evaluate(
+    async (one) => (await (await fetch(`v1/cases/${one}`)).json()).intensity as { window: { width: number } },
+    id,
+  );
   assert.ok(wider > window.width, "to the right is wider");
   await drag(0, 100, "right");
   const [darker = NaN, width] = (await fragment(page)).w?.split(",").map(Number) ?? [];
@@ -137,7 +167,13 @@ test("every key of the help does what it says", { skip, timeout: 120_000 }, asyn
   await press("]");
   await press("[");
   assert.equal(await depth(), start + 0.5);
-  for (const [key, view] of [["A", "anterior"], ["P", "posterior"], ["R", "right"], ["S", "superior"], ["I", "inferior"]]) {
+  for (const [key, view] of [
+    ["A", "anterior"],
+    ["P", "posterior"],
+    ["R", "right"],
+    ["S", "superior"],
+    ["I", "inferior"],
+  ]) {
     assert.equal((await press(`Shift+${key}`)).v, view);
   }
   assert.equal((await press("Shift+L")).v, undefined, "left is the view at first");
@@ -156,7 +192,10 @@ test("every key of the help does what it says", { skip, timeout: 120_000 }, asyn
   assert.ok((await fragment(page)).x, "the middle is marked");
   await page.keyboard.press(" ");
   const playing = await depth();
-  await page.waitForFunction((from) => Number(document.querySelector<HTMLInputElement>("#depth-number")?.value) > from + 1, playing);
+  await page.waitForFunction(
+    (from) => Number(document.querySelector<HTMLInputElement>("#depth-number")?.value) > from + 1,
+    playing,
+  );
   await page.keyboard.press(" ");
   assert.equal(await page.locator(".play").getAttribute("aria-label"), "Sweep through the depths");
   const paused = await depth();
@@ -205,8 +244,14 @@ test("two fingers zoom and move; a touch that is taken away ends the gesture", {
   const { x, y, width, height } = await surface();
   const [cx, cy] = [x + width / 2, y + height / 2];
   const session = await watched.context.newCDPSession(page);
-  const touch = (type: "touchStart" | "touchMove" | "touchEnd" | "touchCancel", ...points: [number, number][]): Promise<unknown> =>
-    session.send("Input.dispatchTouchEvent", { type, touchPoints: points.map(([px, py], index) => ({ x: px, y: py, id: index })) });
+  const touch = (
+    type: "touchStart" | "touchMove" | "touchEnd" | "touchCancel",
+    ...points: [number, number][]
+  ): Promise<unknown> =>
+    session.send("Input.dispatchTouchEvent", {
+      type,
+      touchPoints: points.map(([px, py], index) => ({ x: px, y: py, id: index })),
+    });
   await touch("touchStart", [cx, cy]);
   await touch("touchMove", [cx + 80, cy]);
   await touch("touchEnd");
@@ -236,7 +281,11 @@ test("a double click marks a point: slices, numbers and the depth profile follow
   assert.match(await text(".point .voxel"), /^\d+, \d+, \d+$/);
   assert.equal(await text(".point .depth"), "8.0 mm");
   assert.match(await text(".point .intensity"), /^\d/);
-  await page.waitForFunction((position) => Math.abs(Number(document.querySelector<HTMLElement>(".slice.sagittal")?.dataset.position) - position) < 0.2, left);
+  await page.waitForFunction(
+    (position) =>
+      Math.abs(Number(document.querySelector<HTMLElement>(".slice.sagittal")?.dataset.position) - position) < 0.2,
+    left,
+  );
   for (const plane of ["axial", "coronal", "sagittal"]) {
     assert.equal(await page.locator(`.slice.${plane} .cursor line`).count(), 4, plane);
   }
@@ -250,6 +299,82 @@ test("a double click marks a point: slices, numbers and the depth profile follow
   await page.locator(".as-table summary").click();
   await keep(page, "desktop-slices");
 });
+
+test(
+  "a slice is windowed, zoomed, moved and enlarged by the hands of other viewers, and says what is under the pointer",
+  { skip, timeout: 120_000 },
+  async () => {
+    await reset();
+    await page.locator(".layouts button[value=slices]").click();
+    await page.waitForSelector(".slice.axial[data-position]");
+    const frame = page.locator(".slice.axial .slice-view");
+    const box = await frame.boundingBox();
+    assert.ok(box);
+    // A wheel event tells whole pixels.
+    const [cx, cy] = [Math.round(box.x + box.width / 2), Math.round(box.y + box.height / 2)];
+    const slider = await page.locator(".slice.axial .slice-range").boundingBox();
+    assert.ok(slider && slider.y >= box.y + box.height - 0.5, "the slider lies below the picture");
+    const asked = (): Promise<string> =>
+      page.waitForRequest((request) => request.url().includes("/slices/axial")).then((request) => request.url());
+    await page.mouse.move(cx + 20, cy + 10);
+    await page.waitForFunction(() =>
+      /^[LR]\s.* mm\s+\d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
+    );
+    const words = await text(".slice.axial .hovered");
+    let waiting = asked();
+    await page.keyboard.down("Control");
+    await page.mouse.wheel(0, -300);
+    await page.keyboard.up("Control");
+    assert.match(await waiting, /zoom=1\.\d+&pan=/);
+    await page.mouse.move(cx + 24, cy + 10);
+    await page.mouse.move(cx + 20, cy + 10);
+    await until(
+      () => text(".slice.axial .hovered"),
+      (now) => now !== "",
+    );
+    const held = (await text(".slice.axial .hovered")).split("  ")[0];
+    assert.equal(held, words.split("  ")[0], "what is under the pointer stays there");
+    await keep(page, "slice-zoomed");
+    waiting = asked();
+    await page.keyboard.down("Shift");
+    await page.mouse.down();
+    await page.mouse.move(cx + 50, cy + 30, { steps: 3 });
+    await page.mouse.up();
+    await page.keyboard.up("Shift");
+    assert.match(await waiting, /pan=/);
+    assert.equal((await fragment(page)).x, undefined, "no point was marked");
+    await page.mouse.move(cx, cy);
+    await page.mouse.down({ button: "right" });
+    await page.mouse.move(cx + 60, cy, { steps: 3 });
+    await page.mouse.up({ button: "right" });
+    assert.ok((await fragment(page)).w, "the window is another one");
+    await page.locator(".slice.axial").focus();
+    waiting = asked();
+    await page.keyboard.press("Home");
+    assert.doesNotMatch(await waiting, /zoom=|pan=/);
+    waiting = asked();
+    await page.locator("#surface").focus();
+    await page.keyboard.press("o");
+    assert.doesNotMatch(await waiting, /depth_mm/);
+    await page.keyboard.press("o");
+    await page.locator(".slice.coronal .slice-view > .icon-button").click();
+    const panes = await page.locator(".panes").boundingBox();
+    const large = await page.locator(".slice.coronal").boundingBox();
+    assert.ok(panes && large && Math.abs(large.width - panes.width) < 2 && Math.abs(large.height - panes.height) < 2);
+    await page.waitForFunction(() => {
+      const image = document.querySelector<HTMLImageElement>(".slice.coronal .slice-image img");
+      const frame = document.querySelector(".slice.coronal .slice-view");
+      const box = image?.getBoundingClientRect();
+      if (!image || !frame || !box || image.naturalWidth < 700) return false;
+      const [across, down] = [box.width / image.naturalWidth, box.height / image.naturalHeight];
+      return Math.abs(box.width - frame.clientWidth) < 2 && Math.abs(across / down - 1) < 0.01;
+    });
+    await keep(page, "slice-large");
+    assert.ok((await text(".slice.coronal .pane-case")).endsWith(id.slice(0, 8)), "it names the case itself");
+    await page.locator(".slice.coronal .slice-view").dblclick({ position: { x: 200, y: 200 } });
+    assert.ok(((await page.locator(".slice.coronal").boundingBox())?.width ?? 9999) < panes.width / 2);
+  },
+);
 
 test("a click in a slice turns the surface to that point", { skip }, async () => {
   await reset();
@@ -311,11 +436,18 @@ test("the mirror shows the other hemisphere flipped, with one cursor in both hal
   await page.waitForSelector("#surface.halved");
   const halves = page.locator("#surface > .overlay");
   assert.deepEqual(await halves.nth(0).locator(".edge").allInnerTexts(), ["A", "P", "S", "I"]);
-  assert.deepEqual(await halves.nth(1).locator(".edge").allInnerTexts(), ["A", "P", "S", "I"], "the right side, flipped");
+  assert.deepEqual(
+    await halves.nth(1).locator(".edge").allInnerTexts(),
+    ["A", "P", "S", "I"],
+    "the right side, flipped",
+  );
   assert.match(await halves.nth(1).innerText(), /Right\s+mirrored/);
   const { x, y, width, height } = await surface();
   const cursor = (half: number): Promise<(string | null)[]> =>
-    halves.nth(half).locator(".cursor circle").evaluateAll((all) => all.map((one) => `${one.getAttribute("cx")} ${one.getAttribute("cy")}`));
+    halves
+      .nth(half)
+      .locator(".cursor circle")
+      .evaluateAll((all) => all.map((one) => `${one.getAttribute("cx")} ${one.getAttribute("cy")}`));
   await page.mouse.move(x + width * 0.2, y + height * 0.5);
   assert.equal((await cursor(0)).length, 1, "the pointer's ghost");
   assert.deepEqual(await cursor(0), await cursor(1));
@@ -342,13 +474,20 @@ test("a marked point is broken where the head is before it", { skip }, async () 
   await page.locator(".layouts button[value=mirror]").click();
   await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark circle");
   await page.waitForSelector("#surface > .overlay.other .cursor.ghost circle");
-  assert.ok(await page.locator("#surface .cube").isVisible() && await page.locator("#surface .colour-bar").isVisible());
+  assert.ok(
+    (await page.locator("#surface .cube").isVisible()) && (await page.locator("#surface .colour-bar").isVisible()),
+  );
 });
 
 test("a number that is out of range, or none, gives way to what is drawn", { skip }, async () => {
   await reset();
   const deepest = await page.locator("#depth-number").getAttribute("max");
-  for (const [typed, expected] of [["999", deepest], ["", deepest], ["-5", "0"], ["7.5", "7.5"]] as const) {
+  for (const [typed, expected] of [
+    ["999", deepest],
+    ["", deepest],
+    ["-5", "0"],
+    ["7.5", "7.5"],
+  ] as const) {
     await page.locator("#depth-number").fill(typed);
     await page.keyboard.press("Enter");
     assert.equal(await page.locator("#depth-number").inputValue(), expected, typed);
@@ -361,13 +500,21 @@ test("a number that is out of range, or none, gives way to what is drawn", { ski
 
 test("nothing on the picture lies over an orientation letter, however low the pane is", { skip }, async () => {
   await reset();
-  for (const [width, height] of [[1024, 600], [1024, 768], [1440, 600]] as const) {
+  for (const [width, height] of [
+    [1024, 600],
+    [1024, 768],
+    [1440, 600],
+  ] as const) {
     await page.setViewportSize({ width, height });
     const letter = await page.locator("#surface > .overlay:not(.other) .edge.right").boundingBox();
     for (const other of [".colour-bar", ".cube"]) {
       const box = await page.locator(`#surface ${other}`).boundingBox();
       assert.ok(letter && box);
-      const apart = box.x + box.width <= letter.x || letter.x + letter.width <= box.x || box.y + box.height <= letter.y || letter.y + letter.height <= box.y;
+      const apart =
+        box.x + box.width <= letter.x ||
+        letter.x + letter.width <= box.x ||
+        box.y + box.height <= letter.y ||
+        letter.y + letter.height <= box.y;
       assert.ok(apart, `${other} at ${width} × ${height}`);
     }
   }
@@ -376,10 +523,20 @@ test("nothing on the picture lies over an orientation letter, however low the pa
 
 test("letters, cube, colour bar, scale, depth and notice are those of the picture", { skip }, async () => {
   await reset();
-  const expected = { Left: "A P S I", Right: "P A S I", Anterior: "R L S I", Posterior: "L R S I", Superior: "L R A P", Inferior: "R L A P" };
+  const expected = {
+    Left: "A P S I",
+    Right: "P A S I",
+    Anterior: "R L S I",
+    Posterior: "L R S I",
+    Superior: "L R A P",
+    Inferior: "R L A P",
+  };
   for (const [name, edges] of Object.entries(expected)) {
     await page.getByRole("button", { name, exact: true }).click();
-    await page.waitForFunction((title) => document.querySelector("#surface .pane-title")?.textContent?.includes(title), name);
+    await page.waitForFunction(
+      (title) => document.querySelector("#surface .pane-title")?.textContent?.includes(title),
+      name,
+    );
     assert.equal(await letters("#surface"), edges, name);
     const front = page.locator(`#surface .cube [data-view=${name.toLowerCase()}]`);
     assert.equal(await front.getAttribute("opacity"), "1.00");
@@ -392,18 +549,27 @@ test("letters, cube, colour bar, scale, depth and notice are those of the pictur
   const [white = NaN, black = NaN] = (await page.locator(".colour-bar span").allInnerTexts()).map(Number);
   // DICOM's linear window: its ramp is `width − 1` long, and its middle half below the level.
   const expected_white = level - 0.5 + (width - 1) / 2;
-  assert.ok(Math.abs(white - expected_white) < 0.51 && Math.abs(white - black - (width - 1)) < 0.51, `${black} to ${white}`);
+  assert.ok(
+    Math.abs(white - expected_white) < 0.51 && Math.abs(white - black - (width - 1)) < 0.51,
+    `${black} to ${white}`,
+  );
   const bar = await page.locator("#surface .overlay:not(.other) .scale-line").boundingBox();
   const pane = await surface();
-  const sphere = await page.evaluate(async (one) => (await (await fetch(`v1/cases/${one}`)).json()).envelope_sphere.radius_mm as number, id);
+  const sphere = await page.evaluate(
+    async (one) => (await (await fetch(`v1/cases/${one}`)).json()).envelope_sphere.radius_mm as number,
+    id,
+  );
   const mm = parseFloat(await text("#surface .overlay:not(.other) .scale-text"));
-  assert.ok(Math.abs((bar?.width ?? 0) - (mm * Math.min(pane.width, pane.height)) / (2 * sphere)) < 1.5, "the scale bar is as long as it says");
+  assert.ok(
+    Math.abs((bar?.width ?? 0) - (mm * Math.min(pane.width, pane.height)) / (2 * sphere)) < 1.5,
+    "the scale bar is as long as it says",
+  );
   assert.match(await text("#surface .overlay:not(.other) .pane-title"), /^8\.0 mm/);
   assert.equal(await text(".research"), "For research use only. Not for diagnosis.");
   assert.match(await text("#surface .overlay:not(.other) .pane-notice"), /research use only/i);
 });
 
-test("the address holds the state: a reload restores it, Back goes back, nonsense is passed over", { skip }, async () => {
+test("the address holds the state: a reload restores it, Back goes back, nonsense is named", { skip }, async () => {
   await reset();
   await page.goto(`${origin}#${id}&d=11.2&v=superior&z=1.5&l=slices&c=n`);
   await page.reload();
@@ -419,16 +585,33 @@ test("the address holds the state: a reload restores it, Back goes back, nonsens
   await page.goBack();
   await page.waitForFunction(() => document.querySelector("#surface .pane-title")?.textContent?.includes("Superior"));
   assert.equal(await depth(), 11.2);
-  for (const nonsense of [`#${id}&d=x&q=0,0,0,0&l=&&%E0%A4%A&w=1`, "#%%%", "#<img src=x>", "#&&&"]) {
+  await page.goto(`${origin}#${id}&d=abc&v=up&q=0,0,0,0&x=999,999,999&%E0%A4%A&z=2`);
+  await page.waitForSelector("#surface[data-drawn=true]");
+  const remark = await text(".remark span");
+  for (const part of ["d=abc", "v=up", "q=0,0,0,0", "x=999,999,999", "%E0%A4%A"])
+    assert.ok(remark.includes(part), remark);
+  assert.ok(!remark.includes("z=2"), remark);
+  assert.equal((await fragment(page)).z, "2", "what can be read is taken");
+  await keep(page, "unread-address");
+  await page.locator(".remark button").click();
+  await page.waitForSelector(".remark", { state: "hidden" });
+  for (const nonsense of [`#${id.slice(1)}`, "#%%%", "#<img src=x>", "#&&&", `#x${id}`]) {
     await page.goto(`${origin}${nonsense}`);
-    await page.waitForSelector("#surface[data-drawn=true]");
-    assert.equal(await page.locator("#surface").isVisible(), true, nonsense);
+    await page.waitForFunction(() => /names no case/.test(document.querySelector("#case-note")?.textContent ?? ""));
+    assert.equal(await page.locator("#surface").count(), 0, nonsense);
+    assert.equal(await page.locator("#sidebar").isVisible(), true, "the list is there to choose from");
+    assert.equal(await page.title(), "Isocortex");
   }
+  await keep(page, "unknown-address");
   await page.goto(`${origin}#${"0".repeat(32)}`);
   await page.waitForFunction(() => document.querySelector("#case-note")?.textContent?.includes("Choose a case"));
   await page.goto(`${origin}#${id}`);
   await shown(page);
-  watched.troubles.splice(0, watched.troubles.length, ...watched.troubles.filter((one) => !one.includes(`${"0".repeat(32)}`)));
+  watched.troubles.splice(
+    0,
+    watched.troubles.length,
+    ...watched.troubles.filter((one) => !one.includes(`${"0".repeat(32)}`)),
+  );
 });
 
 test("the screenshot is a PNG of the panes, and the server's picture has an address to copy", { skip }, async () => {
@@ -437,7 +620,7 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   const waiting = page.waitForEvent("download");
   await page.getByRole("button", { name: "Screenshot" }).click();
   const download = await waiting;
-  assert.equal(download.suggestedFilename(), "isocortex-8.0mm.png");
+  assert.equal(download.suggestedFilename(), `isocortex-${id.slice(0, 8)}-8.0mm.png`);
   const png = readFileSync(await download.path());
   const box = await page.locator(".panes").boundingBox();
   assert.equal(png.readUInt32BE(16), Math.round(box?.width ?? 0));
@@ -451,82 +634,120 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   await page.locator("dialog.server-picture button[value=close]").click();
 });
 
-test("a change of depth is announced", { skip }, async () => {
+test("what is shown is read out: depth, side, place and grey", { skip }, async () => {
   await reset();
+  await page.waitForFunction(() =>
+    /^Depth 8\.0 millimetres, Left\. Middle of the picture: L\s\d.* millimetres, 8\.0 millimetres deep, grey \d/.test(
+      document.querySelector("#surface-keys")?.textContent ?? "",
+    ),
+  );
   await page.locator("#depth").fill("14.5");
   await page.waitForFunction(() => document.querySelector("#live")?.textContent?.includes("Depth 14.5 millimetres"));
 });
 
-test("Portuguese and the light theme are chosen once and kept, and nothing of the case is stored", { skip }, async () => {
-  await page.locator("#language").selectOption("pt-BR");
-  await page.waitForSelector(".layouts >> text=Espelho");
-  assert.equal(await page.locator("html").getAttribute("lang"), "pt-BR");
-  assert.equal(await text(".research"), "Somente para pesquisa. Não se destina a diagnóstico.");
-  await page.getByRole("button", { name: "Claro ou escuro" }).click();
-  await page.reload();
-  await page.waitForSelector("html[data-theme=light] .layouts >> text=Com cortes");
-  const stored = await page.evaluate(() => JSON.stringify(localStorage));
-  assert.ok(!stored.includes(id) && !stored.includes("Demo"), stored);
-});
+test(
+  "Portuguese and the light theme are chosen once and kept, and nothing of the case is stored",
+  { skip },
+  async () => {
+    await page.locator("#language").selectOption("pt-BR");
+    await page.waitForSelector(".layouts >> text=Espelho");
+    assert.equal(await page.locator("html").getAttribute("lang"), "pt-BR");
+    assert.equal(await text(".research"), "Somente para pesquisa. Não se destina a diagnóstico.");
+    await page.getByRole("button", { name: "Claro ou escuro" }).click();
+    await page.reload();
+    await page.waitForSelector("html[data-theme=light] .layouts >> text=Com cortes");
+    const stored = await page.evaluate(() => JSON.stringify(localStorage));
+    assert.ok(!stored.includes(id) && !stored.includes("Demo"), stored);
+  },
+);
 
-test("axe finds nothing, in both themes and languages, in every layout and dialog", { skip, timeout: 300_000 }, async () => {
-  const axe = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
-  const source = readFileSync(axe, "utf8");
-  const check = async (where: string): Promise<void> => {
-    // The page's own policy forbids scripts from elsewhere, so axe comes in from outside of it.
-    await page.evaluate(source);
-    const violations = await page.evaluate(async () => {
-      const { axe: runner } = globalThis as unknown as { axe: { run(options: object): Promise<{ violations: { id: string; nodes: { html: string; failureSummary?: string }[] }[] }> } };
-      const result = await runner.run({ runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
-      return result.violations.map(({ id: rule, nodes }) => `${rule}: ${nodes.map((node) => `${node.html.slice(0, 160)} ${node.failureSummary ?? ""}`).join(" | ").slice(0, 600)}`);
-    });
-    assert.deepEqual(violations, [], where);
-  };
-  for (const language of ["pt-BR", "en"]) {
-    await page.locator("#language").selectOption(language);
-    await page.waitForSelector(`html[lang=${language}]`);
-    await page.waitForSelector("#surface[data-drawn=true]");
-    for (const theme of ["light", "dark"]) {
-      if ((await page.locator("html").getAttribute("data-theme")) !== theme) await page.locator(".bar .icon-button").nth(1).click();
-      await page.locator("#surface").focus();
-      await page.locator(".layouts button[value=slices]").click();
-      for (const group of await page.locator(".panel > details, .sidebar > details").all()) {
-        if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
-      }
-      await page.locator("#add").evaluate((form) => form.setAttribute("open", ""));
-      await check(`${language} ${theme}`);
-      if (theme === "light") await keep(page, `light-${language}`);
-      for (const layout of ["single", "mirror"]) {
-        await page.locator(`.layouts button[value=${layout}]`).click();
-        await page.waitForSelector(`body[data-layout=${layout}]`);
-        await check(`${language} ${theme} ${layout}`);
-      }
-      for (const [name, opener] of [["help", ".bar .icon-button >> nth=-1"], ["confirm-delete", "#case-list .delete"], ["server-picture", ".panel .group:last-child button >> nth=1"]] as const) {
-        await page.locator(opener).click();
-        await page.waitForSelector(`dialog.${name}`);
-        await check(`${language} ${theme} ${name}`);
-        if (theme === "dark") await keep(page, `${name}-${language}`);
-        await page.keyboard.press("Escape");
-        await page.waitForSelector("dialog", { state: "detached" });
+test(
+  "axe finds nothing, in both themes and languages, in every layout and dialog",
+  { skip, timeout: 300_000 },
+  async () => {
+    const axe = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
+    const source = readFileSync(axe, "utf8");
+    const check = async (where: string): Promise<void> => {
+      // The page's own policy forbids scripts from elsewhere, so axe comes in from outside of it.
+      await page.evaluate(source);
+      const violations = await page.evaluate(async () => {
+        const { axe: runner } = globalThis as unknown as {
+          axe: {
+            run(
+              options: object,
+            ): Promise<{ violations: { id: string; nodes: { html: string; failureSummary?: string }[] }[] }>;
+          };
+        };
+        const result = await runner.run({
+          runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"],
+        });
+        return result.violations.map(
+          ({ id: rule, nodes }) =>
+            `${rule}: ${nodes
+              .map((node) => `${node.html.slice(0, 160)} ${node.failureSummary ?? ""}`)
+              .join(" | ")
+              .slice(0, 600)}`,
+        );
+      });
+      assert.deepEqual(violations, [], where);
+    };
+    for (const language of ["pt-BR", "en"]) {
+      await page.locator("#language").selectOption(language);
+      await page.waitForSelector(`html[lang=${language}]`);
+      await page.waitForSelector("#surface[data-drawn=true]");
+      for (const theme of ["light", "dark"]) {
+        if ((await page.locator("html").getAttribute("data-theme")) !== theme)
+          await page.locator(".bar .icon-button").nth(1).click();
+        await page.locator("#surface").focus();
+        await page.locator(".layouts button[value=slices]").click();
+        for (const group of await page.locator(".panel > details, .sidebar > details").all()) {
+          if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
+        }
+        await page.locator("#add").evaluate((form) => form.setAttribute("open", ""));
+        await check(`${language} ${theme}`);
+        if (theme === "light") await keep(page, `light-${language}`);
+        for (const layout of ["single", "mirror"]) {
+          await page.locator(`.layouts button[value=${layout}]`).click();
+          await page.waitForSelector(`body[data-layout=${layout}]`);
+          await check(`${language} ${theme} ${layout}`);
+        }
+        for (const [name, opener] of [
+          ["help", ".bar .icon-button >> nth=-1"],
+          ["confirm-delete", "#case-list .delete"],
+          ["server-picture", ".panel .group:last-child button >> nth=1"],
+        ] as const) {
+          await page.locator(opener).click();
+          await page.waitForSelector(`dialog.${name}`);
+          await check(`${language} ${theme} ${name}`);
+          if (theme === "dark") await keep(page, `${name}-${language}`);
+          await page.keyboard.press("Escape");
+          await page.waitForSelector("dialog", { state: "detached" });
+        }
       }
     }
-  }
-  // Without a case, and where a token is asked for.
-  await page.locator("#add").evaluate((form) => form.removeAttribute("open"));
-  await page.goto(`${origin}#${"0".repeat(32)}`);
-  await page.waitForFunction(() => document.querySelector("#case-note")?.textContent?.includes("Choose a case"));
-  await check("no case");
-  await page.route("**/v1/cases", (route) => route.fulfill({ status: 401, contentType: "application/problem+json", body: '{"type":"urn:isocortex:problem:unauthorized"}' }));
-  await page.reload();
-  await page.waitForSelector("dialog.ask-token");
-  await check("token");
-  await page.unroute("**/v1/cases");
-  await page.goto(`${new URL(origin).origin}/docs`);
-  await check("manual");
-  await page.goto(`${origin}#${id}`);
-  await shown(page);
-  watched.troubles.splice(0, watched.troubles.length, ...watched.troubles.filter((one) => !/0{32}|401/.test(one)));
-});
+    // Without a case, and where a token is asked for.
+    await page.locator("#add").evaluate((form) => form.removeAttribute("open"));
+    await page.goto(`${origin}#${"0".repeat(32)}`);
+    await page.waitForFunction(() => document.querySelector("#case-note")?.textContent?.includes("Choose a case"));
+    await check("no case");
+    await page.route("**/v1/cases", (route) =>
+      route.fulfill({
+        status: 401,
+        contentType: "application/problem+json",
+        body: '{"type":"urn:isocortex:problem:unauthorized"}',
+      }),
+    );
+    await page.reload();
+    await page.waitForSelector("dialog.ask-token");
+    await check("token");
+    await page.unroute("**/v1/cases");
+    await page.goto(`${new URL(origin).origin}/docs`);
+    await check("manual");
+    await page.goto(`${origin}#${id}`);
+    await shown(page);
+    watched.troubles.splice(0, watched.troubles.length, ...watched.troubles.filter((one) => !/0{32}|401/.test(one)));
+  },
+);
 
 test("a tablet shows every view without scrolling sideways", { skip }, async () => {
   await page.setViewportSize({ width: 820, height: 1180 });
@@ -537,7 +758,8 @@ test("a tablet shows every view without scrolling sideways", { skip }, async () 
     await page.waitForSelector(`body[data-layout=${layout}]`);
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= 820), layout);
     assert.ok((await surface()).height > 350, layout);
-    if (layout === "slices") await page.waitForFunction(() => document.querySelectorAll(".slice-image img").length === 3);
+    if (layout === "slices")
+      await page.waitForFunction(() => document.querySelectorAll(".slice-image img").length === 3);
     await keep(page, `tablet-${layout}`);
   }
   await page.setViewportSize({ width: 1440, height: 900 });

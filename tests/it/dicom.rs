@@ -30,7 +30,7 @@ async fn server() -> Server {
             std::env::current_exe().unwrap(),
             arguments.map(Into::into).to_vec(),
         );
-        config.max_upload_bytes = 8 << 20;
+        config.limits.max_upload_bytes = 8 << 20;
     })
     .await
 }

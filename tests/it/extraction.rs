@@ -116,7 +116,7 @@ async fn a_raw_head_can_be_extracted_again_once_the_weights_are_there() {
     );
 
     let server = server
-        .restart_with(|config| config.network = Some(weights))
+        .restart_with(|config| config.prepare.network = Some(weights))
         .await;
     let found = server.prepared(&[("volume", &head)]).await;
     assert_ne!(found, pruned);
@@ -135,7 +135,9 @@ async fn a_raw_head_can_be_extracted_again_once_the_weights_are_there() {
     assert_eq!(mesh(&named).await, mesh(&found).await);
 
     // Without the weights again, what was found with them stays.
-    let server = server.restart_with(|config| config.network = None).await;
+    let server = server
+        .restart_with(|config| config.prepare.network = None)
+        .await;
     let known = server.upload(&[("volume", &head)]).await;
     assert_eq!(
         (known.status, known.header("location")),
@@ -147,7 +149,7 @@ async fn a_raw_head_can_be_extracted_again_once_the_weights_are_there() {
 async fn what_is_not_a_t1_head_does_not_end_as_ok() {
     let mut servers = vec![Server::start().await];
     if let Some(weights) = weights() {
-        servers.push(Server::start_with(|config| config.network = Some(weights)).await);
+        servers.push(Server::start_with(|config| config.prepare.network = Some(weights)).await);
     }
     for server in servers {
         for (name, volume) in wrong_heads() {
@@ -178,7 +180,7 @@ async fn colin27_with_its_skull_becomes_a_mesh_by_itself() {
         return;
     };
     let head = std::fs::read(data.join("colin27/ch2.nii.gz")).unwrap();
-    let server = Server::start_with(|config| config.network = Some(weights)).await;
+    let server = Server::start_with(|config| config.prepare.network = Some(weights)).await;
     let case = server.prepared(&[("volume", &head)]).await;
     let ready = server.get(&case).await.json();
     assert_eq!(ready["quality"]["state"], "ok", "{ready}");

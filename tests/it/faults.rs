@@ -19,7 +19,7 @@ async fn server_and_device(
     // Fails where tests must not be skipped.
     drop(scenes::device()?);
     let server = Server::start_with(|config| {
-        config.gpu = GpuUse::Always;
+        config.render.gpu = GpuUse::Always;
         configure(config);
     })
     .await;
@@ -100,7 +100,7 @@ async fn where_memory_stays_short_the_processor_draws_and_the_answer_says_so() {
 
 #[tokio::test]
 async fn pictures_that_are_under_way_when_the_device_is_lost_all_come() {
-    let configure = |config: &mut Config| config.render_threads = 2;
+    let configure = |config: &mut Config| config.render.threads = 2;
     let Some((server, device, case)) = server_and_device(configure).await else {
         return;
     };
@@ -126,7 +126,7 @@ async fn pictures_that_are_under_way_when_the_device_is_lost_all_come() {
 
 /// Voxels of a texture of the plain head.
 async fn voxels(texture: &str) -> u64 {
-    let server = Server::start_with(|config| config.gpu = GpuUse::Off).await;
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
     let case = server.plain_case().await;
     let answer = server.get(&format!("{case}/{texture}")).await;
     let sides = answer.header("x-isocortex-size").split(',');
@@ -139,7 +139,7 @@ async fn voxels(texture: &str) -> u64 {
 async fn a_volume_that_the_device_cannot_hold_is_reduced_and_the_answer_says_so() {
     // All depths in their three forms, and half of the intensities.
     let bytes = 8 * voxels("distance").await + voxels("volume").await;
-    let configure = |config: &mut Config| config.gpu_case_bytes = bytes;
+    let configure = |config: &mut Config| config.render.gpu_case_bytes = bytes;
     let Some((server, _device, case)) = server_and_device(configure).await else {
         return;
     };
@@ -160,7 +160,7 @@ async fn a_volume_that_the_device_cannot_hold_is_reduced_and_the_answer_says_so(
 
 #[tokio::test]
 async fn a_case_whose_depths_the_device_cannot_hold_is_drawn_by_the_processor_alone() {
-    let configure = |config: &mut Config| config.gpu_case_bytes = 1000;
+    let configure = |config: &mut Config| config.render.gpu_case_bytes = 1000;
     let Some((server, _device, case)) = server_and_device(configure).await else {
         return;
     };

@@ -4,10 +4,10 @@
 
 use std::path::{Path, PathBuf};
 
+use analysis::{MidsagittalPlane, midsagittal_plane};
 use geometry::{
-    BrainMask, DepthField, DistanceMap, EnvelopeMesh, Forest, Grid, Mask, MeshSize,
-    MidsagittalPlane, Paths, Volume, core, distance_map, envelope, envelope_mesh, forest,
-    midsagittal_plane, path_table,
+    BrainMask, DepthField, DistanceMap, EnvelopeMesh, Forest, Grid, Mask, MeshSize, Paths, Volume,
+    core, distance_map, envelope, envelope_mesh, forest, path_table,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 

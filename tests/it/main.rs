@@ -1,6 +1,7 @@
 //! The integration tests: one program, one module for each subject.
 
 mod agreement;
+mod attacks;
 mod bad_input;
 mod dicom;
 mod extraction;

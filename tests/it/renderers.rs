@@ -11,12 +11,12 @@ use futures_util::future::join_all;
 use crate::server::{Answer, Server};
 
 async fn without_graphics() -> Server {
-    Server::start_with(|config| config.gpu = GpuUse::Off).await
+    Server::start_with(|config| config.render.gpu = GpuUse::Off).await
 }
 
 /// A server that draws with any device, whose driver has answered, and whether there is one.
 async fn with_graphics() -> (Server, bool) {
-    let server = Server::start_with(|config| config.gpu = GpuUse::Always).await;
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Always).await;
     for _ in 0..500 {
         match server.state.cases.graphics.state() {
             GraphicsState::Starting => {
@@ -198,8 +198,8 @@ fn program() -> Option<std::path::PathBuf> {
 #[tokio::test]
 async fn many_renders_at_once_on_two_threads_are_all_drawn_or_told_to_come_again() {
     let server = Server::start_with(|config| {
-        config.render_threads = 2;
-        config.max_queued_renders = 64;
+        config.render.threads = 2;
+        config.limits.max_queued_renders = 64;
     })
     .await;
     let case = server.plain_case().await;
@@ -226,7 +226,7 @@ async fn a_client_that_leaves_takes_its_pictures_with_it() {
 }
 
 async fn leave(renderer: &str) {
-    let server = Server::start_with(|config| config.render_threads = 1).await;
+    let server = Server::start_with(|config| config.render.threads = 1).await;
     let case = server.plain_case().await;
     let picture = format!("{case}/render?renderer={renderer}&zoom=2&width=2048");
     let address = format!("{picture}&height=2048");

@@ -11,7 +11,7 @@ use crate::head::plain_head;
 use crate::server::{Answer, Server};
 
 async fn server_and_case() -> (Server, String) {
-    let server = Server::start_with(|config| config.gpu = GpuUse::Off).await;
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
     let case = server.plain_case().await;
     (server, case)
 }
@@ -212,7 +212,7 @@ async fn what_is_wrong_is_named_by_its_path() {
         .map(|depth| picture(f64::from(depth), "left"))
         .collect();
     let wrong = [
-        (json!({"renders": [one, {"deep": 1}]}), "renders[1].deep"),
+        (json!({"renders": [one, {"deep": 1}]}), "renders[1]"),
         (json!({"picture": 1}), "picture"),
         (json!({"renders": [{"zoom": 0}]}), "renders[0].zoom"),
         (
@@ -304,7 +304,7 @@ async fn what_cannot_be_sent_or_drawn_is_refused() {
         (answer.status.as_u16(), answer.problem().as_str()),
         (404, "no-such-case")
     );
-    let waiting = Server::start_with(|config| config.gpu = GpuUse::Off).await;
+    let waiting = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
     let uploaded = waiting.upload(&[("volume", &plain_head().bytes())]).await;
     let early = ask(&waiting, uploaded.header("location"), &list).await;
     assert_eq!(
@@ -316,8 +316,8 @@ async fn what_cannot_be_sent_or_drawn_is_refused() {
 #[tokio::test]
 async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
     let server = Server::start_with(|config| {
-        config.gpu = GpuUse::Off;
-        config.answer_timeout_secs = 1;
+        config.render.gpu = GpuUse::Off;
+        config.http.answer_timeout_secs = 1;
     })
     .await;
     let case = server.plain_case().await;

@@ -95,6 +95,9 @@ fn scratch() -> String {
 
 const BOUNDARY: &str = "isocortex-test-boundary";
 
+/// Bytes of the line that ends a [`form`].
+pub(crate) const CLOSING_BYTES: usize = "\r\n--".len() + BOUNDARY.len() + "--\r\n".len();
+
 /// A multipart form.
 pub(crate) fn form(parts: &[Part<'_>]) -> Vec<u8> {
     let mut body = Vec::new();
@@ -124,10 +127,8 @@ impl Server {
     /// A server with another configuration.
     pub(crate) async fn start_with(configure: impl FnOnce(&mut Config)) -> Self {
         let directory = tempfile::tempdir().unwrap();
-        let mut config = Config {
-            data: directory.path().to_owned(),
-            ..Config::default()
-        };
+        let mut config = Config::default();
+        config.storage.data = directory.path().to_owned();
         configure(&mut config);
         Self::on(directory, config).await
     }
@@ -136,7 +137,7 @@ impl Server {
         let state = start::open(&config).await.unwrap();
         Self {
             router: app(state.clone()),
-            _workers: Workers::start(state.cases.library.clone(), config.prepare_workers),
+            _workers: Workers::start(state.cases.library.clone(), config.prepare.workers),
             state,
             config,
             directory,

@@ -43,7 +43,7 @@ fn unpack(directory: &Path) {
 }
 
 async fn opened() -> Server {
-    Server::start_with(|config| unpack(&config.data)).await
+    Server::start_with(|config| unpack(&config.storage.data)).await
 }
 
 /// The links of a case may become more; what is known of it stays.

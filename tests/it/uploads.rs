@@ -138,7 +138,7 @@ async fn events_follow_a_case_until_it_is_ready() {
 
 #[tokio::test]
 async fn a_case_that_waits_says_so() {
-    let server = Server::start_with(|config| config.prepare_workers = 1).await;
+    let server = Server::start_with(|config| config.prepare.workers = 1).await;
     let volume = plain_head().bytes();
     let mut last = String::new();
     for radius in 1..=6 {
@@ -164,7 +164,7 @@ async fn a_case_that_waits_says_so() {
 
 #[tokio::test]
 async fn a_full_queue_refuses_with_a_time_to_come_again() {
-    let server = Server::start_with(|config| config.max_queued_cases = 1).await;
+    let server = Server::start_with(|config| config.limits.max_queued_cases = 1).await;
     let volume = plain_head().bytes();
     let uploads = (1..=12).map(|radius| {
         let parameters = json!({ "closing_radius_mm": radius }).to_string();
@@ -196,7 +196,7 @@ async fn a_server_whose_disk_is_full_says_that_it_is_not_ready_and_serves_what_i
     assert_eq!(server.get("/readyz").await.status, StatusCode::OK);
     // No disk has so much room.
     let server = server
-        .restart_with(|config| config.min_free_bytes = u64::MAX)
+        .restart_with(|config| config.storage.min_free_bytes = u64::MAX)
         .await;
     let answer = server.get("/readyz").await;
     assert_eq!(

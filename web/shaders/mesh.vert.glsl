@@ -32,11 +32,14 @@ struct Picture {
     float clip_reach;
     float clip_piece;
     float smooth_share;
+    vec4 cuts[6];
 };
 struct OnFacet {
     vec4 position;
     vec3 position_in_field;
 };
+const float UNKNOWN = -1e30;
+
 layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
 
 layout(location = 0) in vec3 _p2vs_location0;
@@ -59,6 +62,33 @@ float light_on(float facing) {
     float _e3 = _group_0_binding_0_vs.ambient;
     float _e6 = _group_0_binding_0_vs.ambient;
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
+}
+
+float known_at(vec3 position_in_field) {
+    float known = 1.0;
+    int index_1 = 0;
+    vec4 place = vec4(position_in_field, 1.0);
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            int _e24 = index_1;
+            index_1 = (_e24 + 1);
+        }
+        loop_init = false;
+        int _e7 = index_1;
+        if ((_e7 < 6)) {
+        } else {
+            break;
+        }
+        {
+            float _e10 = known;
+            int _e13 = index_1;
+            vec4 _e15 = _group_0_binding_0_vs.cuts[_e13];
+            known = (_e10 * ((dot(_e15, place) >= 0.0) ? 1.0 : 0.0));
+        }
+    }
+    float _e26 = known;
+    return _e26;
 }
 
 OnFacet on_facet(vec3 position_in_patient_1) {

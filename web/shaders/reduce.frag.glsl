@@ -32,6 +32,7 @@ struct Picture {
     float clip_reach;
     float clip_piece;
     float smooth_share;
+    vec4 cuts[6];
 };
 struct OnScreen {
     vec4 position;
@@ -127,10 +128,37 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     return vec2((_e50 / max(_e51, 1.0)), min(_e55, 1.0));
 }
 
-vec4 shaded(vec3 position_in_field) {
-    vec3 _e1 = inward_at(position_in_field);
+float known_at(vec3 position_in_field) {
+    float known = 1.0;
+    int index_1 = 0;
+    vec4 place_2 = vec4(position_in_field, 1.0);
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            int _e24 = index_1;
+            index_1 = (_e24 + 1);
+        }
+        loop_init = false;
+        int _e7 = index_1;
+        if ((_e7 < 6)) {
+        } else {
+            break;
+        }
+        {
+            float _e10 = known;
+            int _e13 = index_1;
+            vec4 _e15 = _group_0_binding_0_fs.cuts[_e13];
+            known = (_e10 * ((dot(_e15, place_2) >= 0.0) ? 1.0 : 0.0));
+        }
+    }
+    float _e26 = known;
+    return _e26;
+}
+
+vec4 shaded(vec3 position_in_field_1) {
+    vec3 _e1 = inward_at(position_in_field_1);
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_5 = (_e4 * vec4(position_in_field, 1.0)).xyz;
+    vec3 position_5 = (_e4 * vec4(position_in_field_1, 1.0)).xyz;
     vec2 _e9 = stored_on(position_5, _e1);
     vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
     float facing_1 = -(dot(_e1, _e12));
@@ -138,7 +166,8 @@ vec4 shaded(vec3 position_in_field) {
     vec3 _e17 = color_of(_e16);
     float _e18 = light_on(facing_1);
     vec3 lit = (_e17 * _e18);
-    return (vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y);
+    float _e31 = known_at(position_in_field_1);
+    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y) * _e31);
 }
 
 vec3 foot_of(vec2 place_in_frame) {
@@ -175,9 +204,9 @@ void main() {
     OnScreen pixel = OnScreen(gl_FragCoord, _vs2fs_location0);
     vec2 _e6 = _group_0_binding_0_fs.size;
     ivec2 side = (ivec2(uvec2(textureSize(_group_1_binding_3_fs, 0).xy)) / ivec2(_e6));
-    ivec2 place_2 = ivec2(pixel.place_in_frame);
+    ivec2 place_3 = ivec2(pixel.place_in_frame);
     float _e15 = _group_0_binding_0_fs.size.y;
-    ivec2 low = (ivec2(place_2.x, ((int(_e15) - 1) - place_2.y)) * side);
+    ivec2 low = (ivec2(place_3.x, ((int(_e15) - 1) - place_3.y)) * side);
     ivec2 high = ((low + side) - ivec2(1));
     vec4 _e30 = texelFetch(_group_1_binding_3_fs, low, 0);
     vec4 _e37 = texelFetch(_group_1_binding_3_fs, ivec2(high.x, low.y), 0);

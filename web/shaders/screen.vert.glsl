@@ -32,6 +32,7 @@ struct Picture {
     float clip_reach;
     float clip_piece;
     float smooth_share;
+    vec4 cuts[6];
 };
 struct OnScreen {
     vec4 position;
@@ -69,6 +70,33 @@ float light_on(float facing) {
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
+float known_at(vec3 position_in_field) {
+    float known = 1.0;
+    int index_1 = 0;
+    vec4 place = vec4(position_in_field, 1.0);
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            int _e24 = index_1;
+            index_1 = (_e24 + 1);
+        }
+        loop_init = false;
+        int _e7 = index_1;
+        if ((_e7 < 6)) {
+        } else {
+            break;
+        }
+        {
+            float _e10 = known;
+            int _e13 = index_1;
+            vec4 _e15 = _group_0_binding_0_vs.cuts[_e13];
+            known = (_e10 * ((dot(_e15, place) >= 0.0) ? 1.0 : 0.0));
+        }
+    }
+    float _e26 = known;
+    return _e26;
+}
+
 vec3 foot_of(vec2 place_in_frame) {
     mat4x4 _e3 = _group_0_binding_0_vs.field_from_frame;
     return (_e3 * vec4(place_in_frame, 0.0, 1.0)).xyz;
@@ -80,7 +108,7 @@ vec3 at_height(vec3 foot, float height) {
 }
 
 vec2 reach(vec3 foot_1) {
-    bool local = false;
+    bool local_1 = false;
     vec3 _e3 = _group_0_binding_0_vs.sphere_centre;
     vec3 from_centre = (foot_1 - _e3);
     vec3 _e7 = _group_0_binding_0_vs.towards_viewer;
@@ -91,11 +119,11 @@ vec2 reach(vec3 foot_1) {
     float half_squared = ((_e16 * _e19) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
         float _e30 = _group_0_binding_0_vs.sphere_radius;
-        local = (_e30 < 0.0);
+        local_1 = (_e30 < 0.0);
     } else {
-        local = true;
+        local_1 = true;
     }
-    bool _e34 = local;
+    bool _e34 = local_1;
     if (_e34) {
         return vec2(0.0, -1.0);
     }
@@ -118,8 +146,8 @@ void main() {
     uint vertex = uint(gl_VertexID);
     vec2 corner = vec2(((float((vertex & 1u)) * 4.0) - 1.0), ((float((vertex >> 1u)) * 4.0) - 1.0));
     vec2 _e29 = _group_0_binding_0_vs.size;
-    vec2 place = (vec2((0.5 + (0.5 * corner.x)), (0.5 - (0.5 * corner.y))) * _e29);
-    OnScreen _tmp_return = OnScreen(vec4(corner, 0.0, 1.0), place);
+    vec2 place_1 = (vec2((0.5 + (0.5 * corner.x)), (0.5 - (0.5 * corner.y))) * _e29);
+    OnScreen _tmp_return = OnScreen(vec4(corner, 0.0, 1.0), place_1);
     gl_Position = _tmp_return.position;
     _vs2fs_location0 = _tmp_return.place_in_frame;
     return;

@@ -32,6 +32,7 @@ struct Picture {
     float clip_reach;
     float clip_piece;
     float smooth_share;
+    vec4 cuts[6];
 };
 struct Paths {
     vec3 origin_in_patient;

@@ -32,6 +32,7 @@ struct Picture {
     float clip_reach;
     float clip_piece;
     float smooth_share;
+    vec4 cuts[6];
 };
 struct OnScreen {
     vec4 position;
@@ -160,10 +161,37 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     return vec2((_e50 / max(_e51, 1.0)), min(_e55, 1.0));
 }
 
-vec4 shaded(vec3 position_in_field) {
-    vec3 _e1 = inward_at(position_in_field);
+float known_at(vec3 position_in_field) {
+    float known = 1.0;
+    int index_1 = 0;
+    vec4 place_3 = vec4(position_in_field, 1.0);
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            int _e24 = index_1;
+            index_1 = (_e24 + 1);
+        }
+        loop_init = false;
+        int _e7 = index_1;
+        if ((_e7 < 6)) {
+        } else {
+            break;
+        }
+        {
+            float _e10 = known;
+            int _e13 = index_1;
+            vec4 _e15 = _group_0_binding_0_fs.cuts[_e13];
+            known = (_e10 * ((dot(_e15, place_3) >= 0.0) ? 1.0 : 0.0));
+        }
+    }
+    float _e26 = known;
+    return _e26;
+}
+
+vec4 shaded(vec3 position_in_field_1) {
+    vec3 _e1 = inward_at(position_in_field_1);
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_5 = (_e4 * vec4(position_in_field, 1.0)).xyz;
+    vec3 position_5 = (_e4 * vec4(position_in_field_1, 1.0)).xyz;
     vec2 _e9 = stored_on(position_5, _e1);
     vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
     float facing_1 = -(dot(_e1, _e12));
@@ -171,7 +199,8 @@ vec4 shaded(vec3 position_in_field) {
     vec3 _e17 = color_of(_e16);
     float _e18 = light_on(facing_1);
     vec3 lit = (_e17 * _e18);
-    return (vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y);
+    float _e31 = known_at(position_in_field_1);
+    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y) * _e31);
 }
 
 vec3 foot_of(vec2 place_in_frame) {
@@ -185,7 +214,7 @@ vec3 at_height(vec3 foot, float height) {
 }
 
 vec2 reach(vec3 foot_1) {
-    bool local = false;
+    bool local_1 = false;
     vec3 _e3 = _group_0_binding_0_fs.sphere_centre;
     vec3 from_centre = (foot_1 - _e3);
     vec3 _e7 = _group_0_binding_0_fs.towards_viewer;
@@ -196,11 +225,11 @@ vec2 reach(vec3 foot_1) {
     float half_squared = ((_e16 * _e19) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
         float _e30 = _group_0_binding_0_fs.sphere_radius;
-        local = (_e30 < 0.0);
+        local_1 = (_e30 < 0.0);
     } else {
-        local = true;
+        local_1 = true;
     }
-    bool _e34 = local;
+    bool _e34 = local_1;
     if (_e34) {
         return vec2(0.0, -1.0);
     }
@@ -226,13 +255,13 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
     int round_ = 0;
     high = above;
     low = under;
-    bool loop_init = true;
+    bool loop_init_1 = true;
     while(true) {
-        if (!loop_init) {
+        if (!loop_init_1) {
             int _e64 = round_;
             round_ = (_e64 + 1);
         }
-        loop_init = false;
+        loop_init_1 = false;
         int _e9 = round_;
         if ((_e9 < MAX_ROUNDS)) {
         } else {
@@ -289,13 +318,13 @@ float first_hit(vec3 foot_3) {
     vec3 _e9 = at_height(foot_3, _e8);
     float _e10 = below(_e9);
     distance_ = -(_e10);
-    bool loop_init_1 = true;
+    bool loop_init_2 = true;
     while(true) {
-        if (!loop_init_1) {
+        if (!loop_init_2) {
             int _e94 = steps;
             steps = (_e94 + 1);
         }
-        loop_init_1 = false;
+        loop_init_2 = false;
         int _e17 = steps;
         if ((_e17 < MAX_STEPS)) {
         } else {

@@ -1,23 +1,41 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { NAMED_VIEWS, VIEW_NAMES, edgesOf, facing, mirrored, project, viewName } from "../src/camera.ts";
-import { mirrorPlane, plainPlane, reflected, reflection } from "../src/midsagittal.ts";
-import { type Quat, type Vec3, angleBetween, between, compose, inverted, normalized, rotate, transform, turnAbout, unit } from "../src/space.ts";
+import { NAMED_VIEWS, VIEW_NAMES, edgesOf, facing, mirrored, project, viewName } from "../src/model/camera.ts";
+import { mirrorPlane, plainPlane, reflected, reflection } from "../src/model/midsagittal.ts";
+import {
+  type Quat,
+  type Vec3,
+  angleBetween,
+  between,
+  compose,
+  inverted,
+  normalized,
+  rotate,
+  transform,
+  turnAbout,
+  unit,
+} from "../src/model/space.ts";
 
 const SPHERE = { center_in_patient: [10, 20, 30], radius_mm: 100 } as const;
 
 const near = (actual: readonly number[], expected: readonly number[]): void => {
   assert.equal(actual.length, expected.length);
-  actual.forEach((value, index) => assert.ok(Math.abs(value - (expected[index] ?? NaN)) < 1e-9, `${actual} is not ${expected}`));
+  actual.forEach((value, index) =>
+    assert.ok(Math.abs(value - (expected[index] ?? NaN)) < 1e-9, `${actual} is not ${expected}`),
+  );
 };
 
 test("a point lands where the server's camera puts it", () => {
   // The same numbers as in the server's test of its camera.
   const point: Vec3 = [50, 30, 50];
   const expected: Record<string, Vec3> = {
-    left: [105, 40, 40], right: [95, 40, -40], anterior: [120, 40, -10],
-    posterior: [80, 40, 10], superior: [80, 55, 20], inferior: [120, 55, -20],
+    left: [105, 40, 40],
+    right: [95, 40, -40],
+    anterior: [120, 40, -10],
+    posterior: [80, 40, 10],
+    superior: [80, 55, 20],
+    inferior: [120, 55, -20],
   };
   for (const name of VIEW_NAMES) {
     const projection = project({ orientation: NAMED_VIEWS[name], zoom: 1, pan_mm: [0, 0] }, SPHERE, [200, 100]);
@@ -50,7 +68,12 @@ test("letters at the edges are those of the view", () => {
 });
 
 test("a direction is turned to the viewer with the head upright", () => {
-  for (const outward of [[1, 0, 0], [0.3, -0.8, 0.2], [0, 0, 1], [0.01, 0, -1]] as Vec3[]) {
+  for (const outward of [
+    [1, 0, 0],
+    [0.3, -0.8, 0.2],
+    [0, 0, 1],
+    [0.01, 0, -1],
+  ] as Vec3[]) {
     const size = Math.hypot(...outward);
     near(rotate(facing(outward), outward), [0, 0, size]);
   }
@@ -66,7 +89,10 @@ const VIEW = { orientation: unit([0.2, -0.4, 0.5, 0.7]) as Quat, zoom: 1.7, pan_
 test("the mirrored view, flipped, puts the mirrored point where the view puts the point", () => {
   const size = [300, 200] as const;
   for (const plane of [PLAIN, TILTED]) {
-    for (const point of [[60, -5, 44], [-33, 41, 2]] as Vec3[]) {
+    for (const point of [
+      [60, -5, 44],
+      [-33, 41, 2],
+    ] as Vec3[]) {
       const [x, y] = project(VIEW, SPHERE, size).pixelOf(point);
       const [other_x, other_y] = project(mirrored(VIEW, plane, SPHERE), SPHERE, size).pixelOf(reflected(point, plane));
       near([300 - other_x, other_y], [x, y]);
@@ -74,11 +100,20 @@ test("the mirrored view, flipped, puts the mirrored point where the view puts th
   }
 });
 
-test("at the plain plane the mirrored view has the turned orientation and the opposite pan, and of left it is right", () => {
-  const { orientation: [x, y, z, w], zoom, pan_mm: [right, up] } = VIEW;
+test("at the plain plane the mirrored view is turned, panned the other way, and right where the view is left", () => {
+  const {
+    orientation: [x, y, z, w],
+    zoom,
+    pan_mm: [right, up],
+  } = VIEW;
   const other = mirrored(VIEW, PLAIN, SPHERE);
   near([...other.orientation, other.zoom, ...other.pan_mm], [x, -y, -z, w, zoom, -right, up]);
-  for (const [name, opposite] of [["left", "right"], ["right", "left"], ["anterior", "anterior"], ["superior", "superior"]] as const) {
+  for (const [name, opposite] of [
+    ["left", "right"],
+    ["right", "left"],
+    ["anterior", "anterior"],
+    ["superior", "superior"],
+  ] as const) {
     assert.equal(viewName(mirrored({ ...VIEW, orientation: NAMED_VIEWS[name] }, PLAIN, SPHERE).orientation), opposite);
   }
 });
@@ -111,9 +146,22 @@ test("the way between two orientations is steady", () => {
 });
 
 test("an affine and its inverse cancel, and a flat one has none", () => {
-  const affine = [[0, -2, 0, 5], [0.5, 0, 0, 7], [0, 0, 3, -9], [0, 0, 0, 1]];
+  const affine = [
+    [0, -2, 0, 5],
+    [0.5, 0, 0, 7],
+    [0, 0, 3, -9],
+    [0, 0, 0, 1],
+  ];
   const back = inverted(affine);
   assert.ok(back);
   near(transform(back, transform(affine, [1, 2, 3])), [1, 2, 3]);
-  assert.equal(inverted([[1, 0, 0, 0], [2, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]), null);
+  assert.equal(
+    inverted([
+      [1, 0, 0, 0],
+      [2, 0, 0, 0],
+      [0, 0, 1, 0],
+      [0, 0, 0, 1],
+    ]),
+    null,
+  );
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { COLOR_TABLE, colorRow } from "../src/colors.ts";
+import { COLOR_TABLE, colorRow } from "../src/gl/colors.ts";
 
 test("colours are those of the server's tests", () => {
   const color = (name: Parameters<typeof colorRow>[0], level: number): number[] => {
@@ -11,7 +11,21 @@ test("colours are those of the server's tests", () => {
   assert.equal(COLOR_TABLE.length, 5 * 1024);
   assert.deepEqual(color("grey", 77), [77, 77, 77, 255]);
   assert.deepEqual(color("inverted", 77), [178, 178, 178, 255]);
-  assert.deepEqual([0, 51, 255].map((level) => color("hot", level)), [[0, 0, 0, 255], [136, 0, 0, 255], [255, 255, 255, 255]]);
-  assert.deepEqual([0, 128, 255].map((level) => color("viridis", level)), [[68, 1, 84, 255], [33, 145, 140, 255], [253, 231, 37, 255]]);
+  assert.deepEqual(
+    [0, 51, 255].map((level) => color("hot", level)),
+    [
+      [0, 0, 0, 255],
+      [136, 0, 0, 255],
+      [255, 255, 255, 255],
+    ],
+  );
+  assert.deepEqual(
+    [0, 128, 255].map((level) => color("viridis", level)),
+    [
+      [68, 1, 84, 255],
+      [33, 145, 140, 255],
+      [253, 231, 37, 255],
+    ],
+  );
   assert.deepEqual(color("bone", 51), [45, 45, 62, 255]);
 });

@@ -1,19 +1,44 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { NAMED_VIEWS, project } from "../src/camera.ts";
-import type { Window } from "../src/case.ts";
-import { type Key, Notches, boundWindow, commandOf, deepen, dragWindow, invert, pan, pinch, turn, wheelPixels, wheelZoom, zoomAt } from "../src/controls.ts";
-import { type Vec2, type Vec3, rotate } from "../src/space.ts";
+import { NAMED_VIEWS, project } from "../src/model/camera.ts";
+import type { Window } from "../src/model/case.ts";
 import {
-  type ViewState, type WindowPreset, firstState, presetWindow, stepDepth, sweptDepth, WINDOW_PRESETS, windowBetween, windowEnds,
-} from "../src/state.ts";
+  type Key,
+  Notches,
+  boundWindow,
+  commandOf,
+  deepen,
+  dragWindow,
+  invert,
+  pan,
+  pinch,
+  turn,
+  wheelPixels,
+  wheelZoom,
+  zoomAt,
+} from "../src/model/controls.ts";
+import { type Vec2, type Vec3, rotate } from "../src/model/space.ts";
+import {
+  type ViewState,
+  type WindowPreset,
+  firstState,
+  presetWindow,
+  stepDepth,
+  sweptDepth,
+  WINDOW_PRESETS,
+  windowBetween,
+  windowEnds,
+} from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
 const SIZE: Vec2 = [600, 400];
 const near = (actual: readonly number[] | undefined, expected: readonly number[]): void => {
-  assert.ok(actual?.length === expected.length && actual.every((value, at) => Math.abs(value - (expected[at] ?? NaN)) < 1e-6), `${actual} is not ${expected}`);
+  assert.ok(
+    actual?.length === expected.length && actual.every((value, at) => Math.abs(value - (expected[at] ?? NaN)) < 1e-6),
+    `${actual} is not ${expected}`,
+  );
 };
 
 test("a drag takes the near side of the head along", () => {
@@ -25,7 +50,7 @@ test("a drag takes the near side of the head along", () => {
   assert.ok(rotate(down, front)[1] < -0.05 && Math.abs(rotate(down, front)[0]) < 1e-9, "down");
 });
 
-test("the trackball has no pole: a full turn over the top ends where it began, and a drag always turns by its length", () => {
+test("the trackball has no pole: a full turn over the top ends where it began, and a drag turns by its length", () => {
   let state: ViewState = { ...FIRST, orientation: NAMED_VIEWS.anterior };
   const steps = 100;
   const whole = 2 * Math.PI * 0.5 * Math.min(...SIZE);
@@ -42,7 +67,9 @@ test("the trackball has no pole: a full turn over the top ends where it began, a
 test("a pan takes the head along with the hand", () => {
   const point: Vec3 = [10, 20, 30];
   const before = project(FIRST, SHOWN.envelope_sphere, SIZE).pixelOf(point);
-  const after = project({ ...FIRST, ...pan(FIRST, SHOWN, [30, -12], SIZE) }, SHOWN.envelope_sphere, SIZE).pixelOf(point);
+  const after = project({ ...FIRST, ...pan(FIRST, SHOWN, [30, -12], SIZE) }, SHOWN.envelope_sphere, SIZE).pixelOf(
+    point,
+  );
   near([after[0] - before[0], after[1] - before[1]], [30, -12]);
 });
 
@@ -59,8 +86,14 @@ test("a zoom keeps what is under the pointer, and stays in its range", () => {
 });
 
 test("a pinch keeps both fingers on what they touch", () => {
-  const from: [Vec2, Vec2] = [[200, 150], [300, 150]];
-  const to: [Vec2, Vec2] = [[190, 200], [390, 200]];
+  const from: [Vec2, Vec2] = [
+    [200, 150],
+    [300, 150],
+  ];
+  const to: [Vec2, Vec2] = [
+    [190, 200],
+    [390, 200],
+  ];
   const projection = project(FIRST, SHOWN.envelope_sphere, SIZE);
   const held = from.map((place) => projection.positionOf([...place, 0]));
   const state = { ...FIRST, ...pinch(FIRST, SHOWN, { from, to }, SIZE) };
@@ -93,7 +126,9 @@ test("a sweep turns round at both ends", () => {
 });
 
 test("the presets are windows of the case's own, all different", () => {
-  const windows = (["auto", "full", "brain", "narrow", "bright", "dark"] as const).map((preset) => presetWindow(preset, SHOWN));
+  const windows = (["auto", "full", "brain", "narrow", "bright", "dark"] as const).map((preset) =>
+    presetWindow(preset, SHOWN),
+  );
   assert.deepEqual(windows[0], SHOWN.intensity.window);
   assert.deepEqual(windowEnds(windows[1] as Window), [0, 1000]);
   assert.equal(new Set(windows.map(({ center, width }) => `${center},${width}`)).size, 6);
@@ -102,18 +137,30 @@ test("the presets are windows of the case's own, all different", () => {
 
 test("windows of intensities from 0 to 1 are as wide as the server wants, and end where they should", () => {
   const unit = { ...SHOWN, intensity: { min: 0, max: 1, window: windowBetween(0.125, 0.5) } };
-  const ends = (preset: WindowPreset): readonly number[] => windowEnds(presetWindow(preset, unit)).map((end) => Number(end.toFixed(6)));
+  const ends = (preset: WindowPreset): readonly number[] =>
+    windowEnds(presetWindow(preset, unit)).map((end) => Number(end.toFixed(6)));
   assert.deepEqual(ends("auto"), [0.125, 0.5]);
   assert.deepEqual(ends("full"), [0, 1]);
   assert.deepEqual(ends("brain"), [0.2375, 0.5]);
   assert.deepEqual(ends("narrow"), [0.321875, 0.453125]);
   for (const preset of WINDOW_PRESETS) assert.ok(boundWindow(presetWindow(preset, unit), unit).width > 1, preset);
-  const narrowed = dragWindow({ ...FIRST, window: unit.intensity.window }, unit, [-100, 0], "up-darker").window as Window;
-  assert.deepEqual(windowEnds(narrowed).map((end) => Number(end.toFixed(6))), [0.171875, 0.453125]);
+  const narrowed = dragWindow({ ...FIRST, window: unit.intensity.window }, unit, [-100, 0], "up-darker")
+    .window as Window;
+  assert.deepEqual(
+    windowEnds(narrowed).map((end) => Number(end.toFixed(6))),
+    [0.171875, 0.453125],
+  );
 });
 
-const key = (name: string, change: Partial<Key> = {}): Key =>
-  ({ key: name, code: "", shiftKey: false, altKey: false, ctrlKey: false, metaKey: false, ...change });
+const key = (name: string, change: Partial<Key> = {}): Key => ({
+  key: name,
+  code: "",
+  shiftKey: false,
+  altKey: false,
+  ctrlKey: false,
+  metaKey: false,
+  ...change,
+});
 
 test("keys are commands as the help says", () => {
   assert.deepEqual(commandOf(key("[")), { kind: "depth", steps: -1, fine: false });
@@ -122,7 +169,10 @@ test("keys are commands as the help says", () => {
   const view = (letter: string): unknown => commandOf(key(letter, { shiftKey: true }));
   const names = ["A", "P", "L", "R", "S", "I"].map((letter) => (view(letter) as { name: string }).name);
   assert.deepEqual(names, ["anterior", "posterior", "left", "right", "superior", "inferior"]);
-  assert.deepEqual(["i", "r", "h", "f", " ", "Enter"].map((name) => commandOf(key(name))?.kind), ["invert", "reset", "help", "timer", "play", "mark"]);
+  assert.deepEqual(
+    ["i", "r", "h", "f", " ", "Enter"].map((name) => commandOf(key(name))?.kind),
+    ["invert", "reset", "help", "timer", "play", "mark"],
+  );
   assert.deepEqual(commandOf(key("3")), { kind: "window", preset: "brain" });
   assert.equal(commandOf(key("7")), null);
   assert.deepEqual(commandOf(key("ArrowUp")), { kind: "turn", move: [0, -40] });
@@ -139,8 +189,16 @@ test("the browser's own keys are left to it", () => {
 
 test("a touchpad's small movements add up to notches", () => {
   const notches = new Notches();
-  assert.deepEqual([25, 25, 25, -25, -40].map((delta) => notches.take(delta) + 0), [0, 0, 1, 0, -1], "a touchpad's movements are added up");
-  assert.deepEqual([100, 120, 120, -53, 360, wheelPixels({ deltaX: 0, deltaY: 3, deltaMode: 1 })].map((delta) => notches.take(delta)), [1, 1, 1, -1, 3, 1], "a wheel's notch is one");
+  assert.deepEqual(
+    [25, 25, 25, -25, -40].map((delta) => notches.take(delta) + 0),
+    [0, 0, 1, 0, -1],
+    "a touchpad's movements are added up",
+  );
+  assert.deepEqual(
+    [100, 120, 120, -53, 360, wheelPixels({ deltaX: 0, deltaY: 3, deltaMode: 1 })].map((delta) => notches.take(delta)),
+    [1, 1, 1, -1, 3, 1],
+    "a wheel's notch is one",
+  );
   assert.equal(wheelPixels({ deltaX: -120, deltaY: 0, deltaMode: 0 }), -120, "turned sideways by the system");
 });
 

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { borderBox, gradients, smoothed } from "../src/field.ts";
-import type { Vec3 } from "../src/space.ts";
+import { borderBox, gradients, smoothed } from "../src/model/field.ts";
+import type { Vec3 } from "../src/model/space.ts";
 
 /** Runs a generator to its end. */
 function finish<T>(work: Generator<void, T>): T {
@@ -20,15 +20,17 @@ const index = (x: number, y: number, z: number): number => x + 9 * (y + 8 * z);
 function convolved(from: Int16Array, axis: number): Int16Array {
   const kernel = [1, 10, 45, 120, 210, 252, 210, 120, 45, 10, 1];
   const out = new Int16Array(from.length);
-  for (let z = 0; z < 7; z += 1) for (let y = 0; y < 8; y += 1) for (let x = 0; x < 9; x += 1) {
-    let sum = 512;
-    for (const [tap, weight] of kernel.entries()) {
-      const place = [x, y, z];
-      place[axis] = Math.min(Math.max((place[axis] ?? 0) + tap - 5, 0), (SIZE[axis] ?? 0) - 1);
-      sum += weight * (from[index(place[0] ?? 0, place[1] ?? 0, place[2] ?? 0)] ?? 0);
-    }
-    out[index(x, y, z)] = Math.floor(sum / 1024);
-  }
+  for (let z = 0; z < 7; z += 1)
+    for (let y = 0; y < 8; y += 1)
+      for (let x = 0; x < 9; x += 1) {
+        let sum = 512;
+        for (const [tap, weight] of kernel.entries()) {
+          const place = [x, y, z];
+          place[axis] = Math.min(Math.max((place[axis] ?? 0) + tap - 5, 0), (SIZE[axis] ?? 0) - 1);
+          sum += weight * (from[index(place[0] ?? 0, place[1] ?? 0, place[2] ?? 0)] ?? 0);
+        }
+        out[index(x, y, z)] = Math.floor(sum / 1024);
+      }
   return out;
 }
 
@@ -62,6 +64,13 @@ test("gradients of a coarse field are per voxel as well, on its faces too", () =
 test("the border box holds every voxel of depth 0", () => {
   const depths = new Int16Array(504).fill(-128);
   assert.equal(borderBox(depths, SIZE), null);
-  for (const [x, y, z] of [[2, 3, 4], [6, 1, 5]] as const) depths[index(x, y, z)] = 0;
-  assert.deepEqual(borderBox(depths, SIZE), [[2, 1, 4], [6, 3, 5]]);
+  for (const [x, y, z] of [
+    [2, 3, 4],
+    [6, 1, 5],
+  ] as const)
+    depths[index(x, y, z)] = 0;
+  assert.deepEqual(borderBox(depths, SIZE), [
+    [2, 1, 4],
+    [6, 3, 5],
+  ]);
 });

@@ -1,11 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { depthsOf, firstHit, smoothShare, wayIn } from "../src/isosurface.ts";
-import { PROFILE_STEP_MM, profileAt } from "../src/profile.ts";
-import { samplerOf } from "../src/sampler.ts";
-import { length, subtract, type Vec3 } from "../src/space.ts";
-import type { Block } from "../src/wire.ts";
+import { depthsOf, firstHit, smoothShare, wayIn } from "../src/model/isosurface.ts";
+import { PROFILE_STEP_MM, profileAt } from "../src/model/profile.ts";
+import { samplerOf } from "../src/model/sampler.ts";
+import { length, subtract, type Vec3 } from "../src/model/space.ts";
+import type { Block } from "../src/model/wire.ts";
 
 /** A ball of 24 mm about (5, −7, 9), 1 mm voxels; depth in 1/128 mm. */
 const CENTRE: Vec3 = [5, -7, 9];
@@ -14,13 +14,24 @@ const SIDE = 64;
 const LAYOUT = {
   size: [SIDE, SIDE, SIDE] as Vec3,
   offset: 0,
-  patient_from_voxel: [[1, 0, 0, CENTRE[0] - 32], [0, 1, 0, CENTRE[1] - 32], [0, 0, 1, CENTRE[2] - 32], [0, 0, 0, 1]],
+  patient_from_voxel: [
+    [1, 0, 0, CENTRE[0] - 32],
+    [0, 1, 0, CENTRE[1] - 32],
+    [0, 0, 1, CENTRE[2] - 32],
+    [0, 0, 0, 1],
+  ],
 };
 
 /** Values of the voxels by their place relative to the ball's centre. */
-function block<V extends Int16Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>(voxels: V, scale: number, value: (x: number, y: number, z: number) => number): Block<V> {
+function block<V extends Int16Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>(
+  voxels: V,
+  scale: number,
+  value: (x: number, y: number, z: number) => number,
+): Block<V> {
   for (let at = 0; at < voxels.length; at += 1) {
-    voxels[at] = Math.round(value((at % SIDE) - 32, (Math.floor(at / SIDE) % SIDE) - 32, Math.floor(at / SIDE / SIDE) - 32));
+    voxels[at] = Math.round(
+      value((at % SIDE) - 32, (Math.floor(at / SIDE) % SIDE) - 32, Math.floor(at / SIDE / SIDE) - 32),
+    );
   }
   return { ...LAYOUT, format: voxels instanceof Int16Array ? "i16" : "u16", scale, voxels };
 }
@@ -33,7 +44,12 @@ test("the smoothed field stands in near the envelope, by degrees", () => {
 });
 
 test("a ray meets the isosurface of a ball where geometry says", () => {
-  for (const [x, z, depth_mm] of [[0, 0, 0], [3, -8, 4], [10, 5, 10], [-6, 2, 15.5]] as const) {
+  for (const [x, z, depth_mm] of [
+    [0, 0, 0],
+    [3, -8, 4],
+    [10, 5, 10],
+    [-6, 2, 15.5],
+  ] as const) {
     const from: Vec3 = [CENTRE[0] + x, CENTRE[1] - 60, CENTRE[2] + z];
     const hit = firstHit(depths, { from, direction: [0, 1, 0], reach_mm: 120 }, depth_mm);
     const radius = RADIUS - depth_mm;
@@ -60,11 +76,14 @@ test("the shortest way into a ball is a radius, from the envelope to the centre,
 
 test("a profile reads the depth at which intensity changes, here and in the mirrored point", () => {
   // Layers: 100 down to 6 mm, then 200; on the other side 100 down to 10 mm.
-  const layers = block(new Uint16Array(SIDE ** 3), 2, (x, y, z) => (RADIUS - Math.hypot(x, y, z) < (x > 0 ? 6 : 10) ? 50 : 100));
+  const layers = block(new Uint16Array(SIDE ** 3), 2, (x, y, z) =>
+    RADIUS - Math.hypot(x, y, z) < (x > 0 ? 6 : 10) ? 50 : 100,
+  );
   const at = (side: number): Vec3 => [CENTRE[0] + side * 15, CENTRE[1], CENTRE[2]];
   const profile = profileAt(depths, samplerOf(layers), at(1), at(-1));
   assert.ok(profile);
-  const crossing = (curve: readonly number[]): number => (curve.findIndex((intensity) => intensity > 150)) * PROFILE_STEP_MM;
+  const crossing = (curve: readonly number[]): number =>
+    curve.findIndex((intensity) => intensity > 150) * PROFILE_STEP_MM;
   assert.ok(Math.abs(crossing(profile.intensity) - 6) <= 0.75, String(crossing(profile.intensity)));
   assert.ok(Math.abs(crossing(profile.mirrored) - 10) <= 0.75, String(crossing(profile.mirrored)));
   assert.equal(profile.depth_mm[4], 4 * PROFILE_STEP_MM);

@@ -1,15 +1,33 @@
 // A case to test with.
 
-import type { ReadyCase } from "../src/case.ts";
+import type { ReadyCase } from "../src/model/case.ts";
 
 export const SHOWN: ReadyCase = {
   id: "0123456789abcdef0123456789abcdef",
   name: "A case",
   created_at: "2026-01-01T00:00:00Z",
   state: "ready",
-  grid: { size: [100, 120, 90], spacing_mm: 1, patient_from_voxel: [[1, 0, 0, -50], [0, 1, 0, -40], [0, 0, 1, -30], [0, 0, 0, 1]] },
+  grid: {
+    size: [100, 120, 90],
+    spacing_mm: 1,
+    patient_from_voxel: [
+      [1, 0, 0, -50],
+      [0, 1, 0, -40],
+      [0, 0, 1, -30],
+      [0, 0, 0, 1],
+    ],
+  },
   // Right to left, back to front, in thick slices.
-  volume: { size: [110, 130, 50], spacing_mm: [1, 1, 2], patient_from_voxel: [[-1, 0, 0, 55], [0, -1, 0, 85], [0, 0, 2, -35], [0, 0, 0, 1]] },
+  volume: {
+    size: [110, 130, 50],
+    spacing_mm: [1, 1, 2],
+    patient_from_voxel: [
+      [-1, 0, 0, 55],
+      [0, -1, 0, 85],
+      [0, 0, 2, -35],
+      [0, 0, 0, 1],
+    ],
+  },
   max_depth_mm: 41.237,
   envelope_ml: 1400,
   envelope_sphere: { center_in_patient: [0, 20, 15], radius_mm: 80 },

@@ -1,17 +1,34 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { facesOf } from "../src/cube.ts";
-import { NAMED_VIEWS } from "../src/camera.ts";
-import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/query.ts";
-import { positionWords, scaleBar, voxelAt } from "../src/readout.ts";
-import { type SliceView, reachOf, sliceEdges, slicePixel, slicePosition, withinReach } from "../src/slice-geometry.ts";
-import { firstState } from "../src/state.ts";
+import { facesOf } from "../src/panes/cube.ts";
+import { NAMED_VIEWS } from "../src/model/camera.ts";
+import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/model/query.ts";
+import { positionWords, scaleBar, voxelAt } from "../src/base/readout.ts";
+import {
+  CENTRED,
+  type SliceView,
+  laid,
+  movedSlice,
+  reachOf,
+  sliceEdges,
+  slicePixel,
+  slicePosition,
+  withinReach,
+  zoomedSlice,
+} from "../src/model/slice-geometry.ts";
+import { firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
 
 const SPHERE = SHOWN.envelope_sphere;
-const view = (change: Partial<SliceView>): SliceView =>
-  ({ plane: "axial", convention: "radiological", position_mm: 12, size: [300, 200], ...change });
+const view = (change: Partial<SliceView>): SliceView => ({
+  plane: "axial",
+  convention: "radiological",
+  position_mm: 12,
+  size: [300, 200],
+  placing: CENTRED,
+  ...change,
+});
 
 test("the patient's right is at the picture's left, unless the other convention is chosen", () => {
   const right = [-40, 20, 12] as const;
@@ -38,6 +55,42 @@ test("a click in a slice is the position that is seen there", () => {
   }
 });
 
+test("a slice is enlarged about the pointer and moved with the hand, in either convention", () => {
+  for (const plane of PLANE_NAMES) {
+    for (const convention of ["radiological", "neurological"] as const) {
+      const slice = view({ plane, convention, position_mm: 7 });
+      const held = slicePosition(slice, SPHERE, [211, 57]);
+      const large = { ...slice, placing: zoomedSlice(slice, SHOWN, 2.5, [211, 57]) };
+      assert.equal(large.placing.zoom, 2.5);
+      const [x, y] = slicePixel(large, SPHERE, held);
+      assert.ok(Math.hypot(x - 211, y - 57) < 1e-6, `${plane} ${convention}: what is under the pointer stays there`);
+      const moved = { ...large, placing: movedSlice(large, SHOWN, [-30, 12]) };
+      const [right, down] = slicePixel(moved, SPHERE, held);
+      assert.ok(Math.hypot(right - 181, down - 69) < 1e-6, `${plane} ${convention}: it follows the hand`);
+      // The picture of before, laid as now, has every place where it is now.
+      const { scale, move } = laid(slice, moved, SPHERE);
+      const place = slicePosition(slice, SPHERE, [40, 150]);
+      const [before, now] = [slicePixel(slice, SPHERE, place), slicePixel(moved, SPHERE, place)];
+      const found = [0, 1].map((axis) => {
+        const middle = (slice.size[axis] ?? 0) / 2;
+        return middle + ((before[axis] ?? 0) - middle) * scale + (move[axis] ?? 0);
+      });
+      assert.ok(Math.hypot((found[0] ?? 0) - now[0], (found[1] ?? 0) - now[1]) < 1e-6, `${plane} ${convention}`);
+    }
+  }
+});
+
+test("a picture of a smaller pane, laid in a larger one, shows every place where it is", () => {
+  const small = view({ placing: { zoom: 2, pan_mm: [5, -3] } });
+  const large = { ...small, size: [900, 500] as const };
+  const { scale, move } = laid(small, large, SPHERE);
+  const place = slicePosition(small, SPHERE, [40, 150]);
+  const now = slicePixel(large, SPHERE, place);
+  // About the middle of the pane, as large as it was drawn.
+  const [x, y] = [(40 - 150) * scale + 450 + move[0], (150 - 100) * scale + 250 + move[1]];
+  assert.ok(Math.hypot(x - now[0], y - now[1]) < 1e-6);
+});
+
 test("positions stay within the working grid", () => {
   assert.deepEqual(reachOf(SHOWN, 0), [-50, 49]);
   assert.deepEqual(withinReach(SHOWN, [-999, 3, 999]), [-50, 3, 59]);
@@ -55,12 +108,29 @@ test("a scale bar is a round length that fits", () => {
 });
 
 test("the server is asked for the state's own picture", () => {
-  const state = { ...firstState(SHOWN), orientation: NAMED_VIEWS.right, depth_mm: 8.5, zoom: 2, pan_mm: [3, -4], way: "exact", slab_mm: 1 } as const;
-  assert.equal(renderQuery(state, [640, 480]).toString(),
-    "depth_mm=8.5&view=right&zoom=2&pan=3%2C-4&window=400%2C600&slab_mm=1&ambient=0.3&renderer=trace&width=640&height=480");
-  assert.equal(sliceQuery(state, "coronal", [1, 2, 3], [64, 64]).toString(), "position_mm=2&depth_mm=8.5&window=400%2C600&width=64&height=64");
+  const state = {
+    ...firstState(SHOWN),
+    orientation: NAMED_VIEWS.right,
+    depth_mm: 8.5,
+    zoom: 2,
+    pan_mm: [3, -4],
+    way: "exact",
+    slab_mm: 1,
+  } as const;
+  assert.equal(
+    renderQuery(state, [640, 480]).toString(),
+    "depth_mm=8.5&view=right&zoom=2&pan=3%2C-4&window=400%2C600&slab_mm=1&ambient=0.3" +
+      "&renderer=trace&width=640&height=480",
+  );
+  assert.equal(
+    sliceQuery(state, "coronal", [1, 2, 3], [64, 64]).toString(),
+    "position_mm=2&depth_mm=8.5&window=400%2C600&width=64&height=64",
+  );
   const mesh = renderQuery({ ...state, way: "mesh" }, [64, 64]);
-  assert.deepEqual(["renderer", "contours", "points"].map((name) => mesh.get(name)), ["mesh", "80", "50"]);
+  assert.deepEqual(
+    ["renderer", "contours", "points"].map((name) => mesh.get(name)),
+    ["mesh", "80", "50"],
+  );
   const oblique = renderQuery({ ...state, orientation: [0.5, 0.5, 0.5, 0.5000001] }, [64, 64]);
   assert.equal(oblique.get("view"), null);
   assert.equal(oblique.get("orientation")?.split(",").length, 4);
@@ -75,7 +145,10 @@ test("a picture is as large as the pane's pixels, up to a limit", () => {
 test("the cube's front face is that of the view", () => {
   for (const [name, orientation] of Object.entries(NAMED_VIEWS)) {
     const front = facesOf(orientation).filter((face) => face.frontal > 0.5);
-    assert.deepEqual(front.map((face) => face.name), [name]);
+    assert.deepEqual(
+      front.map((face) => face.name),
+      [name],
+    );
     assert.ok(Math.hypot(...(front[0]?.middle ?? [9, 9])) < 1e-6);
   }
 });

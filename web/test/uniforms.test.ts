@@ -1,43 +1,67 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { transformDirection } from "../src/affine.ts";
-import { NAMED_VIEWS } from "../src/camera.ts";
-import { reflected, reflection } from "../src/midsagittal.ts";
-import { add, normalized, scale, type Vec2, type Vec3 } from "../src/space.ts";
-import { type Look, type Maps, pathsFields, pictureFields, slabOffsets, windowLine } from "../src/uniforms.ts";
+import { transformDirection } from "../src/model/affine.ts";
+import { NAMED_VIEWS } from "../src/model/camera.ts";
+import { reflected, reflection } from "../src/model/midsagittal.ts";
+import { add, normalized, scale, type Vec2, type Vec3 } from "../src/model/space.ts";
+import { type Look, type Maps, pathsFields, pictureFields, slabOffsets, windowLine } from "../src/gl/uniforms.ts";
 
 const grid = (side: number) => ({
   size: [50, 60, 70] as Vec3,
-  patient_from_voxel: [[side, 0, 0, -20], [0, side, 0, -30], [0, 0, side, -40], [0, 0, 0, 1]],
-  texel_scale: 1,
-  texel_offset: 0,
+  patient_from_voxel: [
+    [side, 0, 0, -20],
+    [0, side, 0, -30],
+    [0, 0, side, -40],
+    [0, 0, 0, 1],
+  ],
+  texelScale: 1,
+  texelOffset: 0,
 });
 
-/** A sphere of radius 100 mm about (10, 20, 30): a picture of 200 × 100 pixels has 2 mm pixels, as in the server's tests. */
+/**
+ * A sphere of radius 100 mm about (10, 20, 30): a picture of 200 × 100 pixels has 2 mm pixels, as in the server's
+ * tests.
+ */
 const MAPS: Maps = {
   volume: grid(1),
   field: grid(2),
-  border_box: [[3, 4, 5], [40, 50, 60]],
+  borderBox: [
+    [3, 4, 5],
+    [40, 50, 60],
+  ],
   sphere: { center_in_patient: [10, 20, 30], radius_mm: 100 },
   plane: { normal: [1, 0, 0], offset_mm: 10 },
   native_spacing_mm: 1,
+  cuts: [],
+  spacing_mm: 2,
 };
 const SIZE: Vec2 = [200, 100];
 const LOOK: Look = {
-  orientation: NAMED_VIEWS.anterior, zoom: 1, pan_mm: [0, 0], depth_mm: 8, window: { center: 77, width: 85 },
-  slab_mm: 0, ambient: 0.3, color_row: 0, is_mirrored: false,
+  orientation: NAMED_VIEWS.anterior,
+  zoom: 1,
+  pan_mm: [0, 0],
+  depth_mm: 8,
+  window: { center: 77, width: 85 },
+  slab_mm: 0,
+  ambient: 0.3,
+  color_row: 0,
+  isMirrored: false,
 };
 
 const near = (actual: readonly number[], expected: readonly number[]): void => {
   assert.equal(actual.length, expected.length);
-  actual.forEach((value, at) => assert.ok(Math.abs(value - (expected[at] ?? NaN)) < 1e-6, `${actual} is not ${expected}`));
+  actual.forEach((value, at) =>
+    assert.ok(Math.abs(value - (expected[at] ?? NaN)) < 1e-6, `${actual} is not ${expected}`),
+  );
 };
 
 /** A position through one of the matrices. */
 function through(fields: ReturnType<typeof pictureFields>, name: string, [x, y, z]: Vec3): number[] {
   const matrix = fields[name] as readonly number[];
-  return [0, 1, 2].map((row) => (matrix[row] ?? 0) * x + (matrix[row + 4] ?? 0) * y + (matrix[row + 8] ?? 0) * z + (matrix[row + 12] ?? 0));
+  return [0, 1, 2].map(
+    (row) => (matrix[row] ?? 0) * x + (matrix[row + 4] ?? 0) * y + (matrix[row + 8] ?? 0) * z + (matrix[row + 12] ?? 0),
+  );
 }
 
 const pixelOf = (look: Look, position: Vec3): number[] => {
@@ -48,7 +72,12 @@ const pixelOf = (look: Look, position: Vec3): number[] => {
 test("a point of the mesh lands where the server's camera puts it", () => {
   const point: Vec3 = [50, 30, 50];
   for (const [view, expected] of [
-    ["left", [105, 40]], ["right", [95, 40]], ["anterior", [120, 40]], ["posterior", [80, 40]], ["superior", [80, 55]], ["inferior", [120, 55]],
+    ["left", [105, 40]],
+    ["right", [95, 40]],
+    ["anterior", [120, 40]],
+    ["posterior", [80, 40]],
+    ["superior", [80, 55]],
+    ["inferior", [120, 55]],
   ] as const) {
     near(pixelOf({ ...LOOK, orientation: NAMED_VIEWS[view] }, point), expected);
   }
@@ -64,33 +93,43 @@ test("a line of sight starts at the same place of the patient", () => {
   near(fields.towards_viewer as readonly number[], [0, -1, 0]);
 });
 
-test("the mirrored picture shows a left-sided mark where the plain one shows it on the right, and both are lit from the viewer", () => {
+test("the mirrored picture shows a left mark where the plain one shows it on the right, both lit from the viewer", () => {
   const left: Vec3 = [40, 0, 35];
   const right: Vec3 = [-20, 0, 35]; // The same mirrored at x = 10.
   for (const orientation of [NAMED_VIEWS.left, NAMED_VIEWS.superior, [0.1, 0.2, 0.3, Math.sqrt(1 - 0.14)] as const]) {
     const look = { ...LOOK, orientation, zoom: 1.7, pan_mm: [3, 4] as Vec2 };
-    near(pixelOf({ ...look, is_mirrored: true }, left), pixelOf(look, right));
-    near(pixelOf({ ...look, is_mirrored: true }, right), pixelOf(look, left));
-    const [plain, mirrored] = [false, true].map((is_mirrored) => pictureFields({ ...look, is_mirrored }, MAPS, SIZE));
+    near(pixelOf({ ...look, isMirrored: true }, left), pixelOf(look, right));
+    near(pixelOf({ ...look, isMirrored: true }, right), pixelOf(look, left));
+    const [plain, mirrored] = [false, true].map((isMirrored) => pictureFields({ ...look, isMirrored }, MAPS, SIZE));
     const [x = 0, y = 0, z = 0] = plain?.towards_viewer as readonly number[];
     near(mirrored?.towards_viewer as readonly number[], [-x, y, z]);
   }
 });
 
-test("at a tilted plane the mirrored picture shows a point where the plain one shows its mirror image, and clips nothing of the ball", () => {
+test("at a tilted plane the mirrored picture shows a point at its mirror image, and clips nothing of the ball", () => {
   const plane = { normal: normalized([0.93, 0.3, -0.2]), offset_mm: -8 };
   const maps = { ...MAPS, plane };
   for (const orientation of [NAMED_VIEWS.left, [0.1, 0.2, 0.3, Math.sqrt(1 - 0.14)] as const]) {
     const look = { ...LOOK, orientation, zoom: 1.7, pan_mm: [3, 4] as Vec2 };
-    const [plain, other] = [false, true].map((is_mirrored) => pictureFields({ ...look, is_mirrored }, maps, SIZE));
+    const [plain, other] = [false, true].map((isMirrored) => pictureFields({ ...look, isMirrored }, maps, SIZE));
     assert.ok(plain && other);
-    for (const point of [[40, 0, 35], [-50, 60, 12]] as Vec3[]) {
-      near(through(other, "clip_from_patient", reflected(point, plane)).slice(0, 2), through(plain, "clip_from_patient", point).slice(0, 2));
+    for (const point of [
+      [40, 0, 35],
+      [-50, 60, 12],
+    ] as Vec3[]) {
+      near(
+        through(other, "clip_from_patient", reflected(point, plane)).slice(0, 2),
+        through(plain, "clip_from_patient", point).slice(0, 2),
+      );
     }
     const towards = other.towards_viewer as unknown as Vec3;
     near(towards, transformDirection(reflection(plane), plain.towards_viewer as unknown as Vec3));
     for (const side of [-1, 1]) {
-      const [, , depth = NaN] = through(other, "clip_from_patient", add(MAPS.sphere.center_in_patient, scale(towards, side * MAPS.sphere.radius_mm)));
+      const [, , depth = NaN] = through(
+        other,
+        "clip_from_patient",
+        add(MAPS.sphere.center_in_patient, scale(towards, side * MAPS.sphere.radius_mm)),
+      );
       assert.ok(Math.abs(depth) < 1, String(depth));
     }
   }
@@ -110,8 +149,14 @@ test("a slab is sampled at most half a voxel apart, and never above the envelope
 
 test("the row before a depth is taken, the last but one at most", () => {
   const table = {
-    mesh: { contour_count: 3, points_per_contour: 4 }, origin_in_patient: [0, 0, 0] as Vec3, step_mm: 0.1, row_mm: 0.5, row_count: 5,
-    rows: new Uint16Array(4 * 14 * 5), first_piece: new Uint32Array([0, 2, 2, 5, 6, 6]), pieces: new Uint32Array(36),
+    mesh: { contour_count: 3, points_per_contour: 4 },
+    origin_in_patient: [0, 0, 0] as Vec3,
+    step_mm: 0.1,
+    row_mm: 0.5,
+    row_count: 5,
+    rows: new Uint16Array(4 * 14 * 5),
+    first_piece: new Uint32Array([0, 2, 2, 5, 6, 6]),
+    pieces: new Uint32Array(36),
   };
   const rows = (depth_mm: number): unknown[] => {
     const { row, first_piece, piece_count, vertex_count } = pathsFields(table, depth_mm);
@@ -120,4 +165,20 @@ test("the row before a depth is taken, the last but one at most", () => {
   assert.deepEqual(rows(0), [0, 0, 2, 14]);
   assert.deepEqual(rows(1.2), [2, 2, 3, 14]);
   assert.deepEqual(rows(99), [3, 5, 1, 14]);
+});
+
+test("what is nearer to a cut than the depth is behind its plane", () => {
+  const without = pictureFields(LOOK, MAPS, SIZE)["cuts"] as readonly number[];
+  assert.deepEqual(without, new Array<number>(24).fill(0));
+  // The head is cut at 12 mm, and seen at a depth of 8 mm with voxels of 2 mm: known from 12 + 8 + 1.96 mm on.
+  const cut = { normal: [0, 0, 1] as const, offset_mm: 12 };
+  const planes = pictureFields(LOOK, { ...MAPS, cuts: [cut] }, SIZE)["cuts"] as readonly number[];
+  assert.equal(planes.length, 24);
+  const [x, y, z, w] = planes.slice(0, 4) as [number, number, number, number];
+  const along = (mm: number): number => {
+    const { patient_from_voxel } = MAPS.field;
+    const voxel = (mm - (patient_from_voxel[2]?.[3] ?? 0)) / (patient_from_voxel[2]?.[2] ?? 1);
+    return x * 0 + y * 0 + z * voxel + w;
+  };
+  near([along(21.96), along(31.96)], [0, 10]);
 });

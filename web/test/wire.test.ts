@@ -2,8 +2,16 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import {
-  decodeDistance, decodePaths, decodePositions, decodeTriangles, decodeVolume, readLayout, triangleCount, vertexCount, WireError,
-} from "../src/wire.ts";
+  decodeDistance,
+  decodePaths,
+  decodePositions,
+  decodeTriangles,
+  decodeVolume,
+  readLayout,
+  triangleCount,
+  vertexCount,
+  WireError,
+} from "../src/model/wire.ts";
 
 const MESH = { contour_count: 3, points_per_contour: 4 };
 
@@ -33,8 +41,23 @@ function paths(): ArrayBuffer {
   const view = new DataView(bytes);
   for (const [offset, letter] of [..."ISOP"].entries()) view.setUint8(offset, letter.charCodeAt(0));
   view.setUint16(4, 1, true);
-  for (const [offset, value] of [[8, 3], [12, 4], [16, vertices], [20, rows], [24, pieces]] as const) view.setUint32(offset, value, true);
-  for (const [offset, value] of [[28, -10], [32, 20], [36, 30], [40, 0.5], [44, 0.25], [48, 9]] as const) view.setFloat32(offset, value, true);
+  for (const [offset, value] of [
+    [8, 3],
+    [12, 4],
+    [16, vertices],
+    [20, rows],
+    [24, pieces],
+  ] as const)
+    view.setUint32(offset, value, true);
+  for (const [offset, value] of [
+    [28, -10],
+    [32, 20],
+    [36, 30],
+    [40, 0.5],
+    [44, 0.25],
+    [48, 9],
+  ] as const)
+    view.setFloat32(offset, value, true);
   view.setUint32(56 + 8, 1, true); // The piece follows the second row; the first two entries are 0.
   view.setUint32(60 + 8, 7, true);
   const planes = 60 + 4 * rows + 24 * pieces;
@@ -55,7 +78,9 @@ test("the rows of a table are the sums of their differences, modulo 2¹⁶", () 
   assert.deepEqual([table.step_mm, table.row_mm, table.row_count], [0.5, 0.25, 2]);
   assert.deepEqual([...table.first_piece], [0, 0, 1]);
   assert.equal(table.pieces[0], 7);
-  const position = (row: number, vertex: number): number[] => [...table.rows.subarray(4 * (14 * row + vertex), 4 * (14 * row + vertex) + 4)];
+  const position = (row: number, vertex: number): number[] => [
+    ...table.rows.subarray(4 * (14 * row + vertex), 4 * (14 * row + vertex) + 4),
+  ];
   assert.deepEqual(position(0, 5), [5, 105, 205, 0]);
   assert.deepEqual(position(1, 5), [8, 108, 208, 0]);
   assert.deepEqual(position(1, 0), [65535, 99, 199, 0]);
@@ -64,7 +89,16 @@ test("the rows of a table are the sums of their differences, modulo 2¹⁶", () 
 test("paths are refused when they are cut, or say what cannot be", () => {
   assert.throws(() => decodePaths(paths().slice(0, 40)), WireError);
   assert.throws(() => decodePaths(paths().slice(0, -2)), WireError);
-  for (const [offset, value] of [[0, 1], [4, 2], [16, 15], [20, 0], [20, 0xffffffff], [24, 0xffffffff], [56, 2], [64, 0]] as const) {
+  for (const [offset, value] of [
+    [0, 1],
+    [4, 2],
+    [16, 15],
+    [20, 0],
+    [20, 0xffffffff],
+    [24, 0xffffffff],
+    [56, 2],
+    [64, 0],
+  ] as const) {
     const bytes = paths();
     new DataView(bytes).setUint32(offset, value, true);
     assert.throws(() => decodePaths(bytes), WireError, `${value} at ${offset}`);
@@ -83,7 +117,12 @@ test("a texture's headers say how to read it", () => {
   const layout = readLayout(new Headers(HEADERS));
   assert.deepEqual(layout.size, [2, 3, 4]);
   assert.deepEqual([layout.scale, layout.offset], [0.5, -3]);
-  assert.deepEqual(layout.patient_from_voxel, [[1, 0, 0, -75], [0, 1, 0, -77], [0, 0, 1, -71], [0, 0, 0, 1]]);
+  assert.deepEqual(layout.patient_from_voxel, [
+    [1, 0, 0, -75],
+    [0, 1, 0, -77],
+    [0, 0, 1, -71],
+    [0, 0, 0, 1],
+  ]);
   assert.equal(decodeVolume(new ArrayBuffer(48), layout).voxels.length, 24);
   assert.throws(() => decodeVolume(new ArrayBuffer(24), layout), WireError);
   assert.throws(() => decodeDistance(new ArrayBuffer(48), layout), WireError, "depths are signed");
@@ -91,8 +130,13 @@ test("a texture's headers say how to read it", () => {
 
 test("headers that are missing or impossible are refused", () => {
   for (const [name, value] of [
-    ["x-isocortex-size", "2,3"], ["x-isocortex-size", "2,3,0"], ["x-isocortex-size", "2,3,9999"], ["x-isocortex-size", "2,3,1.5"],
-    ["x-isocortex-format", "f32"], ["x-isocortex-scale", "NaN"], ["x-isocortex-patient-from-voxel", "1,0,0"],
+    ["x-isocortex-size", "2,3"],
+    ["x-isocortex-size", "2,3,0"],
+    ["x-isocortex-size", "2,3,9999"],
+    ["x-isocortex-size", "2,3,1.5"],
+    ["x-isocortex-format", "f32"],
+    ["x-isocortex-scale", "NaN"],
+    ["x-isocortex-patient-from-voxel", "1,0,0"],
   ] as const) {
     assert.throws(() => readLayout(new Headers({ ...HEADERS, [name]: value })), WireError, `${name}: ${value}`);
   }

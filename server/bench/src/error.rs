@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use analysis::MapsUndefined;
 use geometry::GeometryError;
 use imaging::ImagingError;
 use render::RenderError;
@@ -35,6 +36,9 @@ pub enum BenchError {
     /// The head cannot be prepared.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
+    /// The head has no maps.
+    #[error(transparent)]
+    Maps(#[from] MapsUndefined),
     /// A picture cannot be drawn as asked.
     #[error(transparent)]
     Render(#[from] RenderError),
@@ -51,7 +55,7 @@ impl BenchError {
     pub fn exit_status(&self) -> u8 {
         match self {
             Self::Usage(_) => 2,
-            Self::Imaging(_) | Self::Geometry(_) | Self::MaskOutsideVolume => 65,
+            Self::Imaging(_) | Self::Geometry(_) | Self::Maps(_) | Self::MaskOutsideVolume => 65,
             Self::Unreadable { .. } => 66,
             Self::Render(RenderError::Gpu(_)) | Self::Threads(_) => 69,
             Self::Render(_) => 70,

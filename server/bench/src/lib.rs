@@ -19,6 +19,7 @@ mod report;
 mod rotation;
 mod statistics;
 mod steps;
+pub mod study;
 mod table;
 
 pub use backends::Backends;

@@ -32,6 +32,18 @@ pub struct PlaneFacts {
     pub offset_mm: f64,
 }
 
+/// A face of the volume that cuts the brain: the points `p` (LPS mm) with `normal · p = offset_mm`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CutFacts {
+    /// The patient's side at which it lies: `left`, `right`, `posterior`, `anterior`, `superior` or `inferior`.
+    pub face: String,
+    /// The direction into the volume, of length 1, LPS.
+    pub normal: [f64; 3],
+    /// Its distance from the origin along the normal, in mm.
+    pub offset_mm: f64,
+}
+
 /// What is known of a case once it is ready.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseFacts {
@@ -53,6 +65,12 @@ pub struct CaseFacts {
     /// was fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub midsagittal: Option<PlaneFacts>,
+    /// The faces of the volume that cut the brain. Their border is no dura: if one is nearer than a depth reaches, the depth is unknown.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cuts: Vec<CutFacts>,
+    /// Which version of the preparation made the case: 1 before cuts were known, 2 since.
+    #[serde(default = "first_pipeline")]
+    pub pipeline: u32,
     /// Depth of the deepest voxel, in mm.
     pub max_depth_mm: f32,
     /// Volume enclosed by the envelope, in ml.
@@ -71,6 +89,11 @@ pub struct CaseFacts {
     pub dicom: Option<DicomFacts>,
     /// Wall time of each step of the preparation, in ms.
     pub timings: Vec<(Stage, f64)>,
+}
+
+/// The version of the preparation of rows that name none.
+fn first_pipeline() -> u32 {
+    1
 }
 
 /// What is told of DICOM files that a volume was made of.

@@ -11,7 +11,7 @@ mod parameters;
 mod progress;
 mod quality;
 
-pub use facts::{Case, CaseFacts, DicomFacts, PlaneFacts, SphereFacts, WindowFacts};
+pub use facts::{Case, CaseFacts, CutFacts, DicomFacts, PlaneFacts, SphereFacts, WindowFacts};
 pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
 pub use object::ObjectKind;

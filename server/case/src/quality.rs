@@ -70,6 +70,14 @@ pub struct Quality {
     pub numbers: QualityNumbers,
     /// Why the verdict is not `ok`: plain sentences; none where it is.
     pub reasons: Vec<String>,
+    /// What each of the reasons is called, in their order: names that stay, such as `mask-cut-inferior`. Absent for a case that was
+    /// prepared before they had any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub reason_codes: Vec<String>,
+    /// Rows of another affine from the volume's voxels to LPS mm, with which the network finds the brain if it does not with the
+    /// volume's own: what the header might have to say. Nothing was turned; a person must compare it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected_header: Option<[[f64; 4]; 4]>,
 }
 
 /// What was measured of a mask.
@@ -92,7 +100,13 @@ pub struct QualityNumbers {
     /// Voxels of which the network is unsure, as a share of those of the brain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertain: Option<f64>,
-    /// How much brighter the inside of an extracted brain is than its rim, as a share of the range of intensities.
+    /// How much brighter the inside of the brain is than its rim, as a share of the range of intensities.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contrast: Option<f64>,
+    /// Share of the border of a supplied mask that looks like that of a brain.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rim: Option<f64>,
+    /// How far a supplied mask and the network's agree (Dice of their envelopes), if the network was asked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overlap: Option<f64>,
 }

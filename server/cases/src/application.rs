@@ -6,10 +6,11 @@ use std::time::{Duration, Instant};
 
 use case::{CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
-use pipeline::{Extractor, NoNetwork, Pipeline};
+use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use render::{RenderBackend, RenderJob, SizedMesh};
 use storage::{Store, StoreError};
+use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
@@ -25,6 +26,9 @@ const REMEMBERED_CASES: usize = 4096;
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
+/// How long an upload waits for room to be checked.
+const LONGEST_WAIT_FOR_CHECK: Duration = Duration::from_secs(30);
+
 /// How the application is set up.
 #[derive(Debug, Clone)]
 pub struct Options {
@@ -36,6 +40,8 @@ pub struct Options {
     pub network: Option<PathBuf>,
     /// What uploads may ask for.
     pub limits: Limits,
+    /// What the volume of a head may measure.
+    pub head: HeadLimits,
     /// Threads that render.
     pub render_threads: usize,
     /// Renders that may wait for a thread.
@@ -64,6 +70,11 @@ pub enum StartError {
     Threads(std::io::Error),
 }
 
+fn thousands(voxels: usize) -> u32 {
+    let most = Semaphore::MAX_PERMITS.min(u32::MAX as usize);
+    u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
+}
+
 /// Everything that a protocol needs to serve cases. Cheap to clone.
 ///
 /// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
@@ -81,6 +92,9 @@ pub struct Cases {
     pub dicom: Arc<DicomReader>,
     /// Work that the store does for a request.
     pub turnstile: Arc<Turnstile>,
+    head: HeadLimits,
+    /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
+    checking: Arc<Semaphore>,
     ready: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
 }
 
@@ -109,6 +123,8 @@ impl Cases {
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
             turnstile: Arc::new(turnstile),
+            head: options.head,
+            checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
             ready: Arc::new(Cache::new(REMEMBERED_CASES)),
         })
     }
@@ -116,6 +132,21 @@ impl Cases {
     /// Where the cases are.
     pub fn store(&self) -> &Store {
         self.library.store()
+    }
+
+    /// Room to check an upload, until it is dropped; `start` is the first 64 kB of its volume. Its voxels are in memory meanwhile, so that
+    /// volumes wait for each other by their size.
+    ///
+    /// # Errors
+    /// [`Error::Failure`] where the header is not that of a head; [`Error::Busy`] where others take too long.
+    pub async fn room_to_check(&self, start: &[u8]) -> Result<SemaphorePermit<'_>, Error> {
+        let limits = self.library.limits();
+        let weight = thousands(self.head.check(start, &limits)?).min(thousands(limits.max_voxels));
+        let permit = self.checking.acquire_many(weight);
+        match tokio::time::timeout(LONGEST_WAIT_FOR_CHECK, permit).await {
+            Ok(permit) => permit.map_err(|_| Error::Unavailable),
+            Err(_elapsed) => Err(Error::Busy),
+        }
     }
 
     /// The facts of a case that is ready.

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use case::{Failure, FailureKind, Progress, Stage};
-use jiff::Timestamp;
 use pipeline::{Derived, Source};
 use storage::{
     Claim, Count, LeaseTerms, Published, Publisher, Release, Store, StoreError, frame_all,
@@ -135,19 +134,18 @@ impl Worker {
 
     async fn claim(&self) -> Result<Option<Claim>, StoreError> {
         let terms = LeaseTerms {
-            now: self.store.now(),
-            until: self.lease_end(),
+            lease: self.store.options().lease,
             max_attempts: self.store.options().max_attempts,
         };
         self.store.rows().claim(&terms).await
     }
 
-    fn lease_end(&self) -> Timestamp {
-        later(self.store.now(), self.store.options().lease)
-    }
-
     async fn prepare(&self, claim: &Claim) {
-        tracing::info!(case = %claim.id, attempt = claim.attempt, "preparing a case");
+        tracing::info!(
+            job = claim.fence,
+            attempt = claim.attempt,
+            "preparing a case"
+        );
         self.store.signals().changed(&claim.id);
         let cancelled = self.store.signals().begin(&claim.id);
         let settled = match self.run(claim, &cancelled).await {
@@ -176,9 +174,21 @@ impl Worker {
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
         heartbeat.tick().await;
         let mut phase = self.phase.clone();
+        let longest = self.store.options().longest_preparation;
+        let mut end = std::pin::pin!(tokio::time::sleep(longest));
+        let mut is_too_slow = false;
         loop {
             tokio::select! {
-                derived = &mut derived => return Ok(self.outcome(derived, cancelled)),
+                derived = &mut derived => {
+                    return Ok(match is_too_slow {
+                        true => Outcome::Refused(too_slow(longest)),
+                        false => self.outcome(derived, cancelled),
+                    });
+                }
+                () = &mut end, if !cancelled.load(Ordering::Relaxed) => {
+                    is_too_slow = true;
+                    cancelled.store(true, Ordering::Relaxed);
+                }
                 _ = heartbeat.tick() => {
                     let progress = *seen.borrow();
                     if !self.renew(claim, progress).await {
@@ -214,10 +224,14 @@ impl Worker {
         let renewed = self
             .store
             .rows()
-            .renew(claim, self.lease_end(), progress)
+            .renew(claim, self.store.options().lease, progress)
             .await;
         renewed.unwrap_or_else(|error| {
-            tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be renewed");
+            tracing::warn!(
+                job = claim.fence,
+                error = &error as &dyn std::error::Error,
+                "a lease could not be renewed"
+            );
             true
         })
     }
@@ -226,23 +240,27 @@ impl Worker {
         match outcome {
             Outcome::Derived(derived) => self.publish(claim, *derived).await,
             Outcome::Refused(failure) => {
-                tracing::info!(case = %claim.id, kind = failure.name, "a case cannot be prepared");
+                tracing::info!(
+                    job = claim.fence,
+                    kind = failure.name,
+                    "a case cannot be prepared"
+                );
                 if self.store.rows().fail(claim, &failure).await? {
                     self.store.signals().count(Count::Failed);
                 }
                 Ok(())
             }
             Outcome::Lost => {
-                tracing::info!(case = %claim.id, "a preparation was cancelled");
+                tracing::info!(job = claim.fence, "a preparation was cancelled");
                 Ok(())
             }
             Outcome::HandedBack => {
                 let release = Release {
-                    available_at: self.store.now(),
+                    after: Duration::ZERO,
                     counts: false,
                 };
                 self.store.rows().release(claim, release).await?;
-                tracing::info!(case = %claim.id, "a preparation was handed back");
+                tracing::info!(job = claim.fence, "a preparation was handed back");
                 Ok(())
             }
         }
@@ -256,7 +274,11 @@ impl Worker {
         // The lease is renewed once more: writing is bounded, the preparation was not.
         self.store
             .rows()
-            .renew(claim, self.lease_end(), Some(Progress::at(Stage::Storing)))
+            .renew(
+                claim,
+                self.store.options().lease,
+                Some(Progress::at(Stage::Storing)),
+            )
             .await?;
         let published = self
             .store
@@ -264,9 +286,12 @@ impl Worker {
             .await?;
         if published == Published::Done {
             self.store.signals().count(Count::Prepared);
-            tracing::info!(case = %claim.id, "a case is ready");
+            tracing::info!(job = claim.fence, "a case is ready");
         } else {
-            tracing::info!(case = %claim.id, "a preparation came too late and was dropped");
+            tracing::info!(
+                job = claim.fence,
+                "a preparation came too late and was dropped"
+            );
         }
         Ok(())
     }
@@ -274,19 +299,22 @@ impl Worker {
     /// The store, not the input, was at fault: the job is tried again, by this worker or another.
     async fn retry_later(&self, claim: &Claim, error: &StoreError) {
         tracing::error!(
-            case = %claim.id,
+            job = claim.fence,
             error = error as &dyn std::error::Error,
             "a preparation was interrupted by the store"
         );
         self.store.signals().count(Count::Retried);
-        let available_at = later(self.store.now(), self.store.options().retry_after);
         let release = Release {
-            available_at,
+            after: self.store.options().retry_after,
             counts: true,
         };
         // Where even this fails, the lease ends by itself.
         if let Err(error) = self.store.rows().release(claim, release).await {
-            tracing::warn!(case = %claim.id, error = &error as &dyn std::error::Error, "a lease could not be handed back");
+            tracing::warn!(
+                job = claim.fence,
+                error = &error as &dyn std::error::Error,
+                "a lease could not be handed back"
+            );
         }
     }
 }
@@ -306,6 +334,15 @@ fn derive(
     library.prepare(source, &claim.parameters, &observe, cancelled)
 }
 
+/// The preparation took longer than it may.
+fn too_slow(longest: Duration) -> Failure {
+    let detail = format!(
+        "the preparation took longer than {} seconds and was given up; upload a volume with fewer voxels",
+        longest.as_secs()
+    );
+    Failure::unusable("preparation-too-slow", detail)
+}
+
 /// The preparation panicked: a fault of this program that the same input would meet again.
 fn crashed() -> Failure {
     Failure::new(
@@ -313,8 +350,4 @@ fn crashed() -> Failure {
         "preparation-crashed",
         "the preparation met a fault of the program",
     )
-}
-
-fn later(time: Timestamp, by: Duration) -> Timestamp {
-    time.checked_add(by).unwrap_or(Timestamp::MAX)
 }

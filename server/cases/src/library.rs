@@ -10,7 +10,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bytes::Bytes;
-use case::{Case, CaseFacts, CaseId, Failure, FailureKind, ObjectKind, Parameters, Progress};
+use case::{
+    Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
+    Quality,
+};
 use imaging::Limits;
 use pipeline::{Derived, Pipeline, Source, StoredBrain, settled};
 use storage::{
@@ -78,7 +81,8 @@ struct Inner {
     preparation: Preparation,
     /// What uploads may ask for.
     limits: Limits,
-    /// One rebuild at a time: it takes a whole preparation's memory. Held across awaits.
+    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Several processes may
+    /// make the same case again at once: each writes the same objects, under pins of its own.
     rebuilding: tokio::sync::Mutex<()>,
 }
 
@@ -260,25 +264,34 @@ impl Library {
                     .publish(Publisher::Rebuild(id), &framed, &derived.facts)
                     .await?;
                 self.store().signals().count(Count::Rebuild);
-                tracing::warn!(case = %id, "the derived objects of a case were made again from its source");
+                tracing::warn!("the derived objects of a case were made again from its source");
             }
             Err(failure) => {
                 self.store().rows().condemn(id, &failure).await?;
-                tracing::error!(case = %id, kind = failure.name, "a case cannot be made again from its source");
+                tracing::error!(
+                    kind = failure.name,
+                    "a case cannot be made again from its source"
+                );
             }
         }
         self.store().signals().changed(id);
         Ok(())
     }
 
-    /// The brain mask of a case, where it was extracted: it stays what it was, whichever way this server would extract it now.
+    /// The brain mask of a case, where it was extracted or judged: it stays what it was, whichever way this server would extract it
+    /// now, and so does the verdict, for another server may have no network to ask.
     async fn extracted(
         &self,
         case: &Case,
         names: &[ObjectName],
     ) -> Result<Option<StoredBrain>, StoreError> {
+        let is_judged = |facts: &&CaseFacts| facts.pipeline > 1;
+        let judged = case.facts.as_ref().filter(is_judged).is_some();
         let quality = case.facts.as_ref().and_then(|facts| facts.quality.clone());
-        let Some(quality) = quality.filter(|quality| quality.method.is_extraction()) else {
+        let stays = |quality: &Quality| {
+            quality.method.is_extraction() || (judged && quality.method == MaskMethod::Supplied)
+        };
+        let Some(quality) = quality.filter(stays) else {
             return Ok(None);
         };
         let mask = self.store().read(&case.id, names, ObjectKind::Mask).await?;

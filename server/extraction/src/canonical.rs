@@ -41,6 +41,14 @@ impl<'a> Canonical<'a> {
         self.size
     }
 
+    /// Its voxels in this order.
+    ///
+    /// # Errors
+    /// Never, for a grid that is one already.
+    pub(crate) fn grid(&self) -> Result<Grid, GeometryError> {
+        Grid::new(self.size, self.patient_from_canonical())
+    }
+
     /// The whole volume as a block.
     pub(crate) fn whole(&self) -> Box3 {
         self.size.map(|side| 0..side)

@@ -2,8 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use geometry::{BrainMask, DistanceMap, Volume, distance_map, envelope};
+use geometry::{BrainMask, DistanceMap, Volume, cut_envelope, distance_map};
 
+use crate::axes::with_other_axes;
 use crate::quality::{Because, Quality, Verdict};
 use crate::{ExtractionError, Network, Observe, pruning};
 
@@ -35,12 +36,19 @@ pub const CLOSING_RADIUS_MM: f64 = 10.0;
 /// The share of the work that the first method takes, in which the second is rarely needed.
 const FIRST_SHARE: f32 = 0.9;
 
+/// The agreement of the network's looks below which a brain whose shape lets doubt the axes is looked for with others.
+const DOUBTFUL_AGREEMENT: f64 = 0.95;
+
 /// Finds the brain in a T1-weighted head, in any orientation and at any spacing.
 ///
 /// With the network, where there is one, as the places whose probability is above `threshold` (0.5 is the surface that it was
 /// trained for; less makes the brain larger); by [`prune`] where there is none, or where what the network found is
 /// [`Verdict::Failed`] and pruning does better. `observe` is told the share of the work that is done, several times a second,
 /// and can stop it. The result is the same bytes for any number of threads.
+///
+/// Where the network is unsure and the shape of what it found lets doubt the volume's axes, it is shown the volume with the 23 other
+/// axes that are no mirror images. If it finds a brain so, that is taken, at its place in the volume as it came, and
+/// [`Quality::other_patient_from_voxel`] holds what the header might have to say.
 ///
 /// An extraction whose quality is [`Verdict::Failed`] is returned as well: it is for the caller to say so.
 ///
@@ -58,6 +66,15 @@ pub fn extract(
     let first = predict(volume, network, threshold, &|done| {
         observe(FIRST_SHARE * done)
     });
+    if let Ok(found) = &first
+        && found.quality.agreement.unwrap_or_default() < DOUBTFUL_AGREEMENT
+        && found.quality.doubts_axes()
+    {
+        let tell = |_: f32| observe(FIRST_SHARE);
+        if let Some(other) = with_other_axes(volume, network, threshold, &tell)? {
+            return Ok(other);
+        }
+    }
     let is_in_doubt = match &first {
         Ok(found) => found.quality.verdict == Verdict::Failed,
         Err(error) => *error != ExtractionError::Cancelled,
@@ -90,7 +107,7 @@ pub fn predict(
     let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
     let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
-    let closed = closed(&brain)?;
+    let closed = closed(&brain, volume)?;
     let quality = Quality::of_predicted(&prediction, (&brain, &closed), volume)?;
     Ok(Extraction {
         brain,
@@ -118,7 +135,7 @@ fn pruned(
     let pruned = pruning::prune(volume, &|done| observe(0.9 * done))?;
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
-    let closed = closed(&brain)?;
+    let closed = closed(&brain, volume)?;
     let mut quality = Quality::of_found(&pruned, (&brain, &closed), volume);
     quality.put_to_review(because);
     Ok(Extraction {
@@ -129,8 +146,14 @@ fn pruned(
     })
 }
 
-fn closed(brain: &BrainMask) -> Result<DistanceMap, ExtractionError> {
-    Ok(distance_map(&envelope(brain, CLOSING_RADIUS_MM)?))
+/// The depth below the envelope of a brain, closed by [`CLOSING_RADIUS_MM`]; the faces of the volume are no dura.
+///
+/// # Errors
+/// When the voxels are too fine for that.
+pub(crate) fn closed(brain: &BrainMask, volume: &Volume) -> Result<DistanceMap, ExtractionError> {
+    let cuts = brain.cuts(volume.grid());
+    let envelope = cut_envelope(brain, CLOSING_RADIUS_MM, &cuts)?;
+    Ok(distance_map(&envelope))
 }
 
 /// Tells the share that is done and stops where that is wanted.

@@ -7,6 +7,7 @@
 //! Convolutional Neural Networks", Computers in Biology and Medicine 179:108845, 2024); its weights are its authors' and
 //! are not part of this crate, the code that runs them is.
 
+mod axes;
 mod canonical;
 mod error;
 mod extract;
@@ -14,6 +15,8 @@ mod network;
 mod probability;
 mod pruning;
 mod quality;
+mod rim;
+mod supplied;
 
 use std::ops::ControlFlow;
 
@@ -21,7 +24,9 @@ pub use error::ExtractionError;
 pub use extract::{CLOSING_RADIUS_MM, Extraction, Method, extract, predict, prune};
 pub use network::{Network, Prediction};
 pub use probability::Probability;
-pub use quality::{Doubt, MaskNumbers, Quality, Verdict};
+pub use quality::{Doubt, MaskNumbers, Quality, Reason, Verdict};
+pub use rim::Rim;
+pub use supplied::{Judgement, Supplied, judge};
 
 /// Is told the share of the work that is done, from 0 to 1, and says whether to go on.
 pub type Observe<'a> = &'a dyn Fn(f32) -> ControlFlow<()>;

@@ -1,7 +1,10 @@
 //! Whether a mask can be believed, in numbers and in words.
 
+use std::fmt;
+use std::ops::RangeInclusive;
+
 use geometry::{BrainMask, DistanceMap, Face, Grid, Mask, Volume};
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 use crate::{ExtractionError, Prediction};
 
@@ -23,15 +26,16 @@ pub enum Verdict {
 pub struct Quality {
     /// The worst of what the numbers say.
     pub verdict: Verdict,
-    /// Each number that is not as it should be, in a sentence without a full stop; empty when the verdict is [`Verdict::Ok`].
-    pub reasons: Vec<String>,
+    /// Each number that is not as it should be; empty when the verdict is [`Verdict::Ok`].
+    pub reasons: Vec<Reason>,
     /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
     pub volume_ml: f64,
     /// Size of the mask from left to right, front to back and bottom to top, in mm.
     pub extents_mm: [f64; 3],
     /// Share of what was found that hangs together, 0 to 1: ok from 0.98.
     pub largest_component: f64,
-    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, but for the inferior one.
+    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, of the inferior one
+    /// less than 15.
     pub cut_area_cm2: [f64; 6],
     /// By how much of the mask's volume a closing by 10 mm makes it larger: ok up to 0.05.
     pub closing_added: f64,
@@ -40,16 +44,41 @@ pub struct Quality {
     pub symmetry: [f64; 3],
     /// Where between front (0) and back (1) the centre of the mask lies: ok from 0.5, for brains are wider behind.
     pub centre_from_front: f64,
-    /// How much brighter the inside of the brain is than its rim, as a share of the range of intensities: positive in T1.
+    /// How much brighter the inside of the brain is than its rim, as a share of the range of intensities: ok from 0.05, and found by
+    /// tree pruning from 0.1.
     pub contrast: Option<f64>,
     /// How well the network's first, coarse look and the mask agree (Dice): ok from 0.97, failed below 0.90.
     pub agreement: Option<f64>,
     /// Voxels of which the network is unsure (0.05 < p < 0.95), as a share of those of the brain: ok up to 0.035, failed from 0.1.
     pub uncertain: Option<f64>,
+    /// Another affine from voxels to LPS mm, with which the network finds a brain that it does not find with the volume's own: its
+    /// axes may be named wrongly. For a person to confirm; nothing is turned.
+    pub other_patient_from_voxel: Option<DAffine3>,
+}
+
+/// Why a mask is not simply ok.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Reason {
+    /// What it is called in every version of the program: `mask-cut-inferior` …
+    pub code: &'static str,
+    /// What it is, in a sentence without a full stop.
+    pub sentence: String,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{} ({})", self.sentence, self.code)
+    }
 }
 
 /// What of a face may be touched, in cm².
 const MOST_ON_A_FACE_CM2: f64 = 1.0;
+
+/// What of the inferior face may be touched, in cm²: the brain stem and the cord leave there, with 10 cm² at most.
+const MOST_BELOW_CM2: f64 = 15.0;
+
+/// The least height of a brain, as a share of its length.
+const LEAST_HEIGHT: f64 = 0.65;
 
 /// What every mask is judged by, wherever it came from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,8 +87,8 @@ pub struct MaskNumbers {
     pub volume_ml: f64,
     /// Share of what was marked that hangs together and is kept, 0 to 1: ok from 0.98.
     pub largest_component: f64,
-    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, but for the
-    /// inferior one, for there the brain stem leaves the volume.
+    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, and less than
+    /// 15 of the inferior one, for there the brain stem leaves the volume.
     pub cut_area_cm2: [f64; 6],
 }
 
@@ -68,8 +97,8 @@ pub struct MaskNumbers {
 pub struct Doubt {
     /// How bad it is; never [`Verdict::Ok`].
     pub verdict: Verdict,
-    /// What it is, in a sentence without a full stop.
-    pub reason: String,
+    /// What it is.
+    pub reason: Reason,
 }
 
 impl MaskNumbers {
@@ -87,24 +116,31 @@ impl MaskNumbers {
         let volume_ml = self.volume_ml;
         let lies_in = |least, most| (least..=most).contains(&volume_ml);
         let verdict = graded(!lies_in(900.0, 2200.0), !lies_in(700.0, 2500.0));
-        doubt(verdict, || {
+        doubt(verdict, "mask-volume", || {
             format!("the mask has {volume_ml:.0} ml, where a brain has 900 to 2200 ml")
         })
     }
 
     fn doubt_of_pieces(&self) -> Option<Doubt> {
-        doubt(review_if(self.largest_component < 0.98), || {
-            let lost = 100.0 * (1.0 - self.largest_component);
-            format!(
-                "{lost:.1} % of what was marked is apart from its largest piece and was left away"
-            )
-        })
+        doubt(
+            review_if(self.largest_component < 0.98),
+            "mask-pieces",
+            || {
+                let lost = 100.0 * (1.0 - self.largest_component);
+                format!(
+                    "{lost:.1} % of what was marked is apart from its largest piece and was left away"
+                )
+            },
+        )
     }
 }
 
 fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
-    let is_cut = face != Face::Inferior && area_cm2 > MOST_ON_A_FACE_CM2;
-    doubt(review_if(is_cut), || {
+    let is_cut = match face {
+        Face::Inferior => area_cm2 >= MOST_BELOW_CM2,
+        _ => area_cm2 > MOST_ON_A_FACE_CM2,
+    };
+    doubt(review_if(is_cut), code_of_cut(face), || {
         format!(
             "the mask reaches the {} face of the volume over {area_cm2:.0} cm²; is it cut there?",
             face.name()
@@ -112,10 +148,28 @@ fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
     })
 }
 
-fn doubt(verdict: Verdict, reason: impl FnOnce() -> String) -> Option<Doubt> {
+fn code_of_cut(face: Face) -> &'static str {
+    match face {
+        Face::Left => "mask-cut-left",
+        Face::Right => "mask-cut-right",
+        Face::Posterior => "mask-cut-posterior",
+        Face::Anterior => "mask-cut-anterior",
+        Face::Superior => "mask-cut-superior",
+        Face::Inferior => "mask-cut-inferior",
+    }
+}
+
+pub(crate) fn doubt(
+    verdict: Verdict,
+    code: &'static str,
+    sentence: impl FnOnce() -> String,
+) -> Option<Doubt> {
     (verdict > Verdict::Ok).then(|| Doubt {
         verdict,
-        reason: reason(),
+        reason: Reason {
+            code,
+            sentence: sentence(),
+        },
     })
 }
 
@@ -201,9 +255,10 @@ impl Quality {
             contrast: None,
             agreement: None,
             uncertain: None,
+            other_patient_from_voxel: None,
         };
         for doubt in numbers.doubts() {
-            quality.say(doubt.verdict, || doubt.reason);
+            quality.add(doubt);
         }
         quality.judge_closing();
         quality
@@ -211,7 +266,7 @@ impl Quality {
 
     fn judge_closing(&mut self) {
         let added = self.closing_added;
-        self.say(review_if(added > 0.05), || {
+        self.say(review_if(added > 0.05), "mask-ragged", || {
             format!(
                 "closing the mask by 10 mm adds {:.1} % to it, where a mask up to the dura gains less than 5 %",
                 added * 100.0
@@ -227,41 +282,46 @@ impl Quality {
             (85.0..=185.0, height),
         ];
         let is_unusual = usual.iter().any(|(range, extent)| !range.contains(extent));
-        self.say(review_if(is_unusual), || {
+        self.say(review_if(is_unusual), "mask-extents", || {
             format!("the mask is {width:.0} mm wide, {length:.0} mm long and {height:.0} mm high, which is unusual for a brain")
         });
-        self.say(review_if(length < width || length < height), || {
+        self.say(review_if(height < LEAST_HEIGHT * length), "mask-flat", || {
+            format!(
+                "the mask is {height:.0} mm high and {length:.0} mm long, where a brain is at least 0.65 times as high as long; is the \
+                 distance of the slices right?"
+            )
+        });
+        self.say(review_if(length < width || length < height), "axes-length", || {
             format!(
                 "from front to back the mask has {length:.0} mm, less than across ({width:.0} mm) or from bottom to top \
                  ({height:.0} mm); do the axes of the volume tell the truth?"
             )
         });
         let [across, along, upwards] = self.symmetry;
-        self.say(review_if(across < along || across < upwards), || {
+        self.say(review_if(across < along || across < upwards), "axes-symmetry", || {
             "the mask is not most symmetric from left to right; do the axes of the volume tell the truth?"
                 .to_owned()
         });
-        self.say(review_if(self.centre_from_front < 0.5), || {
-            "the mask is wider in front than behind; do the axes of the volume tell the truth?"
-                .to_owned()
-        });
+        self.say(
+            review_if(self.centre_from_front < 0.5),
+            "axes-front",
+            || {
+                "the mask is wider in front than behind; do the axes of the volume tell the truth?"
+                    .to_owned()
+            },
+        );
     }
 
     fn judge_contrast(&mut self) {
-        match self.contrast {
-            None => self.say(Verdict::Review, || {
-                "the mask is too thin to have an inside".to_owned()
-            }),
-            Some(contrast) => self.say(review_if(contrast < 0.05), || {
-                "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?".to_owned()
-            }),
+        if let Some(doubt) = doubt_of_contrast(self.contrast) {
+            self.add(doubt);
         }
     }
 
     fn judge_prediction(&mut self) {
         if let Some(agreement) = self.agreement {
             let verdict = graded(agreement < 0.97, agreement < 0.90);
-            self.say(verdict, || {
+            self.say(verdict, "network-agreement", || {
                 format!(
                     "the network's coarse and fine looks agree to {agreement:.3}, where sound heads reach 0.97"
                 )
@@ -269,7 +329,7 @@ impl Quality {
         }
         if let Some(uncertain) = self.uncertain {
             let verdict = graded(uncertain > 0.035, uncertain > 0.1);
-            self.say(verdict, || {
+            self.say(verdict, "network-uncertain", || {
                 format!(
                     "the network is unsure of {:.1} % of the voxels, where it is of 2 % in sound heads",
                     uncertain * 100.0
@@ -280,23 +340,81 @@ impl Quality {
 
     /// What was found without a network is never simply ok: nothing says how sure the method was.
     pub(crate) fn put_to_review(&mut self, because: Because) {
-        self.say(Verdict::Review, || {
+        self.say(Verdict::Review, "tree-pruning", || {
             format!(
                 "the brain was found by tree pruning{}, which does not know how sure it is",
                 because.words()
             )
         });
+        let contrast = self.contrast.unwrap_or_default();
+        let is_low = (LEAST_CONTRAST..LEAST_CONTRAST_OF_PRUNING).contains(&contrast);
+        self.say(review_if(is_low), "contrast-low", || {
+            format!(
+                "the inside of the brain is brighter than its rim by {contrast:.3} of the range of intensities only, where it is by \
+                 0.147 in sound heads: tree pruning may be wrong by a quarter of the brain"
+            )
+        });
     }
 
-    fn say(&mut self, verdict: Verdict, reason: impl FnOnce() -> String) {
-        if verdict > Verdict::Ok {
-            self.reasons.push(reason());
+    fn say(&mut self, verdict: Verdict, code: &'static str, sentence: impl FnOnce() -> String) {
+        if let Some(doubt) = doubt(verdict, code, sentence) {
+            self.add(doubt);
         }
-        self.verdict = self.verdict.max(verdict);
+    }
+
+    fn add(&mut self, doubt: Doubt) {
+        self.reasons.push(doubt.reason);
+        self.verdict = self.verdict.max(doubt.verdict);
+    }
+
+    /// Whether the network is sure enough of what it found to judge another mask by it.
+    pub(crate) fn is_sure_of_itself(&self) -> bool {
+        let is_sure = |value: Option<f64>, range: RangeInclusive<f64>| {
+            value.is_some_and(|value| range.contains(&value))
+        };
+        is_sure(self.agreement, 0.95..=1.0) && is_sure(self.uncertain, 0.0..=0.05)
+    }
+
+    /// Whether the shape of the mask lets doubt the volume's axes.
+    pub(crate) fn doubts_axes(&self) -> bool {
+        self.reasons
+            .iter()
+            .any(|reason| reason.code.starts_with("axes-"))
+    }
+
+    /// Says that the network finds the brain with other axes, and with which affine.
+    pub(crate) fn offer_axes(&mut self, patient_from_voxel: DAffine3) {
+        self.other_patient_from_voxel = Some(patient_from_voxel);
+        self.say(Verdict::Review, "axes-other", || {
+            "the network finds the brain with other axes than the header names; compare the corrected header and the letters on the \
+             picture, and upload the volume again if they are right"
+                .to_owned()
+        });
     }
 }
 
-fn review_if(is_unusual: bool) -> Verdict {
+/// The least contrast of inside and rim of a T1-weighted brain, and the least with which tree pruning is right.
+const LEAST_CONTRAST: f64 = 0.05;
+const LEAST_CONTRAST_OF_PRUNING: f64 = 0.1;
+
+/// What the contrast of inside and rim lets doubt.
+pub(crate) fn doubt_of_contrast(contrast: Option<f64>) -> Option<Doubt> {
+    match contrast {
+        None => doubt(Verdict::Review, "mask-thin", || {
+            "the mask is too thin to have an inside".to_owned()
+        }),
+        Some(contrast) => doubt(
+            review_if(contrast < LEAST_CONTRAST),
+            "contrast-inverted",
+            || {
+                "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?"
+                    .to_owned()
+            },
+        ),
+    }
+}
+
+pub(crate) fn review_if(is_unusual: bool) -> Verdict {
     graded(is_unusual, false)
 }
 
@@ -363,7 +481,7 @@ fn symmetry(mask: &Mask, centre: DVec3) -> [f64; 3] {
 
 /// How much brighter the inside of the brain is than its rim: the difference of medians, as a share of the range from the
 /// fifth to the ninety-fifth percentile of both. `None` where there is no inside.
-fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
+pub(crate) fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
     let grid = distance.grid();
     let native_from_working = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
     let (mut rim, mut inside) = (Vec::new(), Vec::new());
@@ -371,6 +489,9 @@ fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
         let Some(depth_mm) = distance.depth_mm(index) else {
             continue;
         };
+        if !distance.is_known(index) {
+            continue;
+        }
         let position = native_from_working.transform_point3(as_position(grid.voxel(index)));
         let Some(native) = nearest_voxel(volume.grid(), position) else {
             continue;

@@ -7,8 +7,8 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use geometry::{
-    BrainMask, DepthField, Grid, Mask, MeshSize, Paths, Rescale, ShellIndex, Volume, core,
-    distance_map, envelope, envelope_mesh, forest, midsagittal_plane, path_table, phantom,
+    BrainMask, DepthField, Grid, Mask, MeshSize, Paths, ShellIndex, core, distance_map, envelope,
+    envelope_mesh, forest, path_table, phantom,
 };
 use glam::DVec3;
 
@@ -40,20 +40,6 @@ fn head() -> (Mask, Grid) {
     )
 }
 
-/// Something to see inside of the head: the mask alone would be the simpler case.
-fn striped(grid: &Grid) -> Volume {
-    let value = |index| {
-        let [x, y, z] = grid.voxel(index);
-        (500.0 + 100.0 * (x as f64 / 7.0).sin() + 100.0 * ((y + z) as f64 / 9.0).sin()) as u16
-    };
-    let rescale = Rescale {
-        slope: 1.0,
-        intercept: 0.0,
-    };
-    let voxels = (0..grid.voxel_count()).map(value).collect();
-    Volume::new(grid.clone(), voxels, rescale).expect("one value for each voxel")
-}
-
 fn pipeline(criterion: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
@@ -68,10 +54,6 @@ fn pipeline(criterion: &mut Criterion) {
     let brain = BrainMask::from_mask(&mask, &volume_grid).expect("a brain");
     group.bench_function("closing by 10 mm", |b| b.iter(|| envelope(&brain, 10.0)));
     let envelope = envelope(&brain, 10.0).expect("an envelope");
-    let volume = striped(&volume_grid);
-    group.bench_function("midsagittal plane", |b| {
-        b.iter(|| midsagittal_plane(&envelope, &volume));
-    });
     group.bench_function("distance map", |b| b.iter(|| distance_map(&envelope)));
     let distance = distance_map(&envelope);
     group.bench_function("core", |b| b.iter(|| core(&distance)));

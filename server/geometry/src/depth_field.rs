@@ -4,7 +4,7 @@ use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use crate::{DistanceMap, Grid};
+use crate::{Cut, DistanceMap, Grid};
 
 /// How far before the last voxel's centre the last sampled position lies, so that a voxel follows it.
 const LAST_CELL: f32 = 1e-3;
@@ -23,6 +23,7 @@ pub struct DepthField {
     /// The last position that is sampled, a hair before the last voxel's centre.
     last: Vec3,
     values: Vec<i16>,
+    cuts: Vec<Cut>,
 }
 
 impl DepthField {
@@ -44,7 +45,10 @@ impl DepthField {
                 if is_inside { steps } else { -steps }
             })
             .collect();
-        Self::on(distance.grid().clone(), values)
+        Self {
+            cuts: distance.envelope().cuts().to_vec(),
+            ..Self::on(distance.grid().clone(), values)
+        }
     }
 
     fn on(grid: Grid, values: Vec<i16>) -> Self {
@@ -57,6 +61,7 @@ impl DepthField {
             last: Vec3::from_array(grid.size().map(|side| (side - 1) as f32 - LAST_CELL)),
             grid,
             values,
+            cuts: Vec::new(),
         }
     }
 
@@ -72,12 +77,20 @@ impl DepthField {
         for (stride, side) in [(1, nx), (nx, ny), (nx * ny, nz)] {
             values = convolved(&values, &kernel, nx, stride, side);
         }
-        Self::on(self.grid.clone(), values)
+        Self {
+            cuts: self.cuts.clone(),
+            ..Self::on(self.grid.clone(), values)
+        }
     }
 
     /// The working grid.
     pub fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// The faces of the volume that cut the brain: beside them the values are distances to a cut, and no depths.
+    pub fn cuts(&self) -> &[Cut] {
+        &self.cuts
     }
 
     /// Edge of a voxel, in mm.

@@ -1,5 +1,6 @@
 //! How deep each voxel lies below the envelope.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::transform::{MAX_DISTANCE, transformed};
@@ -13,6 +14,8 @@ const OUTSIDE_REACH: u8 = 6;
 /// A border voxel is one of the envelope with a 6-neighbour outside; its depth is 0. This is the paper's
 /// first Euclidean image foresting transform, whose propagation over 26 neighbours is not always exact;
 /// the separable transform used here is.
+///
+/// Where the volume cuts the brain, the distance to that cut is not a depth: [`DistanceMap::is_known`] tells.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceMap {
     envelope: Envelope,
@@ -43,7 +46,22 @@ impl DistanceMap {
         self.envelope.mask().voxels()
     }
 
-    /// Depth of a voxel in mm; `None` outside of the envelope.
+    /// Whether the depth of a voxel is that below the dura: `false` where a face of the volume that cuts the brain is nearer
+    /// than any dura, so that what is measured is no depth.
+    pub fn is_known(&self, index: usize) -> bool {
+        let cuts = self.envelope.cuts();
+        if cuts.is_empty() {
+            return true;
+        }
+        let grid = self.grid();
+        let voxel = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
+        let position = grid.patient_from_voxel().transform_point3(voxel);
+        let depth_mm = f64::from(self.depth_mm_of(self.squared[index]));
+        cuts.iter()
+            .all(|cut| cut.leaves(position, depth_mm, self.envelope.spacing_mm()))
+    }
+
+    /// Depth of a voxel in mm, be it known or not; `None` outside of the envelope.
     pub fn depth_mm(&self, index: usize) -> Option<f32> {
         self.inside()[index].then(|| self.depth_mm_of(self.squared[index]))
     }

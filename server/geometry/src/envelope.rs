@@ -1,8 +1,9 @@
 //! The closed mask that hugs the dura.
 
+use crate::beyond_cuts::Extended;
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
 use crate::transform::{MAX_DISTANCE, transformed};
-use crate::{BrainMask, GeometryError, Grid, Mask};
+use crate::{BrainMask, Cut, GeometryError, Grid, Mask};
 
 /// The largest radius of the closing, in mm.
 const MAX_CLOSING_RADIUS_MM: f64 = 50.0;
@@ -14,7 +15,10 @@ const MAX_PADDED_VOXELS: f64 = 3e8;
 ///
 /// Invariants: at least one voxel, none on a face of the grid.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Envelope(Mask);
+pub struct Envelope {
+    mask: Mask,
+    cuts: Vec<Cut>,
+}
 
 impl Envelope {
     /// An envelope from a mask that [`envelope`] made before and that was stored.
@@ -24,17 +28,30 @@ impl Envelope {
     /// a face of its grid.
     pub fn from_stored(mask: Mask) -> Result<Self, GeometryError> {
         mask.check_working()?;
-        Ok(Self(mask))
+        Ok(Self {
+            mask,
+            cuts: Vec::new(),
+        })
+    }
+
+    /// The same envelope, known to be cut.
+    pub fn with_cuts(self, cuts: Vec<Cut>) -> Self {
+        Self { cuts, ..self }
     }
 
     /// The working grid.
     pub fn grid(&self) -> &Grid {
-        self.0.grid()
+        self.mask.grid()
     }
 
     /// The mask on the working grid.
     pub fn mask(&self) -> &Mask {
-        &self.0
+        &self.mask
+    }
+
+    /// The faces of the volume that cut it, where its border is no dura.
+    pub fn cuts(&self) -> &[Cut] {
+        &self.cuts
     }
 
     /// Edge of a voxel, in mm.
@@ -44,7 +61,7 @@ impl Envelope {
 
     /// Volume enclosed, in millilitres.
     pub fn volume_ml(&self) -> f64 {
-        self.0.volume_ml()
+        self.mask.volume_ml()
     }
 }
 
@@ -57,14 +74,46 @@ impl Envelope {
 /// When the radius is not within 0 to 50 mm, or too large for voxels so fine.
 pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, GeometryError> {
     check_closing(brain.mask().grid(), closing_radius_mm)?;
-    let mask = brain.mask();
+    Ok(Envelope {
+        mask: closed_and_filled(brain.mask(), closing_radius_mm)?,
+        cuts: Vec::new(),
+    })
+}
+
+/// The envelope of a brain that faces of the volume cut: as [`envelope`], but no face is taken for dura.
+///
+/// The closing must bridge a sulcus that a face cuts open as it does elsewhere. So the brain is continued beyond the faces as its
+/// outline goes, closed, and cut again.
+///
+/// # Errors
+/// As [`envelope`].
+pub fn cut_envelope(
+    brain: &BrainMask,
+    closing_radius_mm: f64,
+    cuts: &[Cut],
+) -> Result<Envelope, GeometryError> {
+    let grid = brain.mask().grid();
+    let is_extended = !cuts.is_empty() && closing_radius_mm >= grid.spacing_mm()[0];
+    if !is_extended {
+        return Ok(envelope(brain, closing_radius_mm)?.with_cuts(cuts.to_vec()));
+    }
+    check_closing(grid, closing_radius_mm)?;
+    let extended = Extended::new(brain, closing_radius_mm, cuts)?;
+    let closed = closed_and_filled(extended.mask(), closing_radius_mm)?;
+    let mut kept = extended.cropped(&closed, cuts);
+    keep_largest_component(grid.size(), &mut kept, Connectivity::Corners);
+    let envelope = Envelope::from_stored(Mask::new(grid.clone(), kept)?)?;
+    Ok(envelope.with_cuts(cuts.to_vec()))
+}
+
+fn closed_and_filled(mask: &Mask, closing_radius_mm: f64) -> Result<Mask, GeometryError> {
     let grid = mask.grid();
-    let radius = closing_radius_mm / grid.spacing_mm()[0];
     let size = grid.size();
+    let radius = closing_radius_mm / grid.spacing_mm()[0];
     let mut closed = close(size, mask.voxels(), radius);
     keep_largest_component(size, &mut closed, Connectivity::Corners);
     fill_holes(size, &mut closed);
-    Ok(Envelope(Mask::new(grid.clone(), closed)?))
+    Mask::new(grid.clone(), closed)
 }
 
 /// Whether a ball of `closing_radius_mm` can close a mask on a working grid.

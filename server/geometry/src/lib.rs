@@ -11,10 +11,12 @@
 //! The method is that of Bergo, de Goes, Goldenstein and Falcão, "A Deformable Model for Fast
 //! Visualization of Euclidean Isosurfaces of the Brain", 2006; "the paper" below.
 
+mod beyond_cuts;
 mod bounding_sphere;
 mod build;
 mod contour;
 mod core_voxels;
+mod cut;
 mod deepest_first;
 mod depth_field;
 mod distance_map;
@@ -25,7 +27,6 @@ mod forest;
 mod grid;
 mod mask;
 mod measures;
-mod midsagittal;
 mod model;
 mod morphology;
 mod nearest_core;
@@ -42,16 +43,16 @@ mod walk;
 pub use bounding_sphere::BoundingSphere;
 pub use build::{BuildStep, BuiltModel, ClosedBrain};
 pub use core_voxels::{Core, core};
+pub use cut::Cut;
 pub use depth_field::DepthField;
 pub use distance_map::{DistanceMap, distance_map};
-pub use envelope::{Envelope, check_closing, envelope};
+pub use envelope::{Envelope, check_closing, cut_envelope, envelope};
 pub use envelope_mesh::{EnvelopeMesh, MeshSize, envelope_mesh};
 pub use error::GeometryError;
 pub use forest::{Forest, forest};
 pub use grid::{Grid, MAX_VOXELS, MAX_WORKING_SIZE};
 pub use mask::{BrainMask, Mask};
 pub use measures::Face;
-pub use midsagittal::{MidsagittalPlane, midsagittal_plane};
 pub use model::{DeformableModel, DepthMaps};
 pub use offset::offset;
 pub use paths::{PathTable, Piece, ShrunkMesh, path_table, shrink_once};

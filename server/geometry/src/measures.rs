@@ -45,6 +45,11 @@ impl Face {
         }
     }
 
+    /// The face that lies nearest to a direction.
+    pub(crate) fn towards(direction: DVec3) -> Self {
+        Self::ALL[Self::number_towards(direction)]
+    }
+
     /// The number in [`Face::ALL`] of the face that lies nearest to a direction.
     fn number_towards(direction: DVec3) -> usize {
         let axis = direction.abs().max_position();
@@ -74,6 +79,20 @@ impl BrainMask {
     /// It is the volume of the brain within the outermost voxels there, over their thickness; of an oblique volume each face
     /// counts for the patient's side to which it points most.
     pub fn cut_area_cm2(&self, volume_grid: &Grid) -> [f64; 6] {
+        let voxels = self.touched_voxels(volume_grid);
+        let voxel_mm3 = self.mask().grid().spacing_mm()[0].powi(3);
+        let mut areas = [0.0; 6];
+        for (axis, [first, last]) in voxels.into_iter().enumerate() {
+            let column = volume_grid.patient_from_voxel().matrix3.col(axis);
+            let area_cm2 = |count: u64| count as f64 * voxel_mm3 / column.length() / 100.0;
+            areas[Face::number_towards(-column)] += area_cm2(first);
+            areas[Face::number_towards(column)] += area_cm2(last);
+        }
+        areas
+    }
+
+    /// How many of the brain's voxels lie within the first and the last voxels of a volume along each of its axes.
+    pub(crate) fn touched_voxels(&self, volume_grid: &Grid) -> [[u64; 2]; 3] {
         let grid = self.mask().grid();
         let volume_from_brain = volume_grid.voxel_from_patient() * grid.patient_from_voxel();
         let sides = volume_grid.size().map(|side| side as f64);
@@ -87,15 +106,7 @@ impl BrainMask {
                 *last += u64::from(place[axis] > sides[axis] - 1.5);
             }
         }
-        let voxel_mm3 = grid.spacing_mm()[0].powi(3);
-        let mut areas = [0.0; 6];
-        for (axis, [first, last]) in voxels.into_iter().enumerate() {
-            let column = volume_grid.patient_from_voxel().matrix3.col(axis);
-            let area_cm2 = |count: u64| count as f64 * voxel_mm3 / column.length() / 100.0;
-            areas[Face::number_towards(-column)] += area_cm2(first);
-            areas[Face::number_towards(column)] += area_cm2(last);
-        }
-        areas
+        voxels
     }
 }
 

@@ -26,11 +26,12 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
     config.check()?;
     let options = HttpOptions {
         access: config.access()?,
-        max_upload_bytes: config.max_upload_bytes,
-        body_cache_bytes: config.body_cache_bytes,
-        answer_timeout: Duration::from_secs(config.answer_timeout_secs),
-        upload_idle: Duration::from_secs(config.upload_idle_secs),
-        upload_timeout: Duration::from_secs(config.upload_timeout_secs),
+        max_upload_bytes: config.limits.max_upload_bytes,
+        max_uploads: config.http.max_uploads,
+        body_cache_bytes: config.http.body_cache_bytes,
+        answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
+        upload_idle: Duration::from_secs(config.http.upload_idle_secs),
+        upload_timeout: Duration::from_secs(config.http.upload_timeout_secs),
     };
     let cases = Cases::open(config.cases()).await?;
     Ok(AppState::new(cases, options))

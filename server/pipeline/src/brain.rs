@@ -1,7 +1,11 @@
 //! The mask of the brain: supplied, the volume's own, or extracted.
 
-use geometry::{BrainMask, ClosedBrain, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume};
+use extraction::{Judgement, Supplied, judge};
+use geometry::{
+    BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume,
+};
 
+use super::extractor::from_extraction;
 use super::failure::{from_geometry, from_imaging};
 use super::own_mask::own_mask;
 use super::steps::Steps;
@@ -17,6 +21,8 @@ const POSSIBLE_ML: std::ops::RangeInclusive<f64> = 50.0..=8000.0;
 /// The brain of a head, and where it came from.
 pub(super) struct Found {
     pub(super) brain: BrainMask,
+    /// The faces of the volume that cut it.
+    cuts: Vec<Cut>,
     /// The depth below its envelope, where the extraction has closed it by the radius that is wanted.
     closed: Option<DistanceMap>,
     verdict: Verdict,
@@ -27,10 +33,11 @@ enum Verdict {
     Measured {
         method: MaskMethod,
         largest_component: f64,
+        judgement: Option<Judgement>,
     },
     Extracted(extraction::Method, Box<extraction::Quality>),
     /// From an earlier preparation.
-    Known(Quality),
+    Known(Box<Quality>),
 }
 
 impl Found {
@@ -40,14 +47,14 @@ impl Found {
             return Ok(ClosedBrain::Measured(distance));
         }
         let radius_mm = closing_radius_mm(parameters);
-        let envelope = geometry::envelope(&self.brain, radius_mm).map_err(from_geometry)?;
-        Ok(ClosedBrain::Envelope(envelope))
+        let envelope = geometry::cut_envelope(&self.brain, radius_mm, &self.cuts);
+        Ok(ClosedBrain::Envelope(envelope.map_err(from_geometry)?))
     }
 
     /// How far the mask can be trusted.
     pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
         match &self.verdict {
-            Verdict::Known(quality) => quality.clone(),
+            Verdict::Known(quality) => (**quality).clone(),
             Verdict::Extracted(method, found) => {
                 let measured =
                     quality::measure(&self.brain, envelope, found.largest_component, volume_grid);
@@ -56,10 +63,11 @@ impl Found {
             Verdict::Measured {
                 method,
                 largest_component,
+                judgement,
             } => {
                 let measured =
                     quality::measure(&self.brain, envelope, *largest_component, volume_grid);
-                quality::of_supplied(measured, *method)
+                quality::of_supplied(measured, *method, judgement.as_ref())
             }
         }
     }
@@ -73,7 +81,7 @@ pub(super) fn find_brain(
     steps: &mut Steps<'_>,
 ) -> Result<Found, Failure> {
     if let Some(stored) = &source.brain
-        && let Some(found) = stored_brain(stored)
+        && let Some(found) = stored_brain(stored, volume.grid())
     {
         steps.begin(Stage::Mask)?;
         return Ok(found);
@@ -83,14 +91,45 @@ pub(super) fn find_brain(
         return extracted(volume, (parameters, extractor), steps);
     };
     steps.begin(Stage::Mask)?;
+    let brain = BrainMask::from_mask(&mask, volume.grid()).map_err(from_geometry)?;
+    refuse_absurd(&brain)?;
+    let judgement = match method {
+        MaskMethod::Supplied => Some(judged(&mask, &brain, volume, (extractor, steps))?),
+        _ => None,
+    };
     Ok(Found {
-        brain: to_working_grid(&mask, parameters, volume.grid())?,
+        cuts: moved_cuts(&brain, volume.grid(), parameters.offset_mm),
+        brain: moved(brain, parameters.offset_mm)?,
         closed: None,
         verdict: Verdict::Measured {
             method,
             largest_component: mask.largest_component_share(),
+            judgement,
         },
     })
+}
+
+/// What is thought of a supplied mask; the network is asked where that is in doubt.
+fn judged(
+    mask: &Mask,
+    brain: &BrainMask,
+    volume: &Volume,
+    (extractor, steps): (&Extractor, &Steps<'_>),
+) -> Result<Judgement, Failure> {
+    let supplied = Supplied {
+        mask,
+        brain,
+        volume,
+    };
+    let ask = || extractor.second_opinion(volume, steps.cancelled());
+    judge(supplied, ask).map_err(from_extraction)
+}
+
+/// The faces of a volume that cut a brain, before its surface is moved by an offset, as they cut it then.
+fn moved_cuts(brain: &BrainMask, volume_grid: &Grid, offset_mm: f64) -> Vec<Cut> {
+    let cuts = brain.cuts(volume_grid).into_iter();
+    cuts.map(|cut| cut.moved_inwards((-offset_mm).max(0.0)))
+        .collect()
 }
 
 /// Extracts the brain of a volume that shows more than that.
@@ -110,17 +149,20 @@ fn extracted(
     let is_closed_so = parameters.offset_mm == 0.0
         && closing_radius_mm(parameters) == extraction::CLOSING_RADIUS_MM;
     Ok(Found {
+        cuts: moved_cuts(&found.brain, volume.grid(), parameters.offset_mm),
         closed: is_closed_so.then_some(found.closed),
         brain: moved(found.brain, parameters.offset_mm)?,
         verdict: Verdict::Extracted(found.method, Box::new(found.quality)),
     })
 }
 
-fn stored_brain(stored: &StoredBrain) -> Option<Found> {
+fn stored_brain(stored: &StoredBrain, volume_grid: &Grid) -> Option<Found> {
+    let brain = decode_brain(&stored.mask)?;
     Some(Found {
-        brain: decode_brain(&stored.mask)?,
+        cuts: brain.cuts(volume_grid),
+        brain,
         closed: None,
-        verdict: Verdict::Known(stored.quality.clone()),
+        verdict: Verdict::Known(Box::new(stored.quality.clone())),
     })
 }
 

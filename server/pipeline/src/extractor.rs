@@ -15,6 +15,9 @@ use case::{Failure, FailureKind, MaskSource};
 /// The file with the network's weights, as it is published.
 pub const NETWORK_FILE: &str = "deepbet-1.0.2-py3-none-any.whl";
 
+/// The probability above which a voxel is brain, where nobody says another.
+const USUAL_THRESHOLD: f32 = 0.5;
+
 /// How often a preparation that waits for its turn looks whether it is still wanted.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
@@ -117,6 +120,30 @@ impl Extractor {
         found.map_err(from_extraction)
     }
 
+    /// What the network finds in a volume for which a mask was supplied, when its turn comes; `None` if there is no network.
+    ///
+    /// # Errors
+    /// When it finds nothing, or `cancelled` is raised.
+    pub(super) fn second_opinion(
+        &self,
+        volume: &Volume,
+        is_cancelled: &AtomicBool,
+    ) -> Result<Option<Extraction>, ExtractionError> {
+        let Some(network) = &self.network else {
+            return Ok(None);
+        };
+        let turn = self.await_turn(is_cancelled);
+        let _turn = turn.map_err(|_| ExtractionError::Cancelled)?;
+        let go_on = |_: f32| {
+            if is_cancelled.load(Ordering::Relaxed) {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
+        predict(volume, network, USUAL_THRESHOLD, &go_on).map(Some)
+    }
+
     fn await_turn(&self, is_cancelled: &AtomicBool) -> Result<MutexGuard<'_, ()>, Failure> {
         loop {
             if is_cancelled.load(Ordering::Relaxed) {
@@ -149,7 +176,7 @@ pub(super) fn network_missing() -> Failure {
     )
 }
 
-fn from_extraction(error: ExtractionError) -> Failure {
+pub(super) fn from_extraction(error: ExtractionError) -> Failure {
     match error {
         ExtractionError::Cancelled => cancelled(),
         ExtractionError::Geometry(error) => from_geometry(error),

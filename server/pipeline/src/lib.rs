@@ -6,8 +6,10 @@
 mod brain;
 mod check;
 pub mod codec;
+mod cuts;
 mod extractor;
 mod failure;
+mod head_limits;
 mod own_mask;
 pub mod quality;
 mod steps;
@@ -25,8 +27,9 @@ use case::{
     SphereFacts, Stage, WindowFacts,
 };
 use geometry::{
-    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Grid, Volume,
+    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
 };
+use glam::DAffine3;
 use imaging::dicom::Attributes;
 
 use self::brain::find_brain;
@@ -35,7 +38,9 @@ use self::failure::{from_geometry, from_imaging};
 use self::steps::Steps;
 
 pub use self::check::{check, settled};
+pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
+pub use self::head_limits::HeadLimits;
 pub use imaging::Limits;
 
 /// The greatest magnitude of an intensity, and the greatest width of a window: those of a picture's window.
@@ -114,7 +119,7 @@ fn prepare(
     let mut facts = CaseFacts {
         native_size: native_grid.size(),
         native_spacing_mm: native_grid.spacing_mm(),
-        native_patient_from_voxel: rows_of(&native_grid),
+        native_patient_from_voxel: rows_of(native_grid.patient_from_voxel()),
         quality: Some(quality),
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
         ..facts(&built)
@@ -220,15 +225,15 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
     let [low, high] = volume
         .percentiles_inside(distance.envelope(), [0.02, 0.98])
         .unwrap_or([intensity_min, intensity_max]);
-    let midsagittal = geometry::midsagittal_plane(distance.envelope(), volume);
+    let midsagittal = analysis::midsagittal_plane(distance.envelope(), volume);
     let sphere = built.model.bounds();
     CaseFacts {
         grid_size: grid.size(),
         spacing_mm: grid.spacing_mm()[0],
-        patient_from_voxel: rows_of(grid),
+        patient_from_voxel: rows_of(grid.patient_from_voxel()),
         native_size: volume.grid().size(),
         native_spacing_mm: volume.grid().spacing_mm(),
-        native_patient_from_voxel: rows_of(volume.grid()),
+        native_patient_from_voxel: rows_of(volume.grid().patient_from_voxel()),
         envelope_sphere: SphereFacts {
             center_in_patient: sphere.centre_in_patient.to_array(),
             radius_mm: sphere.radius_mm,
@@ -237,6 +242,8 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
             normal: midsagittal.normal().to_array(),
             offset_mm: midsagittal.offset_mm(),
         }),
+        cuts: cuts::cut_facts(distance.envelope().cuts()),
+        pipeline: cuts::PIPELINE,
         max_depth_mm: distance.max_depth_mm(),
         envelope_ml: distance.envelope().volume_ml(),
         intensity_min,
@@ -248,9 +255,8 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
     }
 }
 
-/// The rows of the affine from a grid's voxels to LPS mm.
-fn rows_of(grid: &Grid) -> [[f64; 4]; 4] {
-    let affine = grid.patient_from_voxel();
+/// The rows of an affine.
+fn rows_of(affine: DAffine3) -> [[f64; 4]; 4] {
     let row = |axis: usize| {
         let matrix = affine.matrix3.row(axis);
         [matrix.x, matrix.y, matrix.z, affine.translation[axis]]

@@ -1,31 +1,58 @@
 //! How far a mask can be trusted: what was measured of it, and what that means.
 
 use case::{MaskMethod, Quality, QualityNumbers, QualityState};
-use extraction::{MaskNumbers, Method, Verdict};
+use extraction::{Judgement, MaskNumbers, Method, Reason, Verdict};
 use geometry::{BrainMask, Envelope, Grid};
 
-/// Measures a supplied mask and judges it.
+use super::rows_of;
+
+/// Joins what was measured of a supplied mask with what is thought of it, if it was looked at in its volume.
 ///
 /// It is never `failed`, for somebody chose it: what is unusual about it is said, and put to `review`. What the closing added
 /// is not judged, for masks may follow the sulci.
-pub fn of_supplied(measured: QualityNumbers, method: MaskMethod) -> Quality {
-    let doubts = MaskNumbers {
+pub fn of_supplied(
+    measured: QualityNumbers,
+    method: MaskMethod,
+    judgement: Option<&Judgement>,
+) -> Quality {
+    let numbers = MaskNumbers {
         volume_ml: measured.brain_ml,
         largest_component: measured.largest_component,
         cut_area_cm2: measured.cut_area_cm2,
-    }
-    .doubts();
-    let state = if doubts.is_empty() {
-        QualityState::Ok
-    } else {
-        QualityState::Review
     };
+    let doubts = match judgement {
+        Some(judgement) => judgement.doubts.clone(),
+        None => numbers.doubts(),
+    };
+    let reasons: Vec<Reason> = doubts.into_iter().map(|doubt| doubt.reason).collect();
     Quality {
-        state,
+        state: if reasons.is_empty() {
+            QualityState::Ok
+        } else {
+            QualityState::Review
+        },
         method,
-        numbers: measured,
-        reasons: doubts.into_iter().map(|doubt| doubt.reason).collect(),
+        numbers: QualityNumbers {
+            contrast: judgement.and_then(|judgement| judgement.contrast),
+            rim: judgement.and_then(|judgement| judgement.rim.map(|rim| rim.here)),
+            overlap: judgement.and_then(|judgement| judgement.overlap),
+            ..measured
+        },
+        reason_codes: codes(&reasons),
+        reasons: sentences(reasons),
+        corrected_header: None,
     }
+}
+
+fn codes(reasons: &[Reason]) -> Vec<String> {
+    reasons
+        .iter()
+        .map(|reason| reason.code.to_owned())
+        .collect()
+}
+
+fn sentences(reasons: Vec<Reason>) -> Vec<String> {
+    reasons.into_iter().map(|reason| reason.sentence).collect()
 }
 
 /// Joins what the extraction says of its mask with what was measured of the mask as it is used.
@@ -47,7 +74,9 @@ pub fn of_extracted(
             contrast: found.contrast,
             ..measured
         },
-        reasons: found.reasons.clone(),
+        reason_codes: codes(&found.reasons),
+        reasons: sentences(found.reasons.clone()),
+        corrected_header: found.other_patient_from_voxel.map(rows_of),
     }
 }
 
@@ -76,6 +105,8 @@ pub fn measure(
         agreement: None,
         uncertain: None,
         contrast: None,
+        rim: None,
+        overlap: None,
     }
 }
 
@@ -93,11 +124,14 @@ mod tests {
             agreement: None,
             uncertain: None,
             contrast: None,
+            rim: None,
+            overlap: None,
         }
     }
 
     fn state(numbers: QualityNumbers) -> (QualityState, usize) {
-        let quality = of_supplied(numbers, MaskMethod::Supplied);
+        let quality = of_supplied(numbers, MaskMethod::Supplied, None);
+        assert_eq!(quality.reasons.len(), quality.reason_codes.len());
         (quality.state, quality.reasons.len())
     }
 
@@ -121,5 +155,15 @@ mod tests {
         assert_eq!(state(cut), (QualityState::Review, 1));
         assert_eq!(state(apart), (QualityState::Review, 1));
         assert_eq!(state(small), (QualityState::Review, 2));
+    }
+
+    #[test]
+    fn a_brain_that_is_cut_off_below_is_told_from_one_whose_stem_leaves_the_volume() {
+        for (area_cm2, expected) in [(14.9, vec![]), (15.0, vec!["mask-cut-inferior"])] {
+            let mut cut = numbers();
+            cut.cut_area_cm2[5] = area_cm2;
+            let quality = of_supplied(cut, MaskMethod::Supplied, None);
+            assert_eq!(quality.reason_codes, expected);
+        }
     }
 }

@@ -5,7 +5,9 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use geometry::{DistanceMap, Grid, MeshSize, PathTable, Paths, Volume, phantom};
+use geometry::{
+    Cut, DistanceMap, Envelope, Face, Grid, MeshSize, PathTable, Paths, Volume, phantom,
+};
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::gpu::{CaseKey, KeyedModel};
@@ -44,11 +46,22 @@ impl Phantom {
         Self::of_volume(phantom::volume(native, intensity))
     }
 
+    /// A bright ellipsoid as far as a cut leaves it.
+    fn cut_by(cut: Cut) -> Self {
+        let native = Grid::new([80, 90, 70], aligned()).unwrap();
+        let envelope = envelope_where(|position| cut.distance_mm(position) >= 0.0);
+        Self::of(
+            phantom::volume(native, |_| 200),
+            envelope.with_cuts(vec![cut]),
+        )
+    }
+
     fn of_volume(volume: Volume) -> Self {
-        let corner = CENTRE - DVec3::new(40.0, 45.0, 35.0);
-        let working = Grid::aligned([64, 72, 56], [VOXEL_MM; 3], corner).unwrap();
-        let is_inside = |position: DVec3| ((position - CENTRE) / HALF_AXES).length() <= 1.0;
-        let built = phantom::model(volume, phantom::envelope(&working, is_inside));
+        Self::of(volume, envelope_where(|_| true))
+    }
+
+    fn of(volume: Volume, envelope: Envelope) -> Self {
+        let built = phantom::model(volume, envelope);
         Self {
             case: KeyedModel {
                 key: next_key(),
@@ -57,6 +70,15 @@ impl Phantom {
             distance: built.distance,
         }
     }
+}
+
+/// The part of the ellipsoid where something holds of a position in LPS mm.
+fn envelope_where(is_seen: impl Fn(DVec3) -> bool) -> Envelope {
+    let corner = CENTRE - DVec3::new(40.0, 45.0, 35.0);
+    let working = Grid::aligned([64, 72, 56], [VOXEL_MM; 3], corner).unwrap();
+    phantom::envelope(&working, |position| {
+        ((position - CENTRE) / HALF_AXES).length() <= 1.0 && is_seen(position)
+    })
 }
 
 /// A key that no other case of this process has.
@@ -183,6 +205,7 @@ pub fn check(backend: RenderBackend, limits: Limits) {
     a_pixel_shows_the_native_intensity_at_its_hit(renderer, &limits);
     a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer);
     outside_of_the_volume_nothing_is_shown(renderer);
+    beside_a_cut_nothing_is_shown(renderer);
     colours_are_those_of_the_map(renderer);
     deeper_than_the_deepest_there_is_nothing(renderer);
     a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer);
@@ -462,6 +485,66 @@ fn outside_of_the_volume_nothing_is_shown(renderer: &Renderer) {
         "the left, from behind"
     );
     assert_eq!(frame.pixel(70, 48), Some(&[200, 255][..]), "the right");
+}
+
+/// What is nearer to the cut than to any border of the whole ellipsoid is bare; what is not shows what the whole one shows.
+fn beside_a_cut_nothing_is_shown(renderer: &Renderer) {
+    let cut = Cut {
+        face: Face::Inferior,
+        inward: DVec3::Z,
+        offset_mm: CENTRE.z - 10.0,
+    };
+    let whole = bright();
+    let part = Phantom::cut_by(cut);
+    // Another envelope has another mesh.
+    let renderer = &Renderer {
+        backend: renderer.backend.clone(),
+        table: OnceLock::new(),
+    };
+    let whole_depth_mm = |position: DVec3| {
+        let grid = whole.distance.grid();
+        let voxel = grid.voxel_from_patient().transform_point3(position).round();
+        let index = grid.index(voxel.to_array().map(|place| place as usize));
+        whole.distance.depth_mm(index).map_or(0.0, f64::from)
+    };
+    for depth_mm in [0.0, 6.0, 10.0] {
+        for (view, least) in [
+            (NamedView::Left, 200),
+            (NamedView::Superior, 200),
+            (NamedView::Inferior, 0),
+        ] {
+            let request = request(RenderParameters {
+                depth_mm,
+                camera: Camera::named(view),
+                background: Background::Transparent,
+                ..parameters()
+            });
+            let hits = renderer.hits(&part, &request);
+            let frame = renderer.draw(&part, &request);
+            let mut count = 0;
+            for index in 0..96 * 96 {
+                let Some(position) = hits.position_in_patient(index % 96, index / 96) else {
+                    continue;
+                };
+                count += 1;
+                let from_cut_mm = cut.distance_mm(position);
+                assert!(
+                    from_cut_mm >= depth_mm,
+                    "{view:?} at {depth_mm} mm: {from_cut_mm} mm from the cut"
+                );
+                let off_mm = (whole_depth_mm(position) - depth_mm).abs();
+                assert!(
+                    off_mm < 2.5 * VOXEL_MM,
+                    "{view:?} at {depth_mm} mm: {off_mm} mm off"
+                );
+            }
+            assert!(count >= least, "{view:?} at {depth_mm} mm: {count}");
+            // From below the cut covers the middle, and is bare.
+            let is_bare = frame.pixel(48, 48).unwrap()[1] == 0;
+            let is_below = view == NamedView::Inferior;
+            assert_eq!(is_bare, is_below, "{view:?} at {depth_mm} mm");
+        }
+    }
 }
 
 fn colours_are_those_of_the_map(renderer: &Renderer) {

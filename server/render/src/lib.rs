@@ -27,6 +27,7 @@ mod frame;
 pub mod gpu;
 mod hits;
 mod isosurface;
+mod known;
 mod lettering;
 mod light;
 mod mesh;

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::known::{cut_planes, leave_bare};
 use crate::rays::Rays;
 use crate::shade::Shade;
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
@@ -70,12 +71,15 @@ pub(crate) fn draw(
     let row_bytes = size.width() as usize * shade.format().bytes_per_pixel();
     let mut bytes = vec![0; row_bytes * size.height() as usize];
     let with_inward = shade.asks_for_inward();
+    let planes = cut_planes(scene.field, request.parameters().depth_mm);
+    let rays = working_rays(scene, projection);
     for_each_row(
         surface,
         projection,
         with_inward,
         &mut bytes,
         |row, points, pixels| {
+            leave_bare(&planes, &rays, row, points);
             shade.row(row, points, pixels);
         },
     );
@@ -112,7 +116,14 @@ impl<S: Surface> Surface for WhileWanted<'_, S> {
 }
 
 /// What each pixel of a surface's picture shows.
-pub(crate) fn hits(surface: &impl Surface, scene: &Scene<'_>, projection: &Projection) -> Hits {
+pub(crate) fn hits(
+    surface: &impl Surface,
+    scene: &Scene<'_>,
+    request: &RenderRequest,
+    projection: &Projection,
+) -> Hits {
+    let planes = cut_planes(scene.field, request.parameters().depth_mm);
+    let rays = working_rays(scene, projection);
     let voxel_mm = voxel_mm(scene) as f32;
     let mut heights_mm = vec![f32::NEG_INFINITY; projection.size().pixel_count()];
     for_each_row(
@@ -120,7 +131,8 @@ pub(crate) fn hits(surface: &impl Surface, scene: &Scene<'_>, projection: &Proje
         projection,
         false,
         &mut heights_mm,
-        |_, points, heights_mm| {
+        |row, points, heights_mm| {
+            leave_bare(&planes, &rays, row, points);
             for (height_mm, height) in heights_mm.iter_mut().zip(&points.heights) {
                 *height_mm = height * voxel_mm;
             }
@@ -150,7 +162,7 @@ fn for_each_row<T: Send>(
     projection: &Projection,
     with_inward: bool,
     out: &mut [T],
-    take: impl Fn(usize, &PointRow, &mut [T]) + Sync,
+    take: impl Fn(usize, &mut PointRow, &mut [T]) + Sync,
 ) {
     let size = projection.size();
     let per_row = out.len() / size.height() as usize;
@@ -162,7 +174,7 @@ fn for_each_row<T: Send>(
                 vec![PointRow::new(size.width() as usize, with_inward); out.len() / per_row];
             surface.find_rows(first, &mut rows);
             for (row, out) in out.chunks_exact_mut(per_row).enumerate() {
-                take(first + row, &rows[row], out);
+                take(first + row, &mut rows[row], out);
             }
         });
 }

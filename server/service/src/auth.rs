@@ -1,6 +1,7 @@
 //! Who may ask: the bearer token, the Host header, and pages of other sites.
 
 use std::net::IpAddr;
+use std::sync::Arc;
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
@@ -8,6 +9,8 @@ use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
+use crate::guesses::Guesses;
+use crate::listen::Peer;
 use crate::problem::AppError;
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
@@ -22,6 +25,7 @@ pub const MIN_TOKEN_LENGTH: usize = 16;
 pub struct Access {
     /// A digest: digests are compared in constant time, and tokens of any length in the same.
     token: Option<blake3::Hash>,
+    guesses: Arc<Guesses>,
 }
 
 /// The token cannot be used.
@@ -46,6 +50,7 @@ impl Access {
         }
         Ok(Self {
             token: Some(blake3::hash(token.as_bytes())),
+            guesses: Arc::default(),
         })
     }
 
@@ -163,7 +168,7 @@ pub async fn guard_origin(
     Ok(next.run(request).await)
 }
 
-/// Refuses requests without the token, where one is configured.
+/// Refuses requests without the token, where one is configured. The answer to a wrong one waits, longer each time.
 ///
 /// # Errors
 /// [`AppError::Unauthorized`].
@@ -172,7 +177,14 @@ pub async fn require_token(
     request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
-    access.check_token(request.headers())?;
+    if let Err(refusal) = access.check_token(request.headers()) {
+        // Who sends no token does not guess.
+        if bearer_token(request.headers()).is_some() {
+            let peer = request.extensions().get::<Peer>();
+            access.guesses.punish(peer.map(|peer| peer.0)).await;
+        }
+        return Err(refusal);
+    }
     Ok(next.run(request).await)
 }
 

@@ -3,10 +3,14 @@
 pub mod app;
 pub mod auth;
 pub mod caching;
+mod form_body;
+mod guesses;
 pub mod listen;
 pub mod logs;
 pub mod metrics;
 pub mod negotiate;
+pub mod pace;
+mod places;
 pub mod problem;
 pub mod routes;
 pub mod state;

@@ -31,10 +31,12 @@ impl MakeRequestId for MakeId {
     }
 }
 
-/// An id that a client may choose: short, and nothing that could break a log line.
+/// An id that a client may choose: a random one, as programs make them (a UUID, or 32 hexadecimal digits). Anything else could be a
+/// name or a patient's number, and would reach the log.
 fn is_acceptable_id(id: &[u8]) -> bool {
-    let harmless = |&byte: &u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
-    (1..=64).contains(&id.len()) && id.iter().all(harmless)
+    let digits = id.iter().filter(|byte| byte.is_ascii_hexdigit()).count();
+    let is_uuid = id.len() == 36 && [8, 13, 18, 23].iter().all(|&at| id[at] == b'-');
+    digits == 32 && (id.len() == 32 || is_uuid)
 }
 
 /// Takes away an id that a client should not have chosen.
@@ -94,9 +96,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_that_could_break_a_line_are_not_taken() {
-        assert!(is_acceptable_id(b"0af7651916cd43dd-1.2_x"));
-        for id in [&b""[..], b"a b", b"a\tb", b"\"", &[b'a'; 65]] {
+    fn ids_that_could_be_words_are_not_taken() {
+        assert!(is_acceptable_id(b"4bf92f3577b34da6a3ce929d0e0e4736"));
+        assert!(is_acceptable_id(b"0af76519-16cd-43dd-8448-eb211c80319c"));
+        for id in [
+            &b""[..],
+            b"a b",
+            b"19670312",
+            b"Smith-Anna",
+            &[b'a'; 65],
+            b"0af76519-16cd-43dd-8448-eb211c80319-",
+        ] {
             assert!(!is_acceptable_id(id));
         }
     }

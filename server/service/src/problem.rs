@@ -59,6 +59,12 @@ pub enum AppError {
         /// What is wrong with it: a sentence that begins with its verb.
         detail: String,
     },
+    /// A key of the query is unknown. It is not repeated: it may be anything, such as a patient's name.
+    #[error("the query has a key that this address does not take; {known}")]
+    UnknownKey {
+        /// Those it takes, in words.
+        known: String,
+    },
     /// The form of an upload cannot be read.
     #[error("{detail}")]
     Upload {
@@ -81,6 +87,12 @@ pub enum AppError {
     TooLarge {
         /// The limit.
         limit_bytes: u64,
+    },
+    /// A part of the body is larger than allowed.
+    #[error("{detail}")]
+    PartTooLarge {
+        /// Which, and the limit: one sentence.
+        detail: String,
     },
     /// The range lies outside of the body.
     #[error("the range lies outside of the {length} bytes of this answer")]
@@ -182,6 +194,7 @@ impl AppError {
         let (status, kind) = match self {
             Self::Cases(error) => return of_cases(error),
             Self::NotACaseId => (StatusCode::NOT_FOUND, "not-a-case-id"),
+            Self::UnknownKey { .. } => (StatusCode::BAD_REQUEST, "query-unknown-key"),
             Self::Query { kind, .. } | Self::Upload { kind, .. } => {
                 (StatusCode::BAD_REQUEST, *kind)
             }
@@ -189,7 +202,9 @@ impl AppError {
                 (StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type")
             }
             Self::NotAcceptable { .. } => (StatusCode::NOT_ACCEPTABLE, "not-acceptable"),
-            Self::TooLarge { .. } => (StatusCode::PAYLOAD_TOO_LARGE, "body-too-large"),
+            Self::TooLarge { .. } | Self::PartTooLarge { .. } => {
+                (StatusCode::PAYLOAD_TOO_LARGE, "body-too-large")
+            }
             Self::RangeNotSatisfiable { .. } => {
                 (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
             }

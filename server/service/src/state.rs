@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use case::CaseId;
-use cases::Cases;
 use cases::models::WarmModel;
-use tokio::sync::watch;
+use cases::{Cases, Error};
+use tokio::sync::{Semaphore, SemaphorePermit, watch};
 
 use crate::auth::Access;
 use crate::metrics::Metrics;
@@ -21,6 +21,8 @@ pub struct HttpOptions {
     pub access: Access,
     /// The largest accepted upload, in bytes.
     pub max_upload_bytes: u64,
+    /// Uploads at a time.
+    pub max_uploads: usize,
     /// Memory for compressed bodies, in bytes.
     pub body_cache_bytes: u64,
     /// Time for an answer.
@@ -48,6 +50,8 @@ pub struct Shared {
     pub metrics: Metrics,
     /// Who may ask.
     pub access: Access,
+    /// Room for uploads under way.
+    pub uploads: Semaphore,
     /// The largest accepted upload, in bytes.
     pub max_upload_bytes: u64,
     /// Time for an answer.
@@ -75,6 +79,7 @@ impl AppState {
             cases,
             metrics: Metrics::new(),
             access: options.access,
+            uploads: Semaphore::new(options.max_uploads),
             max_upload_bytes: options.max_upload_bytes,
             answer_timeout: options.answer_timeout,
             upload_idle: options.upload_idle,
@@ -95,6 +100,14 @@ impl Shared {
             self.bodies.forget(id);
         }
         Ok(model?)
+    }
+
+    /// Room for one more upload, until it is dropped. They are fewer than connections: uploads leave room for everybody else.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn begin_upload(&self) -> Result<SemaphorePermit<'_>, AppError> {
+        self.uploads.try_acquire().map_err(|_| Error::Busy.into())
     }
 
     /// Forgets what is remembered of a case.

@@ -1,122 +1,93 @@
-//! What every implementation of the rows, and every object store, must do. One suite, run on each of them.
+//! What every implementation of the rows, and every object store, must do: one suite, for those in here and for back ends
+//! elsewhere.
+//!
+//! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function that
+//! returns a [`RowsSubject`] on an empty database.
+#![expect(missing_docs, reason = "the names of the checks are sentences")]
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use super::frame::frame;
-use super::objects::Unreadable;
-use super::rows::{CaseRows, Inserted, NewCase, Published, Release};
-use super::testing::{at, claim, facts, failure, name, new_case, pinned};
-use super::{Objects, SqliteRows};
 use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
 
-/// An implementation, and what must live as long.
-struct Subject<T> {
-    subject: T,
-    _directory: Option<tempfile::TempDir>,
+use super::ObjectName;
+use super::rows::{CaseRows, Inserted, NewCase, Pinned, Published, Release, Sweep};
+use super::testing::{claim, facts, failure, name, new_case, pinned};
+
+/// How long jobs are leased here.
+const LEASE: Duration = Duration::from_secs(30);
+
+/// Rows to be checked.
+pub struct RowsSubject {
+    /// The rows, empty.
+    pub rows: Arc<dyn CaseRows>,
+    /// Lets time pass on their clock.
+    pub pass_time: Box<dyn Fn(Duration) + Send + Sync>,
+    /// What must live as long.
+    pub keep: Box<dyn std::any::Any + Send + Sync>,
 }
 
-async fn rows_in_memory() -> Subject<Arc<dyn CaseRows>> {
-    let rows = SqliteRows::in_memory().await.unwrap();
-    Subject {
-        subject: Arc::new(rows),
-        _directory: None,
+impl RowsSubject {
+    fn pass(&self, seconds: u64) {
+        (self.pass_time)(Duration::from_secs(seconds));
     }
 }
 
-async fn rows_in_a_file() -> Subject<Arc<dyn CaseRows>> {
-    let directory = tempfile::tempdir().unwrap();
-    let rows = SqliteRows::open(&directory.path().join("rows.sqlite"))
-        .await
-        .unwrap();
-    Subject {
-        subject: Arc::new(rows),
-        _directory: Some(directory),
-    }
-}
-
-async fn objects_in_memory() -> Subject<Objects> {
-    let files = Arc::new(object_store::memory::InMemory::new());
-    Subject {
-        subject: Objects::new(files),
-        _directory: None,
-    }
-}
-
-async fn objects_in_a_directory() -> Subject<Objects> {
-    let directory = tempfile::tempdir().unwrap();
-    let objects = Objects::in_directory(directory.path()).unwrap();
-    Subject {
-        subject: objects,
-        _directory: Some(directory),
-    }
-}
-
-macro_rules! suite {
-    ($($implementation:ident: $($check:ident),+;)+) => {$(
+/// Tests that rows do what they must: `rows_conformance! { a_name: make_subject }`.
+#[macro_export]
+macro_rules! rows_conformance {
+    ($($implementation:ident: $make:path),+ $(,)?) => {$(
         mod $implementation {
-            $(
-                #[tokio::test]
-                async fn $check() {
-                    let subject = super::$implementation().await;
-                    super::$check(&subject.subject).await;
-                }
-            )+
+            $crate::rows_conformance! { @tests $make;
+                a_case_is_inserted_once
+                a_case_is_renamed
+                cases_are_listed_newest_first_in_pages
+                no_more_jobs_wait_than_may
+                a_failed_case_is_queued_again
+                without_its_pins_nothing_is_inserted_or_published
+                jobs_are_leased_in_their_order_and_once
+                an_ended_lease_goes_to_another_and_fences_the_first_off
+                a_job_fails_after_so_many_attempts
+                a_lease_handed_back_need_not_count
+                a_published_case_is_ready_and_its_job_is_gone
+                progress_is_told_and_a_lease_renewed
+                what_two_cases_need_goes_with_the_second
+                a_pin_protects_until_it_expires
+                what_is_being_removed_cannot_be_pinned
+                a_sweep_that_was_killed_is_finished_by_another
+                a_sweep_buries_its_own_tombstones_alone
+                a_deleted_case_cannot_be_published
+                a_ready_case_gets_other_objects_or_fails
+                holders_that_are_dead_hold_nothing
+            }
+        }
+    )+};
+    (@tests $make:path; $($check:ident)+) => {$(
+        #[tokio::test]
+        async fn $check() {
+            $crate::conformance::$check(&$make().await).await;
         }
     )+};
 }
 
-macro_rules! rows_suite {
-    ($($implementation:ident)+) => {
-        suite! {$(
-            $implementation:
-                a_case_is_inserted_once,
-                a_case_is_renamed,
-                cases_are_listed_newest_first_in_pages,
-                no_more_jobs_wait_than_may,
-                a_failed_case_is_queued_again,
-                without_its_pins_nothing_is_inserted_or_published,
-                jobs_are_leased_in_their_order_and_once,
-                an_ended_lease_goes_to_another_and_fences_the_first_off,
-                a_job_fails_after_so_many_attempts,
-                a_lease_handed_back_need_not_count,
-                a_published_case_is_ready_and_its_job_is_gone,
-                progress_is_told_and_a_lease_renewed,
-                what_two_cases_need_goes_with_the_second,
-                a_pin_protects_until_it_expires,
-                a_removal_that_is_dropped_changes_nothing,
-                a_deleted_case_cannot_be_published,
-                a_ready_case_gets_other_objects_or_fails,
-                holders_that_are_dead_hold_nothing;
-        )+}
-    };
-}
-
-rows_suite! { rows_in_memory rows_in_a_file }
-
-suite! {
-    objects_in_memory: an_object_comes_back_and_goes, a_damaged_object_is_told_and_written_over, a_large_file_comes_back;
-    objects_in_a_directory: an_object_comes_back_and_goes, a_damaged_object_is_told_and_written_over, a_large_file_comes_back;
-}
-
-type Rows = Arc<dyn CaseRows>;
-
-async fn insert(rows: &Rows, contents: &str, second: i64) -> NewCase {
-    let new = new_case(&**rows, contents, at(second)).await;
+async fn insert(rows: &dyn CaseRows, contents: &str) -> NewCase {
+    let new = new_case(rows, contents).await;
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Created);
     new
 }
 
-async fn derived(rows: &Rows, contents: &str) -> super::rows::Pinned {
+async fn derived(rows: &dyn CaseRows, contents: &str) -> Pinned {
     let names = ObjectKind::DERIVED.map(|kind| name(kind, contents));
-    pinned(&**rows, &names).await
+    pinned(rows, &names).await
 }
 
-async fn state(rows: &Rows, new: &NewCase) -> Option<CaseState> {
+async fn state(rows: &dyn CaseRows, new: &NewCase) -> Option<CaseState> {
     rows.case(&new.id).await.unwrap().map(|case| case.state)
 }
 
-async fn a_case_is_inserted_once(rows: &Rows) {
-    let mut new = new_case(&**rows, "a", at(5)).await;
+pub async fn a_case_is_inserted_once(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let mut new = new_case(rows, "a").await;
     new.parameters = Parameters {
         closing_radius_mm: 7.5,
         mask_kind: case::MaskKind::Envelope,
@@ -127,7 +98,7 @@ async fn a_case_is_inserted_once(rows: &Rows) {
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Created);
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Exists);
     let case = rows.case(&new.id).await.unwrap().unwrap();
-    assert_eq!((case.state, case.created_at), (CaseState::Queued, at(5)));
+    assert_eq!(case.state, CaseState::Queued);
     assert_eq!(case.parameters, new.parameters);
     assert_eq!(
         (case.progress, case.failure, case.facts),
@@ -137,173 +108,188 @@ async fn a_case_is_inserted_once(rows: &Rows) {
     assert_eq!(rows.waiting().await.unwrap(), 1);
 }
 
-async fn a_case_is_renamed(rows: &Rows) {
-    let new = insert(rows, "one", 1).await;
+pub async fn a_case_is_renamed(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "one").await;
     rows.rename(&new.id, "another name").await.unwrap();
     let case = rows.case(&new.id).await.unwrap().expect("the case");
     assert_eq!(case.parameters.name.as_deref(), Some("another name"));
-    rows.rename(&insert(rows, "two", 2).await.id, "its own")
+    rows.rename(&insert(rows, "two").await.id, "its own")
         .await
         .unwrap();
     let case = rows.case(&new.id).await.unwrap().expect("the case");
     assert_eq!(case.parameters.name.as_deref(), Some("another name"));
 }
 
-async fn cases_are_listed_newest_first_in_pages(rows: &Rows) {
+pub async fn cases_are_listed_newest_first_in_pages(subject: &RowsSubject) {
+    let rows = &*subject.rows;
     let mut expected = Vec::new();
     for number in 0..7i64 {
-        // Some are of the same moment.
-        expected.push(insert(rows, &number.to_string(), number / 2).await);
+        let id = insert(rows, &number.to_string()).await.id;
+        let case = rows.case(&id).await.unwrap().unwrap();
+        expected.push((case.created_at, id));
+        // Some may be of the same moment.
+        if number % 2 == 1 {
+            subject.pass(1);
+        }
     }
-    expected.sort_by_key(|new| std::cmp::Reverse((new.now, new.id)));
+    expected.sort_by_key(|&new| std::cmp::Reverse(new));
     let mut listed = Vec::new();
     let mut cursor = None;
     for length in [3, 3, 1] {
         let page = rows.cases(cursor.as_ref(), 3).await.unwrap();
         assert_eq!(page.cases.len(), length);
-        listed.extend(page.cases.into_iter().map(|case| case.id));
+        listed.extend(
+            page.cases
+                .into_iter()
+                .map(|case| (case.created_at, case.id)),
+        );
         cursor = page.next;
     }
     assert_eq!(cursor, None);
-    assert!(
-        listed
-            .into_iter()
-            .eq(expected.into_iter().map(|new| new.id))
-    );
+    assert_eq!(listed, expected);
 }
 
-async fn no_more_jobs_wait_than_may(rows: &Rows) {
-    insert(rows, "a", 0).await;
-    let mut new = new_case(&**rows, "b", at(1)).await;
+pub async fn no_more_jobs_wait_than_may(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    insert(rows, "a").await;
+    let mut new = new_case(rows, "b").await;
     new.queue_limit = 1;
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::QueueFull);
     assert_eq!(state(rows, &new).await, None);
     // A leased job does not wait.
-    claim(&**rows, 2).await.unwrap();
+    claim(rows).await.unwrap();
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Created);
 }
 
-async fn a_failed_case_is_queued_again(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    let leased = claim(&**rows, 1).await.unwrap();
+pub async fn a_failed_case_is_queued_again(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    let created_at = rows.case(&new.id).await.unwrap().unwrap().created_at;
+    let leased = claim(rows).await.unwrap();
     assert!(rows.fail(&leased, &failure()).await.unwrap());
     let failed = rows.case(&new.id).await.unwrap().unwrap();
     assert_eq!(
         (failed.state, failed.failure),
         (CaseState::Failed, Some(failure()))
     );
-    assert_eq!(claim(&**rows, 2).await, None);
-    let again = new_case(&**rows, "a", at(3)).await;
+    assert_eq!(claim(rows).await, None);
+    subject.pass(3);
+    let again = new_case(rows, "a").await;
     assert_eq!(rows.insert(&again).await.unwrap(), Inserted::Requeued);
     let queued = rows.case(&new.id).await.unwrap().unwrap();
     assert_eq!(
         (queued.state, queued.failure, queued.created_at),
-        (CaseState::Queued, None, at(0))
+        (CaseState::Queued, None, created_at)
     );
-    assert_eq!(claim(&**rows, 4).await.unwrap().attempt, 1);
+    assert_eq!(claim(rows).await.unwrap().attempt, 1);
 }
 
-async fn without_its_pins_nothing_is_inserted_or_published(rows: &Rows) {
-    let new = new_case(&**rows, "a", at(0)).await;
-    rows.unpin(&new.sources, at(1)).await.unwrap();
-    let removal = rows.begin_removal(&new.sources.names, at(1)).await.unwrap();
-    removal.finish().await.unwrap();
+pub async fn without_its_pins_nothing_is_inserted_or_published(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = new_case(rows, "a").await;
+    rows.unpin(&new.sources).await.unwrap();
+    assert_eq!(removed(rows, &new.sources.names).await, new.sources.names);
     assert_eq!(rows.insert(&new).await.unwrap(), Inserted::PinLost);
     assert_eq!(state(rows, &new).await, None);
 
-    insert(rows, "a", 2).await;
-    let leased = claim(&**rows, 3).await.unwrap();
-    let unpinned = super::rows::Pinned {
+    insert(rows, "a").await;
+    let leased = claim(rows).await.unwrap();
+    let unpinned = Pinned {
         holder: "nobody has pinned it".to_owned(),
         names: ObjectKind::DERIVED.map(|kind| name(kind, "a")).into(),
     };
-    let published = rows
-        .publish(&leased, &unpinned, &facts(), at(4))
-        .await
-        .unwrap();
+    let published = rows.publish(&leased, &unpinned, &facts()).await.unwrap();
     assert_eq!(published, Published::PinLost);
     assert_eq!(state(rows, &new).await, Some(CaseState::Preparing));
-    assert!(rows.renew(&leased, at(60), None).await.unwrap());
+    assert!(rows.renew(&leased, LEASE, None).await.unwrap());
 }
 
-async fn jobs_are_leased_in_their_order_and_once(rows: &Rows) {
-    let [first, second] = [insert(rows, "a", 0).await, insert(rows, "b", 1).await];
-    let leased = claim(&**rows, 2).await.unwrap();
+pub async fn jobs_are_leased_in_their_order_and_once(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let first = insert(rows, "a").await;
+    subject.pass(1);
+    let second = insert(rows, "b").await;
+    let leased = claim(rows).await.unwrap();
     assert_eq!((leased.id, leased.attempt), (first.id, 1));
     assert_eq!(
         (leased.parameters, leased.sources),
         (first.parameters.clone(), first.sources.names.clone())
     );
     assert_eq!(state(rows, &first).await, Some(CaseState::Preparing));
-    assert_eq!(claim(&**rows, 2).await.unwrap().id, second.id);
-    assert_eq!(claim(&**rows, 2).await, None);
+    assert_eq!(claim(rows).await.unwrap().id, second.id);
+    assert_eq!(claim(rows).await, None);
 }
 
-async fn an_ended_lease_goes_to_another_and_fences_the_first_off(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    let first = claim(&**rows, 0).await.unwrap();
-    assert_eq!(claim(&**rows, 29).await, None);
-    let second = claim(&**rows, 30).await.unwrap();
+pub async fn an_ended_lease_goes_to_another_and_fences_the_first_off(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    let first = claim(rows).await.unwrap();
+    subject.pass(29);
+    assert_eq!(claim(rows).await, None);
+    subject.pass(1);
+    let second = claim(rows).await.unwrap();
     assert!(second.fence > first.fence && second.attempt == 2);
 
     let release = Release {
-        available_at: at(31),
+        after: Duration::ZERO,
         counts: true,
     };
-    assert!(!rows.renew(&first, at(90), None).await.unwrap());
+    assert!(!rows.renew(&first, LEASE, None).await.unwrap());
     assert!(!rows.release(&first, release).await.unwrap());
     assert!(!rows.fail(&first, &failure()).await.unwrap());
     let late = derived(rows, "a").await;
-    let published = rows.publish(&first, &late, &facts(), at(31)).await.unwrap();
+    let published = rows.publish(&first, &late, &facts()).await.unwrap();
     assert_eq!(published, Published::Fenced);
     assert_eq!(state(rows, &new).await, Some(CaseState::Preparing));
 
-    let published = rows
-        .publish(&second, &late, &facts(), at(32))
-        .await
-        .unwrap();
+    let published = rows.publish(&second, &late, &facts()).await.unwrap();
     assert_eq!(published, Published::Done);
 }
 
-async fn a_job_fails_after_so_many_attempts(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    let other = insert(rows, "b", 1).await;
+pub async fn a_job_fails_after_so_many_attempts(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    subject.pass(1);
+    let other = insert(rows, "b").await;
     for attempt in 1..=3 {
-        let leased = claim(&**rows, 100 * i64::from(attempt)).await.unwrap();
+        let leased = claim(rows).await.unwrap();
         assert_eq!((leased.id, leased.attempt), (new.id, attempt));
+        subject.pass(100);
     }
     // The next look gives it up and goes on.
-    assert_eq!(claim(&**rows, 1000).await.unwrap().id, other.id);
+    assert_eq!(claim(rows).await.unwrap().id, other.id);
     let failed = rows.case(&new.id).await.unwrap().unwrap();
     assert_eq!(failed.state, CaseState::Failed);
     assert_eq!(failed.failure.unwrap().name, "preparation-interrupted");
 }
 
-async fn a_lease_handed_back_need_not_count(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    for (second, counts, attempt) in [(1, false, 1), (2, true, 1), (3, false, 2), (4, true, 2)] {
-        let leased = claim(&**rows, second).await.unwrap();
+pub async fn a_lease_handed_back_need_not_count(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    for (counts, attempt) in [(false, 1), (true, 1), (false, 2), (true, 2)] {
+        let leased = claim(rows).await.unwrap();
         assert_eq!(leased.attempt, attempt);
         let release = Release {
-            available_at: at(second + 1),
+            after: Duration::from_secs(5),
             counts,
         };
         assert!(rows.release(&leased, release).await.unwrap());
         assert_eq!(state(rows, &new).await, Some(CaseState::Queued));
-        assert!(!rows.renew(&leased, at(90), None).await.unwrap());
+        assert!(!rows.renew(&leased, LEASE, None).await.unwrap());
         // Not before its time.
-        assert_eq!(claim(&**rows, second).await, None);
+        subject.pass(4);
+        assert_eq!(claim(rows).await, None);
+        subject.pass(1);
     }
 }
 
-async fn a_published_case_is_ready_and_its_job_is_gone(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    let leased = claim(&**rows, 1).await.unwrap();
+pub async fn a_published_case_is_ready_and_its_job_is_gone(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    let leased = claim(rows).await.unwrap();
     let derived = derived(rows, "a").await;
-    let published = rows
-        .publish(&leased, &derived, &facts(), at(2))
-        .await
-        .unwrap();
+    let published = rows.publish(&leased, &derived, &facts()).await.unwrap();
     assert_eq!(published, Published::Done);
     let case = rows.case(&new.id).await.unwrap().unwrap();
     assert_eq!(
@@ -313,41 +299,54 @@ async fn a_published_case_is_ready_and_its_job_is_gone(rows: &Rows) {
     let objects = rows.objects(&new.id).await.unwrap();
     assert_eq!(objects.len(), 1 + ObjectKind::DERIVED.len());
     assert!(derived.names.iter().all(|name| objects.contains(name)));
-    assert_eq!(claim(&**rows, 1000).await, None);
-    assert!(rows.expired_pins(at(100_000), 10).await.unwrap().is_empty());
+    subject.pass(100_000);
+    assert_eq!(claim(rows).await, None);
+    assert!(rows.abandoned(10).await.unwrap().is_empty());
 }
 
-async fn progress_is_told_and_a_lease_renewed(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    let leased = claim(&**rows, 0).await.unwrap();
+pub async fn progress_is_told_and_a_lease_renewed(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    let leased = claim(rows).await.unwrap();
     let progress = Progress {
         stage: Stage::Forest,
         fraction: 0.5,
     };
-    assert!(rows.renew(&leased, at(60), Some(progress)).await.unwrap());
+    assert!(
+        rows.renew(&leased, 2 * LEASE, Some(progress))
+            .await
+            .unwrap()
+    );
     assert_eq!(
         rows.case(&new.id).await.unwrap().unwrap().progress,
         Some(progress)
     );
-    assert_eq!(claim(&**rows, 59).await, None);
-    assert!(claim(&**rows, 60).await.is_some());
+    subject.pass(59);
+    assert_eq!(claim(rows).await, None);
+    subject.pass(1);
+    assert!(claim(rows).await.is_some());
     assert_eq!(rows.case(&new.id).await.unwrap().unwrap().progress, None);
 }
 
-async fn removable(
-    rows: &Rows,
-    names: &[super::ObjectName],
-    second: i64,
-) -> Vec<super::ObjectName> {
-    let removal = rows.begin_removal(names, at(second)).await.unwrap();
-    let names = removal.names().to_vec();
-    removal.finish().await.unwrap();
-    names
+/// A sweep that may take a minute.
+fn sweep(holder: &str) -> Sweep {
+    Sweep {
+        holder: holder.to_owned(),
+        lease: Duration::from_secs(60),
+    }
 }
 
-async fn what_two_cases_need_goes_with_the_second(rows: &Rows) {
-    let first = insert(rows, "a", 0).await;
-    let mut second = new_case(&**rows, "a", at(1)).await;
+/// What a whole sweep of these objects removes.
+async fn removed(rows: &dyn CaseRows, names: &[ObjectName]) -> Vec<ObjectName> {
+    let marked = rows.mark(names, &sweep("a sweep")).await.unwrap();
+    rows.bury("a sweep").await.unwrap();
+    marked
+}
+
+pub async fn what_two_cases_need_goes_with_the_second(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let first = insert(rows, "a").await;
+    let mut second = new_case(rows, "a").await;
     let other_radius = Parameters {
         closing_radius_mm: 5.0,
         ..Parameters::default()
@@ -355,74 +354,122 @@ async fn what_two_cases_need_goes_with_the_second(rows: &Rows) {
     second.id = case::CaseId::of(&second.sources.names[0].digest, None, &other_radius);
     assert_eq!(rows.insert(&second).await.unwrap(), Inserted::Created);
 
-    assert!(rows.delete(&first.id, at(2)).await.unwrap());
-    assert!(!rows.delete(&first.id, at(2)).await.unwrap());
-    let looked_at = rows.expired_pins(at(2), 10).await.unwrap();
+    assert!(rows.delete(&first.id).await.unwrap());
+    assert!(!rows.delete(&first.id).await.unwrap());
+    let looked_at = rows.abandoned(10).await.unwrap();
     assert_eq!(looked_at, first.sources.names);
-    assert_eq!(removable(rows, &looked_at, 2).await, []);
-    assert!(rows.expired_pins(at(2), 10).await.unwrap().is_empty());
+    assert_eq!(removed(rows, &looked_at).await, []);
+    assert!(rows.abandoned(10).await.unwrap().is_empty());
 
-    assert!(rows.delete(&second.id, at(3)).await.unwrap());
-    let looked_at = rows.expired_pins(at(3), 10).await.unwrap();
-    assert_eq!(removable(rows, &looked_at, 3).await, first.sources.names);
-    assert!(rows.expired_pins(at(3), 10).await.unwrap().is_empty());
+    assert!(rows.delete(&second.id).await.unwrap());
+    let looked_at = rows.abandoned(10).await.unwrap();
+    assert_eq!(removed(rows, &looked_at).await, first.sources.names);
+    assert!(rows.abandoned(10).await.unwrap().is_empty());
 }
 
-async fn a_pin_protects_until_it_expires(rows: &Rows) {
+pub async fn a_pin_protects_until_it_expires(subject: &RowsSubject) {
+    let rows = &*subject.rows;
     let names = [name(ObjectKind::Volume, "a")];
-    pinned(&**rows, &names).await;
-    let shorter = pinned(&**rows, &names).await;
-    rows.unpin(&shorter, at(10)).await.unwrap();
+    pinned(rows, &names).await;
+    let shorter = pinned(rows, &names).await;
+    rows.unpin(&shorter).await.unwrap();
     // One of two pins has expired.
-    assert_eq!(rows.expired_pins(at(10), 10).await.unwrap(), names);
-    assert_eq!(removable(rows, &names, 10).await, []);
-    assert!(rows.expired_pins(at(3599), 10).await.unwrap().is_empty());
-    assert_eq!(rows.expired_pins(at(3600), 10).await.unwrap(), names);
-    assert_eq!(removable(rows, &names, 3600).await, names);
+    assert_eq!(rows.abandoned(10).await.unwrap(), names);
+    assert_eq!(removed(rows, &names).await, []);
+    assert!(rows.abandoned(10).await.unwrap().is_empty());
+    subject.pass(3600);
+    assert_eq!(rows.abandoned(10).await.unwrap(), names);
+    assert_eq!(removed(rows, &names).await, names);
 }
 
-async fn a_removal_that_is_dropped_changes_nothing(rows: &Rows) {
+pub async fn what_is_being_removed_cannot_be_pinned(subject: &RowsSubject) {
+    let rows = &*subject.rows;
     let names = [name(ObjectKind::Volume, "a")];
-    let pins = pinned(&**rows, &names).await;
-    rows.unpin(&pins, at(1)).await.unwrap();
-    drop(rows.begin_removal(&names, at(1)).await.unwrap());
-    assert_eq!(rows.expired_pins(at(1), 10).await.unwrap(), names);
+    rows.unpin(&pinned(rows, &names).await).await.unwrap();
+    assert_eq!(rows.mark(&names, &sweep("a")).await.unwrap(), names);
+    let again = Pinned {
+        holder: "a writer".to_owned(),
+        names: vec![name(ObjectKind::Forest, "b"), names[0]],
+    };
+    assert!(!rows.pin(&again, LEASE).await.unwrap());
+    // None of them was pinned.
+    subject.pass(31);
+    assert!(rows.abandoned(10).await.unwrap().is_empty());
+    rows.bury("a").await.unwrap();
+    assert!(rows.pin(&again, LEASE).await.unwrap());
+    // What is pinned gets no tombstone.
+    assert_eq!(rows.mark(&names, &sweep("b")).await.unwrap(), []);
 }
 
-async fn a_deleted_case_cannot_be_published(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    let leased = claim(&**rows, 1).await.unwrap();
-    assert!(rows.delete(&new.id, at(2)).await.unwrap());
-    assert!(!rows.renew(&leased, at(60), None).await.unwrap());
+pub async fn a_sweep_that_was_killed_is_finished_by_another(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let names = [name(ObjectKind::Volume, "a")];
+    rows.unpin(&pinned(rows, &names).await).await.unwrap();
+    assert_eq!(rows.mark(&names, &sweep("killed")).await.unwrap(), names);
+    // As long as it may live, its tombstones are its own.
+    subject.pass(59);
+    assert!(rows.abandoned(10).await.unwrap().is_empty());
+    assert_eq!(rows.mark(&names, &sweep("next")).await.unwrap(), []);
+    subject.pass(1);
+    assert_eq!(rows.abandoned(10).await.unwrap(), names);
+    assert_eq!(rows.mark(&names, &sweep("next")).await.unwrap(), names);
+    rows.bury("next").await.unwrap();
+    assert!(rows.abandoned(10).await.unwrap().is_empty());
+    pinned(rows, &names).await;
+}
+
+pub async fn a_sweep_buries_its_own_tombstones_alone(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let names = [name(ObjectKind::Volume, "a")];
+    rows.unpin(&pinned(rows, &names).await).await.unwrap();
+    rows.mark(&names, &sweep("slow")).await.unwrap();
+    subject.pass(60);
+    assert_eq!(rows.mark(&names, &sweep("next")).await.unwrap(), names);
+    // The first one comes back after its lease: the tombstone is not its own any more.
+    rows.bury("slow").await.unwrap();
+    let writer = Pinned {
+        holder: "a writer".to_owned(),
+        names: names.to_vec(),
+    };
+    assert!(!rows.pin(&writer, LEASE).await.unwrap());
+    rows.bury("next").await.unwrap();
+    assert!(rows.pin(&writer, LEASE).await.unwrap());
+}
+
+pub async fn a_deleted_case_cannot_be_published(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    let leased = claim(rows).await.unwrap();
+    assert!(rows.delete(&new.id).await.unwrap());
+    assert!(!rows.renew(&leased, LEASE, None).await.unwrap());
     // The same again is another job: the first one's lease has nothing to do with it.
-    insert(rows, "a", 3).await;
-    claim(&**rows, 4).await.unwrap();
+    insert(rows, "a").await;
+    claim(rows).await.unwrap();
     let late = derived(rows, "a").await;
-    let published = rows.publish(&leased, &late, &facts(), at(5)).await.unwrap();
+    let published = rows.publish(&leased, &late, &facts()).await.unwrap();
     assert_eq!(published, Published::Fenced);
 }
 
-async fn a_ready_case_gets_other_objects_or_fails(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
+pub async fn a_ready_case_gets_other_objects_or_fails(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
     let others = derived(rows, "b").await;
     assert_eq!(
-        rows.replace(&new.id, &others, at(1)).await.unwrap(),
+        rows.replace(&new.id, &others).await.unwrap(),
         Published::Fenced
     );
     assert!(!rows.condemn(&new.id, &failure()).await.unwrap());
 
-    let leased = claim(&**rows, 1).await.unwrap();
+    let leased = claim(rows).await.unwrap();
     let first = derived(rows, "a").await;
-    rows.publish(&leased, &first, &facts(), at(2))
-        .await
-        .unwrap();
+    rows.publish(&leased, &first, &facts()).await.unwrap();
     assert_eq!(
-        rows.replace(&new.id, &others, at(3)).await.unwrap(),
+        rows.replace(&new.id, &others).await.unwrap(),
         Published::Done
     );
     let objects = rows.objects(&new.id).await.unwrap();
     assert!(others.names.iter().all(|name| objects.contains(name)));
-    let mut dropped = rows.expired_pins(at(3), 10).await.unwrap();
+    let mut dropped = rows.abandoned(10).await.unwrap();
     dropped.sort_by_key(|name| name.kind);
     assert_eq!(dropped, first.names);
 
@@ -430,68 +477,134 @@ async fn a_ready_case_gets_other_objects_or_fails(rows: &Rows) {
     assert_eq!(state(rows, &new).await, Some(CaseState::Failed));
 }
 
-async fn holders_that_are_dead_hold_nothing(rows: &Rows) {
-    let new = insert(rows, "a", 0).await;
-    claim(&**rows, 1).await.unwrap();
-    let names = [name(ObjectKind::Volume, "a")];
-    pinned(&**rows, &names).await;
-    rows.forget_holders(at(2)).await.unwrap();
-    assert_eq!(claim(&**rows, 2).await.unwrap().id, new.id);
-    assert_eq!(rows.expired_pins(at(2), 10).await.unwrap(), names);
+pub async fn holders_that_are_dead_hold_nothing(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    claim(rows).await.unwrap();
+    let names = [name(ObjectKind::Volume, "a"), name(ObjectKind::Volume, "b")];
+    pinned(rows, &names[..1]).await;
+    rows.unpin(&pinned(rows, &names[1..]).await).await.unwrap();
+    rows.mark(&names[1..], &sweep("dead")).await.unwrap();
+    rows.forget_holders().await.unwrap();
+    assert_eq!(claim(rows).await.unwrap().id, new.id);
+    let mut abandoned = rows.abandoned(10).await.unwrap();
+    abandoned.sort_by_key(|name| name.digest.to_string());
+    let mut expected = names.to_vec();
+    expected.sort_by_key(|name| name.digest.to_string());
+    assert_eq!(abandoned, expected);
 }
 
-async fn an_object_comes_back_and_goes(objects: &Objects) {
-    let framed = frame(ObjectKind::Forest, vec![7; 5000].into());
-    assert!(matches!(
-        objects.get(&framed.name).await,
-        Err(Unreadable::Missing)
-    ));
-    objects.put(&framed).await.unwrap();
-    assert_eq!(objects.get(&framed.name).await.unwrap(), vec![7; 5000]);
-    assert_eq!(objects.list().await.unwrap(), [framed.name]);
-    objects.delete(&framed.name).await.unwrap();
-    objects.delete(&framed.name).await.unwrap();
-    assert!(matches!(
-        objects.get(&framed.name).await,
-        Err(Unreadable::Missing)
-    ));
-    objects.check().await.unwrap();
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::frame;
+    use crate::objects::Unreadable;
+    use crate::{Objects, SqliteRows};
 
-async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
-    let mut framed = frame(ObjectKind::Volume, (0..200).collect::<Vec<u8>>().into());
-    let sound = framed.clone();
-    let mut payload = framed.payload.to_vec();
-    payload[100] ^= 1;
-    framed.payload = payload.into();
-    objects.put(&framed).await.unwrap();
-    assert!(matches!(
-        objects.get(&framed.name).await,
-        Err(Unreadable::Damaged(_))
-    ));
-    objects.put(&sound).await.unwrap();
-    assert!(objects.get(&framed.name).await.is_ok());
-}
+    fn subject(rows: SqliteRows, keep: impl Send + Sync + 'static) -> RowsSubject {
+        let clock = rows.clone();
+        RowsSubject {
+            rows: Arc::new(rows),
+            pass_time: Box::new(move |by| clock.pass_time(by)),
+            keep: Box::new(keep),
+        }
+    }
 
-async fn a_large_file_comes_back(objects: &Objects) {
-    // Three parts, of which the last is short; with the header the second ends in the file's middle.
-    for length in [0, 1, (16 << 20) - 72, 17_000_000] {
-        let mut contents = vec![0; length];
-        blake3::Hasher::new().finalize_xof().fill(&mut contents);
-        let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), &contents).unwrap();
-        let digest = blake3::hash(&contents);
-        let name = super::ObjectName {
-            kind: ObjectKind::SourceVolume,
-            digest,
-        };
-        objects
-            .put_file(&name, file.path(), length as u64)
-            .await
-            .unwrap();
-        assert!(
-            objects.get(&name).await.unwrap() == contents,
-            "{length} bytes"
-        );
+    async fn rows_in_memory() -> RowsSubject {
+        subject(SqliteRows::in_memory().await.unwrap(), ())
+    }
+
+    async fn rows_in_a_file() -> RowsSubject {
+        let directory = tempfile::tempdir().unwrap();
+        let rows = SqliteRows::open(&directory.path().join("rows.sqlite")).await;
+        subject(rows.unwrap(), directory)
+    }
+
+    crate::rows_conformance! {
+        memory: super::rows_in_memory,
+        file: super::rows_in_a_file,
+    }
+
+    fn objects_in_memory() -> Objects {
+        Objects::new(Arc::new(object_store::memory::InMemory::new()))
+    }
+
+    fn objects_in_a_directory() -> (Objects, tempfile::TempDir) {
+        let directory = tempfile::tempdir().unwrap();
+        let objects = Objects::in_directory(directory.path()).unwrap();
+        (objects, directory)
+    }
+
+    #[tokio::test]
+    async fn objects_in_memory_do_what_they_must() {
+        all_of(&objects_in_memory).await;
+    }
+
+    #[tokio::test]
+    async fn objects_in_a_directory_do_what_they_must() {
+        let (objects, _directory) = objects_in_a_directory();
+        all_of(&|| objects.clone()).await;
+    }
+
+    async fn all_of(objects: &dyn Fn() -> Objects) {
+        an_object_comes_back_and_goes(&objects()).await;
+        a_damaged_object_is_told_and_written_over(&objects()).await;
+        a_large_file_comes_back(&objects()).await;
+    }
+
+    async fn an_object_comes_back_and_goes(objects: &Objects) {
+        let framed = frame(ObjectKind::Forest, vec![7; 5000].into());
+        assert!(matches!(
+            objects.get(&framed.name).await,
+            Err(Unreadable::Missing)
+        ));
+        objects.put(&framed).await.unwrap();
+        assert_eq!(objects.get(&framed.name).await.unwrap(), vec![7; 5000]);
+        assert_eq!(objects.list().await.unwrap(), [framed.name]);
+        objects.delete(&framed.name).await.unwrap();
+        objects.delete(&framed.name).await.unwrap();
+        assert!(matches!(
+            objects.get(&framed.name).await,
+            Err(Unreadable::Missing)
+        ));
+        objects.check().await.unwrap();
+    }
+
+    async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
+        let mut framed = frame(ObjectKind::Volume, (0..200).collect::<Vec<u8>>().into());
+        let sound = framed.clone();
+        let mut payload = framed.payload.to_vec();
+        payload[100] ^= 1;
+        framed.payload = payload.into();
+        objects.put(&framed).await.unwrap();
+        assert!(matches!(
+            objects.get(&framed.name).await,
+            Err(Unreadable::Damaged(_))
+        ));
+        objects.put(&sound).await.unwrap();
+        assert!(objects.get(&framed.name).await.is_ok());
+    }
+
+    async fn a_large_file_comes_back(objects: &Objects) {
+        // Three parts, of which the last is short; with the header the second ends in the file's middle.
+        for length in [0, 1, (16 << 20) - 72, 17_000_000] {
+            let mut contents = vec![0; length];
+            blake3::Hasher::new().finalize_xof().fill(&mut contents);
+            let file = tempfile::NamedTempFile::new().unwrap();
+            std::fs::write(file.path(), &contents).unwrap();
+            let digest = blake3::hash(&contents);
+            let name = ObjectName {
+                kind: ObjectKind::SourceVolume,
+                digest,
+            };
+            objects
+                .put_file(&name, file.path(), length as u64)
+                .await
+                .unwrap();
+            assert!(
+                objects.get(&name).await.unwrap() == contents,
+                "{length} bytes"
+            );
+        }
     }
 }

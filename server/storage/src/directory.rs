@@ -8,6 +8,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use crate::keep_private;
+
 /// Where other processes live, an unfinished file is a leftover when nobody has written to it for so long.
 const STALE_AFTER: Duration = Duration::from_secs(24 * 60 * 60);
 
@@ -27,6 +29,7 @@ impl Directory {
         when_alone: impl AsyncFnOnce(&Path) -> Result<(), E>,
     ) -> Result<Self, E> {
         create_private(root)?;
+        keep_private(root, "the folder of the store");
         std::fs::create_dir_all(root.join("objects"))?;
         std::fs::create_dir_all(root.join("uploads"))?;
         let lock = OpenOptions::new()

@@ -29,6 +29,12 @@ pub enum StoreError {
     /// The rows cannot be read or written.
     #[error("the database of the store failed")]
     Rows(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// The database's file is damaged.
+    #[error("the database of the store is damaged ({0}); restore `rows.sqlite` from a backup")]
+    DamagedFile(String),
+    /// The facts of a case are not those that were written.
+    #[error("the facts of a case are damaged")]
+    DamagedFacts(case::CaseId),
     /// The objects cannot be read or written.
     #[error("the object store failed")]
     Objects(#[source] Box<dyn std::error::Error + Send + Sync>),

@@ -17,21 +17,21 @@
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens of
 //! milliseconds, no longer than reading and checking their tens of megabytes.
 //!
-//! Who removes objects, and when: see `CaseRows::begin_removal`. Every object is pinned before it is written and left with
-//! an expired pin when a case ceases to need it, so that a removal never takes what another process is about to refer to,
-//! and nothing is left behind by one that was killed.
+//! Every object is pinned before it is written and left with an expired pin when a case ceases to need it. A sweep leaves a
+//! tombstone on what nobody needs, deletes it and buries the tombstone ([`rows`]); so a removal never takes what another process is
+//! about to refer to, nothing is left behind by one that was killed, and no transaction waits for the object store.
 
-mod clock;
-#[cfg(test)]
-mod conformance;
+#[cfg(any(test, feature = "conformance"))]
+pub mod conformance;
 mod directory;
 mod error;
 mod frame;
 mod name;
 mod objects;
 mod page;
+mod private;
 mod publish;
-mod rows;
+pub mod rows;
 mod signals;
 mod spool;
 mod sqlite;
@@ -41,24 +41,25 @@ pub mod testing;
 mod watch;
 
 use std::fmt;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
 use self::directory::Directory;
 use case::{Case, CaseId};
 
-pub use self::clock::Clock;
 pub use self::error::StoreError;
 pub use self::frame::{Framed, frame};
 pub use self::name::ObjectName;
 pub use self::objects::{Objects, Unreadable};
 pub use self::page::{Cursor, Page};
+pub use self::private::keep_private;
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
-    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Removal,
+    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
 };
 pub use self::signals::{Count, Counters, Signals};
 pub use self::spool::{Spool, Spooled, Upload};
@@ -66,8 +67,15 @@ pub use self::sqlite::SqliteRows;
 pub use self::submit::{NewMask, Submitted, Version};
 pub use self::watch::Watch;
 
-/// How many objects are removed in one transaction, during which nobody else can write.
+/// How many objects a sweep marks and removes at a time.
 const REMOVALS_AT_ONCE: usize = 32;
+
+/// How long tombstones are a sweep's own.
+const SWEEP_LEASE: Duration = Duration::from_secs(60);
+
+/// How long a sweep deletes objects: far less than its lease, so that no deletion of its own comes after somebody else has taken the
+/// tombstones over and the objects were written again.
+const SWEEP_FOR: Duration = Duration::from_secs(30);
 
 /// How a store behaves. [`Options::default`] suits one machine.
 #[derive(Debug, Clone)]
@@ -83,12 +91,12 @@ pub struct Options {
     /// How often a preparation is begun before the case fails: so often that a machine that is switched off again and
     /// again loses nothing, and not for ever, because an input could be what ends the program.
     pub max_attempts: u32,
+    /// How long a preparation may take; then the case fails.
+    pub longest_preparation: Duration,
     /// How long to wait before the next attempt when the store, not the input, was at fault.
     pub retry_after: Duration,
     /// How often to look for changes that other processes make.
     pub poll: Duration,
-    /// What the time is.
-    pub clock: Clock,
 }
 
 impl Default for Options {
@@ -99,9 +107,9 @@ impl Default for Options {
             lease: Duration::from_secs(30),
             heartbeat: Duration::from_secs(1),
             max_attempts: 30,
+            longest_preparation: Duration::from_secs(900),
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
-            clock: Clock::system(),
         }
     }
 }
@@ -158,12 +166,13 @@ impl Store {
     /// # Errors
     /// When the directory or its database cannot be used.
     pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
-        let now = options.clock.now();
         let mut alone = false;
         let forget_dead_holders = async |root: &Path| {
             alone = true;
             let rows = SqliteRows::open(&rows_file(root)).await?;
-            rows.forget_holders(now).await
+            rows.forget_holders().await?;
+            rows.close().await;
+            Ok(())
         };
         let place = Directory::open::<StoreError>(directory, forget_dead_holders).await?;
         let rows = SqliteRows::open(&rows_file(directory)).await?;
@@ -288,7 +297,7 @@ impl Store {
     }
 
     async fn delete_now(&self, id: &CaseId) -> Result<bool, StoreError> {
-        let deleted = self.rows().delete(id, self.now()).await?;
+        let deleted = self.rows().delete(id).await?;
         if deleted {
             self.inner.signals.cancel(id);
             self.inner.signals.changed(id);
@@ -326,8 +335,13 @@ impl Store {
         self.rows().check().await?;
         self.inner.objects.check().await?;
         let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
-        tokio::task::spawn_blocking(move || check_room(&scratch, wanted)).await??;
+        tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
         Ok(())
+    }
+
+    /// The process ends: leaves nothing unfinished. Nothing can be asked of the rows afterwards.
+    pub async fn close(&self) {
+        self.rows().close().await;
     }
 
     /// Removes the objects that nobody needs any more.
@@ -336,12 +350,11 @@ impl Store {
     /// When the rows or the objects cannot be written; what was not removed is found the next time.
     pub async fn collect(&self) -> Result<(), StoreError> {
         loop {
-            let now = self.now();
-            let candidates = self.rows().expired_pins(now, REMOVALS_AT_ONCE).await?;
+            let candidates = self.rows().abandoned(REMOVALS_AT_ONCE).await?;
             if candidates.is_empty() {
                 return Ok(());
             }
-            self.remove_unneeded(&candidates, now).await?;
+            self.remove_unneeded(&candidates).await?;
         }
     }
 
@@ -351,21 +364,29 @@ impl Store {
     async fn collect_unknown(&self) -> Result<(), StoreError> {
         let names = self.inner.objects.list().await?;
         for some in names.chunks(REMOVALS_AT_ONCE) {
-            self.remove_unneeded(some, self.now()).await?;
+            self.remove_unneeded(some).await?;
         }
         Ok(())
     }
 
-    async fn remove_unneeded(
-        &self,
-        candidates: &[ObjectName],
-        now: jiff::Timestamp,
-    ) -> Result<(), StoreError> {
-        let removal = self.rows().begin_removal(candidates, now).await?;
-        for name in removal.names() {
-            self.inner.objects.delete(name).await?;
+    /// Removes those of the objects that nobody needs. What is not removed is found again when the sweep's lease has ended.
+    async fn remove_unneeded(&self, candidates: &[ObjectName]) -> Result<(), StoreError> {
+        let sweep = Sweep {
+            holder: submit::unique_holder(),
+            lease: SWEEP_LEASE,
+        };
+        let begun = Instant::now();
+        let marked = self.rows().mark(candidates, &sweep).await?;
+        for name in &marked {
+            let left = SWEEP_FOR.saturating_sub(begun.elapsed());
+            let deleted = tokio::time::timeout(left, self.inner.objects.delete(name)).await;
+            let too_slow = |_| StoreError::Objects("removing objects took too long".into());
+            deleted.map_err(too_slow)??;
         }
-        removal.finish().await
+        if marked.is_empty() {
+            return Ok(());
+        }
+        self.rows().bury(&sweep.holder).await
     }
 
     /// Calls `hook` after each deletion by this process.
@@ -392,20 +413,19 @@ impl Store {
     pub fn signals(&self) -> &Signals {
         &self.inner.signals
     }
-
-    /// The time by the store's clock.
-    pub fn now(&self) -> jiff::Timestamp {
-        self.inner.options.clock.now()
-    }
 }
 
-/// Whether so many bytes are free on the disk of a directory, for a process without privileges.
-fn check_room(directory: &Path, wanted: u64) -> std::io::Result<()> {
+/// Whether so many bytes are free on the disk of a directory, for a process without privileges, and a file can be made durable there.
+fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
     let disk = rustix::fs::statvfs(directory)?;
     if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
         return Err(std::io::ErrorKind::StorageFull.into());
     }
-    Ok(())
+    let mut probe = tempfile::Builder::new()
+        .prefix("check-")
+        .tempfile_in(directory)?;
+    probe.write_all(b"check")?;
+    probe.as_file().sync_data()
 }
 
 fn rows_file(root: &Path) -> std::path::PathBuf {

@@ -68,7 +68,7 @@ impl Store {
         Ok(match decoded {
             Some(value) => Attempt::Read(value),
             None => {
-                self.report_bad(id, kinds[0], "its contents cannot be decoded");
+                self.report_bad(kinds[0], "its contents cannot be decoded");
                 Attempt::Bad
             }
         })
@@ -85,7 +85,10 @@ impl Store {
         kind: ObjectKind,
     ) -> Result<Option<Bytes>, StoreError> {
         let Some(name) = names.iter().find(|name| name.kind == kind) else {
-            tracing::info!(case = %id, object = kind.name(), "a case of an earlier version lacks an object");
+            tracing::info!(
+                object = kind.name(),
+                "a case of an earlier version lacks an object"
+            );
             return Ok(None);
         };
         let read = self.inner.objects.get(name).await;
@@ -93,15 +96,22 @@ impl Store {
             Ok(payload) => Ok(Some(payload)),
             Err(Unreadable::Store(error)) => Err(error),
             Err(fault) => {
-                self.report_bad(id, kind, &fault.to_string());
+                // One that is missing because the case was deleted a moment ago is no fault.
+                if self.rows().objects(id).await?.contains(name) {
+                    self.report_bad(kind, &fault.to_string());
+                }
                 Ok(None)
             }
         }
     }
 
-    fn report_bad(&self, case: &CaseId, kind: ObjectKind, fault: &str) {
+    fn report_bad(&self, kind: ObjectKind, fault: &str) {
         self.signals().count(Count::BadObject);
-        tracing::error!(%case, object = kind.name(), fault, "a stored object cannot be used");
+        tracing::error!(
+            object = kind.name(),
+            fault,
+            "a stored object cannot be used"
+        );
     }
 
     /// Whose head a case is, as it was stored with the volume; `None` where it was not made of DICOM files.
@@ -160,10 +170,9 @@ impl Store {
         for framed in derived {
             self.inner.objects.put(framed).await?;
         }
-        let now = self.now();
         match publisher {
-            Publisher::Worker(claim) => self.rows().publish(claim, pinned, facts, now).await,
-            Publisher::Rebuild(id) => self.rows().replace(id, pinned, now).await,
+            Publisher::Worker(claim) => self.rows().publish(claim, pinned, facts).await,
+            Publisher::Rebuild(id) => self.rows().replace(id, pinned).await,
         }
     }
 }

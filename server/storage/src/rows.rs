@@ -1,9 +1,16 @@
 //! Rows: cases, the objects they need, and jobs. What a database must be able to do for the store.
 //!
-//! Every method is one transaction. Times are given by the caller, so that leases can be tested without waiting.
+//! Every method is one transaction, which ends before it returns. The time is the database's own: leases, pins and tombstones of
+//! several machines, whose clocks differ, are compared by one clock. Callers give durations.
+//!
+//! An object is removed in three steps, none of which holds a transaction while the object store works: [`CaseRows::mark`] leaves a
+//! tombstone on what nobody needs, the object is deleted, [`CaseRows::bury`] takes the tombstone away. What has a tombstone cannot be
+//! pinned, and what is pinned or needed gets no tombstone; so nothing that somebody is about to refer to is deleted. A tombstone has a
+//! lease: if its holder is killed, another one takes it over and deletes the object again.
+
+use std::time::Duration;
 
 use async_trait::async_trait;
-use jiff::Timestamp;
 
 use super::{Cursor, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, Parameters, Progress};
@@ -28,8 +35,6 @@ pub struct NewCase {
     pub previous: Option<CaseId>,
     /// Its source objects: durable, and pinned.
     pub sources: Pinned,
-    /// Now.
-    pub now: Timestamp,
     /// How many jobs may wait.
     pub queue_limit: usize,
 }
@@ -67,10 +72,8 @@ pub struct Claim {
 /// For how long, and how often, a job is leased.
 #[derive(Debug, Clone, Copy)]
 pub struct LeaseTerms {
-    /// Now.
-    pub now: Timestamp,
-    /// When the lease ends unless it is renewed.
-    pub until: Timestamp,
+    /// How long the lease lasts unless it is renewed.
+    pub lease: Duration,
     /// A job with that many attempts behind it fails instead.
     pub max_attempts: u32,
 }
@@ -78,8 +81,8 @@ pub struct LeaseTerms {
 /// How a lease is handed back.
 #[derive(Debug, Clone, Copy)]
 pub struct Release {
-    /// From when on the job may be leased again.
-    pub available_at: Timestamp,
+    /// How long until the job may be leased again.
+    pub after: Duration,
     /// Whether the attempt counts.
     pub counts: bool,
 }
@@ -95,14 +98,24 @@ pub enum Published {
     PinLost,
 }
 
+/// Who removes objects, and how long the tombstones are its own.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// Unique for each sweep.
+    pub holder: String,
+    /// After this time another one may take the tombstones over.
+    pub lease: Duration,
+}
+
 /// Cases, the objects they need, and jobs, in a database that several processes may share.
 #[async_trait]
 pub trait CaseRows: std::fmt::Debug + Send + Sync {
-    /// Protects objects from removal until `until`, before they are written.
-    async fn pin(&self, pinned: &Pinned, until: Timestamp) -> Result<(), StoreError>;
+    /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of them has a
+    /// tombstone: try again once it is buried.
+    async fn pin(&self, pinned: &Pinned, lease: Duration) -> Result<bool, StoreError>;
 
     /// Makes pins expire at once: what was to be written will not be needed.
-    async fn unpin(&self, pinned: &Pinned, now: Timestamp) -> Result<(), StoreError>;
+    async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError>;
 
     /// Makes a case and its job, and turns its pins into references; or queues a failed one again.
     async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError>;
@@ -121,7 +134,7 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
 
     /// Removes a case with its job; whether it was there. Its objects are left with expired pins; its versions become those
     /// of the case that it is a version of.
-    async fn delete(&self, id: &CaseId, now: Timestamp) -> Result<bool, StoreError>;
+    async fn delete(&self, id: &CaseId) -> Result<bool, StoreError>;
 
     /// How many jobs wait for a lease.
     async fn waiting(&self) -> Result<usize, StoreError>;
@@ -129,11 +142,11 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the way.
     async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError>;
 
-    /// Renews a lease and notes the progress; `false` where the lease is not ours any more.
+    /// Renews a lease from now on and notes the progress; `false` where the lease is not ours any more.
     async fn renew(
         &self,
         claim: &Claim,
-        until: Timestamp,
+        lease: Duration,
         progress: Option<Progress>,
     ) -> Result<bool, StoreError>;
 
@@ -146,50 +159,37 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
         claim: &Claim,
         derived: &Pinned,
         facts: &CaseFacts,
-        now: Timestamp,
     ) -> Result<Published, StoreError>;
 
     /// Makes a case failed, if the lease is still ours; whether it was.
     async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError>;
 
     /// Gives a ready case other derived objects, after a rebuild. [`Published::Fenced`] where it is not ready.
-    async fn replace(
-        &self,
-        id: &CaseId,
-        derived: &Pinned,
-        now: Timestamp,
-    ) -> Result<Published, StoreError>;
+    async fn replace(&self, id: &CaseId, derived: &Pinned) -> Result<Published, StoreError>;
 
     /// Makes a ready case failed: its source is lost. Whether it was ready.
     async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError>;
 
-    /// At most `limit` objects with an expired pin.
-    async fn expired_pins(
-        &self,
-        now: Timestamp,
-        limit: usize,
-    ) -> Result<Vec<ObjectName>, StoreError>;
+    /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has ended.
+    async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError>;
 
-    /// Begins the removal of those of the given objects that no case needs and no live pin protects.
-    async fn begin_removal(
+    /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other live sweep
+    /// removes, and forgets the expired pins of all of them. The objects with the sweep's tombstone are its own to delete.
+    async fn mark(
         &self,
         names: &[ObjectName],
-        now: Timestamp,
-    ) -> Result<Box<dyn Removal>, StoreError>;
+        sweep: &Sweep,
+    ) -> Result<Vec<ObjectName>, StoreError>;
+
+    /// The objects are gone: takes the tombstones of a sweep away, if they are still its own.
+    async fn bury(&self, holder: &str) -> Result<(), StoreError>;
 
     /// Ends every lease and expires every pin: no other process lives that could hold one.
-    async fn forget_holders(&self, now: Timestamp) -> Result<(), StoreError>;
+    async fn forget_holders(&self) -> Result<(), StoreError>;
 
-    /// Whether the rows can be read.
+    /// Whether the rows can be read and written. Changes nothing.
     async fn check(&self) -> Result<(), StoreError>;
-}
 
-/// A removal under way. While it lasts nobody can pin or reference an object; dropping it changes nothing.
-#[async_trait]
-pub trait Removal: Send {
-    /// The objects to remove from the object store before [`Removal::finish`].
-    fn names(&self) -> &[ObjectName];
-
-    /// The objects are gone: forgets their expired pins.
-    async fn finish(self: Box<Self>) -> Result<(), StoreError>;
+    /// The process ends: leaves nothing unfinished. Nothing can be asked afterwards.
+    async fn close(&self) {}
 }

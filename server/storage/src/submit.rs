@@ -1,13 +1,19 @@
 //! From an upload to a queued case.
 
-use jiff::{SignedDuration, Timestamp};
+use std::time::{Duration, Instant};
 
 use super::rows::{Inserted, NewCase, Pinned};
 use super::{ObjectName, Spooled, Store, StoreError, Upload};
 use case::{Case, CaseId, CaseState, ObjectKind, Parameters};
 
 /// How long an object may be under way to the store before it may be swept.
-const PIN_FOR: SignedDuration = SignedDuration::from_hours(1);
+const PIN_FOR: Duration = Duration::from_secs(3600);
+
+/// How long to wait for an object that is being removed: longer than the lease of a sweep that was killed.
+const REMOVAL_PATIENCE: Duration = Duration::from_secs(90);
+
+/// How often to look whether it is gone.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// How often a lost pin is taken again.
 const PIN_ATTEMPTS: usize = 3;
@@ -17,7 +23,7 @@ const PIN_ATTEMPTS: usize = 3;
 pub struct Submitted {
     /// The case.
     pub case: Case,
-    /// Whether it was not there before.
+    /// Whether its preparation was queued: it was not there before, or had failed.
     pub created: bool,
 }
 
@@ -189,7 +195,7 @@ impl Store {
             if inserted != Inserted::PinLost
                 && let Some(case) = self.case(id).await?
             {
-                let created = inserted == Inserted::Created;
+                let created = matches!(inserted, Inserted::Created | Inserted::Requeued);
                 return Ok(Some(Submitted { case, created }));
             }
         }
@@ -235,13 +241,12 @@ impl Store {
             parameters: inputs.parameters.clone(),
             previous: inputs.previous,
             sources: sources.clone(),
-            now: self.now(),
             queue_limit: self.options().queue_limit,
         };
         self.rows().insert(&new).await.map(Some)
     }
 
-    /// Pins objects that are about to be written.
+    /// Pins objects that are about to be written. Waits for those that are being removed.
     ///
     /// # Errors
     /// When the rows cannot be written.
@@ -253,14 +258,23 @@ impl Store {
             holder: unique_holder(),
             names: names.into_iter().collect(),
         };
-        let until = self.now().checked_add(PIN_FOR).unwrap_or(Timestamp::MAX);
-        self.rows().pin(&pinned, until).await?;
+        let begun = Instant::now();
+        while !self.rows().pin(&pinned, PIN_FOR).await? {
+            if begun.elapsed() > REMOVAL_PATIENCE {
+                return Err(StoreError::Objects(
+                    "an object is being removed for too long".into(),
+                ));
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+            // If its remover was killed, nobody but us may finish its work.
+            self.collect().await?;
+        }
         Ok(pinned)
     }
 
     /// Gives up objects that were pinned. What fails now is done when their pins have expired.
     pub(super) async fn abandon(&self, pinned: &Pinned) {
-        let unpinned = self.rows().unpin(pinned, self.now()).await;
+        let unpinned = self.rows().unpin(pinned).await;
         let collected = match unpinned {
             Ok(()) => self.collect().await,
             Err(error) => Err(error),
@@ -284,13 +298,7 @@ fn source_files(upload: &Upload) -> Vec<(ObjectName, Option<&Spooled>)> {
     std::iter::once(volume).chain(mask).chain(dicom).collect()
 }
 
-/// A name that no other act of writing has, in whichever process.
-fn unique_holder() -> String {
-    use std::hash::{BuildHasher, RandomState};
-    use std::sync::atomic::{AtomicU64, Ordering};
-    static ACTS: AtomicU64 = AtomicU64::new(0);
-    let act = ACTS.fetch_add(1, Ordering::Relaxed);
-    // Each `RandomState` is keyed anew from the system's random numbers.
-    let random = [0u8, 1].map(|part| RandomState::new().hash_one((part, act)));
-    format!("{:016x}{:016x}-{act}", random[0], random[1])
+/// A name that no other act of writing or removing has, in whichever process.
+pub(super) fn unique_holder() -> String {
+    uuid::Uuid::now_v7().to_string()
 }

@@ -2,17 +2,12 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use case::{CaseFacts, CaseId, Failure, ObjectKind, Parameters, SphereFacts, Stage, WindowFacts};
-use jiff::Timestamp;
 
 use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
 use super::{ObjectName, Store};
-
-/// A moment, in seconds after an arbitrary start.
-pub fn at(seconds: i64) -> Timestamp {
-    Timestamp::from_second(1_700_000_000 + seconds).unwrap()
-}
 
 /// The facts of a case, made up.
 pub fn facts() -> CaseFacts {
@@ -36,6 +31,8 @@ pub fn facts() -> CaseFacts {
             width: 1.0,
         },
         midsagittal: None,
+        cuts: Vec::new(),
+        pipeline: 2,
         quality: None,
         dicom: None,
         timings: vec![(Stage::Reading, 1.0)],
@@ -55,7 +52,7 @@ pub fn name(kind: ObjectKind, contents: &str) -> ObjectName {
     }
 }
 
-/// Objects pinned from now (0 s) for an hour.
+/// Objects pinned for an hour.
 pub async fn pinned(rows: &dyn CaseRows, names: &[ObjectName]) -> Pinned {
     static HOLDERS: AtomicUsize = AtomicUsize::new(0);
     let holder = format!("test-{}", HOLDERS.fetch_add(1, Ordering::Relaxed));
@@ -63,28 +60,27 @@ pub async fn pinned(rows: &dyn CaseRows, names: &[ObjectName]) -> Pinned {
         holder,
         names: names.to_vec(),
     };
-    rows.pin(&pinned, at(3600)).await.unwrap();
+    let hour = Duration::from_secs(3600);
+    assert!(rows.pin(&pinned, hour).await.unwrap());
     pinned
 }
 
 /// A case of the volume `contents`, whose source is pinned.
-pub async fn new_case(rows: &dyn CaseRows, contents: &str, now: Timestamp) -> NewCase {
+pub async fn new_case(rows: &dyn CaseRows, contents: &str) -> NewCase {
     let source = name(ObjectKind::SourceVolume, contents);
     NewCase {
         id: CaseId::of(&source.digest, None, &Parameters::default()),
         parameters: Parameters::default(),
         previous: None,
         sources: pinned(rows, &[source]).await,
-        now,
         queue_limit: 100,
     }
 }
 
-/// Leases a job at a second, for 30 s.
-pub async fn claim(rows: &dyn CaseRows, second: i64) -> Option<Claim> {
+/// Leases a job for 30 s; it fails at its fourth attempt.
+pub async fn claim(rows: &dyn CaseRows) -> Option<Claim> {
     let terms = LeaseTerms {
-        now: at(second),
-        until: at(second + 30),
+        lease: Duration::from_secs(30),
         max_attempts: 3,
     };
     rows.claim(&terms).await.unwrap()

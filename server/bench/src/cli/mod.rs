@@ -4,6 +4,7 @@ mod agreement;
 mod head;
 mod paper;
 mod step;
+mod study;
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -26,6 +27,7 @@ enum Command {
     Paper(paper::PaperArgs),
     Agreement(agreement::AgreementArgs),
     Step(step::StepArgs),
+    Study(study::StudyArgs),
 }
 
 /// How a report is given.
@@ -45,6 +47,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Paper(args) => paper::run(&args),
         Command::Agreement(args) => agreement::run(&args),
         Command::Step(args) => step::run(&args),
+        Command::Study(args) => study::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -22,8 +22,8 @@ use case::{Failure, FailureKind};
 /// The longest that a series may take. The largest ones take seconds.
 const LONGEST: Duration = Duration::from_secs(120);
 
-/// Series read at a time: each may take the memory of a volume and more.
-const AT_A_TIME: usize = 1;
+/// Series read at a time, at most: each may take the memory of a volume and more.
+const MOST_AT_A_TIME: usize = 4;
 
 /// Series that may wait.
 const WAITING: usize = 16;
@@ -78,7 +78,7 @@ impl DicomReader {
             limits,
             max_input_bytes,
             longest: LONGEST,
-            turnstile: Turnstile::new(AT_A_TIME, WAITING),
+            turnstile: Turnstile::new(at_a_time(), WAITING),
         }
     }
 
@@ -162,6 +162,12 @@ impl DicomReader {
             }
         }
     }
+}
+
+/// As many as there are processors: one slow series does not hold up the others.
+fn at_a_time() -> usize {
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    processors.clamp(2, MOST_AT_A_TIME)
 }
 
 fn cannot_run(error: io::Error) -> Error {

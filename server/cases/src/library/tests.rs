@@ -8,10 +8,10 @@ use bytes::Bytes;
 use tempfile::TempDir;
 
 use case::{CaseFacts, CaseId, CaseState, ObjectKind, Parameters};
-use storage::testing::{assert_nothing_left_over, at, facts, files_below};
+use storage::testing::{assert_nothing_left_over, facts, files_below};
 use storage::{
-    Clock, LeaseTerms, NewMask, ObjectName, Options, Pinned, Publisher, Store, StoreError, Version,
-    frame_all,
+    LeaseTerms, NewMask, ObjectName, Objects, Options, Pinned, Publisher, SqliteRows, Store,
+    StoreError, Sweep, Version, frame_all,
 };
 
 use super::Library;
@@ -120,6 +120,26 @@ async fn a_full_queue_refuses_and_leaves_nothing() {
 }
 
 #[tokio::test]
+async fn a_preparation_that_takes_too_long_fails_and_the_next_one_is_begun() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let options = Options {
+        longest_preparation: Duration::from_millis(300),
+        ..options()
+    };
+    let opened = Store::open_with(directory.path(), options).await.unwrap();
+    let library = library_on(opened, &fake);
+    let workers = Workers::start(library.clone(), 1);
+    fake.hold(true);
+    let slow = submit(&library, "slow").await.id;
+    let case = settled(&library, &slow).await.unwrap();
+    assert_eq!(case.failure.unwrap().name, "preparation-too-slow");
+    fake.hold(false);
+    let next = submit(&library, "next").await.id;
+    assert_eq!(settled_state(&library, &next).await, Some(CaseState::Ready));
+    workers.shut_down(GRACE).await;
+}
+
+#[tokio::test]
 async fn an_upload_that_is_cut_leaves_nothing() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
     let library = open(&directory, &fake).await;
@@ -150,7 +170,13 @@ async fn a_failed_case_says_why_and_is_tried_again_when_it_is_uploaded_again() {
     let library = open(&directory, &fake).await;
     let workers = Workers::start(library.clone(), 1);
     for runs in 1..=2 {
-        let id = submit(&library, "bad").await.id;
+        let submitted = library.submit(source("bad"), Parameters::default()).await;
+        let submitted = submitted.unwrap();
+        assert!(
+            submitted.created,
+            "it is queued, whether for the first time or again"
+        );
+        let id = submitted.case.id;
         let case = settled(&library, &id).await.unwrap();
         assert_eq!(case.state, CaseState::Failed);
         assert_eq!(case.failure.unwrap().name, "mask-empty");
@@ -292,6 +318,55 @@ async fn many_readers_of_a_damaged_case_make_it_again_once() {
     assert_eq!(fake.run_count(), 2);
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn two_processes_may_make_the_same_case_again_at_the_same_time() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
+    let (first, id) = ready(&directory, &fake).await;
+    let second = open(&directory, &fake).await;
+    damage(&object_files(directory.path(), ObjectKind::Forest)[0], 0);
+    // Neither knows of the other: both are at it before either is done.
+    fake.hold(true);
+    let readers = [first.clone(), second]
+        .map(|library| tokio::spawn(async move { load(&library, &id).await }));
+    while fake.active.load(std::sync::atomic::Ordering::Relaxed) < 2 {
+        tokio::time::sleep(Duration::from_millis(2)).await;
+    }
+    fake.hold(false);
+    for reader in readers {
+        assert_eq!(reader.await.unwrap(), Some(expected("volume")));
+    }
+    assert_nothing_left_over(first.store(), directory.path()).await;
+}
+
+#[tokio::test]
+async fn what_was_just_deleted_can_be_uploaded_again_while_it_is_removed() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let (library, id) = ready(&directory, &fake).await;
+    let rows = library.store().rows();
+    rows.delete(&id).await.unwrap();
+    let sweep = Sweep {
+        holder: "another process".to_owned(),
+        lease: Duration::from_secs(60),
+    };
+    let marked = rows.mark(&rows.abandoned(100).await.unwrap(), &sweep).await;
+    let marked = marked.unwrap();
+    let upload = tokio::spawn({
+        let library = library.clone();
+        async move { submit(&library, "volume").await }
+    });
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    assert!(!upload.is_finished(), "it waits for the removal");
+    for name in &marked {
+        library.store().objects().delete(name).await.unwrap();
+    }
+    rows.bury(&sweep.holder).await.unwrap();
+    assert_eq!(upload.await.unwrap().id, id);
+    let workers = Workers::start(library.clone(), 1);
+    assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
+    workers.shut_down(GRACE).await;
+    assert_nothing_left_over(library.store(), directory.path()).await;
+}
+
 #[tokio::test]
 async fn contents_that_cannot_be_decoded_are_made_again_once() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
@@ -382,10 +457,8 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     if step == 3 {
         return;
     }
-    let now = library.store().now();
     let terms = LeaseTerms {
-        now,
-        until: now + Duration::from_secs(3600),
+        lease: Duration::from_secs(3600),
         max_attempts: 3,
     };
     let claim = library.store().rows().claim(&terms).await.unwrap().unwrap();
@@ -418,18 +491,38 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     if step == 7 {
         return;
     }
-    library
-        .store()
-        .rows()
-        .delete(&claim.id, library.store().now())
-        .await
-        .unwrap();
-    assert_eq!(step, 8, "there is no further step");
+    let rows = library.store().rows();
+    rows.delete(&claim.id).await.unwrap();
+    if step == 8 {
+        return;
+    }
+    let sweep = Sweep {
+        holder: "killed".to_owned(),
+        lease: Duration::from_secs(3600),
+    };
+    // The pins from above have no holder any more.
+    rows.forget_holders().await.unwrap();
+    let unneeded = rows.abandoned(100).await.unwrap();
+    let marked = rows.mark(&unneeded, &sweep).await.unwrap();
+    assert_eq!(marked.len(), 6);
+    if step == 9 {
+        return;
+    }
+    for name in &marked[..3] {
+        library.store().objects().delete(name).await.unwrap();
+    }
+    if step == 10 {
+        return;
+    }
+    for name in &marked[3..] {
+        library.store().objects().delete(name).await.unwrap();
+    }
+    assert_eq!(step, 11, "there is no further step");
 }
 
 #[tokio::test]
 async fn a_kill_at_any_step_leaves_nothing_half_there() {
-    for step in 0..=8 {
+    for step in 0..=11 {
         let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
         killed_before(step, &directory, &fake).await;
         let library = open(&directory, &fake).await;
@@ -538,20 +631,23 @@ async fn a_shutdown_finishes_or_hands_back() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_that_lost_its_lease_publishes_nothing() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
-    let (clock, hand) = Clock::by_hand(at(0));
+    std::fs::create_dir(directory.path().join("uploads")).unwrap();
+    std::fs::create_dir(directory.path().join("objects")).unwrap();
+    let file = directory.path().join("rows.sqlite");
+    let rows = SqliteRows::open(&file).await.unwrap();
+    let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
     let options = Options {
-        clock,
         heartbeat: Duration::from_secs(3600),
         ..options()
     };
-    let opened = Store::open_with(directory.path(), options).await.unwrap();
+    let opened = Store::on(Arc::new(rows.clone()), objects, options).unwrap();
     let library = library_on(opened, &fake);
     fake.hold(true);
     let asleep = Workers::start(library.clone(), 1);
     let id = submit(&library, "volume").await.id;
     fake.until_active().await;
     // Its heartbeat does not come for longer than the lease.
-    hand.advance(Duration::from_secs(31));
+    rows.pass_time(Duration::from_secs(31));
     let awake = Workers::start(library.clone(), 1);
     while fake.run_count() < 2 {
         tokio::time::sleep(Duration::from_millis(5)).await;

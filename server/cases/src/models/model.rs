@@ -9,7 +9,8 @@ use geometry::{
     DeformableModel, DepthMaps, DistanceMap, Forest, GeometryError, MeshSize, PathTable, Paths,
     ShrunkMesh,
 };
-use pipeline::codec::{decode_envelope, decode_forest, decode_paths, decode_volume};
+use pipeline::codec::{decode_forest, decode_paths, decode_volume};
+use pipeline::envelope_of;
 use quick_cache::sync::{Cache, DefaultLifecycle};
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use render::Scene;
@@ -67,7 +68,7 @@ impl WarmModel {
     pub(super) async fn load(library: &Library, id: &CaseId) -> Result<Option<Self>, StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume, ObjectKind::Paths];
         let decode_all =
-            |facts: &CaseFacts, payloads: &[Bytes]| Some((decode(payloads)?, facts.clone()));
+            |facts: &CaseFacts, payloads: &[Bytes]| Some((decode(facts, payloads)?, facts.clone()));
         let loaded = library.load(id, KINDS, decode_all).await?;
         Ok(loaded.map(|(model, facts)| Self {
             model: Arc::new(model),
@@ -168,7 +169,7 @@ impl WarmModel {
             PathKind::Flow => &[ObjectKind::Envelope],
         };
         let decode_and_work =
-            move |_: &CaseFacts, payloads: &[Bytes]| Walk::decode(payloads).map(&work);
+            move |facts: &CaseFacts, payloads: &[Bytes]| Walk::decode(facts, payloads).map(&work);
         let done = self.library.load(&self.id, kinds, decode_and_work).await?;
         Ok(done.ok_or(PathsError::Deleted)??)
     }
@@ -178,8 +179,8 @@ impl WarmModel {
     /// # Errors
     /// When the store fails; `None` where the case was deleted.
     pub async fn distance(&self) -> Result<Option<DistanceMap>, StoreError> {
-        let decode = |_: &CaseFacts, payloads: &[Bytes]| {
-            decode_envelope(payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
+        let decode = |facts: &CaseFacts, payloads: &[Bytes]| {
+            envelope_of(facts, payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
         };
         self.library
             .load(&self.id, &[ObjectKind::Envelope], decode)
@@ -193,12 +194,12 @@ impl WarmModel {
 }
 
 /// The model of stored objects: envelope, volume and paths. Each is dropped or decoded so that little is in memory at a time.
-fn decode(payloads: &[Bytes]) -> Option<DeformableModel> {
+fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<DeformableModel> {
     let [envelope, volume, paths] = payloads else {
         return None;
     };
     let default_paths = decode_paths(paths)?;
-    let distance = geometry::distance_map(&decode_envelope(envelope)?);
+    let distance = geometry::distance_map(&envelope_of(facts, envelope)?);
     let depth = DepthMaps::new(&distance);
     drop(distance);
     // At once, and not in the first picture.
@@ -216,8 +217,8 @@ struct Walk {
 
 impl Walk {
     /// From an envelope and, for the forest's paths, a forest; `None` where they cannot be decoded.
-    fn decode(payloads: &[Bytes]) -> Option<Self> {
-        let envelope = decode_envelope(payloads.first()?)?;
+    fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<Self> {
+        let envelope = envelope_of(facts, payloads.first()?)?;
         let forest = match payloads.get(1) {
             Some(codes) => Some(decode_forest(codes, &envelope)?),
             None => None,

@@ -10,7 +10,7 @@ mod tensor;
 mod testing;
 mod weights;
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 
 use geometry::Volume;
 
@@ -35,6 +35,10 @@ const MARGIN: f32 = 0.1;
 
 /// The share of the work that the small cube takes.
 const SMALL_SHARE: f32 = 0.12;
+
+/// The size of a brain at the first look, in ml, and the probability from which the first model is sure.
+const LIKELY_ML: RangeInclusive<f64> = 700.0..=2500.0;
+const SURE: f32 = 0.95;
 
 /// The two models of deepbet 1.0.2: one finds where the brain is, the other one its surface.
 #[derive(Debug, Clone)]
@@ -63,6 +67,37 @@ impl Network {
             coarse: model("data/models/bbox_model.pt")?,
             fine: model("data/models/model.pt")?,
         })
+    }
+
+    /// How much the first model likes a volume as a head: the share of what can be brain of which it is sure, 0 where that has not the
+    /// size of a brain.
+    ///
+    /// # Errors
+    /// As [`Network::predict`].
+    pub(crate) fn liking(
+        &self,
+        volume: &Volume,
+        observe: Observe<'_>,
+    ) -> Result<f32, ExtractionError> {
+        let canonical = Canonical::new(volume);
+        let small = canonical.cube(&canonical.whole(), SMALL_SIDE);
+        let quantiles = Quantiles::of(volume, &small)?;
+        let image = image(volume, &small, SMALL_SIDE, quantiles)?;
+        let values = finished(self.coarse.run(image, observe))?;
+        let grid = canonical.cube_grid(&canonical.whole(), SMALL_SIDE)?;
+        let coarse = Probability::new(grid, values);
+        let brain_ml = coarse.above(0.5)?.largest_component().volume_ml();
+        if !LIKELY_ML.contains(&brain_ml) {
+            return Ok(0.0);
+        }
+        let above = |least: f32| {
+            coarse
+                .values()
+                .iter()
+                .filter(|&&value| value > least)
+                .count()
+        };
+        Ok(above(SURE) as f32 / above(1.0 - SURE).max(1) as f32)
     }
 
     /// How likely each place of a volume is to belong to the brain.

@@ -25,6 +25,7 @@ mod forest;
 use geometry::{GeometryError, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
+use crate::canonical::Canonical;
 use crate::extract::go_on;
 use crate::{ExtractionError, Observe};
 
@@ -68,7 +69,7 @@ const DURA_MM: f64 = 1.5;
 /// When nothing in the volume can be a brain, or when `observe` said stop.
 pub(crate) fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Mask, ExtractionError> {
     go_on(observe, 0.0)?;
-    let intensities = Intensities::of(volume, &isotropic_grid(volume.grid())?)?;
+    let intensities = Intensities::of(volume, &isotropic_grid(&Canonical::new(volume).grid()?)?)?;
     go_on(observe, 0.1)?;
     let head = intensities.not_air()?.closed(HEAD_CLOSING_MM)?.filled();
     go_on(observe, 0.2)?;
@@ -96,6 +97,9 @@ pub(crate) fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Mask, Extra
 }
 
 /// The grid along a volume's own axes whose voxels are cubes.
+///
+/// Its axes come in one order however the volume stores them, so that paths of equal cost, of which the first one is taken, are the
+/// same ones.
 fn isotropic_grid(native: &Grid) -> Result<Grid, ExtractionError> {
     let spacing = native.spacing_mm();
     let size = native.size();

@@ -3,8 +3,10 @@
 //! The weights are looked for where `ISOCORTEX_NETWORK` says, else where the set-up puts them; the heads where
 //! `ISOCORTEX_TEST_DATA` says. What is missing is said on standard error, and its tests are skipped.
 
+mod cuts;
 mod heads;
 mod network;
 mod pruning;
 mod support;
+mod verdicts;
 mod wrong_heads;

@@ -13,7 +13,9 @@ fn the_brain_of_a_folded_phantom_head_is_found_without_weights() {
     let missing = "the network's weights are missing";
     let reasons = &found.quality.reasons;
     assert!(
-        reasons.iter().any(|reason| reason.contains(missing)),
+        reasons
+            .iter()
+            .any(|reason| reason.sentence.contains(missing)),
         "{reasons:?}"
     );
     assert_eq!(found.quality.verdict, Verdict::Review);
@@ -23,7 +25,7 @@ fn the_brain_of_a_folded_phantom_head_is_found_without_weights() {
             .quality
             .reasons
             .iter()
-            .any(|reason| reason.contains(missing))
+            .any(|reason| reason.sentence.contains(missing))
     );
     let truth = BrainMask::from_mask(&head.brain, head.volume.grid()).unwrap();
     let [found, truth] = [&found.brain, &truth].map(|brain| envelope(brain, 10.0).unwrap());

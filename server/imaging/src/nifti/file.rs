@@ -20,8 +20,15 @@ pub(crate) struct NiftiFile<'a> {
 }
 
 impl<'a> NiftiFile<'a> {
-    /// Reads and checks the header. Nothing is allocated that depends on it.
+    /// Reads and checks the header, and whether so many bytes can hold what it promises. Nothing is allocated that depends on it.
     pub(crate) fn open(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImagingError> {
+        let file = Self::open_header(bytes, limits)?;
+        check_promise(bytes, file.header.file_bytes())?;
+        Ok(file)
+    }
+
+    /// Reads and checks the header; `bytes` may end anywhere behind it.
+    pub(crate) fn open_header(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImagingError> {
         let mut source = Source::new(bytes);
         let mut buffer = [0; LONGEST_HEADER];
         let (start, rest) = buffer.split_at_mut(4);
@@ -37,7 +44,6 @@ impl<'a> NiftiFile<'a> {
         let header = Header::parse(&buffer[..length])?;
         check_limits(&header, limits)?;
         let grid = Grid::new(header.size, header.placement.patient_from_voxel()?)?;
-        check_promise(bytes, header.file_bytes())?;
         Ok(Self {
             header,
             grid,

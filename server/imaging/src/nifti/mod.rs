@@ -24,6 +24,6 @@ pub(crate) use header::{LONGEST_HEADER, looks_like_header};
 pub(crate) use source::GZIP_MAGIC;
 
 pub use mask::read_mask;
-pub use stored::read_volume;
+pub use stored::{read_grid, read_volume};
 pub(crate) use write::write_samples;
 pub use write::{write_depth_map, write_mask, write_volume};

@@ -1,6 +1,6 @@
 //! Voxels of any type in 16 bits.
 
-use geometry::{Rescale, Volume};
+use geometry::{Grid, Rescale, Volume};
 
 use crate::{ImagingError, Limits};
 
@@ -49,6 +49,14 @@ pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError
         voxels,
         intensities.rising().rescale()?,
     )?)
+}
+
+/// The grid of a NIfTI file, of whose bytes the first are enough: 64 kB hold every header, plain or packed.
+///
+/// # Errors
+/// When the header is not that of a volume, or exceeds a limit.
+pub fn read_grid(start: &[u8], limits: &Limits) -> Result<Grid, ImagingError> {
+    Ok(NiftiFile::open_header(start, limits)?.grid)
 }
 
 /// Values in 16 bits, and what the file's numbers are by them.

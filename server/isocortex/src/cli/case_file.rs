@@ -12,8 +12,8 @@ use geometry::{
     BuiltModel, DeformableModel, DepthMaps, DistanceMap, Forest, GeometryError, MeshSize, Paths,
     ShrunkMesh, distance_map,
 };
-use pipeline::codec::{decode_envelope, decode_forest, decode_paths, decode_volume};
-use pipeline::{Derived, Prepared};
+use pipeline::codec::{decode_forest, decode_paths, decode_volume};
+use pipeline::{Derived, Prepared, envelope_of};
 use render::gpu::{CaseKey, KeyedModel};
 
 use super::status::{CliError, ExitStatus};
@@ -120,7 +120,7 @@ fn decode(file: &[u8]) -> Option<LocalCase> {
     let rest = file.strip_prefix(MAGIC)?;
     let mut rest = rest.strip_prefix(&VERSION.to_le_bytes())?;
     let facts = serde_json::from_slice(&part(&mut rest)?).ok()?;
-    let envelope = decode_envelope(&part(&mut rest)?)?;
+    let envelope = envelope_of(&facts, &part(&mut rest)?)?;
     let volume = decode_volume(&part(&mut rest)?)?;
     let forest = decode_forest(&part(&mut rest)?, &envelope)?;
     let paths = decode_paths(&part(&mut rest)?)?;

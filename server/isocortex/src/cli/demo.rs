@@ -76,6 +76,7 @@ struct Sample {
 
 /// Serves until the process is told to stop.
 pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
+    super::keep_files_private();
     let temporary = match args.data {
         Some(_) => None,
         None => Some(temporary_directory()?),
@@ -109,7 +110,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
 }
 
 fn on_any_port(mut config: crate::config::Config) -> crate::config::Config {
-    config.listen.set_port(0);
+    config.http.listen.set_port(0);
     config
 }
 
@@ -189,7 +190,7 @@ mod tests {
     fn the_demo_can_be_kept_from_a_graphics_device() {
         for (flag, gpu) in [("off", GpuUse::Off), ("always", GpuUse::Always)] {
             let demo = Demo::try_parse_from(["demo", "--gpu", flag]).unwrap();
-            assert_eq!(demo.args.serve(None).config().unwrap().gpu, gpu);
+            assert_eq!(demo.args.serve(None).config().unwrap().render.gpu, gpu);
         }
     }
 }

@@ -167,6 +167,16 @@ fn run(command: Command) -> Result<(), CliError> {
     }
 }
 
+/// What this process makes from now on is for its owner alone: it holds images of patients.
+#[cfg(unix)]
+fn keep_files_private() {
+    rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
+}
+
+/// Other systems have no modes.
+#[cfg(not(unix))]
+fn keep_files_private() {}
+
 /// Starts the runtime and waits for `work`.
 fn block_on<T>(work: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()

@@ -61,8 +61,9 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
             write_output(output, &case_file::write(prepared)?)
         }
         None => {
+            super::keep_files_private();
             let data = args.data.clone();
-            let data = data.unwrap_or_else(|| crate::config::Config::default().data);
+            let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
             super::block_on(into_store(&data, (source, parameters), pipeline))
         }
     }

@@ -164,7 +164,7 @@ async fn of_case(
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
-    let data = data.unwrap_or_else(|| Config::default().data);
+    let data = data.unwrap_or_else(|| Config::default().storage.data);
     if !data.is_dir() {
         let message = format!(
             "there is no store at {}; say where with --data",

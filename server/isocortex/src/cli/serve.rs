@@ -65,23 +65,23 @@ impl ServeArgs {
                 slot.clone_from(value);
             }
         }
-        set(&mut config.data, self.data.as_ref());
-        set(&mut config.listen, self.listen.as_ref());
+        set(&mut config.storage.data, self.data.as_ref());
+        set(&mut config.http.listen, self.listen.as_ref());
         if self.network.is_some() {
-            config.network.clone_from(&self.network);
+            config.prepare.network.clone_from(&self.network);
         }
-        set(&mut config.gpu, self.gpu.as_ref());
+        set(&mut config.render.gpu, self.gpu.as_ref());
         set(&mut config.log_format, self.log_format.as_ref());
         set(&mut config.log, self.log.as_ref());
         if let Ok(token) = std::env::var(TOKEN_VARIABLE)
             && !token.is_empty()
         {
             // Together with a token file that was named as well, this is refused: neither is meant more than the other.
-            config.token = Some(Secret(token));
-            config.token_file = self.token_file.clone();
+            config.http.token = Some(Secret(token));
+            config.http.token_file = self.token_file.clone();
         } else if let Some(path) = &self.token_file {
-            config.token = None;
-            config.token_file = Some(path.clone());
+            config.http.token = None;
+            config.http.token_file = Some(path.clone());
         }
         Ok(config)
     }
@@ -89,8 +89,12 @@ impl ServeArgs {
 
 /// Serves until the process is told to stop.
 pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
+    super::keep_files_private();
     let config = args.config()?;
     logs::start(config.log_format, &config.log);
+    for renamed in &config.renamed {
+        tracing::warn!("{renamed}");
+    }
     super::block_on(async {
         let server = Server::start(&config).await?;
         println!("Isocortex listens on http://{}", server.address);
@@ -113,12 +117,12 @@ impl Server {
     pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
         let state = start::open(config).await?;
         let taken = |error| {
-            let message = format!("cannot listen on {}: {error}", config.listen);
+            let message = format!("cannot listen on {}: {error}", config.http.listen);
             CliError::new(ExitStatus::Unavailable, message)
         };
-        let listener = TcpListener::bind(config.listen).await.map_err(taken)?;
+        let listener = TcpListener::bind(config.http.listen).await.map_err(taken)?;
         let address = listener.local_addr().map_err(taken)?;
-        let workers = Workers::start(state.cases.library.clone(), config.prepare_workers);
+        let workers = Workers::start(state.cases.library.clone(), config.prepare.workers);
         let limits = config.connection_limits();
         let stop = stop_of(state.clone());
         let serving = tokio::spawn(listen::serve(listener, app(state.clone()), limits, stop));
@@ -138,6 +142,7 @@ impl Server {
             tracing::error!(%error, "the listener failed");
         }
         self.workers.shut_down(self.grace).await;
+        self.state.cases.store().close().await;
         tracing::info!("stopped");
     }
 }
@@ -188,7 +193,7 @@ mod tests {
             ..ServeArgs::default()
         };
         let config = args.config().unwrap();
-        assert_eq!(config.data, PathBuf::from("from-flag"));
+        assert_eq!(config.storage.data, PathBuf::from("from-flag"));
         assert_eq!(config.log, "debug");
     }
 }

@@ -2,6 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::known::MOST_CUTS;
+
 /// Twin of `Picture` in `picture.wgsl`, which says what each field means. Matrices are column by column.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -35,6 +37,7 @@ pub(super) struct Picture {
     pub(super) clip_piece: f32,
     pub(super) smooth_share: f32,
     pub(super) _padding: [f32; 3],
+    pub(super) cuts: [[f32; 4]; MOST_CUTS],
 }
 
 /// Twin of `Paths` in `shrink.wgsl`.

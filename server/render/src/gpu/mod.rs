@@ -36,3 +36,4 @@ pub use job::{CaseKey, GpuJob, GpuSurface, KeyedModel};
 #[cfg(any(test, feature = "faults"))]
 pub use pool::Fault;
 pub use pool::{GpuOptions, GpuPool, GpuTicket};
+pub use shaders::{PAGE_SHADERS, PageShader, PageStage};

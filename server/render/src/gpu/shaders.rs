@@ -17,7 +17,6 @@ macro_rules! shaded {
 pub(super) const MESH: &str = shaded!("mesh");
 
 /// The mesh's vertices from the table of all depths: `shrunk_vertex`. The page draws with them.
-#[cfg(test)]
 pub(super) const SHRINK: &str = wgsl!("picture", "trilinear", "gradient", "shrink");
 
 /// The same beside the entry points of [`MESH`], for a test to draw with.
@@ -31,5 +30,52 @@ pub(super) const TRACE: &str = shaded!("sight", "trace");
 pub(super) const RESOLVE: &str = shaded!("sight", "resolve", "multisampled");
 
 /// The mesh from a depth buffer of the pane's own size or twice that: `screen_vertex`, `mesh_reduced`. The page draws with it.
-#[cfg(test)]
 pub(super) const REDUCE: &str = shaded!("sight", "resolve", "enlarged");
+
+/// A stage of a shader.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PageStage {
+    /// Called for each vertex.
+    Vertex,
+    /// Called for each pixel.
+    Fragment,
+}
+
+/// One stage of a program that the page draws with, to be translated.
+#[derive(Debug, Clone, Copy)]
+pub struct PageShader {
+    /// Its file in `web/shaders/`.
+    pub file: &'static str,
+    /// WGSL.
+    pub source: &'static str,
+    /// Which stage of it.
+    pub stage: PageStage,
+    /// The function that begins the stage.
+    pub entry_point: &'static str,
+}
+
+/// All that the page draws with.
+pub const PAGE_SHADERS: [PageShader; 5] = {
+    use PageStage::{Fragment, Vertex};
+    [
+        page_shader("mesh.vert.glsl", MESH, Vertex, "mesh_vertex"),
+        page_shader("shrink.vert.glsl", SHRINK, Vertex, "shrunk_vertex"),
+        page_shader("reduce.frag.glsl", REDUCE, Fragment, "mesh_reduced"),
+        page_shader("screen.vert.glsl", TRACE, Vertex, "screen_vertex"),
+        page_shader("trace.frag.glsl", TRACE, Fragment, "trace_shaded"),
+    ]
+};
+
+const fn page_shader(
+    file: &'static str,
+    source: &'static str,
+    stage: PageStage,
+    entry_point: &'static str,
+) -> PageShader {
+    PageShader {
+        file,
+        source,
+        stage,
+        entry_point,
+    }
+}

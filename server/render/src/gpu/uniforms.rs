@@ -5,6 +5,7 @@ use glam::{DAffine3, DMat4, DVec3};
 use super::case::CaseMaps;
 use super::layout::Picture;
 use crate::isosurface::smooth_share;
+use crate::known::{CutPlane, MOST_CUTS, cut_planes};
 use crate::rays::single;
 use crate::shade::slab_offsets;
 use crate::{ColorMap, RenderRequest, Scene};
@@ -69,8 +70,15 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
         clip_reach: (reach_mm / voxel_mm) as f32,
         smooth_share: smooth_share(depth as f32),
         _padding: [0.0; 3],
+        cuts: cuts(scene, parameters.depth_mm),
         clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
     }
+}
+
+/// The planes behind which the isosurface is unknown; behind those of zeros nothing lies.
+fn cuts(scene: &Scene<'_>, depth_mm: f64) -> [CutPlane; MOST_CUTS] {
+    let planes = cut_planes(scene.field, depth_mm);
+    std::array::from_fn(|index| planes.get(index).copied().unwrap_or_default())
 }
 
 /// From voxel coordinates of the depth field to texels of the volume's texture.

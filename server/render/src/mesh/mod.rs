@@ -68,7 +68,7 @@ pub fn draw_mesh_while(
 pub fn mesh_hits(scene: &Scene<'_>, request: &RenderRequest, facets: Facets<'_>) -> Hits {
     let projection = request.projection(scene);
     let drawn = DrawnMesh::new(scene, request, facets, Samples::ONE);
-    surface::hits(&drawn, scene, &projection)
+    surface::hits(&drawn, scene, request, &projection)
 }
 
 /// A mesh as the pixels of a picture see it.

@@ -45,7 +45,12 @@ pub fn draw_splat_while(
 /// From a depth of 5 voxels on most are within 0.1 voxel; within 3 voxels of the envelope they lie on the smoothed isosurface.
 pub fn splat_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
     let projection = request.projection(scene);
-    surface::hits(&pixels(scene, request, &projection), scene, &projection)
+    surface::hits(
+        &pixels(scene, request, &projection),
+        scene,
+        request,
+        &projection,
+    )
 }
 
 /// What the picture's pixels can see.

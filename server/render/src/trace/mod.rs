@@ -43,6 +43,7 @@ pub fn trace_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
     surface::hits(
         &Traced::new(scene, request, &projection),
         scene,
+        request,
         &projection,
     )
 }

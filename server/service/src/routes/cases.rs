@@ -12,7 +12,7 @@ use super::query::{ApiQuery, CasePath, Checked, NoQuery};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::Quality;
-use case::{Case, CaseFacts, CaseId, CaseState, MaskKind};
+use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, MaskKind};
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
 use storage::Cursor;
@@ -93,6 +93,12 @@ pub struct ReadyView {
     volume: VolumeView,
     /// Depth of the deepest voxel below the envelope.
     max_depth_mm: f32,
+    /// The faces of the volume that cut the brain; absent if none does. Their border is no dura: a depth is unknown, and pictures are
+    /// bare, where such a face is nearer than the depth.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    cuts: Vec<CutFacts>,
+    /// Which version of the preparation made the case. Cases of version 1 were prepared before cuts were known.
+    pipeline: u32,
     /// Volume enclosed by the envelope.
     envelope_ml: f64,
     /// The sphere around the envelope that zoom 1 fits into a picture.
@@ -294,6 +300,8 @@ impl From<CaseFacts> for ReadyView {
                     .unwrap_or_default(),
             },
             max_depth_mm: facts.max_depth_mm,
+            cuts: facts.cuts,
+            pipeline: facts.pipeline,
             envelope_ml: facts.envelope_ml,
             envelope_sphere: SphereView {
                 center_in_patient: facts.envelope_sphere.center_in_patient,

@@ -76,7 +76,9 @@ pub async fn metrics(
     let text = state.metrics.text(state.cases.pool.waiting());
     let text = text.map_err(|_| Error::Internal)?;
     let kind = HeaderValue::from_static(OPEN_METRICS);
-    Ok(([(header::CONTENT_TYPE, kind)], text).into_response())
+    let fresh = HeaderValue::from_static("no-store");
+    let headers = [(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, fresh)];
+    Ok((headers, text).into_response())
 }
 
 /// Which server this is

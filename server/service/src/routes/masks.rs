@@ -14,9 +14,12 @@ use utoipa::IntoParams;
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, Checked, NoQuery};
 use super::render::PNG;
-use super::upload::{PartLimits, check_now, is_form, is_known, refuse_too_large, submitted};
+use super::upload::{
+    PartLimits, check_now, is_form, is_known, refuse_too_large, submitted, too_slow,
+};
 use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
 use crate::negotiate::{Coding, media_type};
+use crate::pace::is_too_slow;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
@@ -239,6 +242,7 @@ pub async fn put_mask(
         });
     }
     refuse_too_large(request.headers(), state.max_upload_bytes)?;
+    let _room = state.begin_upload()?;
     let case = state
         .cases
         .store()
@@ -258,9 +262,12 @@ async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled
     let mut body = request.into_body().into_data_stream();
     let mut spool = state.cases.store().spool().await?;
     while let Some(bytes) = limits.await_next(body.next()).await? {
-        let bytes = bytes.map_err(|_| AppError::Upload {
-            kind: "body-unreadable",
-            detail: "the body cannot be read; was the upload cut off?".to_owned(),
+        let bytes = bytes.map_err(|error| match is_too_slow(&error) {
+            true => too_slow(),
+            false => AppError::Upload {
+                kind: "body-unreadable",
+                detail: "the body cannot be read; was the upload cut off?".to_owned(),
+            },
         })?;
         if spool.len() + bytes.len() as u64 > limits.bytes {
             return Err(limits.too_large());
@@ -291,6 +298,8 @@ async fn check_version(state: &AppState, version: &Version) -> Result<Parameters
         NewMask::None => source.mask = None,
         NewMask::Kept => {}
     }
+    let start = source.volume.slice(..source.volume.len().min(64 << 10));
+    let _room = state.cases.room_to_check(&start).await?;
     check_now(state, source, parameters).await
 }
 

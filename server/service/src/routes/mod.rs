@@ -10,6 +10,7 @@ pub mod health;
 pub mod masks;
 pub mod mesh;
 pub mod query;
+mod refusals;
 pub mod render;
 pub mod renders;
 pub mod slices;

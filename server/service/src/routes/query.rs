@@ -5,6 +5,7 @@ use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::refusals::{known, without_input};
 use crate::problem::AppError;
 use case::CaseId;
 
@@ -60,11 +61,9 @@ pub fn parse<T: DeserializeOwned + Checked>(text: &str) -> Result<T, AppError> {
 fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -> AppError {
     let key = error.path().to_string();
     let reason = error.inner().to_string();
-    if let Some(rest) = reason.strip_prefix("unknown field `") {
-        return AppError::Query {
-            kind: "query-unknown-key",
-            parameter: rest.split('`').next().unwrap_or_default().to_owned().into(),
-            detail: "is not a key of this address".to_owned(),
+    if reason.starts_with("unknown field ") {
+        return AppError::UnknownKey {
+            known: known(&reason),
         };
     }
     if let Some(rest) = reason.strip_prefix("duplicate field `") {
@@ -89,22 +88,8 @@ fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -
     AppError::Query {
         kind,
         parameter: key.into(),
-        detail: unreadable_words(&reason),
+        detail: without_input(&reason),
     }
-}
-
-/// What is wrong with a value, of a parser's words.
-pub(super) fn unreadable_words(reason: &str) -> String {
-    if let Some(choice) = reason.strip_prefix("unknown variant ") {
-        return format!("is {}", choice.replacen(", expected", ", not", 1));
-    }
-    if reason.contains("float literal") || reason.contains("float from empty string") {
-        return "must be a number".to_owned();
-    }
-    if reason.contains("found in string") || reason.contains("integer from empty string") {
-        return "must be a whole number, not negative".to_owned();
-    }
-    format!("cannot be read: {reason}")
 }
 
 /// A query of an address that takes none.
@@ -151,7 +136,7 @@ mod tests {
     fn refusal(text: &str) -> (String, String) {
         let problem = parse::<Example>(text).unwrap_err().problem();
         let kind = problem.kind.rsplit(':').next().unwrap().to_owned();
-        (kind, problem.parameter.unwrap())
+        (kind, problem.parameter.unwrap_or_default())
     }
 
     #[test]
@@ -174,10 +159,7 @@ mod tests {
                 "window=1",
                 "`window` cannot be read: 2 numbers with commas are wanted, not 1",
             ),
-            (
-                "side=up",
-                "`side` is `up`, not one of `left`, `right`, `both`",
-            ),
+            ("side=up", "`side` must be one of `left`, `right`, `both`"),
             ("count=-1", "`count` must be a whole number, not negative"),
             ("count=", "`count` must be a whole number, not negative"),
         ];
@@ -194,7 +176,7 @@ mod tests {
             ("depth_mm=NaN", "depth-not-a-number", "depth_mm"),
             ("depth_mm=inf", "depth-not-a-number", "depth_mm"),
             ("depth_mm=-1", "depth-negative", "depth_mm"),
-            ("deep=1", "query-unknown-key", "deep"),
+            ("deep=1", "query-unknown-key", ""),
             ("depth_mm=1&depth_mm=2", "query-key-twice", "depth_mm"),
             ("window=1", "query-value-unreadable", "window"),
             ("window=1,nan", "query-value-unreadable", "window"),

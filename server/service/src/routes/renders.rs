@@ -15,7 +15,8 @@ use render::{AnimatedPng, RenderBackend, Sheet, SheetPlan, Wanted};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::query::{ApiQuery, CasePath, NoQuery, unreadable_words};
+use super::query::{ApiQuery, CasePath, NoQuery};
+use super::refusals::without_input;
 use super::render::PNG;
 use crate::caching::{self, EntityTag};
 use crate::negotiate::{Coding, media_type};
@@ -239,11 +240,12 @@ fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
         let path = error.path().to_string();
         let reason = error.inner().to_string();
         if reason.starts_with("unknown field") {
-            let detail = "is not a key of this place".to_owned();
-            return refuse("body-unknown-key", path, detail);
+            // The key itself is not repeated.
+            let place = path.rsplit_once('.').map_or(".", |(place, _)| place);
+            return refuse("body-unknown-key", place.to_owned(), without_input(&reason));
         }
         let detail = match error.inner().classify() {
-            serde_json::error::Category::Data => unreadable_words(&reason),
+            serde_json::error::Category::Data => without_input(&reason),
             _ => {
                 return refuse(
                     "body-unreadable",

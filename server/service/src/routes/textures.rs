@@ -116,6 +116,10 @@ pub async fn get_volume(
 /// The signed depth on the working grid
 ///
 /// Signed 16-bit voxels, little-endian, x-fastest, positive inside; the headers say how to read them.
+///
+/// Outside of the envelope distances are exact up to 6 voxels from it; every voxel further out has the distance of 6 voxels. If the
+/// case has `cuts`, a value is the distance to the nearest border, be it dura or cut: it is a depth only if the voxel lies at least
+/// that far, and a voxel more, within each of the cuts.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/distance", tag = "textures",
     params(("id" = String, Path, description = "The case"), DistanceQuery),

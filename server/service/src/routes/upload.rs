@@ -15,7 +15,10 @@ use utoipa::ToSchema;
 
 use super::cases::{CaseView, address_of, fresh_json};
 use super::query::{ApiQuery, NoQuery};
+use super::refusals::without_input;
 use crate::caching;
+use crate::form_body::HeaderBudget;
+use crate::pace::is_too_slow;
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
 use case::{CaseId, CaseState, Parameters};
@@ -56,7 +59,7 @@ pub struct UploadForm {
     /// JSON: `closing_radius_mm` (0 to 50), `mask` (where none is supplied: `auto`, `volume`, `network` or `pruning`), `mask_kind` (`brain` or
     /// `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label. Of DICOM
     /// files also `series`, the series to take by its number, instance UID or token, and `allow_gaps`: true interpolates
-    /// single missing slices, and says which.
+    /// single missing slices, and says which. `keep_name`: true leaves a case that is there already the label that it has.
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
@@ -87,13 +90,13 @@ pub async fn create_case(
     request: Request,
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), state.max_upload_bytes)?;
-    let form = Multipart::from_request(request, &state)
-        .await
-        .map_err(|_| AppError::UnsupportedMediaType)?;
-    let form = read_form(&state, form).await?;
+    let _room = state.begin_upload()?;
+    let form = read_form(&state, request).await?;
     let parameters = form.parameters.clone();
     parameters.check()?;
+    let keep_name = form.keep_name;
     let (upload, choice) = form.into_upload(&state).await?;
+    let parameters = named(&state, &upload, parameters, keep_name).await?;
     let parameters = check_unless_known(&state, &upload, parameters).await?;
     let accepted = state
         .cases
@@ -132,6 +135,12 @@ async fn check_unless_known(
     if is_known(state, &id).await? {
         return Ok(parameters);
     }
+    let start = upload.volume.head(SNIFFED_BYTES).await?;
+    let _room = state.cases.room_to_check(&start).await?;
+    // The same may have been accepted while this one waited.
+    if is_known(state, &id).await? {
+        return Ok(parameters);
+    }
     let source = Source {
         volume: upload.volume.read().await?,
         mask: match &upload.mask {
@@ -141,6 +150,21 @@ async fn check_unless_known(
         ..Source::default()
     };
     check_now(state, source, parameters).await
+}
+
+/// The parameters, without their label where a case that is there already keeps its own.
+async fn named(
+    state: &AppState,
+    upload: &Upload,
+    parameters: Parameters,
+    keep_name: bool,
+) -> Result<Parameters, AppError> {
+    let id = upload.case_id(&parameters);
+    let keeps = keep_name && state.cases.store().case(&id).await?.is_some();
+    Ok(Parameters {
+        name: parameters.name.filter(|_| !keeps),
+        ..parameters
+    })
 }
 
 /// Whether a case was accepted before.
@@ -193,11 +217,17 @@ pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<
 }
 
 /// Reads the parts in whatever order they come.
-async fn read_form(state: &AppState, mut form: Multipart) -> Result<Form, AppError> {
+async fn read_form(state: &AppState, request: Request) -> Result<Form, AppError> {
+    let budget = HeaderBudget::default();
+    let request = request.map(|body| budget.watch(body));
+    let mut form = Multipart::from_request(request, state)
+        .await
+        .map_err(|_| AppError::UnsupportedMediaType)?;
     let limits = PartLimits::of(state);
     let (mut volume, mut mask, mut parameters) = (None, None, None);
     let mut dicom = DicomParts::default();
     while let Some(field) = in_time(limits, form.next_field()).await? {
+        budget.end_header();
         let name = field.name().unwrap_or_default().to_owned();
         match name.as_str() {
             "volume" => set_once(&mut volume, &name, spool(state, limits, field).await?)?,
@@ -212,6 +242,7 @@ async fn read_form(state: &AppState, mut form: Multipart) -> Result<Form, AppErr
             "dicom" => dicom.add(state, limits, field).await?,
             _ => return Err(unknown_part()),
         }
+        budget.begin_header();
     }
     let volume = match (volume, dicom.directory) {
         (Some(volume), None) => Volume::File(volume),
@@ -230,12 +261,17 @@ async fn read_form(state: &AppState, mut form: Multipart) -> Result<Form, AppErr
             });
         }
     };
-    let (parameters, options) = parameters.unwrap_or_default();
+    let SentParameters {
+        parameters,
+        options,
+        keep_name,
+    } = parameters.unwrap_or_default();
     Ok(Form {
         volume,
         mask,
         parameters,
         options,
+        keep_name,
     })
 }
 
@@ -245,6 +281,17 @@ struct Form {
     mask: Option<Spooled>,
     parameters: Parameters,
     options: Options,
+    keep_name: bool,
+}
+
+/// The part `parameters`.
+#[derive(Default)]
+struct SentParameters {
+    parameters: Parameters,
+    /// What is to be chosen among DICOM files.
+    options: Options,
+    /// Whether a case that is there already keeps its label.
+    keep_name: bool,
 }
 
 /// The volume as it was sent.
@@ -314,11 +361,9 @@ impl DicomParts {
         limits: PartLimits,
         mut field: Field<'_>,
     ) -> Result<(), AppError> {
-        let full = AppError::TooLarge {
-            limit_bytes: limits.bytes,
-        };
         if self.count == MAX_DICOM_PARTS {
-            return Err(full);
+            let detail = format!("the form has more than {MAX_DICOM_PARTS} parts named `dicom`");
+            return Err(AppError::PartTooLarge { detail });
         }
         let directory = match &mut self.directory {
             Some(directory) => directory,
@@ -332,7 +377,11 @@ impl DicomParts {
         while let Some(bytes) = in_time(limits, field.chunk()).await? {
             self.bytes += bytes.len() as u64;
             if self.bytes > limits.bytes {
-                return Err(full);
+                let detail = format!(
+                    "the parts named `dicom` are larger than the limit of {} bytes together",
+                    limits.bytes
+                );
+                return Err(AppError::PartTooLarge { detail });
             }
             state.metrics.uploaded(bytes.len());
             file.write_all(&bytes).await.map_err(disk)?;
@@ -424,11 +473,20 @@ async fn in_time<T>(
         .await?
         .map_err(|error| match error.status() {
             StatusCode::PAYLOAD_TOO_LARGE => limits.too_large(),
+            _ if is_too_slow(&error) => too_slow(),
             _ => AppError::Upload {
                 kind: "form-unreadable",
                 detail: "the form cannot be read; was the upload cut off?".to_owned(),
             },
         })
+}
+
+/// The answer to a client that sends next to nothing.
+pub(super) fn too_slow() -> AppError {
+    AppError::Upload {
+        kind: "upload-stalled",
+        detail: "the upload came too slowly; send it again over a faster connection".to_owned(),
+    }
 }
 
 /// Streams a part to the store's disk.
@@ -448,30 +506,46 @@ async fn spool(
     Ok(spool.finish().await?)
 }
 
-/// Parameters of the preparation, and what is to be chosen among DICOM files.
 async fn read_parameters(
     limits: PartLimits,
     mut field: Field<'_>,
-) -> Result<(Parameters, Options), AppError> {
+) -> Result<SentParameters, AppError> {
     let mut text = Vec::new();
     while let Some(bytes) = in_time(limits, field.chunk()).await? {
         if text.len() + bytes.len() > MAX_PARAMETERS_BYTES {
-            return Err(AppError::TooLarge {
-                limit_bytes: MAX_PARAMETERS_BYTES as u64,
-            });
+            let detail =
+                format!("the part `parameters` is larger than {MAX_PARAMETERS_BYTES} bytes");
+            return Err(AppError::PartTooLarge { detail });
         }
         text.extend_from_slice(&bytes);
     }
     let unreadable = |error: &dyn std::fmt::Display| AppError::Upload {
         kind: "parameters-unreadable",
-        detail: format!("the part `parameters` cannot be read: {error}"),
+        detail: format!(
+            "the part `parameters` {}",
+            without_input(&error.to_string())
+        ),
     };
     // By way of an object, because a list of the values in order would be taken as well.
     let mut object: serde_json::Map<String, serde_json::Value> =
         serde_json::from_slice(&text).map_err(|error| unreadable(&error))?;
     let options = take_options(&mut object).map_err(|what| unreadable(&what))?;
+    let keep_name = take_flag(&mut object, "keep_name")
+        .ok_or_else(|| unreadable(&"`keep_name` is true or false"))?;
     let parameters = serde_json::from_value(serde_json::Value::Object(object));
-    Ok((parameters.map_err(|error| unreadable(&error))?, options))
+    Ok(SentParameters {
+        parameters: parameters.map_err(|error| unreadable(&error))?,
+        options,
+        keep_name,
+    })
+}
+
+/// Takes a flag out of the parameters: false where it is missing, `None` where it is neither true nor false.
+fn take_flag(object: &mut serde_json::Map<String, serde_json::Value>, name: &str) -> Option<bool> {
+    match object.remove(name) {
+        None => Some(false),
+        Some(value) => value.as_bool(),
+    }
 }
 
 /// Takes out of the parameters what is no part of the preparation.
@@ -489,11 +563,7 @@ fn take_options(
     if series == Some(None) {
         return Err("`series` is a number, an instance UID or a token of a series");
     }
-    let allow_gaps = match object.remove("allow_gaps") {
-        None => false,
-        Some(Value::Bool(allowed)) => allowed,
-        Some(_) => return Err("`allow_gaps` is true or false"),
-    };
+    let allow_gaps = take_flag(object, "allow_gaps").ok_or("`allow_gaps` is true or false")?;
     Ok(Options {
         series: series.flatten(),
         allow_gaps,

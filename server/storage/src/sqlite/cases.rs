@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqlitePool, SqliteRow};
 
-use super::{jobs, pins};
+use super::{jobs, pins, upkeep};
 use crate::rows::{Inserted, NewCase, Pinned};
 use crate::{Cursor, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, Stage};
@@ -13,7 +13,7 @@ use case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, St
 macro_rules! select_case {
     ($rest:literal) => {
         concat!(
-            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, created_at, previous, stage, fraction,
+            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at, previous, stage, fraction,
                     (SELECT group_concat(id) FROM (SELECT id FROM cases AS version WHERE version.previous = cases.id
                                                    ORDER BY created_at, id)) AS next
              FROM cases LEFT JOIN jobs ON jobs.case_id = cases.id ",
@@ -25,6 +25,7 @@ macro_rules! select_case {
 pub(super) async fn insert(
     connection: &mut SqliteConnection,
     new: &NewCase,
+    now: i64,
 ) -> Result<Inserted, StoreError> {
     let state: Option<String> = sqlx::query_scalar("SELECT state FROM cases WHERE id = ?")
         .bind(new.id.to_string())
@@ -37,14 +38,14 @@ pub(super) async fn insert(
         return Ok(Inserted::QueueFull);
     }
     if state.is_none() {
-        insert_row(connection, new).await?;
+        insert_row(connection, new, now).await?;
     } else {
         queue_again(connection, &new.id).await?;
     }
-    if !refer(connection, &new.id, &new.sources, new.now).await? {
+    if !refer(connection, &new.id, &new.sources, now).await? {
         return Ok(Inserted::PinLost);
     }
-    jobs::insert(connection, &new.id, new.now).await?;
+    jobs::insert(connection, &new.id, now).await?;
     Ok(if state.is_none() {
         Inserted::Created
     } else {
@@ -52,7 +53,11 @@ pub(super) async fn insert(
     })
 }
 
-async fn insert_row(connection: &mut SqliteConnection, new: &NewCase) -> Result<(), StoreError> {
+async fn insert_row(
+    connection: &mut SqliteConnection,
+    new: &NewCase,
+    now: i64,
+) -> Result<(), StoreError> {
     sqlx::query(
         "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
          VALUES (?, ?, ?, ?, 'queued', ?, (SELECT id FROM cases WHERE id = ?))",
@@ -61,7 +66,7 @@ async fn insert_row(connection: &mut SqliteConnection, new: &NewCase) -> Result<
     .bind(new.parameters.closing_radius_mm)
     .bind(without_columns(&new.parameters)?)
     .bind(&new.parameters.name)
-    .bind(new.now.as_microsecond())
+    .bind(now)
     .bind(new.previous.map(|id| id.to_string()))
     .execute(connection)
     .await?;
@@ -89,7 +94,7 @@ pub(super) fn read_parameters(row: &SqliteRow) -> Result<Parameters, StoreError>
 }
 
 async fn queue_again(connection: &mut SqliteConnection, id: &CaseId) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL WHERE id = ?")
+    sqlx::query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = ?")
         .bind(id.to_string())
         .execute(connection)
         .await?;
@@ -101,7 +106,7 @@ pub(super) async fn refer(
     connection: &mut SqliteConnection,
     id: &CaseId,
     pinned: &Pinned,
-    now: Timestamp,
+    now: i64,
 ) -> Result<bool, StoreError> {
     if !pins::consume(connection, pinned).await? {
         return Ok(false);
@@ -141,11 +146,15 @@ pub(super) async fn make_ready(
     id: &CaseId,
     facts: &CaseFacts,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'ready', facts = ?, failure = NULL WHERE id = ?")
-        .bind(serde_json::to_string(facts)?)
-        .bind(id.to_string())
-        .execute(connection)
-        .await?;
+    let facts = serde_json::to_string(facts)?;
+    sqlx::query(
+        "UPDATE cases SET state = 'ready', facts = ?, facts_digest = ?, failure = NULL WHERE id = ?",
+    )
+    .bind(&facts)
+    .bind(upkeep::digest(&facts))
+    .bind(id.to_string())
+    .execute(connection)
+    .await?;
     Ok(())
 }
 
@@ -154,7 +163,7 @@ pub(super) async fn make_failed(
     id: &CaseId,
     failure: &Failure,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'failed', failure = ?, facts = NULL WHERE id = ?")
+    sqlx::query("UPDATE cases SET state = 'failed', failure = ?, facts = NULL, facts_digest = NULL WHERE id = ?")
         .bind(serde_json::to_string(failure)?)
         .bind(id.to_string())
         .execute(connection)
@@ -178,7 +187,7 @@ pub(super) async fn rename(
 pub(super) async fn delete(
     connection: &mut SqliteConnection,
     id: &CaseId,
-    now: Timestamp,
+    now: i64,
 ) -> Result<bool, StoreError> {
     let needed = objects(&mut *connection, id).await?;
     pins::abandon(connection, needed, now).await?;
@@ -246,6 +255,11 @@ fn read(row: &SqliteRow) -> Result<Case, StoreError> {
     let state: String = row.try_get("state")?;
     let failure: Option<String> = row.try_get("failure")?;
     let facts: Option<String> = row.try_get("facts")?;
+    let id = CaseId::parse(&id).ok_or_else(|| unreadable("id"))?;
+    let digest: Option<String> = row.try_get("facts_digest")?;
+    if facts.as_deref().map(upkeep::digest) != digest {
+        return Err(StoreError::DamagedFacts(id));
+    }
     let [previous, next]: [Option<String>; 2] = [row.try_get("previous")?, row.try_get("next")?];
     let versions = |ids: Option<String>| {
         let ids = ids.unwrap_or_default();
@@ -255,7 +269,7 @@ fn read(row: &SqliteRow) -> Result<Case, StoreError> {
     };
     let created_at = Timestamp::from_microsecond(row.try_get("created_at")?);
     Ok(Case {
-        id: CaseId::parse(&id).ok_or_else(|| unreadable("id"))?,
+        id,
         parameters: read_parameters(row)?,
         state: read_state(&state).ok_or_else(|| unreadable("state"))?,
         progress: read_progress(row)?,

@@ -1,9 +1,8 @@
 //! Jobs: who prepares which case, and until when.
 
-use jiff::Timestamp;
-use sqlx::sqlite::{SqliteConnection, SqlitePool};
+use sqlx::sqlite::SqliteConnection;
 
-use super::cases;
+use super::{cases, microseconds};
 use crate::StoreError;
 use crate::rows::{Claim, LeaseTerms, Release};
 use case::{CaseId, Failure, FailureKind, Progress};
@@ -11,11 +10,11 @@ use case::{CaseId, Failure, FailureKind, Progress};
 pub(super) async fn insert(
     connection: &mut SqliteConnection,
     id: &CaseId,
-    now: Timestamp,
+    now: i64,
 ) -> Result<(), StoreError> {
     sqlx::query("INSERT INTO jobs (case_id, queued_at, available_at) VALUES (?1, ?2, ?2)")
         .bind(id.to_string())
-        .bind(now.as_microsecond())
+        .bind(now)
         .execute(connection)
         .await?;
     Ok(())
@@ -35,14 +34,14 @@ pub(super) struct Available {
 
 pub(super) async fn oldest_available(
     connection: &mut SqliteConnection,
-    now: Timestamp,
+    now: i64,
 ) -> Result<Option<Available>, StoreError> {
     let row: Option<(String, u32)> = sqlx::query_as(
         "SELECT case_id, attempts FROM jobs
          WHERE available_at <= ?1 AND (lease_until IS NULL OR lease_until <= ?1)
          ORDER BY queued_at, case_id LIMIT 1",
     )
-    .bind(now.as_microsecond())
+    .bind(now)
     .fetch_optional(connection)
     .await?;
     row.map(|(id, attempts)| {
@@ -55,10 +54,13 @@ pub(super) async fn oldest_available(
 pub(super) async fn claim(
     connection: &mut SqliteConnection,
     terms: &LeaseTerms,
+    now: i64,
 ) -> Result<Option<Claim>, StoreError> {
-    while let Some(job) = oldest_available(connection, terms.now).await? {
+    while let Some(job) = oldest_available(connection, now).await? {
         if job.attempts < terms.max_attempts {
-            return Ok(Some(lease(connection, job, terms).await?));
+            return Ok(Some(
+                lease(connection, job, now + microseconds(terms.lease)).await?,
+            ));
         }
         give_up(connection, &job).await?;
     }
@@ -68,7 +70,7 @@ pub(super) async fn claim(
 async fn lease(
     connection: &mut SqliteConnection,
     job: Available,
-    terms: &LeaseTerms,
+    until: i64,
 ) -> Result<Claim, StoreError> {
     let fence: i64 = sqlx::query_scalar("UPDATE fence SET value = value + 1 RETURNING value")
         .fetch_one(&mut *connection)
@@ -80,7 +82,7 @@ async fn lease(
     )
     .bind(attempt)
     .bind(fence)
-    .bind(terms.until.as_microsecond())
+    .bind(until)
     .bind(job.id.to_string())
     .execute(&mut *connection)
     .await?;
@@ -117,20 +119,20 @@ async fn give_up(connection: &mut SqliteConnection, job: &Available) -> Result<(
 }
 
 pub(super) async fn renew(
-    pool: &SqlitePool,
+    connection: &mut SqliteConnection,
     claim: &Claim,
-    until: Timestamp,
+    until: i64,
     progress: Option<Progress>,
 ) -> Result<bool, StoreError> {
     let renewed = sqlx::query(
         "UPDATE jobs SET lease_until = ?, stage = ?, fraction = ? WHERE case_id = ? AND fence = ?",
     )
-    .bind(until.as_microsecond())
+    .bind(until)
     .bind(progress.map(|progress| progress.stage.name()))
     .bind(progress.map(|progress| progress.fraction))
     .bind(claim.id.to_string())
     .bind(claim.fence)
-    .execute(pool)
+    .execute(connection)
     .await?;
     Ok(renewed.rows_affected() > 0)
 }
@@ -139,6 +141,7 @@ pub(super) async fn release(
     connection: &mut SqliteConnection,
     claim: &Claim,
     release: Release,
+    now: i64,
 ) -> Result<bool, StoreError> {
     // The fence number goes to nobody: whoever held the lease can neither renew nor publish.
     let released = sqlx::query(
@@ -146,7 +149,7 @@ pub(super) async fn release(
                          stage = NULL, fraction = NULL
          WHERE case_id = ? AND fence = ?",
     )
-    .bind(release.available_at.as_microsecond())
+    .bind(now + microseconds(release.after))
     .bind(i64::from(!release.counts))
     .bind(claim.id.to_string())
     .bind(claim.fence)
@@ -177,10 +180,10 @@ pub(super) async fn finish(
 
 pub(super) async fn end_leases(
     connection: &mut SqliteConnection,
-    now: Timestamp,
+    now: i64,
 ) -> Result<(), StoreError> {
     sqlx::query("UPDATE jobs SET lease_until = ? WHERE lease_until > ?1")
-        .bind(now.as_microsecond())
+        .bind(now)
         .execute(connection)
         .await?;
     Ok(())

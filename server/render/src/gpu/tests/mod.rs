@@ -3,7 +3,6 @@
 mod conformance;
 mod drawing;
 mod faults;
-mod glsl;
 mod shaders;
 mod shrink;
 mod support;

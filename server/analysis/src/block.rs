@@ -1,0 +1,187 @@
+//! The part of the native grid that holds the brain, and how deep each of its voxels lies.
+
+use geometry::{DepthField, Grid, Volume};
+use glam::{DAffine3, DVec3, Vec3};
+
+/// From this depth on a voxel counts as tissue, in mm: above, there are dura and vessels.
+pub(crate) const TISSUE_FROM_MM: f32 = 2.0;
+/// From this depth on the junction is looked at, in mm.
+pub(crate) const DEEP_FROM_MM: f32 = 3.0;
+
+/// Which of the two depths a voxel reaches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub(crate) enum Zone {
+    Outside,
+    Tissue,
+    Deep,
+}
+
+/// The smallest block of a volume that holds all of its voxels below the envelope that count.
+#[derive(Debug, Clone)]
+pub(crate) struct Block {
+    pub(crate) grid: Grid,
+    /// The first voxel, in voxels of the volume.
+    pub(crate) first: [usize; 3],
+    pub(crate) size: [usize; 3],
+    pub(crate) spacing_mm: [f64; 3],
+    /// Of each voxel, x-fastest.
+    pub(crate) zones: Vec<Zone>,
+}
+
+impl Block {
+    /// `None` where no voxel of the volume is deep enough.
+    pub(crate) fn new(volume: &Volume, depth: &DepthField) -> Option<Self> {
+        let [first, last] = bounds(volume.grid(), depth)?;
+        let size = [0, 1, 2].map(|axis| last[axis] - first[axis] + 1);
+        let grid = volume
+            .grid()
+            .block(first.map(|voxel| voxel as i64), size)
+            .ok()?;
+        let zones = zones(&grid, depth);
+        let block = Self {
+            first,
+            size,
+            spacing_mm: grid.spacing_mm(),
+            grid,
+            zones,
+        };
+        block.zones.contains(&Zone::Deep).then_some(block)
+    }
+
+    pub(crate) fn voxel_count(&self) -> usize {
+        self.zones.len()
+    }
+
+    /// The stored values of a volume's row, by its number among the rows of this block.
+    pub(crate) fn row<'a>(&self, volume: &'a Volume, number: usize) -> &'a [u16] {
+        let [nx, ny, _] = self.size;
+        let [x, y, z] = self.first;
+        let start = volume.grid().index([x, y + number % ny, z + number / ny]);
+        &volume.voxels()[start..start + nx]
+    }
+
+    /// A length in mm, in voxels of each axis.
+    pub(crate) fn in_voxels(&self, length_mm: f64) -> [f64; 3] {
+        self.spacing_mm.map(|spacing| length_mm / spacing)
+    }
+}
+
+/// First and last voxel of a grid that surround what lies deeper than [`TISSUE_FROM_MM`].
+fn bounds(native: &Grid, depth: &DepthField) -> Option<[[usize; 3]; 2]> {
+    let [nx, ny, _] = depth.grid().size();
+    let least = (TISSUE_FROM_MM / depth.spacing_mm() * DepthField::STEPS_PER_VOXEL) as i16;
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for (number, row) in depth.values().chunks_exact(nx).enumerate() {
+        let Some(first) = row.iter().position(|&value| value >= least) else {
+            continue;
+        };
+        let last = row.iter().rposition(|&value| value >= least)?;
+        for x in [first, last] {
+            let voxel = DVec3::from_array([x, number % ny, number / ny].map(|place| place as f64));
+            low = low.min(voxel);
+            high = high.max(voxel);
+        }
+    }
+    if low.x > high.x {
+        return None;
+    }
+    let native_from_working = native.voxel_from_patient() * depth.grid().patient_from_voxel();
+    let corners = (0..8).map(|corner: usize| {
+        let end = |axis: usize| {
+            if corner >> axis & 1 > 0 {
+                high[axis]
+            } else {
+                low[axis]
+            }
+        };
+        native_from_working.transform_point3(DVec3::new(end(0), end(1), end(2)))
+    });
+    let (low, high) = corners.fold(
+        (DVec3::INFINITY, DVec3::NEG_INFINITY),
+        |(low, high), corner| (low.min(corner), high.max(corner)),
+    );
+    let side = DVec3::from_array(native.size().map(|side| side as f64 - 1.0));
+    let (low, high) = (
+        (low - 1.0).floor().max(DVec3::ZERO),
+        (high + 1.0).ceil().min(side),
+    );
+    let as_voxel = |place: DVec3| place.to_array().map(|place| place as usize);
+    low.cmple(high)
+        .all()
+        .then(|| [as_voxel(low), as_voxel(high)])
+}
+
+fn zones(grid: &Grid, depth: &DepthField) -> Vec<Zone> {
+    let [nx, ny, nz] = grid.size();
+    let working_from_voxel = depth.grid().voxel_from_patient() * grid.patient_from_voxel();
+    let mut zones = Vec::with_capacity(nx * ny * nz);
+    let whole = in_whole_voxels(working_from_voxel);
+    for (z, y) in (0..nz).flat_map(|z| (0..ny).map(move |y| (z, y))) {
+        if let Some(affine) = &whole {
+            let value = |x: usize| affine.value(depth, [x, y, z]);
+            zones.extend((0..nx).map(|x| zone(value(x))));
+        } else {
+            let start = DVec3::new(0.0, y as f64, z as f64);
+            let start = working_from_voxel.transform_point3(start);
+            let step = working_from_voxel.matrix3.x_axis;
+            let place = |x: usize| (start + step * x as f64).as_vec3();
+            zones.extend((0..nx).map(|x| zone(depth_at(depth, place(x)))));
+        }
+    }
+    zones
+}
+
+fn zone(depth_mm: f32) -> Zone {
+    // A depth that is exactly the limit may have been rounded down.
+    let depth_mm = depth_mm + 1e-4;
+    match depth_mm {
+        _ if depth_mm >= DEEP_FROM_MM => Zone::Deep,
+        _ if depth_mm >= TISSUE_FROM_MM => Zone::Tissue,
+        _ => Zone::Outside,
+    }
+}
+
+/// The depth at a position in voxels of the working grid, in mm; outside of that grid it is negative.
+pub(crate) fn depth_at(depth: &DepthField, place: Vec3) -> f32 {
+    let size = Vec3::from_array(depth.grid().size().map(|side| side as f32 - 1.0));
+    if place.cmpge(Vec3::ZERO).all() && place.cmple(size).all() {
+        depth.depth_mm(place)
+    } else {
+        -1.0
+    }
+}
+
+/// A way from one grid to another on which voxel centres meet.
+struct WholeVoxels {
+    columns: [[i64; 3]; 3],
+    offset: [i64; 3],
+}
+
+impl WholeVoxels {
+    fn value(&self, depth: &DepthField, voxel: [usize; 3]) -> f32 {
+        let place = |axis: usize| {
+            let along = |from: usize| self.columns[from][axis] * voxel[from] as i64;
+            self.offset[axis] + along(0) + along(1) + along(2)
+        };
+        let size = depth.grid().size();
+        let there = [place(0), place(1), place(2)];
+        if (0..3).any(|axis| !(0..size[axis] as i64).contains(&there[axis])) {
+            return -1.0;
+        }
+        let index = depth.grid().index(there.map(|place| place as usize));
+        f32::from(depth.values()[index]) * (depth.spacing_mm() / DepthField::STEPS_PER_VOXEL)
+    }
+}
+
+fn in_whole_voxels(affine: DAffine3) -> Option<WholeVoxels> {
+    let entries = affine.to_cols_array();
+    let is_whole = entries
+        .iter()
+        .all(|entry| (entry - entry.round()).abs() < 1e-4);
+    let column = |number: usize| [0, 1, 2].map(|axis| entries[3 * number + axis].round() as i64);
+    is_whole.then(|| WholeVoxels {
+        columns: [column(0), column(1), column(2)],
+        offset: column(3),
+    })
+}

@@ -1,0 +1,210 @@
+//! The places of a head at which the junction is blurred most.
+
+use std::collections::HashSet;
+
+use glam::DVec3;
+
+use crate::Head;
+use crate::block::{Block, depth_at};
+use crate::convolve::{Kernel, smooth};
+
+/// A side of the patient.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Side {
+    /// The patient's left.
+    Left,
+    /// The patient's right.
+    Right,
+}
+
+/// A place at which the junction is less sharp than around it and on the other side. Most such places are normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Candidate {
+    /// LPS, in mm.
+    pub position_in_patient: DVec3,
+    /// Below the envelope, in mm.
+    pub depth_mm: f32,
+    /// On which side of the midsagittal plane.
+    pub side: Side,
+    /// The smoothed `blur` at the place, in deviations of this head's junction.
+    pub score: f32,
+    /// The diameter of a ball with the volume of the connected part of the junction above half of the score, in mm.
+    pub size_mm: f32,
+}
+
+/// How candidates are chosen.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Choice {
+    /// The least distance of a candidate from every higher one, in mm.
+    pub(crate) apart_mm: f64,
+    pub(crate) limit: usize,
+}
+
+/// Below this depth there are nuclei and the brain stem, of which the border is blurred in everybody, and no cortex, in mm.
+const DEEPEST_MM: f32 = 30.0;
+/// How many voxels are sorted at first: the highest places are few.
+const FIRST_SORTED: usize = 20_000;
+
+/// The scores of the junction's voxels.
+pub(crate) struct Scores<'a> {
+    /// The voxels of the junction, ascending.
+    pub(crate) junction: &'a [u32],
+    /// The score of each.
+    pub(crate) scores: Vec<f32>,
+}
+
+impl<'a> Scores<'a> {
+    /// A map over the junction, smoothed by a Gaussian that sees the junction alone.
+    pub(crate) fn smoothed(block: &Block, junction: &'a [u32], map: &[f32], sigma_mm: f64) -> Self {
+        let kernels = block.in_voxels(sigma_mm).map(Kernel::gaussian);
+        let mut sums = vec![0.0; block.voxel_count()];
+        let mut weights = vec![0.0; block.voxel_count()];
+        for &voxel in junction {
+            let value = map[voxel as usize];
+            if !value.is_nan() {
+                sums[voxel as usize] = value;
+                weights[voxel as usize] = 1.0;
+            }
+        }
+        rayon::join(
+            || smooth(&mut sums, block.size, &kernels),
+            || smooth(&mut weights, block.size, &kernels),
+        );
+        let score = |&voxel: &u32| sums[voxel as usize] / weights[voxel as usize].max(1e-6);
+        Self {
+            junction,
+            scores: junction.iter().map(score).collect(),
+        }
+    }
+
+    /// The highest places (by their number in the junction) that are eligible, each at least `apart_mm` from every higher one,
+    /// highest first.
+    fn maxima(
+        &self,
+        block: &Block,
+        choice: Choice,
+        is_eligible: impl Fn(DVec3) -> bool,
+    ) -> Vec<usize> {
+        let mut order: Vec<u32> = (0..self.junction.len() as u32).collect();
+        // Of equal scores the first voxel comes first, so that the order is the same everywhere.
+        let higher = |a: &u32, b: &u32| {
+            let [score_a, score_b] = [a, b].map(|place| self.scores[*place as usize]);
+            score_b.total_cmp(&score_a).then(a.cmp(b))
+        };
+        let mut found: Vec<(usize, DVec3)> = Vec::new();
+        let mut sorted = 0;
+        while sorted < order.len() && found.len() < choice.limit {
+            let rest = &mut order[sorted..];
+            let count = rest.len().min(FIRST_SORTED.max(sorted));
+            if count < rest.len() {
+                rest.select_nth_unstable_by(count, higher);
+            }
+            rest[..count].sort_unstable_by(higher);
+            for &place in &rest[..count] {
+                let position = self.position(block, place as usize);
+                let is_apart = found
+                    .iter()
+                    .all(|(_, other)| other.distance_squared(position) >= choice.apart_mm.powi(2));
+                if is_apart && found.len() < choice.limit && is_eligible(position) {
+                    found.push((place as usize, position));
+                }
+            }
+            sorted += count;
+        }
+        found.into_iter().map(|(place, _)| place).collect()
+    }
+
+    fn position(&self, block: &Block, place: usize) -> DVec3 {
+        let voxel = block.grid.voxel(self.junction[place] as usize);
+        let voxel = DVec3::from_array(voxel.map(|along| along as f64));
+        block.grid.patient_from_voxel().transform_point3(voxel)
+    }
+
+    /// The number of voxels of the junction that are connected to a place through corners and higher than half of its score.
+    fn extent(&self, block: &Block, rows: &[u32], place: usize) -> usize {
+        let least = self.scores[place] / 2.0;
+        let nx = block.size[0];
+        let at = |voxel: usize| {
+            let [first, last] = [rows[voxel / nx], rows[voxel / nx + 1]].map(|row| row as usize);
+            let found = self.junction[first..last].binary_search(&(voxel as u32));
+            found.ok().map(|place| first + place)
+        };
+        let mut seen = HashSet::from([place]);
+        let mut open = vec![place];
+        while let Some(place) = open.pop() {
+            let voxel = block.grid.voxel(self.junction[place] as usize);
+            for neighbour in neighbours(voxel, block.size) {
+                let Some(other) = at(block.grid.index(neighbour)) else {
+                    continue;
+                };
+                if self.scores[other] > least && seen.insert(other) {
+                    open.push(other);
+                }
+            }
+        }
+        seen.len()
+    }
+
+    /// For each row of the block, how many voxels of the junction lie before it.
+    fn rows(&self, block: &Block) -> Vec<u32> {
+        let [nx, ny, nz] = block.size;
+        let mut rows = vec![0; ny * nz + 1];
+        for &voxel in self.junction {
+            rows[voxel as usize / nx + 1] += 1;
+        }
+        for row in 1..rows.len() {
+            rows[row] += rows[row - 1];
+        }
+        rows
+    }
+}
+
+/// The voxels around a voxel that share a corner with it, and itself.
+fn neighbours(voxel: [usize; 3], size: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    let [x, y, z] = [0, 1, 2].map(|axis| {
+        let last = (voxel[axis] + 1).min(size[axis] - 1);
+        voxel[axis].saturating_sub(1)..=last
+    });
+    z.flat_map(move |z| {
+        let x = x.clone();
+        y.clone()
+            .flat_map(move |y| x.clone().map(move |x| [x, y, z]))
+    })
+}
+
+/// The candidates of a head, highest first.
+pub(crate) fn candidates(
+    block: &Block,
+    scores: &Scores,
+    head: Head<'_>,
+    choice: Choice,
+) -> Vec<Candidate> {
+    let Head { depth, plane, .. } = head;
+    let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
+    let rows = scores.rows(block);
+    let working_from_patient = depth.grid().voxel_from_patient();
+    let depth_mm = |position| {
+        depth_at(
+            depth,
+            working_from_patient.transform_point3(position).as_vec3(),
+        )
+    };
+    let candidate = |place: usize| {
+        let position = scores.position(block, place);
+        let volume_mm3 = scores.extent(block, &rows, place) as f64 * voxel_mm3;
+        let is_left = plane.normal().dot(position) > plane.offset_mm();
+        Candidate {
+            position_in_patient: position,
+            depth_mm: depth_mm(position),
+            side: if is_left { Side::Left } else { Side::Right },
+            score: scores.scores[place],
+            size_mm: (6.0 * volume_mm3 / std::f64::consts::PI).cbrt() as f32,
+        }
+    };
+    let maxima = scores.maxima(block, choice, |position| depth_mm(position) <= DEEPEST_MM);
+    maxima
+        .into_iter()
+        .filter(|&place| scores.scores[place] > 0.0)
+        .map(candidate)
+        .collect()
+}

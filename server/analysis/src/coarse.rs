@@ -1,0 +1,204 @@
+//! Sums of blocks of voxels: what is smoothed widely needs no more places than its own width asks for.
+
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+
+use crate::convolve::{Kernel, smooth};
+
+/// A grid of cells, each of several voxels of a block.
+#[derive(Debug, Clone)]
+pub(crate) struct Coarse {
+    fine: [usize; 3],
+    /// Voxels to a cell along each axis.
+    factor: [usize; 3],
+    size: [usize; 3],
+    /// Edges of a cell, in mm.
+    spacing_mm: [f64; 3],
+}
+
+/// Two sums for each cell: weighted values and weights.
+pub(crate) type Pair = [f32; 2];
+
+impl Coarse {
+    /// Cells of about `step_mm`, and no smaller than a voxel.
+    pub(crate) fn new(fine: [usize; 3], spacing_mm: [f64; 3], step_mm: f64) -> Self {
+        let factor = spacing_mm.map(|spacing| (step_mm / spacing).round().max(1.0) as usize);
+        Self {
+            fine,
+            factor,
+            size: [0, 1, 2].map(|axis| fine[axis].div_ceil(factor[axis])),
+            spacing_mm: [0, 1, 2].map(|axis| spacing_mm[axis] * factor[axis] as f64),
+        }
+    }
+
+    fn voxels_of_a_cell(&self) -> f32 {
+        self.factor.iter().product::<usize>() as f32
+    }
+
+    /// For each cell the mean over its voxels of `pair_at`, by index in the block: the pair's two numbers apart.
+    pub(crate) fn means(&self, mut pair_at: impl FnMut(usize) -> Pair) -> [Vec<f32>; 2] {
+        let [nx, ny, _] = self.fine;
+        let [cx, cy, _] = self.size;
+        let mut sums = [0, 1].map(|_| vec![0.0; self.size.iter().product()]);
+        let share = 1.0 / self.voxels_of_a_cell();
+        for number in 0..ny * self.fine[2] {
+            let cell_row =
+                cx * (number % ny / self.factor[1] + cy * (number / ny / self.factor[2]));
+            for first in (0..nx).step_by(self.factor[0]) {
+                let last = (first + self.factor[0]).min(nx);
+                let pairs = (first..last).map(|x| pair_at(number * nx + x));
+                let [a, b] = pairs.fold([0.0; 2], |[a, b], pair| [a + pair[0], b + pair[1]]);
+                let cell = cell_row + first / self.factor[0];
+                sums[0][cell] += a * share;
+                sums[1][cell] += b * share;
+            }
+        }
+        sums
+    }
+
+    /// Both numbers smoothed by a Gaussian, of which the cells themselves are a part, and side by side.
+    pub(crate) fn smoothed(&self, means: &[Vec<f32>; 2], sigma_mm: f64) -> Vec<Pair> {
+        let kernels = [0, 1, 2].map(|axis| {
+            let factor = self.factor[axis] as f64;
+            // The variance of the voxels of a cell, and that of reading between two cells.
+            let cell = (1.0 - factor.powi(-2)) / 12.0;
+            let between = if self.factor[axis] > 1 {
+                1.0 / 6.0
+            } else {
+                0.0
+            };
+            let wanted = (sigma_mm / self.spacing_mm[axis]).powi(2) - cell - between;
+            Kernel::gaussian(wanted.max(0.0).sqrt())
+        });
+        let [mut first, mut second] = means.clone();
+        smooth(&mut first, self.size, &kernels);
+        smooth(&mut second, self.size, &kernels);
+        first
+            .into_iter()
+            .zip(second)
+            .map(<[f32; 2]>::from)
+            .collect()
+    }
+
+    /// What leads to voxels of the block, made to lead to cells.
+    pub(crate) fn through(&self, voxel_from_other: DAffine3) -> DAffine3 {
+        let factor = DVec3::from_array(self.factor.map(|factor| factor as f64));
+        let cell_from_voxel = DAffine3 {
+            matrix3: DMat3::from_diagonal(factor.recip()),
+            translation: (1.0 - factor) / 2.0 / factor,
+        };
+        cell_from_voxel * voxel_from_other
+    }
+
+    /// The pair at a place in cells, trilinear; beyond the outermost cells there is nothing.
+    #[inline]
+    pub(crate) fn sample(&self, pairs: &[Pair], place: Vec3) -> Pair {
+        let [nx, ny, nz] = self.size;
+        let last = Vec3::new(nx as f32 - 1.0, ny as f32 - 1.0, nz as f32 - 1.0);
+        // False for a place that is not a number, too.
+        if !(place.cmpge(Vec3::splat(-0.5)).all() && place.cmple(last + 0.5).all()) {
+            return [0.0; 2];
+        }
+        let [x, y, z] = [
+            Between::of(place.x, nx, 1),
+            Between::of(place.y, ny, nx),
+            Between::of(place.z, nz, nx * ny),
+        ];
+        let start = x.start + y.start + z.start;
+        let row = |at: usize| x.mix(pairs[at], pairs[at + x.step]);
+        let slice = |at: usize| y.mix(row(at), row(at + y.step));
+        z.mix(slice(start), slice(start + z.step))
+    }
+
+    /// A row of cells, mixed from those around a row of the block's voxels, by the row's number.
+    pub(crate) fn mixed_row(&self, pairs: &[Pair], number: usize, mixed: &mut Vec<Pair>) {
+        let [nx, ny, nz] = self.size;
+        let place = |axis: usize, voxel: usize| {
+            let factor = self.factor[axis] as f32;
+            (voxel as f32 - (factor - 1.0) / 2.0) / factor
+        };
+        let y = Between::of(place(1, number % self.fine[1]), ny, nx);
+        let z = Between::of(place(2, number / self.fine[1]), nz, nx * ny);
+        let row = |at: usize| &pairs[at..at + nx];
+        let start = y.start + z.start;
+        let low = row(start).iter().zip(row(start + y.step));
+        let high = row(start + z.step).iter().zip(row(start + y.step + z.step));
+        mixed.clear();
+        mixed.extend(
+            low.zip(high)
+                .map(|((a, b), (c, d))| z.mix(y.mix(*a, *b), y.mix(*c, *d))),
+        );
+    }
+
+    /// Where the voxels of a row lie between the cells of one.
+    pub(crate) fn along_row(&self) -> Vec<Between> {
+        let factor = self.factor[0] as f32;
+        let place = |x: usize| (x as f32 - (factor - 1.0) / 2.0) / factor;
+        (0..self.fine[0])
+            .map(|x| Between::of(place(x), self.size[0], 1))
+            .collect()
+    }
+}
+
+/// A place between two cells of one axis.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Between {
+    start: usize,
+    step: usize,
+    part: f32,
+}
+
+impl Between {
+    /// Beyond the outermost cells, they count alone.
+    #[inline]
+    fn of(place: f32, side: usize, stride: usize) -> Self {
+        let place = place.clamp(0.0, side as f32 - 1.0);
+        let base = (place as usize).min(side.saturating_sub(2));
+        Self {
+            start: base * stride,
+            step: if side > 1 { stride } else { 0 },
+            part: place - base as f32,
+        }
+    }
+
+    #[inline]
+    fn mix(self, low: Pair, high: Pair) -> Pair {
+        [
+            low[0] + (high[0] - low[0]) * self.part,
+            low[1] + (high[1] - low[1]) * self.part,
+        ]
+    }
+
+    /// The pair in a mixed row.
+    #[inline]
+    pub(crate) fn of_row(self, row: &[Pair]) -> Pair {
+        self.mix(row[self.start], row[self.start + self.step])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wide_gaussian_of_cells_is_nearly_that_of_voxels() {
+        let size = [48, 44, 40];
+        let at = |index: usize| {
+            let [x, y, z] = [index % 48, index / 48 % 44, index / 48 / 44].map(|p| p as f32);
+            [(x / 7.0).sin() + (y / 9.0).cos() * (z / 6.0).sin(), 1.0]
+        };
+        let coarse = Coarse::new(size, [1.0; 3], 2.0);
+        let pairs = coarse.smoothed(&coarse.means(at), 3.0);
+        let mut fine: Vec<f32> = (0..size.iter().product())
+            .map(|index| at(index)[0])
+            .collect();
+        smooth(&mut fine, size, &[3.0; 3].map(Kernel::gaussian));
+        for voxel in [[24, 22, 20], [19, 25, 18], [30, 17, 23]] {
+            let index = voxel[0] + 48 * (voxel[1] + 44 * voxel[2]);
+            let cell_from_voxel = coarse.through(DAffine3::IDENTITY);
+            let place =
+                cell_from_voxel.transform_point3(DVec3::from_array(voxel.map(|p| p as f64)));
+            let [sum, weight] = coarse.sample(&pairs, place.as_vec3());
+            assert!((sum / weight - fine[index]).abs() < 0.01, "{voxel:?}");
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Separable convolutions of whole blocks, in place, one axis after the other.
+//!
+//! Sums are taken in one order with no fused multiplication, so that every machine gets the same bits.
+
+use multiversion::multiversion;
+
+/// How far a Gaussian is followed, in deviations.
+const REACH: f64 = 3.3;
+/// Values that are summed at once.
+const LANES: usize = 32;
+
+/// A kernel that is its own mirror image, or the negative of it: the middle tap, then the taps beside it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Kernel {
+    taps: Vec<f32>,
+    is_odd: bool,
+}
+
+impl Kernel {
+    /// A Gaussian with a sum of 1.
+    pub(crate) fn gaussian(sigma_voxels: f64) -> Self {
+        let sum = |taps: &[f64]| taps[0] + 2.0 * taps[1..].iter().sum::<f64>();
+        let taps = gaussian_taps(sigma_voxels);
+        let total = sum(&taps);
+        Self::even(taps.iter().map(|tap| tap / total))
+    }
+
+    /// The derivative of a Gaussian: of a ramp that rises by 1 a voxel it is 1.
+    pub(crate) fn derivative(sigma_voxels: f64) -> Self {
+        let taps: Vec<f64> = gaussian_taps(sigma_voxels)
+            .iter()
+            .enumerate()
+            .map(|(place, tap)| place as f64 * tap)
+            .collect();
+        let slope: f64 = taps.iter().enumerate().map(|(k, tap)| k as f64 * tap).sum();
+        Self {
+            taps: taps.iter().map(|tap| (tap / slope / 2.0) as f32).collect(),
+            is_odd: true,
+        }
+    }
+
+    /// A box of unit area that is `width_voxels` wide.
+    pub(crate) fn mean(width_voxels: f64) -> Self {
+        let half = (width_voxels / 2.0).max(0.5);
+        let reach = (half - 0.5).ceil() as usize;
+        let covered = |place: usize| (half - place as f64 + 0.5).clamp(0.0, 1.0);
+        Self::even((0..=reach).map(|place| covered(place) / (2.0 * half)))
+    }
+
+    fn even(taps: impl Iterator<Item = f64>) -> Self {
+        Self {
+            taps: taps.map(|tap| tap as f32).collect(),
+            is_odd: false,
+        }
+    }
+
+    /// Voxels to either side of the middle tap.
+    pub(crate) fn reach(&self) -> usize {
+        self.taps.len() - 1
+    }
+
+    /// The sum of squares of all taps: what is left of the variance of white noise.
+    pub(crate) fn noise_gain(&self) -> f64 {
+        let square = |tap: &f32| f64::from(*tap).powi(2);
+        square(&self.taps[0]) + 2.0 * self.taps[1..].iter().map(square).sum::<f64>()
+    }
+
+    /// Convolves a row. `padded` has [`Kernel::reach`] strides before and after it.
+    pub(crate) fn apply(&self, padded: &[f32], stride: usize, out: &mut [f32]) {
+        convolve(padded, stride, self, out);
+    }
+}
+
+/// The right half of a Gaussian's samples, from the middle on.
+fn gaussian_taps(sigma_voxels: f64) -> Vec<f64> {
+    let reach = (REACH * sigma_voxels).ceil() as usize;
+    let tap = |place: usize| (-0.5 * (place as f64 / sigma_voxels.max(1e-6)).powi(2)).exp();
+    (0..=reach).map(tap).collect()
+}
+
+/// Convolves a block along its three axes; beyond its faces it is 0.
+pub(crate) fn smooth(values: &mut [f32], size: [usize; 3], kernels: &[Kernel; 3]) {
+    let [nx, ny, nz] = size;
+    let [along_x, along_y, along_z] = kernels;
+    let mut padded = Vec::new();
+    for plane in values.chunks_exact_mut(nx * ny) {
+        if along_x.reach() > 0 {
+            for row in plane.chunks_exact_mut(nx) {
+                pad(&mut padded, along_x.reach(), [&*row]);
+                along_x.apply(&padded, 1, row);
+            }
+        }
+        if along_y.reach() > 0 {
+            pad(&mut padded, along_y.reach() * nx, [&*plane]);
+            along_y.apply(&padded, nx, plane);
+        }
+    }
+    if along_z.reach() == 0 {
+        return;
+    }
+    let mut slab = vec![0.0; nx * nz];
+    for y in 0..ny {
+        let start = |z: usize| nx * (y + ny * z);
+        let rows = (0..nz).map(|z| &values[start(z)..][..nx]);
+        pad(&mut padded, along_z.reach() * nx, rows);
+        along_z.apply(&padded, nx, &mut slab);
+        for (z, row) in slab.chunks_exact(nx).enumerate() {
+            values[start(z)..][..nx].copy_from_slice(row);
+        }
+    }
+}
+
+/// Rows one after the other, with zeros before and after them.
+fn pad<'a>(padded: &mut Vec<f32>, margin: usize, rows: impl IntoIterator<Item = &'a [f32]>) {
+    padded.clear();
+    padded.resize(margin, 0.0);
+    for row in rows {
+        padded.extend_from_slice(row);
+    }
+    padded.resize(padded.len() + margin, 0.0);
+}
+
+/// `out[i]` becomes the weighted sum of `padded` around `i`, at every `stride`-th value.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+sse4.1"))]
+fn convolve(padded: &[f32], stride: usize, kernel: &Kernel, out: &mut [f32]) {
+    let taps = &kernel.taps[..];
+    let sign = if kernel.is_odd { -1.0f32 } else { 1.0 };
+    let middle = (taps.len() - 1) * stride;
+    let Some(last) = out.len().checked_sub(LANES) else {
+        for (place, out) in out.iter_mut().enumerate() {
+            let at = middle + place;
+            let mut sum = taps[0] * padded[at];
+            for (k, tap) in taps.iter().enumerate().skip(1) {
+                sum += tap * (padded[at + k * stride] + sign * padded[at - k * stride]);
+            }
+            *out = sum;
+        }
+        return;
+    };
+    for start in (0..out.len()).step_by(LANES) {
+        // The last lanes may be done twice. Their number is fixed, so that the sums stay in registers.
+        let start = start.min(last);
+        let at = middle + start;
+        let lanes = |at: usize| -> &[f32; LANES] { padded[at..].first_chunk().expect("padded") };
+        let mut sums = lanes(at).map(|value| taps[0] * value);
+        for (k, &tap) in taps.iter().enumerate().skip(1) {
+            let (after, before) = (lanes(at + k * stride), lanes(at - k * stride));
+            for ((sum, &after), &before) in sums.iter_mut().zip(after).zip(before) {
+                *sum += tap * (after + sign * before);
+            }
+        }
+        out[start..start + LANES].copy_from_slice(&sums);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(count: usize) -> Vec<f32> {
+        let value = |index: usize| (index as u32).wrapping_mul(2_654_435_761) >> 16;
+        (0..count)
+            .map(|index| value(index) as f32 / 65536.0)
+            .collect()
+    }
+
+    #[test]
+    fn a_separable_convolution_is_that_of_its_definition() {
+        for size in [[40, 9, 7], [5, 6, 70]] {
+            let kernels = [1.4, 0.8, 1.1].map(Kernel::gaussian);
+            let values = noise(size.iter().product());
+            let mut fast = values.clone();
+            smooth(&mut fast, size, &kernels);
+            let at = |voxel: [i64; 3]| -> f64 {
+                let is_inside = (0..3).all(|axis| (0..size[axis] as i64).contains(&voxel[axis]));
+                let [x, y, z] = voxel.map(|place| place as usize);
+                if is_inside {
+                    f64::from(values[x + size[0] * (y + size[1] * z)])
+                } else {
+                    0.0
+                }
+            };
+            let weight = |axis: usize, offset: i64| {
+                f64::from(
+                    *kernels[axis]
+                        .taps
+                        .get(offset.unsigned_abs() as usize)
+                        .unwrap_or(&0.0),
+                )
+            };
+            for index in (0..values.len()).step_by(13) {
+                let voxel = [
+                    index % size[0],
+                    index / size[0] % size[1],
+                    index / size[0] / size[1],
+                ];
+                let mut sum = 0.0;
+                for z in -4..=4 {
+                    for y in -4..=4 {
+                        for x in -5..=5 {
+                            let there = [x, y, z];
+                            let place = [0, 1, 2].map(|axis| voxel[axis] as i64 + there[axis]);
+                            sum += weight(0, x) * weight(1, y) * weight(2, z) * at(place);
+                        }
+                    }
+                }
+                assert!((f64::from(fast[index]) - sum).abs() < 1e-5, "{index}");
+            }
+        }
+    }
+
+    #[test]
+    fn kernels_keep_a_constant_and_differentiate_a_ramp() {
+        for kernel in [Kernel::gaussian(1.7), Kernel::mean(5.0), Kernel::mean(7.4)] {
+            let sum = kernel.taps[0] + 2.0 * kernel.taps[1..].iter().sum::<f32>();
+            assert!((sum - 1.0).abs() < 1e-5, "{kernel:?}");
+        }
+        let kernel = Kernel::derivative(0.65);
+        let ramp: Vec<f32> = (0..60).map(|place| 0.3 * place as f32).collect();
+        let mut slope = vec![0.0; ramp.len() - 2 * kernel.reach()];
+        kernel.apply(&ramp, 1, &mut slope);
+        assert!(
+            slope.iter().all(|slope| (slope - 0.3).abs() < 1e-5),
+            "{slope:?}"
+        );
+    }
+}

@@ -1,0 +1,230 @@
+//! The maps of a head, all at once.
+
+use geometry::{DepthField, Grid, Volume};
+
+use crate::MidsagittalPlane;
+use crate::block::Block;
+use crate::candidates::{Candidate, Choice, Scores, candidates};
+use crate::gradient::{Slope, weighted_gradient};
+use crate::junction::junction_density;
+use crate::mirror::{Differences, Widths, differences, intensity_differences};
+use crate::robust::Robust;
+use crate::sharpness::{Sharpness, sharpness};
+use crate::stored::{MapKind, StoredMap};
+use crate::tissue::{TissueScale, tissue_scale};
+use crate::undefined::MapsUndefined;
+use crate::width::{EdgeFilters, WidthTable};
+
+/// The largest voxel edge on which a blur of 1 to 2 mm still shows, in mm.
+const MAX_SPACING_MM: f64 = 2.0;
+/// The least spread of sharpness, per mm, and of intensity, in tissue scale: less is rounding, not anatomy.
+///
+/// Four real heads have 0.04 to 0.06 per mm, and 0.13 to 0.17.
+const LEAST_SPREAD: f32 = 0.025;
+
+/// What the maps are made of.
+#[derive(Debug, Clone, Copy)]
+pub struct Head<'a> {
+    /// T1-weighted intensities.
+    pub volume: &'a Volume,
+    /// The depth below the envelope.
+    pub depth: &'a DepthField,
+    /// The plane between the hemispheres.
+    pub plane: &'a MidsagittalPlane,
+}
+
+/// Widths of all filters. The standard ones belong to [`crate::MAP_FORMAT`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapParameters {
+    /// The Gaussian whose derivatives are taken, in mm; at least 0.6 of the largest voxel edge.
+    pub gradient_mm: f64,
+    /// How far from the middle between grey and white a voxel counts, in tissue scale.
+    pub half_width: f32,
+    /// The Gaussian over which sharpness is averaged, in mm.
+    pub window_mm: f64,
+    /// The Gaussian of the surroundings, in mm.
+    pub ring_mm: f64,
+    /// The Gaussian that smooths the mirrored side, in mm.
+    pub mirrored_mm: f64,
+    /// The Gaussian that smooths intensities on both sides, in mm.
+    pub intensity_mm: f64,
+    /// The Gaussian that smooths `blur` before candidates are chosen, in mm.
+    pub candidate_mm: f64,
+    /// The least distance between two candidates, in mm.
+    pub apart_mm: f64,
+    /// The most candidates.
+    pub candidate_limit: usize,
+}
+
+impl MapParameters {
+    /// The parameters of every case's maps.
+    pub const STANDARD: Self = Self {
+        gradient_mm: 0.65,
+        half_width: 0.5,
+        window_mm: 2.5,
+        ring_mm: 8.0,
+        mirrored_mm: 3.0,
+        intensity_mm: 4.0,
+        candidate_mm: 2.5,
+        apart_mm: 10.0,
+        candidate_limit: 60,
+    };
+}
+
+/// The maps of a head, its candidates and what they rest on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Maps {
+    grid: Grid,
+    maps: Vec<StoredMap>,
+    /// The places that are blurred most, highest first.
+    pub candidates: Vec<Candidate>,
+    /// What grey and white matter are.
+    pub tissue: TissueScale,
+    /// From sharpness to the width of a junction, for these voxels.
+    pub widths: WidthTable,
+}
+
+impl Maps {
+    /// Where the maps are defined: the block of the volume's grid that holds the brain.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// One of the maps.
+    pub fn map(&self, kind: MapKind) -> &StoredMap {
+        &self.maps[kind as usize]
+    }
+
+    /// All maps, in the order of [`MapKind::ALL`].
+    pub fn into_maps(self) -> Vec<StoredMap> {
+        self.maps
+    }
+}
+
+/// The maps of a head: how sharp its junction of grey and white matter is, and where it is less sharp than it should be.
+///
+/// They are computed from this one head, on the block of its native grid that holds the brain; lengths are in mm of the patient.
+///
+/// # Errors
+/// If the head's voxels, contrast or envelope do not allow for them.
+pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
+    let (block, values, tissue) = tissue_of(head)?;
+    let store = |kind, values: &[f32]| StoredMap::new(kind, &block.grid, values.iter().copied());
+
+    let junction_map = store(
+        MapKind::Junction,
+        &junction_density(&block, &values, &tissue),
+    );
+    let mut intensities =
+        intensity_differences(&block, &values, head.plane, parameters.intensity_mm);
+    let weighted = weighted_gradient(&block, &values, parameters.slope(&tissue));
+    drop(values);
+
+    let sharpness = sharpness(&block, weighted, parameters.window_mm);
+    let sharpness_map = store(MapKind::Sharpness, &sharpness.values);
+    into_z(&mut intensities, &sharpness.junction);
+    let intensity_map = store(MapKind::IntensityAsymmetry, &intensities);
+    drop(intensities);
+
+    let Comparison { blur, asymmetry } = compare(&block, &sharpness, head.plane, parameters);
+    let asymmetry_map = store(MapKind::Asymmetry, &asymmetry);
+    drop(asymmetry);
+    let blur_map = store(MapKind::Blur, &blur);
+    let scores = Scores::smoothed(&block, &sharpness.junction, &blur, parameters.candidate_mm);
+    let candidates = candidates(&block, &scores, head, parameters.choice());
+    Ok(Maps {
+        maps: vec![
+            sharpness_map,
+            junction_map,
+            asymmetry_map,
+            intensity_map,
+            blur_map,
+        ],
+        candidates,
+        tissue,
+        widths: WidthTable::new(parameters.edge_filters(&block)),
+        grid: block.grid,
+    })
+}
+
+/// The block of a head that is looked at, its tissue scale and what that rests on.
+pub(crate) fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale), MapsUndefined> {
+    let spacing_mm = head.volume.grid().spacing_mm();
+    let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
+    if largest_mm > MAX_SPACING_MM + 1e-6 {
+        return Err(MapsUndefined::CoarseVoxels { largest_mm });
+    }
+    let block = Block::new(head.volume, head.depth).ok_or(MapsUndefined::NothingDeep)?;
+    let (values, tissue) = tissue_scale(head.volume, &block)?;
+    Ok((block, values, tissue))
+}
+
+/// Sharpness against what it should be; NaN where sharpness is undefined.
+pub(crate) struct Comparison {
+    /// The lesser of how far sharpness lies below its surroundings and below the other side, in robust deviations.
+    pub(crate) blur: Vec<f32>,
+    /// How far sharpness lies above the other side, in robust deviations.
+    pub(crate) asymmetry: Vec<f32>,
+}
+
+/// Compares the sharpness of a head with its surroundings and with the other side.
+pub(crate) fn compare(
+    block: &Block,
+    sharpness: &Sharpness,
+    plane: &MidsagittalPlane,
+    parameters: &MapParameters,
+) -> Comparison {
+    let widths = Widths {
+        ring_mm: parameters.ring_mm,
+        mirrored_mm: parameters.mirrored_mm,
+    };
+    let Differences {
+        from_ring: mut blur,
+        from_mirrored: mut asymmetry,
+    } = differences(block, sharpness, plane, widths);
+    into_z(&mut blur, &sharpness.junction);
+    into_z(&mut asymmetry, &sharpness.junction);
+    for (blur, &asymmetry) in blur.iter_mut().zip(&asymmetry) {
+        // Without a twin the surroundings decide: the lesser of a number and no number is the number.
+        *blur = if blur.is_nan() {
+            *blur
+        } else {
+            (-*blur).min(-asymmetry)
+        };
+    }
+    Comparison { blur, asymmetry }
+}
+
+/// Values as robust deviations of those at the junction.
+fn into_z(values: &mut [f32], junction: &[u32]) {
+    let at_junction = junction.iter().map(|&voxel| values[voxel as usize]);
+    let robust = Robust::of(at_junction, LEAST_SPREAD);
+    for value in values {
+        *value = robust.z(*value);
+    }
+}
+
+impl MapParameters {
+    pub(crate) fn choice(&self) -> Choice {
+        Choice {
+            apart_mm: self.apart_mm,
+            limit: self.candidate_limit,
+        }
+    }
+
+    pub(crate) fn slope(&self, tissue: &TissueScale) -> Slope {
+        Slope {
+            sigma_mm: self.gradient_mm,
+            half_width: self.half_width,
+            noise: tissue.noise,
+        }
+    }
+
+    fn edge_filters(&self, block: &Block) -> EdgeFilters {
+        EdgeFilters {
+            gradient_mm: Slope::sigma_for(self.gradient_mm, block.spacing_mm),
+            half_width: self.half_width,
+            window_mm: self.window_mm,
+        }
+    }
+}

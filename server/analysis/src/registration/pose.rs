@@ -1,0 +1,70 @@
+//! A rigid motion about a fixed centre, and small steps of it.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+/// A rigid motion that carries positions of the case to positions of the layer, both LPS mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pose {
+    rotation: DQuat,
+    /// Where the centre goes, relative to the centre.
+    shift: DVec3,
+    centre: DVec3,
+}
+
+/// A small rigid motion: a rotation vector in radians and a shift in mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Motion {
+    pub(super) turn: DVec3,
+    pub(super) shift: DVec3,
+}
+
+impl Pose {
+    pub(super) fn identity(centre: DVec3) -> Self {
+        Self {
+            rotation: DQuat::IDENTITY,
+            shift: DVec3::ZERO,
+            centre,
+        }
+    }
+
+    /// The motion first, then this pose.
+    pub(super) fn after(self, motion: Motion) -> Self {
+        Self {
+            rotation: (self.rotation * quaternion(motion.turn)).normalize(),
+            shift: self.shift + self.rotation * motion.shift,
+            centre: self.centre,
+        }
+    }
+
+    /// Linear part, and where the centre goes: `layer = linear * (case - centre) + target`.
+    pub(super) fn parts(self) -> (DMat3, DVec3) {
+        (DMat3::from_quat(self.rotation), self.centre + self.shift)
+    }
+
+    pub(super) fn layer_from_case(self) -> DAffine3 {
+        let (linear, target) = self.parts();
+        DAffine3 {
+            matrix3: linear,
+            translation: target - linear * self.centre,
+        }
+    }
+
+    pub(super) fn case_from_layer(self) -> DAffine3 {
+        self.layer_from_case().inverse()
+    }
+
+    /// How far apart two poses place the points of a ball of `radius_mm` around the centre, as a mean over its surface.
+    pub(super) fn distance_mm(self, other: Self, radius_mm: f64) -> f64 {
+        let apart = (self.rotation.inverse() * other.rotation).normalize();
+        let half_sine = apart.xyz().length();
+        let shift = self.shift.distance(other.shift);
+        // A turn by an angle moves a point of the ball by 2 sin(angle/2) times its distance from the axis: √(2/3) of the radius.
+        shift.hypot(2.0 * half_sine * radius_mm * (2.0f64 / 3.0).sqrt())
+    }
+}
+
+/// The rotation of a rotation vector, to the third order: Cayley's map, which takes no more than a square root.
+fn quaternion(turn: DVec3) -> DQuat {
+    let half = turn / 2.0;
+    DQuat::from_xyzw(half.x, half.y, half.z, 1.0).normalize()
+}

@@ -1,0 +1,82 @@
+//! What is easier to find where: synthetic lesions in real heads, and model observers that look for them.
+
+mod lesion;
+mod observer;
+mod places;
+mod random;
+mod region;
+mod report;
+mod run;
+mod search;
+#[cfg(test)]
+mod tests;
+
+pub use lesion::{Effect, Lesion};
+pub use observer::View;
+pub use places::Place;
+pub use report::{Criteria, Report, Verdict};
+pub use run::{HeadResult, Sighting, Sign, StudyParameters, Trial, run_head};
+pub use search::{HIT_MM, Mark, false_marks_above};
+
+use geometry::Volume;
+
+use places::{APART_MM, Draw, offers};
+
+use crate::block::Block;
+use crate::maps::tissue_of;
+use crate::{Head, MapsUndefined, TissueScale};
+
+/// A head that lesions are put into.
+pub struct Ground<'a> {
+    head: Head<'a>,
+    block: Block,
+    values: Vec<f32>,
+    tissue: TissueScale,
+}
+
+impl<'a> Ground<'a> {
+    /// # Errors
+    /// If the head has no maps.
+    pub fn new(head: Head<'a>) -> Result<Self, MapsUndefined> {
+        let (block, values, tissue) = tissue_of(head)?;
+        Ok(Self {
+            head,
+            block,
+            values,
+            tissue,
+        })
+    }
+
+    /// Places for lesions, by seed.
+    pub fn places(&self, count: usize, seed: u64) -> Vec<Place> {
+        self.drawn(Draw {
+            count,
+            seed,
+            apart_mm: APART_MM,
+        })
+    }
+
+    /// Places without a lesion, by the same rule, however near to each other.
+    pub(crate) fn normal_places(&self, count: usize, seed: u64) -> Vec<Place> {
+        self.drawn(Draw {
+            count,
+            seed,
+            apart_mm: 0.0,
+        })
+    }
+
+    fn drawn(&self, draw: Draw) -> Vec<Place> {
+        places::places(&offers(self.head, &self.block, &self.values), draw)
+    }
+
+    /// The head's volume with a lesion in it.
+    pub fn with_lesion(&self, lesion: &Lesion) -> Volume {
+        let ground = lesion::Ground {
+            volume: self.head.volume,
+            block: &self.block,
+            values: &self.values,
+            tissue: &self.tissue,
+        };
+        lesion::with_lesion(&ground, lesion)
+    }
+}

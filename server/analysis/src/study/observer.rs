@@ -1,0 +1,350 @@
+//! Model observers: what they see at each point of the junction, and the marks they make in a whole head.
+
+use std::ops::RangeInclusive;
+
+use glam::DVec3;
+
+use super::region::{Cuts, Region};
+use super::search::Mark;
+use crate::block::{Block, depth_at};
+use crate::candidates::Scores;
+use crate::gradient::weighted_gradient;
+use crate::maps::compare;
+use crate::sharpness::sharpness;
+use crate::{Head, MapParameters, TissueScale};
+
+/// Points of the junction are this near to the middle of grey and white.
+const NEAR_MIDDLE: f32 = 0.12;
+/// The depths in which lesions are looked for on slices, and those of the isosurfaces, in mm.
+const SLICE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=28.0;
+const SURFACE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=24.0;
+/// The least distance between two marks, in mm, and the most marks of one head.
+const APART_MM: f64 = 10.0;
+const MARKS: usize = 60;
+
+/// What an observer looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum View {
+    /// V1 to V3: slices across one axis of the volume, by the axis of the patient that it is nearest to.
+    Sagittal,
+    /// Slices from front to back.
+    Coronal,
+    /// Slices from bottom to top.
+    Axial,
+    /// V4: all three stacks, the sharpest of the three at each point.
+    ThreeStacks,
+    /// V5: isosurfaces.
+    Isosurfaces,
+    /// V7: isosurfaces beside their mirror image.
+    IsosurfacesMirrored,
+    /// V8: sharpness on isosurfaces.
+    Sharpness,
+    /// V9: `blur` on isosurfaces.
+    Blur,
+    /// V10: `blur` on the three stacks.
+    BlurOnStacks,
+}
+
+impl View {
+    /// All views, in the order of the table.
+    pub const ALL: [Self; 9] = [
+        Self::Axial,
+        Self::Coronal,
+        Self::Sagittal,
+        Self::ThreeStacks,
+        Self::Isosurfaces,
+        Self::IsosurfacesMirrored,
+        Self::Sharpness,
+        Self::Blur,
+        Self::BlurOnStacks,
+    ];
+
+    /// Its number and name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Axial => "V1 axial",
+            Self::Coronal => "V2 coronal",
+            Self::Sagittal => "V3 sagittal",
+            Self::ThreeStacks => "V4 three stacks",
+            Self::Isosurfaces => "V5 isosurfaces",
+            Self::IsosurfacesMirrored => "V7 isosurfaces, mirrored",
+            Self::Sharpness => "V8 sharpness on isosurfaces",
+            Self::Blur => "V9 blur on isosurfaces",
+            Self::BlurOnStacks => "V10 blur on three stacks",
+        }
+    }
+
+    /// Whether it shows a map rather than intensities.
+    pub(crate) fn is_aided(self) -> bool {
+        matches!(self, Self::Sharpness | Self::Blur | Self::BlurOnStacks)
+    }
+
+    fn depths_mm(self) -> RangeInclusive<f32> {
+        match self {
+            Self::Axial
+            | Self::Coronal
+            | Self::Sagittal
+            | Self::ThreeStacks
+            | Self::BlurOnStacks => SLICE_DEPTHS_MM,
+            _ => SURFACE_DEPTHS_MM,
+        }
+    }
+}
+
+/// A point of the junction with what is seen there.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    position: DVec3,
+    depth_mm: f32,
+    cuts: Cuts,
+    /// In the isosurface at the mirrored point; NaN if there is none.
+    mirrored: f32,
+}
+
+/// All that the observers of cuts see in a head.
+pub(crate) struct Seen {
+    points: Vec<Point>,
+    /// Which axis of the volume is nearest to the patient's left, back and top.
+    axes: [usize; 3],
+}
+
+/// What the observers of the maps see in a head.
+pub(crate) struct Aided {
+    points: Vec<AidedPoint>,
+}
+
+/// A voxel of the junction with its maps.
+#[derive(Debug, Clone, Copy)]
+struct AidedPoint {
+    position: DVec3,
+    depth_mm: f32,
+    /// Per mm.
+    sharpness: f32,
+    /// Smoothed as for candidates.
+    blur: f32,
+}
+
+fn nearest_axes(block: &Block) -> [usize; 3] {
+    let columns = block.grid.patient_from_voxel().matrix3;
+    [0, 1, 2].map(|patient: usize| {
+        let along = |axis: usize| columns.col(axis).normalize()[patient].abs();
+        (0..3)
+            .max_by(|&a, &b| along(a).total_cmp(&along(b)))
+            .expect("three axes")
+    })
+}
+
+impl Seen {
+    /// The whole head.
+    pub(crate) fn of(head: Head<'_>, block: &Block, values: &[f32]) -> Self {
+        let all = block.size.map(|side| 0..=side - 1);
+        let region = Region::new(head, block, values, all);
+        let mut points = points(block, &region);
+        for point in &mut points {
+            let there = head.plane.reflected(point.position);
+            let there = block
+                .grid
+                .voxel_from_patient()
+                .transform_point3(there)
+                .round();
+            if there.cmpge(DVec3::ZERO).all() {
+                let voxel = there.to_array().map(|along| along as usize);
+                if region.has_room(voxel) {
+                    point.mirrored = region.cuts(voxel).isosurface;
+                }
+            }
+        }
+        Self {
+            points,
+            axes: nearest_axes(block),
+        }
+    }
+
+    /// The head with what a lesion has changed: what lies opposite is as it was.
+    pub(crate) fn with(
+        &self,
+        head: Head<'_>,
+        block: &Block,
+        values: &[f32],
+        changed: Changed,
+    ) -> Self {
+        let place = block
+            .grid
+            .voxel_from_patient()
+            .transform_point3(changed.centre);
+        // What a template sees from afar, it sees 9 mm from its centre, which needs 9 mm around it and some for the gradient.
+        let seen_from_mm = changed.reach_mm + 9.0;
+        let reach = block.in_voxels(seen_from_mm + 9.0 + 4.0);
+        let ranges = [0, 1, 2].map(|axis| {
+            let low = (place[axis] - reach[axis]).floor().max(0.0) as usize;
+            let high = (place[axis] + reach[axis]).ceil() as usize;
+            low..=high.min(block.size[axis] - 1)
+        });
+        let region = Region::new(head, block, values, ranges);
+        let is_changed = |point: &Point| point.position.distance(changed.centre) <= seen_from_mm;
+        let (before, untouched): (Vec<Point>, Vec<Point>) =
+            self.points.iter().partition(|point| is_changed(point));
+        let mut points = self::points(block, &region);
+        points.retain(is_changed);
+        for point in &mut points {
+            let nearest = before.iter().min_by(|a, b| {
+                let [a, b] = [a, b].map(|other| other.position.distance_squared(point.position));
+                a.total_cmp(&b)
+            });
+            point.mirrored = nearest.map_or(f32::NAN, |nearest| nearest.mirrored);
+        }
+        points.extend(untouched);
+        Self {
+            points,
+            axes: self.axes,
+        }
+    }
+
+    fn score(&self, view: View, point: &Point) -> f32 {
+        let plane = |patient: usize| point.cuts.planes[self.axes[patient]];
+        match view {
+            View::Sagittal => -plane(0),
+            View::Coronal => -plane(1),
+            View::Axial => -plane(2),
+            View::ThreeStacks => -plane(0).max(plane(1)).max(plane(2)),
+            View::Isosurfaces => -point.cuts.isosurface,
+            View::IsosurfacesMirrored => point.mirrored - point.cuts.isosurface,
+            View::Sharpness | View::Blur | View::BlurOnStacks => f32::NAN,
+        }
+    }
+
+    pub(crate) fn marks(&self, view: View) -> Vec<Mark> {
+        let depths = view.depths_mm();
+        let visible = self
+            .points
+            .iter()
+            .filter(|point| depths.contains(&point.depth_mm));
+        greedy(visible.map(|point| Mark {
+            position_in_patient: point.position,
+            score: self.score(view, point),
+        }))
+    }
+
+    /// The score at the point nearest to a place.
+    pub(crate) fn at(&self, view: View, place: DVec3) -> f32 {
+        let nearest = self.points.iter().min_by(|a, b| {
+            let [a, b] = [a, b].map(|point| point.position.distance_squared(place));
+            a.total_cmp(&b)
+        });
+        nearest.map_or(f32::NAN, |point| self.score(view, point))
+    }
+}
+
+/// What a lesion changes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Changed {
+    pub(crate) centre: DVec3,
+    pub(crate) reach_mm: f64,
+}
+
+/// Every second voxel along each axis that lies on the junction, with what is seen there.
+fn points(block: &Block, region: &Region) -> Vec<Point> {
+    let is_point = |index: &usize| {
+        let index = *index;
+        let voxel = region.in_block(index);
+        voxel.iter().all(|along| along % 2 == 0)
+            && SLICE_DEPTHS_MM.contains(&region.depths_mm[index])
+            && (region.smooth[index] - 0.5).abs() < NEAR_MIDDLE
+            && region.has_room(voxel)
+    };
+    let point = |index: usize| {
+        let voxel = region.in_block(index);
+        let place = DVec3::from_array(voxel.map(|along| along as f64));
+        Point {
+            position: block.grid.patient_from_voxel().transform_point3(place),
+            depth_mm: region.depths_mm[index],
+            cuts: region.cuts(voxel),
+            mirrored: f32::NAN,
+        }
+    };
+    (0..region.voxel_count())
+        .filter(is_point)
+        .map(point)
+        .collect()
+}
+
+impl Aided {
+    /// The whole head, computed from its own volume.
+    pub(crate) fn of(
+        head: Head<'_>,
+        block: &Block,
+        (values, tissue): (&[f32], &TissueScale),
+        parameters: &MapParameters,
+    ) -> Self {
+        let weighted = weighted_gradient(block, values, parameters.slope(tissue));
+        let sharpness = sharpness(block, weighted, parameters.window_mm);
+        let comparison = compare(block, &sharpness, head.plane, parameters);
+        let junction = &sharpness.junction;
+        let blur = Scores::smoothed(block, junction, &comparison.blur, parameters.candidate_mm);
+        let working_from_block =
+            head.depth.grid().voxel_from_patient() * block.grid.patient_from_voxel();
+        let points = junction.iter().zip(&blur.scores).map(|(&voxel, &blur)| {
+            let place = block.grid.voxel(voxel as usize).map(|along| along as f64);
+            let place = DVec3::from_array(place);
+            let in_working = working_from_block.transform_point3(place).as_vec3();
+            AidedPoint {
+                position: block.grid.patient_from_voxel().transform_point3(place),
+                depth_mm: depth_at(head.depth, in_working),
+                sharpness: sharpness.values[voxel as usize],
+                blur,
+            }
+        });
+        Self {
+            points: points.collect(),
+        }
+    }
+
+    fn score(view: View, point: &AidedPoint) -> f32 {
+        match view {
+            View::Sharpness => -point.sharpness,
+            _ => point.blur,
+        }
+    }
+
+    pub(crate) fn marks(&self, view: View) -> Vec<Mark> {
+        let depths = view.depths_mm();
+        let visible = self
+            .points
+            .iter()
+            .filter(|point| depths.contains(&point.depth_mm));
+        greedy(visible.map(|point| Mark {
+            position_in_patient: point.position,
+            score: Self::score(view, point),
+        }))
+    }
+
+    /// The score at the voxel of the junction nearest to a place.
+    pub(crate) fn at(&self, view: View, place: DVec3) -> f32 {
+        let nearest = self.points.iter().min_by(|a, b| {
+            let [a, b] = [a, b].map(|point| point.position.distance_squared(place));
+            a.total_cmp(&b)
+        });
+        nearest.map_or(f32::NAN, |point| Self::score(view, point))
+    }
+}
+
+/// Marks from the highest on, each at least 10 mm from every higher one.
+fn greedy(points: impl Iterator<Item = Mark>) -> Vec<Mark> {
+    let mut points: Vec<Mark> = points.filter(|mark| !mark.score.is_nan()).collect();
+    points.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut marks: Vec<Mark> = Vec::new();
+    for point in points {
+        let is_apart = marks.iter().all(|mark| {
+            mark.position_in_patient
+                .distance_squared(point.position_in_patient)
+                >= APART_MM * APART_MM
+        });
+        if is_apart {
+            marks.push(point);
+        }
+        if marks.len() == MARKS {
+            break;
+        }
+    }
+    marks
+}

@@ -1,0 +1,182 @@
+//! Where lesions are put: drawn by seed from the volume alone, before any picture.
+
+use glam::DVec3;
+
+use super::random::Random;
+use crate::Head;
+use crate::block::{Block, depth_at};
+
+/// Voxels count as junction whose tissue scale is this near to the middle of grey and white.
+const NEAR_MIDDLE: f32 = 0.15;
+/// The least distance between the places of two lesions, in mm.
+pub(crate) const APART_MM: f64 = 25.0;
+/// Below this there is no cortex, in mm.
+const DEEPEST_MM: f32 = 28.0;
+/// From this depth on a place is at the bottom of a sulcus, in mm.
+const BOTTOM_FROM_MM: f32 = 12.0;
+/// Above this a place is in a crown, in mm.
+const CROWN_TO_MM: f32 = 7.0;
+/// How near to the midsagittal plane a place is mesial, in mm.
+const MESIAL_MM: f64 = 12.0;
+/// The shares of places at the bottom of sulci, in walls and in crowns, and of frontal places.
+const KINDS: [f64; 3] = [0.5, 0.25, 0.25];
+const FRONTAL: f64 = 0.6;
+/// The least share of mesial places and of basal ones.
+const LEAST_MESIAL: f64 = 0.1;
+const LEAST_BASAL: f64 = 0.1;
+
+/// A place for a lesion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// LPS mm.
+    pub position_in_patient: DVec3,
+    /// Below the envelope, in mm.
+    pub depth_mm: f32,
+}
+
+/// What a place should be like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Wish {
+    /// 0 bottom of a sulcus, 1 wall, 2 crown.
+    kind: usize,
+    is_frontal: bool,
+    is_mesial: bool,
+    is_basal: bool,
+}
+
+/// What the block's junction offers.
+pub(crate) struct Offer {
+    place: Place,
+    kind: usize,
+    is_frontal: bool,
+    is_mesial: bool,
+    is_basal: bool,
+}
+
+impl Offer {
+    fn meets(&self, wish: Wish) -> bool {
+        self.kind == wish.kind
+            && self.is_frontal == wish.is_frontal
+            && (!wish.is_mesial || self.is_mesial)
+            && (!wish.is_basal || self.is_basal)
+    }
+}
+
+/// What is drawn.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Draw {
+    pub(crate) count: usize,
+    pub(crate) seed: u64,
+    /// The least distance between two places, in mm.
+    pub(crate) apart_mm: f64,
+}
+
+/// Places by seed: half at the bottom of sulci, a quarter each in walls and crowns, six in ten frontal, a tenth each mesial
+/// and basal at least; if the head is too small for so many, they come nearer to each other.
+pub(crate) fn places(offers: &[Offer], draw: Draw) -> Vec<Place> {
+    let mut random = Random::new(draw.seed);
+    let mut found: Vec<Place> = Vec::new();
+    let mut apart_mm = draw.apart_mm;
+    while found.len() < draw.count && !offers.is_empty() {
+        let wish = wish(&mut random);
+        let tries = 400;
+        let next = (0..tries)
+            .map(|_| &offers[random.below(offers.len())])
+            .find(|offer| {
+                let position = offer.place.position_in_patient;
+                offer.meets(wish)
+                    && found
+                        .iter()
+                        .all(|other| other.position_in_patient.distance(position) >= apart_mm)
+            });
+        match next {
+            Some(offer) => found.push(offer.place),
+            // The wish may have no room left.
+            None => apart_mm *= 0.97,
+        }
+    }
+    found
+}
+
+fn wish(random: &mut Random) -> Wish {
+    let drawn = random.uniform();
+    let kind = if drawn < KINDS[0] {
+        0
+    } else if drawn < KINDS[0] + KINDS[1] {
+        1
+    } else {
+        2
+    };
+    Wish {
+        kind,
+        is_frontal: random.uniform() < FRONTAL,
+        is_mesial: random.uniform() < LEAST_MESIAL,
+        is_basal: random.uniform() < LEAST_BASAL,
+    }
+}
+
+/// All places that a head offers.
+pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer> {
+    let corner = |end: f64| {
+        let voxel = DVec3::from_array(block.size.map(|side| end * (side - 1) as f64));
+        block.grid.patient_from_voxel().transform_point3(voxel)
+    };
+    let (low, high) = (corner(0.0).min(corner(1.0)), corner(0.0).max(corner(1.0)));
+    let size = high - low;
+    let mut offers = Vec::new();
+    for (index, &value) in values.iter().enumerate() {
+        let voxel = block.grid.voxel(index);
+        let is_inner = (0..3).all(|axis| (4..block.size[axis] - 4).contains(&voxel[axis]));
+        // One in eight is enough, and no two neighbours.
+        if !is_inner || voxel.iter().any(|along| along % 2 > 0) || (value - 0.5).abs() > NEAR_MIDDLE
+        {
+            continue;
+        }
+        let place = DVec3::from_array(voxel.map(|along| along as f64));
+        let position = block.grid.patient_from_voxel().transform_point3(place);
+        let in_working = head
+            .depth
+            .grid()
+            .voxel_from_patient()
+            .transform_point3(position);
+        let depth_mm = depth_at(head.depth, in_working.as_vec3());
+        let is_steep = steepness(block, values, voxel) > 0.10;
+        if !(4.0..DEEPEST_MM).contains(&depth_mm) || !is_steep {
+            continue;
+        }
+        let share = (position - low) / size;
+        // The cerebellum lies below and behind.
+        if share.z < 0.35 && share.y > 0.45 {
+            continue;
+        }
+        let from_plane = head.plane.normal().dot(position) - head.plane.offset_mm();
+        offers.push(Offer {
+            place: Place {
+                position_in_patient: position,
+                depth_mm,
+            },
+            kind: match depth_mm {
+                _ if depth_mm >= BOTTOM_FROM_MM => 0,
+                _ if depth_mm >= CROWN_TO_MM => 1,
+                _ => 2,
+            },
+            is_frontal: share.y < 0.45,
+            is_mesial: from_plane.abs() < MESIAL_MM,
+            is_basal: share.z < 0.35,
+        });
+    }
+    offers
+}
+
+/// How steeply the tissue scale rises across two voxels to either side, per voxel: little in deep nuclei and noise.
+fn steepness(block: &Block, values: &[f32], voxel: [usize; 3]) -> f32 {
+    let squared = |axis: usize| {
+        let at = |by: i64| {
+            let mut there = voxel;
+            there[axis] = (there[axis] as i64 + by) as usize;
+            values[block.grid.index(there)]
+        };
+        ((at(2) + at(1) - at(-1) - at(-2)) / 6.0).powi(2)
+    };
+    (squared(0) + squared(1) + squared(2)).sqrt()
+}

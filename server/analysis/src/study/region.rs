@@ -1,0 +1,233 @@
+//! A part of a head as an observer of cuts sees it.
+
+use std::ops::RangeInclusive;
+
+use geometry::DepthField;
+use glam::{DVec3, Vec3};
+
+use crate::Head;
+use crate::block::{Block, depth_at};
+use crate::convolve::{Kernel, smooth};
+
+/// The Gaussian of an observer's gradient, in mm, and the width of its weight: those of the pilot, not those of the maps.
+const GRADIENT_MM: f64 = 0.7;
+const WEIGHT_WIDTH: f32 = 0.2;
+/// Above this depth there is no junction to be seen, in mm.
+const FROM_MM: f32 = 2.5;
+/// Template of an observer: a Gaussian in the cut, a narrower one across it, in mm, and how far they are followed.
+const TEMPLATE_MM: f32 = 3.0;
+const ACROSS_MM: f32 = 0.6;
+const REACH_MM: f64 = 9.0;
+const REACH_ACROSS_MM: f64 = 1.5;
+
+/// How sharp the junction is in cuts through a point, per mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Cuts {
+    /// Across the first, the second and the third axis of the volume.
+    pub(crate) planes: [f32; 3],
+    /// Along the isosurface of the point's own depth.
+    pub(crate) isosurface: f32,
+}
+
+/// Gradients, weights and depths of a part of a block.
+pub(crate) struct Region {
+    /// First voxel, in voxels of the block.
+    first: [usize; 3],
+    size: [usize; 3],
+    spacing_mm: [f64; 3],
+    /// Smoothed tissue scale.
+    pub(crate) smooth: Vec<f32>,
+    /// Per mm along the axes of the volume.
+    gradients: Vec<Vec3>,
+    weights: Vec<f32>,
+    pub(crate) depths_mm: Vec<f32>,
+    /// Of the isosurface, along the axes of the volume.
+    normals: Vec<Vec3>,
+}
+
+impl Region {
+    /// The part of a block between two voxels.
+    pub(crate) fn new(
+        head: Head<'_>,
+        block: &Block,
+        values: &[f32],
+        ranges: [RangeInclusive<usize>; 3],
+    ) -> Self {
+        let first = [0, 1, 2].map(|axis| *ranges[axis].start());
+        let size = [0, 1, 2].map(|axis| ranges[axis].end() - first[axis] + 1);
+        let count = size.iter().product();
+        let [nx, ny, _] = size;
+        let in_block = |index: usize| {
+            let voxel = [index % nx, index / nx % ny, index / nx / ny];
+            [0, 1, 2].map(|axis| voxel[axis] + first[axis])
+        };
+        let mut tissue: Vec<f32> = (0..count)
+            .map(|index| values[block.grid.index(in_block(index))])
+            .collect();
+        smooth(
+            &mut tissue,
+            size,
+            &block.in_voxels(GRADIENT_MM).map(Kernel::gaussian),
+        );
+        let depths = Depths::new(head.depth, block);
+        let (depths_mm, normals): (Vec<f32>, Vec<Vec3>) =
+            (0..count).map(|index| depths.at(in_block(index))).unzip();
+        let mut region = Self {
+            first,
+            size,
+            spacing_mm: block.spacing_mm,
+            weights: vec![0.0; count],
+            gradients: vec![Vec3::ZERO; count],
+            smooth: tissue,
+            depths_mm,
+            normals,
+        };
+        for index in 0..count {
+            region.gradients[index] = region.gradient(index);
+            let apart = (region.smooth[index] - 0.5) / WEIGHT_WIDTH;
+            let is_deep = region.depths_mm[index] > FROM_MM;
+            region.weights[index] = if is_deep {
+                (-0.5 * apart * apart).exp()
+            } else {
+                0.0
+            };
+        }
+        region
+    }
+
+    fn gradient(&self, index: usize) -> Vec3 {
+        let voxel = self.voxel(index);
+        let along = |axis: usize| {
+            let stride = self.stride(axis);
+            if voxel[axis] == 0 || voxel[axis] + 1 == self.size[axis] {
+                return 0.0;
+            }
+            let rise = self.smooth[index + stride] - self.smooth[index - stride];
+            rise / (2.0 * self.spacing_mm[axis] as f32)
+        };
+        Vec3::new(along(0), along(1), along(2))
+    }
+
+    fn stride(&self, axis: usize) -> usize {
+        self.size[..axis].iter().product()
+    }
+
+    fn voxel(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.size;
+        [index % nx, index / nx % ny, index / nx / ny]
+    }
+
+    /// The voxel of the block at an index of this region.
+    pub(crate) fn in_block(&self, index: usize) -> [usize; 3] {
+        let voxel = self.voxel(index);
+        [0, 1, 2].map(|axis| voxel[axis] + self.first[axis])
+    }
+
+    pub(crate) fn voxel_count(&self) -> usize {
+        self.smooth.len()
+    }
+
+    /// Whether a voxel of the block lies so far within that the whole template fits.
+    pub(crate) fn has_room(&self, voxel: [usize; 3]) -> bool {
+        let reach = self.reach();
+        (0..3).all(|axis| {
+            voxel[axis] >= self.first[axis] + reach[axis]
+                && voxel[axis] + reach[axis] < self.first[axis] + self.size[axis]
+        })
+    }
+
+    fn reach(&self) -> [usize; 3] {
+        self.spacing_mm
+            .map(|spacing| (REACH_MM / spacing).ceil() as usize)
+    }
+
+    /// The sharpness in the cuts through a voxel of the block, which has room.
+    pub(crate) fn cuts(&self, voxel: [usize; 3]) -> Cuts {
+        let centre = [0, 1, 2].map(|axis| voxel[axis] - self.first[axis]);
+        let own = centre[0] + self.size[0] * (centre[1] + self.size[1] * centre[2]);
+        let own_depth = self.depths_mm[own];
+        let reach = self.reach().map(|reach| reach as i64);
+        let spacing = self.spacing_mm.map(|spacing| spacing as f32);
+        let (mut sums, mut totals) = ([0.0f32; 4], [1e-6f32; 4]);
+        let within = |off: [f32; 3]| off.iter().map(|off| off * off).sum::<f32>();
+        for z in -reach[2]..=reach[2] {
+            for y in -reach[1]..=reach[1] {
+                let row = own as i64 + self.size[0] as i64 * (y + self.size[1] as i64 * z);
+                for x in -reach[0]..=reach[0] {
+                    let index = (row + x) as usize;
+                    let weight = self.weights[index];
+                    if weight < 0.01 {
+                        continue;
+                    }
+                    let off = [
+                        x as f32 * spacing[0],
+                        y as f32 * spacing[1],
+                        z as f32 * spacing[2],
+                    ];
+                    let squared = within(off);
+                    if squared > (REACH_MM * REACH_MM) as f32 {
+                        continue;
+                    }
+                    let weight = weight * (squared * (-0.5 / (TEMPLATE_MM * TEMPLATE_MM))).exp();
+                    let gradient = self.gradients[index];
+                    let length = gradient.length_squared();
+                    for axis in 0..3 {
+                        if off[axis].abs() <= REACH_ACROSS_MM as f32 {
+                            let across = off[axis] / ACROSS_MM;
+                            let weight = weight * (-0.5 * across * across).exp();
+                            let along = (length - gradient[axis] * gradient[axis]).max(0.0);
+                            sums[axis] += weight * along.sqrt();
+                            totals[axis] += weight;
+                        }
+                    }
+                    let across = (self.depths_mm[index] - own_depth) / ACROSS_MM;
+                    if across.abs() <= REACH_ACROSS_MM as f32 / ACROSS_MM {
+                        let weight = weight * (-0.5 * across * across).exp();
+                        let through = gradient.dot(self.normals[index]);
+                        sums[3] += weight * (length - through * through).max(0.0).sqrt();
+                        totals[3] += weight;
+                    }
+                }
+            }
+        }
+        let cut = |number: usize| sums[number] / totals[number];
+        Cuts {
+            planes: [cut(0), cut(1), cut(2)],
+            isosurface: cut(3),
+        }
+    }
+}
+
+/// Depths and the normals of isosurfaces at the voxels of a block.
+struct Depths<'a> {
+    field: &'a DepthField,
+    working_from_block: glam::DAffine3,
+    /// Of length 1, in the patient.
+    axes: [Vec3; 3],
+}
+
+impl<'a> Depths<'a> {
+    fn new(field: &'a DepthField, block: &Block) -> Self {
+        let columns = block.grid.patient_from_voxel().matrix3;
+        let axes = [columns.x_axis, columns.y_axis, columns.z_axis];
+        Self {
+            field,
+            working_from_block: field.grid().voxel_from_patient() * block.grid.patient_from_voxel(),
+            axes: axes.map(|axis| axis.normalize().as_vec3()),
+        }
+    }
+
+    fn at(&self, voxel: [usize; 3]) -> (f32, Vec3) {
+        let place = DVec3::from_array(voxel.map(|along| along as f64));
+        let place = self.working_from_block.transform_point3(place).as_vec3();
+        let depth_mm = depth_at(self.field, place);
+        if depth_mm < FROM_MM {
+            return (depth_mm, Vec3::ZERO);
+        }
+        let inwards = self.field.gradient(place).normalize_or_zero();
+        (
+            depth_mm,
+            Vec3::from_array(self.axes.map(|axis| axis.dot(inwards))),
+        )
+    }
+}

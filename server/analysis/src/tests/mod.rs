@@ -1,0 +1,6 @@
+//! Phantoms and real heads through all of the maps.
+
+mod edges;
+mod heads;
+pub(crate) mod phantom;
+mod real;

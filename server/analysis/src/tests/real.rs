@@ -1,0 +1,151 @@
+//! Real heads. They are no part of the project; without them these tests say so and pass.
+
+use std::collections::HashMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::phantom::{Scan, sample};
+use crate::{MapKind, MapsUndefined};
+
+/// Edge of the cells over which values at a surface are averaged, in mm.
+const CELL_MM: f64 = 5.0;
+
+/// The folder of real heads: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout.
+fn data() -> Option<PathBuf> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);
+    if folder.join("colin27").is_dir() {
+        return Some(folder);
+    }
+    eprintln!("SKIPPED: no real heads; set ISOCORTEX_TEST_DATA to their folder");
+    None
+}
+
+fn scan(folder: &Path) -> Scan {
+    let read = |name| std::fs::read(folder.join(name)).expect("a file of the test data");
+    let limits = imaging::Limits::default();
+    let volume = imaging::nifti::read_volume(&read("t1.nii.gz"), &limits).expect("a volume");
+    let mask = imaging::nifti::read_mask(&read("mask_dura.nii.gz"), &limits).expect("a mask");
+    Scan::new(volume, &mask)
+}
+
+/// The vertices of a surface in LPS mm, from a GIfTI file that has them first, in RAS, as zipped base 64.
+fn vertices(path: &Path) -> Vec<DVec3> {
+    let text = std::fs::read_to_string(path).expect("a file of the test data");
+    let start = text.find("<Data>").expect("a data array") + "<Data>".len();
+    let end = start + text[start..].find("</Data>").expect("its end");
+    let zipped = from_base64(&text.as_bytes()[start..end]);
+    let mut bytes = Vec::new();
+    flate2::read::ZlibDecoder::new(&zipped[..])
+        .read_to_end(&mut bytes)
+        .expect("sound data");
+    let numbers: Vec<f64> = bytes
+        .chunks_exact(4)
+        .map(|bytes| {
+            f64::from(f32::from_le_bytes(
+                *bytes.first_chunk().expect("four bytes"),
+            ))
+        })
+        .collect();
+    let vertex = |ras: &[f64]| DVec3::new(-ras[0], -ras[1], ras[2]);
+    numbers.chunks_exact(3).map(vertex).collect()
+}
+
+fn from_base64(text: &[u8]) -> Vec<u8> {
+    let digits = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let (mut bits, mut count, mut bytes) = (0u32, 0, Vec::new());
+    for character in text {
+        let Some(digit) = digits.iter().position(|digit| digit == character) else {
+            continue;
+        };
+        bits = bits << 6 | digit as u32;
+        count += 6;
+        if count >= 8 {
+            count -= 8;
+            bytes.push((bits >> count) as u8);
+        }
+    }
+    bytes
+}
+
+/// Pearson's correlation.
+fn correlation(pairs: &[[f64; 2]]) -> f64 {
+    let count = pairs.len() as f64;
+    let mean = |side: usize| pairs.iter().map(|pair| pair[side]).sum::<f64>() / count;
+    let means = [mean(0), mean(1)];
+    let product = |a: usize, b: usize| -> f64 {
+        let of = |pair: &[f64; 2]| (pair[a] - means[a]) * (pair[b] - means[b]);
+        pairs.iter().map(of).sum()
+    };
+    product(0, 1) / (product(0, 0) * product(1, 1)).sqrt()
+}
+
+#[test]
+fn sharpness_at_a_white_surface_goes_with_the_contrast_across_it() {
+    let Some(data) = data() else { return };
+    let folder = data.join("pycortex-s1");
+    let scan = scan(&folder);
+    let maps = scan.maps().expect("maps");
+    let volume = &scan.volume;
+    let intensity = |position: DVec3| {
+        let voxel = volume
+            .grid()
+            .voxel_from_patient()
+            .transform_point3(position);
+        let stored = volume.sample(voxel.as_vec3());
+        stored.map_or(f64::NAN, |stored| f64::from(volume.intensity(stored)))
+    };
+    let mut cells: HashMap<[i32; 3], ([f64; 2], f64)> = HashMap::new();
+    for side in ["lh", "rh"] {
+        let [white, pial] =
+            ["wm", "pia"].map(|kind| vertices(&folder.join(format!("{kind}_{side}.gii"))));
+        assert_eq!(white.len(), pial.len());
+        for (&white, &pial) in white.iter().zip(&pial) {
+            let outwards = pial - white;
+            let thickness = outwards.length();
+            if thickness < 1.0 {
+                continue;
+            }
+            // As FreeSurfer's pctsurfcon: white 1 mm within, grey at 0.3 of the thickness.
+            let white_matter = intensity(white - outwards / thickness);
+            let grey_matter = intensity(white + outwards * 0.3);
+            let contrast = 200.0 * (white_matter - grey_matter) / (white_matter + grey_matter);
+            let sharpness = f64::from(sample(maps.map(MapKind::Sharpness), white));
+            if contrast.is_finite() && sharpness.is_finite() {
+                let cell = (white / CELL_MM)
+                    .floor()
+                    .to_array()
+                    .map(|place| place as i32);
+                let ([contrasts, sharpnesses], count) = cells.entry(cell).or_default();
+                *contrasts += contrast;
+                *sharpnesses += sharpness;
+                *count += 1.0;
+            }
+        }
+    }
+    // Sharpness is a mean over a window; so is the contrast then, or its own noise is what is compared.
+    let filled = cells.values().filter(|(_, count)| *count >= 10.0);
+    let pairs: Vec<[f64; 2]> = filled
+        .map(|(sums, count)| sums.map(|sum| sum / count))
+        .collect();
+    let found = correlation(&pairs);
+    eprintln!("{} places: correlation {found:.3}", pairs.len());
+    assert!(pairs.len() > 2_000 && found >= 0.6, "{found}");
+}
+
+#[test]
+fn a_scan_of_two_millimetres_gets_maps_or_a_reason() {
+    let Some(data) = data() else { return };
+    let read = |name: &str| std::fs::read(data.join(name)).expect("a file of the test data");
+    let limits = imaging::Limits::default();
+    let volume = imaging::nifti::read_volume(&read("itk-kmeans/t1.nii.gz"), &limits).unwrap();
+    let mask = imaging::nifti::read_mask(&read("itk-kmeans/mask.nii.gz"), &limits).unwrap();
+    // Slices of 3 mm.
+    let refused = Scan::new(volume, &mask).maps();
+    assert!(
+        matches!(refused, Err(MapsUndefined::CoarseVoxels { .. })),
+        "{refused:?}"
+    );
+}

@@ -1,0 +1,257 @@
+//! Intensities as tissue: grey matter is 0, white matter is 1, and the coil's bias is divided out.
+
+use geometry::Volume;
+
+use crate::block::{Block, Zone};
+use crate::coarse::Coarse;
+use crate::undefined::MapsUndefined;
+
+/// Shares of the voxels at which the search for the three classes (fluid, grey, white) begins.
+const STARTS: [f64; 3] = [0.10, 0.45, 0.80];
+/// The most rounds of that search.
+const ROUNDS: usize = 30;
+/// Bins of a histogram of corrected intensities.
+const BINS: usize = 1 << 14;
+/// Width of the Gaussian that makes a field of the white matter, in mm.
+const BIAS_MM: f64 = 20.0;
+/// Cells of that field, in mm.
+const BIAS_STEP_MM: f64 = 5.0;
+/// The least and the greatest of the field, relative to the mean of the white matter.
+const BIAS_RANGE: [f32; 2] = [0.7, 1.4];
+/// The least contrast between grey and white matter, in deviations of the noise.
+const LEAST_CONTRAST: f32 = 5.0;
+/// White matter is deep where everything within this many voxels is white.
+const DEEP_WHITE: i64 = 3;
+/// Every such voxel is looked at for noise.
+const NOISE_STRIDE: usize = 2;
+/// The fewest voxels of deep white matter that tell the noise.
+const LEAST_SAMPLES: usize = 200;
+
+/// What the intensities of a head's tissues are, its bias being divided out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TissueScale {
+    /// Mean intensity of grey matter.
+    pub grey: f32,
+    /// Mean intensity of white matter.
+    pub white: f32,
+    /// Standard deviation of grey matter, as a share of the contrast between grey and white.
+    pub grey_sd: f32,
+    /// Standard deviation of white matter, as a share of that contrast.
+    pub white_sd: f32,
+    /// Standard deviation of the noise, as a share of that contrast: from what is left of deep white matter without its local mean.
+    pub noise: f32,
+}
+
+/// The tissue scale of each voxel of a block, and what it was made with.
+///
+/// # Errors
+/// If the block has no two tissues that differ by more than the noise.
+pub(crate) fn tissue_scale(
+    volume: &Volume,
+    block: &Block,
+) -> Result<(Vec<f32>, TissueScale), MapsUndefined> {
+    let mut values = intensities(volume, block);
+    let classes = classes(&values, block)?;
+    divide_by_bias(&mut values, block, &classes);
+    let classes = self::classes(&values, block)?;
+    let [_, grey, white] = classes.means;
+    let contrast = white - grey;
+    for value in &mut values {
+        *value = (*value - grey) / contrast;
+    }
+    let noise = noise(&values, block).ok_or(MapsUndefined::NoWhiteMatter)?;
+    if noise * LEAST_CONTRAST > 1.0 {
+        return Err(MapsUndefined::LowContrast {
+            contrast: 1.0 / noise,
+        });
+    }
+    let scale = TissueScale {
+        grey,
+        white,
+        grey_sd: classes.sds[1] / contrast,
+        white_sd: classes.sds[2] / contrast,
+        noise,
+    };
+    Ok((values, scale))
+}
+
+fn intensities(volume: &Volume, block: &Block) -> Vec<f32> {
+    let mut values = Vec::with_capacity(block.voxel_count());
+    for number in 0..block.size[1] * block.size[2] {
+        let row = block.row(volume, number).iter();
+        values.extend(row.map(|&stored| volume.intensity(f32::from(stored))));
+    }
+    values
+}
+
+/// Means and standard deviations of fluid, grey and white matter.
+#[derive(Debug, Clone, Copy)]
+struct Classes {
+    means: [f32; 3],
+    sds: [f32; 3],
+}
+
+/// Values in bins of equal width, with exact sums.
+struct Histogram {
+    counts: Vec<f64>,
+    sums: Vec<f64>,
+    squares: Vec<f64>,
+}
+
+impl Histogram {
+    fn new(values: &[f32], zones: &[Zone]) -> Option<Self> {
+        let tissue = || {
+            let voxels = values.iter().zip(zones);
+            voxels.filter_map(|(&value, &zone)| (zone >= Zone::Tissue).then_some(value))
+        };
+        let (least, most) = tissue().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), value| {
+            (a.min(value), b.max(value))
+        });
+        let bins_a_unit = BINS as f32 / (most - least);
+        if !bins_a_unit.is_finite() || bins_a_unit <= 0.0 {
+            return None;
+        }
+        let mut histogram = Self {
+            counts: vec![0.0; BINS],
+            sums: vec![0.0; BINS],
+            squares: vec![0.0; BINS],
+        };
+        for value in tissue() {
+            let bin = (((value - least) * bins_a_unit) as usize).min(BINS - 1);
+            let value = f64::from(value);
+            histogram.counts[bin] += 1.0;
+            histogram.sums[bin] += value;
+            histogram.squares[bin] += value * value;
+        }
+        Some(histogram)
+    }
+
+    /// The mean of the bin below which a share of the values lies.
+    fn percentile(&self, share: f64) -> f64 {
+        let wanted = share * self.counts.iter().sum::<f64>();
+        let mut below = 0.0;
+        let bin = self.counts.iter().position(|count| {
+            below += count;
+            below >= wanted && *count > 0.0
+        });
+        bin.map_or(f64::NAN, |bin| self.sums[bin] / self.counts[bin])
+    }
+
+    /// Count, sum and sum of squares of the values nearest to each mean; means ascend.
+    fn nearest(&self, means: [f64; 3]) -> [[f64; 3]; 3] {
+        let borders = [(means[0] + means[1]) / 2.0, (means[1] + means[2]) / 2.0];
+        let mut totals = [[0.0; 3]; 3];
+        for (bin, &count) in self.counts.iter().enumerate() {
+            if count > 0.0 {
+                let mean = self.sums[bin] / count;
+                let class = borders.iter().filter(|&&border| mean >= border).count();
+                totals[class][0] += count;
+                totals[class][1] += self.sums[bin];
+                totals[class][2] += self.squares[bin];
+            }
+        }
+        totals
+    }
+}
+
+/// The three classes of a block's tissue by Lloyd's algorithm.
+fn classes(values: &[f32], block: &Block) -> Result<Classes, MapsUndefined> {
+    let none = MapsUndefined::LowContrast { contrast: 0.0 };
+    let histogram = Histogram::new(values, &block.zones).ok_or(none)?;
+    let mut means = STARTS.map(|share| histogram.percentile(share));
+    let mut totals = histogram.nearest(means);
+    for _ in 0..ROUNDS {
+        let next = totals.map(|[count, sum, _]| sum / count);
+        if next == means {
+            break;
+        }
+        means = next;
+        totals = histogram.nearest(means);
+    }
+    let sd = |class: usize| {
+        let [count, sum, squares] = totals[class];
+        (squares / count - (sum / count).powi(2)).max(0.0).sqrt() as f32
+    };
+    let is_ordered = means[0] < means[1] && means[1] < means[2];
+    is_ordered
+        .then(|| Classes {
+            means: means.map(|mean| mean as f32),
+            sds: [sd(0), sd(1), sd(2)],
+        })
+        .ok_or(none)
+}
+
+/// Divides intensities by the local mean of the white matter relative to its mean in the whole head.
+fn divide_by_bias(values: &mut [f32], block: &Block, classes: &Classes) {
+    let [_, grey, white] = classes.means;
+    let bounds = ((grey + white) / 2.0, white + 3.0 * classes.sds[2]);
+    let coarse = Coarse::new(block.size, block.spacing_mm, BIAS_STEP_MM);
+    let means = coarse.means(|index| {
+        let value = values[index];
+        let is_white = block.zones[index] >= Zone::Tissue && value > bounds.0 && value < bounds.1;
+        if is_white { [value, 1.0] } else { [0.0; 2] }
+    });
+    let field: Vec<_> = coarse
+        .smoothed(&means, BIAS_MM)
+        .into_iter()
+        .map(|[sum, weight]| {
+            let local = if weight > 1e-3 {
+                sum / weight / white
+            } else {
+                1.0
+            };
+            [local.clamp(BIAS_RANGE[0], BIAS_RANGE[1]), 0.0]
+        })
+        .collect();
+    let (along_row, mut mixed) = (coarse.along_row(), Vec::new());
+    for (number, row) in values.chunks_exact_mut(block.size[0]).enumerate() {
+        coarse.mixed_row(&field, number, &mut mixed);
+        for (value, between) in row.iter_mut().zip(&along_row) {
+            *value /= between.of_row(&mixed)[0];
+        }
+    }
+}
+
+/// The deviation of the noise in tissue scale; `None` if there is too little deep white matter to tell.
+fn noise(values: &[f32], block: &Block) -> Option<f32> {
+    let [nx, ny, nz] = block.size.map(|side| side as i64);
+    let index = |[x, y, z]: [i64; 3]| (x + nx * (y + ny * z)) as usize;
+    let margin = DEEP_WHITE;
+    let places = |side: i64| (margin..side - margin).step_by(NOISE_STRIDE);
+    let offsets: Vec<[i64; 3]> = cube(margin)
+        .filter(|offset| offset.iter().map(|along| along.abs()).sum::<i64>() <= margin)
+        .collect();
+    let around: Vec<[i64; 3]> = cube(1).collect();
+    let moved = |voxel: [i64; 3], by: &[i64; 3]| [0, 1, 2].map(|axis| voxel[axis] + by[axis]);
+    let is_white = |voxel: [i64; 3]| {
+        let index = index(voxel);
+        values[index] > 0.8 && block.zones[index] >= Zone::Tissue
+    };
+    let mut residuals = Vec::new();
+    for voxel in
+        places(nz).flat_map(|z| places(ny).flat_map(move |y| places(nx).map(move |x| [x, y, z])))
+    {
+        if is_white(voxel) && offsets.iter().all(|offset| is_white(moved(voxel, offset))) {
+            let sum: f32 = around
+                .iter()
+                .map(|by| values[index(moved(voxel, by))])
+                .sum();
+            residuals.push((values[index(voxel)] - sum / 27.0).abs());
+        }
+    }
+    if residuals.len() < LEAST_SAMPLES {
+        return None;
+    }
+    let middle = residuals.len() / 2;
+    let median = *residuals.select_nth_unstable_by(middle, f32::total_cmp).1;
+    // Of a Gaussian, the median and the mean of what is left, relative to its deviation. White matter that was stored as one
+    // number has a median of 0.
+    let mean = residuals.iter().sum::<f32>() / residuals.len() as f32;
+    let deviation = f32::max(1.4826 * median, 0.5 * 1.2533 * mean);
+    Some(deviation / (1.0f32 - 1.0 / 27.0).sqrt())
+}
+
+fn cube(reach: i64) -> impl Iterator<Item = [i64; 3]> {
+    let along = move || -reach..=reach;
+    along().flat_map(move |z| along().flat_map(move |y| along().map(move |x| [x, y, z])))
+}

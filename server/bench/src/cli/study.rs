@@ -1,0 +1,104 @@
+//! `isocortex-bench study`.
+
+use std::path::PathBuf;
+
+use analysis::study::{Criteria, Report, StudyParameters};
+use bench::BenchError;
+use bench::study::{StudyFolders, StudyHead};
+use clap::Args;
+use serde_json::json;
+
+use super::{progress, unwritable};
+
+/// Put synthetic lesions into heads, and count which model observers find them where
+///
+/// An observer is a program and no radiologist: "easier for a model observer" is all that can be said. The table has the hits with
+/// fewer than 1, 5 and 20 false marks a head for slices, isosurfaces and maps; below it stand the criteria that were written before.
+/// Without --head the made-up head is taken, which shows that the program works and nothing else.
+#[derive(Debug, Args)]
+pub(super) struct StudyArgs {
+    /// A head: NAME=VOLUME,MASK, or NAME=VOLUME,MASK,tuned if parameters were chosen on it. A volume is a NIfTI file or a folder with
+    /// one DICOM series, a mask is NIfTI. May be given several times.
+    #[arg(long, value_name = "HEAD", value_parser = head)]
+    head: Vec<StudyHead>,
+    /// Twelve lesions and four shams a head.
+    #[arg(long, conflicts_with = "lesions")]
+    quick: bool,
+    /// Lesions and shams of each head. [default: 60]
+    #[arg(long, value_name = "N")]
+    lesions: Option<usize>,
+    /// Of all that is drawn by chance. [default: the study's own]
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Directory for the results of each head; a head that has them is not run again.
+    #[arg(long, value_name = "DIR", default_value = "study")]
+    results: PathBuf,
+    /// Also write each head with each of its lesions into this directory, as NIfTI.
+    #[arg(long, value_name = "DIR")]
+    write: Option<PathBuf>,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+fn head(text: &str) -> Result<StudyHead, String> {
+    let wrong = || "write NAME=VOLUME,MASK or NAME=VOLUME,MASK,tuned".to_owned();
+    let (name, files) = text.split_once('=').ok_or_else(wrong)?;
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+    if name.is_empty() || !name.chars().all(is_plain) {
+        return Err(format!("{name:?} is no name: use letters, digits, - _ ."));
+    }
+    let (files, is_tuned) = match files.strip_suffix(",tuned") {
+        Some(files) => (files, true),
+        None => (files, false),
+    };
+    let (volume, mask) = files.split_once(',').ok_or_else(wrong)?;
+    Ok(StudyHead {
+        name: name.to_owned(),
+        files: Some([volume.into(), mask.into()]),
+        is_tuned,
+    })
+}
+
+/// Runs and prints.
+pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
+    let mut parameters = if args.quick {
+        StudyParameters::QUICK
+    } else {
+        StudyParameters::FULL
+    };
+    if let Some(count) = args.lesions {
+        (parameters.lesions, parameters.shams) = (count, count);
+    }
+    parameters.seed = args.seed.unwrap_or(parameters.seed);
+    let folders = StudyFolders {
+        results: args.results.clone(),
+        lesions: args.write.clone(),
+    };
+    for folder in [Some(&folders.results), folders.lesions.as_ref()]
+        .into_iter()
+        .flatten()
+    {
+        std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
+    }
+    let mut heads = args.head.clone();
+    if heads.is_empty() {
+        heads.push(StudyHead {
+            name: "made-up".to_owned(),
+            files: None,
+            is_tuned: false,
+        });
+    }
+    let results = heads
+        .iter()
+        .map(|head| head.trials(&parameters, &folders, &progress))
+        .collect::<Result<Vec<_>, _>>()?;
+    let report = Report::new(parameters.seed, results);
+    if args.json {
+        let verdicts = report.verdicts(&Criteria::STANDARD);
+        println!("{:#}", json!({ "report": report, "verdicts": verdicts }));
+    } else {
+        print!("{}", report.table(&Criteria::STANDARD));
+    }
+    Ok(())
+}

@@ -1,0 +1,146 @@
+//! The study's heads: from files to trials, one JSON file a head, so that a run that was broken off goes on.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use analysis::midsagittal_plane;
+use analysis::study::{Ground, HeadResult, StudyParameters, Trial, run_head};
+use geometry::{BrainMask, DepthField, Mask, Volume, distance_map, envelope};
+use imaging::nifti;
+
+use crate::BenchError;
+
+/// Radius of the ball that closes the brain mask, in mm.
+const CLOSING_MM: f64 = 10.0;
+
+/// A head of the study, as files.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StudyHead {
+    /// What it is called in the tables.
+    pub name: String,
+    /// A NIfTI file, or a folder with one DICOM series; `None` is the made-up head.
+    pub files: Option<[PathBuf; 2]>,
+    /// Whether parameters were chosen on it.
+    pub is_tuned: bool,
+}
+
+/// Where results go.
+#[derive(Debug, Clone)]
+pub struct StudyFolders {
+    /// Gets `NAME.json` for each head, which is taken from there if it exists.
+    pub results: PathBuf,
+    /// Gets each head with each of its lesions, as NIfTI.
+    pub lesions: Option<PathBuf>,
+}
+
+impl StudyHead {
+    /// The trials of this head: those of the results' folder, or new ones.
+    ///
+    /// # Errors
+    /// If a file cannot be read or written, or the head has no maps.
+    pub fn trials(
+        &self,
+        parameters: &StudyParameters,
+        folders: &StudyFolders,
+        progress: &dyn Fn(&str),
+    ) -> Result<HeadResult, BenchError> {
+        let path = folders.results.join(format!("{}.json", self.name));
+        if let Ok(bytes) = std::fs::read(&path) {
+            let damaged = |error| {
+                let path = path.display();
+                BenchError::Usage(format!(
+                    "{path} is no result of a study: {error}; remove it"
+                ))
+            };
+            return serde_json::from_slice(&bytes).map_err(damaged);
+        }
+        let (volume, mask) = self.read()?;
+        let brain = BrainMask::from_mask(&mask, volume.grid())?;
+        let envelope = envelope(&brain, CLOSING_MM)?;
+        let head = analysis::Head {
+            volume: &volume,
+            depth: &DepthField::new(&distance_map(&envelope)),
+            plane: &midsagittal_plane(&envelope, &volume),
+        };
+        let mut done = 0;
+        let trials = run_head(head, &parameters.for_head(&self.name), |trial, count| {
+            done += 1;
+            progress(&described(&self.name, trial, [done, count]));
+            ControlFlow::Continue(())
+        })?;
+        if let Some(folder) = &folders.lesions {
+            let ground = Ground::new(head)?;
+            for (number, trial) in trials.iter().enumerate() {
+                let bytes = nifti::write_volume(&ground.with_lesion(&trial.lesion()))?;
+                write(
+                    &folder.join(format!("{}-{number}.nii.gz", self.name)),
+                    &bytes,
+                )?;
+            }
+        }
+        let result = HeadResult {
+            name: self.name.clone(),
+            is_tuned: self.is_tuned,
+            trials,
+        };
+        let bytes = serde_json::to_vec_pretty(&result).expect("numbers and names");
+        write(&path, &bytes)?;
+        Ok(result)
+    }
+
+    fn read(&self) -> Result<(Volume, Mask), BenchError> {
+        let Some([volume, mask]) = &self.files else {
+            let head = geometry::phantom::head(1.0);
+            return Ok((head.volume, head.brain));
+        };
+        let limits = imaging::Limits::default();
+        let bytes = if volume.is_dir() {
+            from_dicom(volume)?
+        } else {
+            read(volume)?
+        };
+        Ok((
+            nifti::read_volume(&bytes, &limits)?,
+            nifti::read_mask(&read(mask)?, &limits)?,
+        ))
+    }
+}
+
+fn described(name: &str, trial: &Trial, [done, count]: [usize; 2]) -> String {
+    let (sign, radius_mm) = (trial.sign.name(), trial.radius_mm);
+    format!("{name}: {done} of {count} ({sign}, radius {radius_mm} mm)")
+}
+
+/// The one series of a folder, as NIfTI.
+fn from_dicom(folder: &Path) -> Result<Vec<u8>, BenchError> {
+    let unreadable = |reason| BenchError::Unreadable {
+        path: folder.to_owned(),
+        reason,
+    };
+    let entries = std::fs::read_dir(folder).map_err(unreadable)?;
+    let paths: Result<Vec<PathBuf>, _> = entries.map(|entry| Ok(entry?.path())).collect();
+    let files = paths.map_err(unreadable)?;
+    let mut files = files
+        .iter()
+        .map(|path| read(path))
+        .collect::<Result<Vec<_>, _>>()?;
+    let options = imaging::dicom::Options::default();
+    let converted = imaging::dicom::convert(&mut files, &options, &imaging::Limits::default());
+    let refused =
+        |error| BenchError::Usage(format!("{} is no DICOM series: {error}", folder.display()));
+    Ok(converted.map_err(refused)?.nifti)
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, BenchError> {
+    std::fs::read(path).map_err(|reason| BenchError::Unreadable {
+        path: path.to_owned(),
+        reason,
+    })
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
+    std::fs::write(path, bytes).map_err(|error| BenchError::Unwritable {
+        path: path.to_owned(),
+        reason: error.to_string(),
+    })
+}

@@ -1,0 +1,194 @@
+//! Whether the border of a mask is that of a brain: brain within it, and around it what is darker.
+
+use geometry::{DistanceMap, Grid, Volume};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+/// How far within the border the brain is looked at, and how far outside what surrounds it, in mm.
+const WITHIN_MM: [f32; 4] = [3.0, 4.5, 6.0, 7.5];
+const AROUND_MM: [f32; 3] = [2.0, 3.5, 5.0];
+
+/// About how many places of the border are looked at.
+const PLACES: usize = 10_000;
+
+/// The depth from which intensities are the brain's own, in mm.
+const INSIDE_MM: f32 = 18.0;
+
+/// What is as bright as a brain's rim, as a share of the brain's own median above the darkest.
+const LIKE_BRAIN: std::ops::RangeInclusive<f32> = 0.4..=1.3;
+
+/// By how much what surrounds a brain is darker, on the same scale.
+const DARKER: f32 = 0.1;
+
+/// How far from a voxel depths are compared to find the direction to the inside, in voxels.
+const STEP: isize = 2;
+
+/// By how much a mask is moved to see whether its border fits better elsewhere, in mm and in radians.
+const SHIFT_MM: f64 = 4.0;
+const TURN_RAD: f64 = 0.08;
+
+/// How well the border of a mask fits to what the volume shows: shares of the places of the border on whose inner side there is brain,
+/// and on whose outer side something darker.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rim {
+    /// Where the mask is.
+    pub here: f64,
+    /// The greatest with the mask moved by a few millimetres or degrees: less, if the mask is where the brain is.
+    pub elsewhere: f64,
+    /// The greatest with the mask turned over, end for end along an axis of the volume: as a program leaves it that gets an axis wrong.
+    pub flipped: f64,
+}
+
+/// How well the border of a mask fits. `None` if the mask is too thin, or its border lies in a cut.
+pub(crate) fn rim(volume: &Volume, distance: &DistanceMap) -> Option<Rim> {
+    let scale = Scale::of(volume, distance)?;
+    let border = border(distance);
+    let share = |how: DAffine3| share(volume, &scale, &border, how);
+    let here = share(DAffine3::IDENTITY)?;
+    let middle = border.iter().map(|place| place.position).sum::<DVec3>() / border.len() as f64;
+    let most = |moves: Vec<DAffine3>| moves.into_iter().filter_map(share).fold(0.0, f64::max);
+    Some(Rim {
+        here,
+        elsewhere: most(moves(middle)),
+        flipped: most(flips(volume.grid())),
+    })
+}
+
+/// The mirror images of a grid's voxels along its axes.
+fn flips(grid: &Grid) -> Vec<DAffine3> {
+    let flip = |axis: usize| {
+        let along = DVec3::AXES[axis];
+        let flipped = DAffine3 {
+            matrix3: DMat3::from_diagonal(DVec3::ONE - 2.0 * along),
+            translation: along * (grid.size()[axis] - 1) as f64,
+        };
+        grid.patient_from_voxel() * flipped * grid.voxel_from_patient()
+    };
+    [0, 1, 2].map(flip).to_vec()
+}
+
+/// A place of the border, LPS mm, and the direction to the inside.
+struct Place {
+    position: DVec3,
+    inwards: DVec3,
+}
+
+fn border(distance: &DistanceMap) -> Vec<Place> {
+    let grid = distance.grid();
+    let is_border = |&index: &usize| {
+        distance.inside()[index] && distance.squared()[index] == 0 && distance.is_known(index)
+    };
+    let border: Vec<usize> = (0..grid.voxel_count()).filter(is_border).collect();
+    let stride = (border.len() / PLACES).max(1);
+    let place = |&index: &usize| {
+        let voxel = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
+        Some(Place {
+            position: grid.patient_from_voxel().transform_point3(voxel),
+            inwards: inwards(distance, index)?.as_dvec3(),
+        })
+    };
+    border.iter().step_by(stride).filter_map(place).collect()
+}
+
+/// Shifts along the patient's axes, and turns about them and a middle.
+fn moves(middle: DVec3) -> Vec<DAffine3> {
+    let both = |axis: DVec3| [axis, -axis];
+    let axes = DVec3::AXES.into_iter().flat_map(both);
+    let about = |axis: DVec3| {
+        DAffine3::from_translation(middle)
+            * DAffine3::from_axis_angle(axis, TURN_RAD)
+            * DAffine3::from_translation(-middle)
+    };
+    axes.flat_map(|axis| [DAffine3::from_translation(axis * SHIFT_MM), about(axis)])
+        .collect()
+}
+
+/// The share of the places of a border that look like that of a brain once it is moved.
+fn share(volume: &Volume, scale: &Scale, border: &[Place], how: DAffine3) -> Option<f64> {
+    let native_from_patient = volume.grid().voxel_from_patient() * how;
+    let looks_like_a_brain = |place: &Place| {
+        let at = |mm: f32| {
+            let position = place.position + place.inwards * f64::from(mm);
+            let native = native_from_patient.transform_point3(position).as_vec3();
+            volume.sample(native).map(|stored| scale.of_stored(stored))
+        };
+        let within = mean(WITHIN_MM.map(at).into_iter())?;
+        let around = mean(AROUND_MM.map(|mm| at(-mm)).into_iter())?;
+        Some(LIKE_BRAIN.contains(&within) && around < within - DARKER)
+    };
+    let looks: Vec<bool> = border.par_iter().filter_map(looks_like_a_brain).collect();
+    let like_a_brain = looks.iter().filter(|&&looks| looks).count();
+    (!looks.is_empty()).then(|| like_a_brain as f64 / looks.len() as f64)
+}
+
+/// Stored values on a scale on which the darkest of a volume is 0 and the median of the brain's inside 1.
+struct Scale {
+    dark: f32,
+    per_stored: f32,
+}
+
+impl Scale {
+    fn of(volume: &Volume, distance: &DistanceMap) -> Option<Self> {
+        let grid = distance.grid();
+        let native_from_working = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
+        let is_deep = |&index: &usize| {
+            distance.is_known(index)
+                && distance
+                    .depth_mm(index)
+                    .is_some_and(|depth_mm| depth_mm >= INSIDE_MM)
+        };
+        let deep = (0..grid.voxel_count()).step_by(7).filter(is_deep);
+        let mut inside: Vec<f32> = deep
+            .filter_map(|index| {
+                let voxel = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
+                volume.sample(native_from_working.transform_point3(voxel).as_vec3())
+            })
+            .collect();
+        let rank = inside.len() / 2;
+        if inside.is_empty() {
+            return None;
+        }
+        let median = *inside.select_nth_unstable_by(rank, f32::total_cmp).1;
+        let dark = f32::from(volume.voxels().iter().copied().min()?);
+        (median > dark).then(|| Self {
+            dark,
+            per_stored: 1.0 / (median - dark),
+        })
+    }
+
+    fn of_stored(&self, stored: f32) -> f32 {
+        (stored - self.dark) * self.per_stored
+    }
+}
+
+/// The unit vector from a border voxel to the inside; `None` if depths around it do not tell.
+fn inwards(distance: &DistanceMap, index: usize) -> Option<Vec3> {
+    let grid = distance.grid();
+    let [nx, ny, _] = grid.size();
+    let voxel = grid.voxel(index);
+    let signed = |axis: usize, step: isize| {
+        let place = voxel[axis].checked_add_signed(step)?;
+        if place >= grid.size()[axis] {
+            return None;
+        }
+        let stride = [1, nx, nx * ny][axis] as isize;
+        let there = index.checked_add_signed(step * stride)?;
+        let depth = f32::from(distance.squared()[there]).sqrt();
+        Some(if distance.inside()[there] {
+            depth
+        } else {
+            -depth
+        })
+    };
+    let slope = |axis: usize| Some(signed(axis, STEP)? - signed(axis, -STEP)?);
+    Vec3::new(slope(0)?, slope(1)?, slope(2)?).try_normalize()
+}
+
+fn mean(values: impl Iterator<Item = Option<f32>>) -> Option<f32> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for value in values.flatten() {
+        sum += value;
+        count += 1.0;
+    }
+    (count > 0.0).then(|| sum / count)
+}

@@ -1,0 +1,395 @@
+//! How the server is set up: a TOML file with a section for each concern, over it the environment, over it the command line.
+
+mod renamed;
+mod sections;
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use cases::dicom::Program;
+use cases::pictures::GraphicsOptions;
+use pipeline::HeadLimits;
+use serde::Deserialize;
+use service::auth::{Access, BadToken};
+use service::listen::ConnectionLimits;
+use service::pace::LeastRate;
+
+use crate::logs::LogFormat;
+
+pub use self::renamed::RenamedKey;
+pub use self::sections::{DEFAULT_LISTEN, Http, Limits, Prepare, Render, Secret, Storage};
+
+/// How much more than an upload the DICOM files in it may take when they are unpacked.
+const DICOM_UNPACKING: u64 = 4;
+
+/// Everything that can be configured, with its defaults. The keys of the file are the names of the fields.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// How log lines are written.
+    pub log_format: LogFormat,
+    /// Which log lines are written, in the syntax of `RUST_LOG`.
+    pub log: String,
+    /// Who may ask, and how long it may take.
+    pub http: Http,
+    /// How much may be asked for.
+    pub limits: Limits,
+    /// How cases are prepared.
+    pub prepare: Prepare,
+    /// Who draws.
+    pub render: Render,
+    /// Where the cases are.
+    pub storage: Storage,
+    /// The program that reads DICOM files: this one.
+    #[serde(skip)]
+    pub dicom_program: Program,
+    /// Keys of the file that have another name today.
+    #[serde(skip)]
+    pub renamed: Vec<RenamedKey>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            log_format: LogFormat::Text,
+            log: "info".to_owned(),
+            http: Http::default(),
+            limits: Limits::default(),
+            prepare: Prepare::default(),
+            render: Render::default(),
+            storage: Storage::default(),
+            dicom_program: Program::default(),
+            renamed: Vec::new(),
+        }
+    }
+}
+
+/// What is wrong with a configuration.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("the configuration file {} cannot be read: {source}", .path.display())]
+    Unreadable {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not TOML, or holds an unknown key or a value of the wrong kind.
+    #[error("the configuration file {} is not right: {source}", .path.display())]
+    Malformed {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: Box<toml::de::Error>,
+    },
+    /// A key at the top, where it was before, and in its section.
+    #[error("{renamed}; it is there as well")]
+    Twice {
+        /// Which.
+        renamed: RenamedKey,
+    },
+    /// The token is too weak.
+    #[error(transparent)]
+    Token(#[from] BadToken),
+    /// A token in two places.
+    #[error("give the token in `http.token` or in `http.token_file`, not in both")]
+    TwoTokens,
+    /// Strangers could read everything.
+    #[error(
+        "refusing to listen on {listen} without a bearer token: set ISOCORTEX_TOKEN or `http.token_file`, or listen on 127.0.0.1"
+    )]
+    OpenToStrangers {
+        /// Where it was to listen.
+        listen: SocketAddr,
+    },
+    /// A limit of zero.
+    #[error("`{key}` must be at least 1")]
+    Zero {
+        /// The key.
+        key: &'static str,
+    },
+}
+
+impl Config {
+    /// Reads a TOML file; what it does not name has its default. Keys of before are accepted, and listed in [`Config::renamed`].
+    ///
+    /// # Errors
+    /// When the file cannot be read, is not TOML, or holds an unknown key.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
+        let malformed = |source| ConfigError::Malformed {
+            path: path.to_owned(),
+            source: Box::new(source),
+        };
+        let mut table: toml::Table = toml::from_str(&text).map_err(malformed)?;
+        let moved = renamed::move_into_sections(&mut table);
+        let renamed = moved.map_err(|twice| ConfigError::Twice { renamed: twice.0 })?;
+        if renamed.is_empty() {
+            // Read from the text an error says where it is.
+            return toml::from_str(&text).map_err(malformed);
+        }
+        let config: Self = table.try_into().map_err(malformed)?;
+        Ok(Self { renamed, ..config })
+    }
+
+    /// Who may ask.
+    ///
+    /// # Errors
+    /// When the token cannot be read or is too weak, or when there is none and strangers could reach the server.
+    pub fn access(&self) -> Result<Access, ConfigError> {
+        match self.token_text()? {
+            Some(token) => Ok(Access::with_token(token.trim())?),
+            None if self.http.listen.ip().is_loopback() => Ok(Access::of_this_machine()),
+            None => Err(ConfigError::OpenToStrangers {
+                listen: self.http.listen,
+            }),
+        }
+    }
+
+    fn token_text(&self) -> Result<Option<String>, ConfigError> {
+        match (&self.http.token, &self.http.token_file) {
+            (Some(_), Some(_)) => Err(ConfigError::TwoTokens),
+            (Some(token), None) => Ok(Some(token.0.clone())),
+            (None, Some(path)) => {
+                let read = std::fs::read_to_string(path);
+                let unreadable = |source| ConfigError::Unreadable {
+                    path: path.clone(),
+                    source,
+                };
+                storage::keep_private(path, "the file of the token");
+                read.map(Some).map_err(unreadable)
+            }
+            (None, None) => Ok(None),
+        }
+    }
+
+    /// Whether the numbers can be used.
+    ///
+    /// # Errors
+    /// When one of those that must be at least 1 is 0.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let counts = [
+            ("limits.max_upload_bytes", self.limits.max_upload_bytes),
+            ("limits.max_voxels", self.limits.max_voxels as u64),
+            (
+                "limits.max_queued_cases",
+                self.limits.max_queued_cases as u64,
+            ),
+            ("prepare.workers", self.prepare.workers as u64),
+            ("render.threads", self.render.threads as u64),
+            (
+                "limits.max_queued_renders",
+                self.limits.max_queued_renders as u64,
+            ),
+            ("http.max_connections", self.http.max_connections as u64),
+            (
+                "http.max_connections_per_address",
+                self.http.max_connections_per_address as u64,
+            ),
+            ("http.max_uploads", self.http.max_uploads as u64),
+            (
+                "http.least_bytes_per_second",
+                self.http.least_bytes_per_second,
+            ),
+            ("http.slow_start_secs", self.http.slow_start_secs),
+            ("http.header_timeout_secs", self.http.header_timeout_secs),
+            ("http.answer_timeout_secs", self.http.answer_timeout_secs),
+            ("http.upload_idle_secs", self.http.upload_idle_secs),
+            ("http.upload_timeout_secs", self.http.upload_timeout_secs),
+        ];
+        match counts.into_iter().find(|&(_, value)| value == 0) {
+            Some((key, _)) => Err(ConfigError::Zero { key }),
+            None => Ok(()),
+        }
+    }
+
+    /// How the application is set up.
+    pub fn cases(&self) -> cases::Options {
+        cases::Options {
+            data: self.storage.data.clone(),
+            store: storage::Options {
+                queue_limit: self.limits.max_queued_cases,
+                min_free_bytes: self.storage.min_free_bytes,
+                longest_preparation: Duration::from_secs(self.prepare.max_secs),
+                ..storage::Options::default()
+            },
+            network: self.prepare.network.clone(),
+            limits: pipeline::Limits {
+                max_voxels: self.limits.max_voxels,
+                ..pipeline::Limits::default()
+            },
+            head: HeadLimits {
+                voxel_mm: [self.limits.min_voxel_mm, self.limits.max_voxel_mm],
+                field_mm: [self.limits.min_field_mm, self.limits.max_field_mm],
+                max_ratio: self.limits.max_voxel_ratio,
+            },
+            render_threads: self.render.threads,
+            max_queued_renders: self.limits.max_queued_renders,
+            model_cache_bytes: self.render.model_cache_bytes,
+            graphics: GraphicsOptions {
+                use_of: self.render.gpu,
+                drawers: self.render.threads,
+                case_bytes: self.render.gpu_case_bytes,
+            },
+            dicom_program: self.dicom_program.clone(),
+            max_dicom_bytes: self.limits.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
+        }
+    }
+
+    /// What connections may take.
+    pub fn connection_limits(&self) -> ConnectionLimits {
+        ConnectionLimits {
+            connections: self.http.max_connections,
+            connections_per_address: self.http.max_connections_per_address,
+            header_timeout: Duration::from_secs(self.http.header_timeout_secs),
+            least_rate: LeastRate {
+                bytes_per_second: self.http.least_bytes_per_second,
+                grace: Duration::from_secs(self.http.slow_start_secs),
+                pause: Duration::from_secs(self.http.upload_idle_secs),
+            },
+            shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(text: &str) -> Result<Config, ConfigError> {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("isocortex.toml");
+        std::fs::write(&path, text).unwrap();
+        Config::read(&path)
+    }
+
+    fn with_http(http: Http) -> Config {
+        Config {
+            http,
+            ..Config::default()
+        }
+    }
+
+    fn secret() -> Option<Secret> {
+        Some(Secret("0123456789abcdef".to_owned()))
+    }
+
+    #[test]
+    fn what_a_file_does_not_name_has_its_default() {
+        let config = parsed("[http]\nmax_connections = 7").unwrap();
+        let expected = with_http(Http {
+            max_connections: 7,
+            ..Http::default()
+        });
+        assert_eq!(config, expected);
+    }
+
+    #[test]
+    fn an_unknown_key_is_named() {
+        for text in [
+            "max_conections = 7",
+            "[http]\nmax_conections = 7",
+            "gpu = \"off\"\n[limits]\nmax_conections = 7",
+        ] {
+            let error = parsed(text).unwrap_err().to_string();
+            assert!(error.contains("max_conections"), "{error}");
+        }
+    }
+
+    #[test]
+    fn every_key_of_before_is_accepted_with_a_warning_that_names_the_new_one() {
+        let before = "data = \"there\"\nlisten = \"127.0.0.1:1\"\ntoken = \"0123456789abcdef\"\n\
+            token_file = \"t\"\nmax_upload_bytes = 1\nmax_voxels = 2\nmax_queued_cases = 3\n\
+            min_free_bytes = 4\nprepare_workers = 5\nnetwork = \"w\"\ngpu = \"off\"\n\
+            gpu_case_bytes = 6\nrender_threads = 7\nmax_queued_renders = 8\nmodel_cache_bytes = 9\n\
+            body_cache_bytes = 10\nmax_connections = 11\nheader_timeout_secs = 12\n\
+            answer_timeout_secs = 13\nupload_idle_secs = 14\nupload_timeout_secs = 15\n\
+            shutdown_grace_secs = 16\nlog = \"debug\"";
+        let today = "log = \"debug\"\n[storage]\ndata = \"there\"\nmin_free_bytes = 4\n\
+            [http]\nlisten = \"127.0.0.1:1\"\ntoken = \"0123456789abcdef\"\ntoken_file = \"t\"\n\
+            body_cache_bytes = 10\nmax_connections = 11\nheader_timeout_secs = 12\n\
+            answer_timeout_secs = 13\nupload_idle_secs = 14\nupload_timeout_secs = 15\n\
+            shutdown_grace_secs = 16\n\
+            [limits]\nmax_upload_bytes = 1\nmax_voxels = 2\nmax_queued_cases = 3\nmax_queued_renders = 8\n\
+            [prepare]\nworkers = 5\nnetwork = \"w\"\n\
+            [render]\nthreads = 7\ngpu = \"off\"\ngpu_case_bytes = 6\nmodel_cache_bytes = 9";
+        let config = parsed(before).unwrap();
+        assert_eq!(config.renamed.len(), 22);
+        let warnings: Vec<_> = config.renamed.iter().map(ToString::to_string).collect();
+        let threads = "`render_threads` at its top: write `threads` in the section [render]";
+        assert!(
+            warnings.iter().any(|warning| warning.contains(threads)),
+            "{warnings:?}"
+        );
+        let today = parsed(today).unwrap();
+        assert_eq!(today.renamed, []);
+        assert_eq!(
+            Config {
+                renamed: Vec::new(),
+                ..config
+            },
+            today
+        );
+    }
+
+    #[test]
+    fn a_key_under_both_of_its_names_is_refused() {
+        let error = parsed("gpu = \"off\"\n[render]\ngpu = \"auto\"").unwrap_err();
+        assert!(matches!(error, ConfigError::Twice { .. }));
+        assert!(error.to_string().contains("[render]"), "{error}");
+    }
+
+    #[test]
+    fn strangers_need_a_token() {
+        let open = Http {
+            listen: "0.0.0.0:8640".parse().unwrap(),
+            ..Http::default()
+        };
+        let error = with_http(open.clone()).access().unwrap_err();
+        assert!(matches!(error, ConfigError::OpenToStrangers { .. }));
+        let guarded = with_http(Http {
+            token: secret(),
+            ..open
+        });
+        assert!(guarded.access().unwrap().wants_token());
+    }
+
+    #[test]
+    fn a_token_can_come_from_a_file() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "0123456789abcdef\n").unwrap();
+        let config = with_http(Http {
+            token_file: Some(file.path().to_owned()),
+            ..Http::default()
+        });
+        assert!(config.access().unwrap().wants_token());
+    }
+
+    #[test]
+    fn a_token_is_never_shown() {
+        let config = with_http(Http {
+            token: secret(),
+            ..Http::default()
+        });
+        assert!(!format!("{config:?}").contains("0123456789abcdef"));
+    }
+
+    #[test]
+    fn a_limit_of_zero_is_named() {
+        let render = Render {
+            threads: 0,
+            ..Render::default()
+        };
+        let config = Config {
+            render,
+            ..Config::default()
+        };
+        let error = config.check().unwrap_err().to_string();
+        assert!(error.contains("render.threads"), "{error}");
+    }
+}

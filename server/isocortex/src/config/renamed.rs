@@ -1,0 +1,82 @@
+//! Keys of configuration files of before: they were all at the top, and are accepted there with a warning.
+
+use std::fmt;
+
+use toml::{Table, Value};
+
+/// Section and key of today, for each key of before.
+const RENAMED: [(&str, &str, &str); 22] = [
+    ("listen", "http", "listen"),
+    ("token", "http", "token"),
+    ("token_file", "http", "token_file"),
+    ("max_connections", "http", "max_connections"),
+    ("header_timeout_secs", "http", "header_timeout_secs"),
+    ("answer_timeout_secs", "http", "answer_timeout_secs"),
+    ("upload_idle_secs", "http", "upload_idle_secs"),
+    ("upload_timeout_secs", "http", "upload_timeout_secs"),
+    ("shutdown_grace_secs", "http", "shutdown_grace_secs"),
+    ("body_cache_bytes", "http", "body_cache_bytes"),
+    ("max_upload_bytes", "limits", "max_upload_bytes"),
+    ("max_voxels", "limits", "max_voxels"),
+    ("max_queued_cases", "limits", "max_queued_cases"),
+    ("max_queued_renders", "limits", "max_queued_renders"),
+    ("prepare_workers", "prepare", "workers"),
+    ("network", "prepare", "network"),
+    ("render_threads", "render", "threads"),
+    ("gpu", "render", "gpu"),
+    ("gpu_case_bytes", "render", "gpu_case_bytes"),
+    ("model_cache_bytes", "render", "model_cache_bytes"),
+    ("data", "storage", "data"),
+    ("min_free_bytes", "storage", "min_free_bytes"),
+];
+
+/// A key that was accepted under its name of before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RenamedKey {
+    before: &'static str,
+    section: &'static str,
+    key: &'static str,
+}
+
+impl fmt::Display for RenamedKey {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            before,
+            section,
+            key,
+        } = self;
+        write!(
+            formatter,
+            "the configuration has `{before}` at its top: write `{key}` in the section [{section}] instead"
+        )
+    }
+}
+
+/// A key is there under both of its names.
+pub(super) struct Twice(pub(super) RenamedKey);
+
+/// Moves keys of before into their sections; which they were.
+pub(super) fn move_into_sections(table: &mut Table) -> Result<Vec<RenamedKey>, Twice> {
+    let mut moved = Vec::new();
+    for (before, section, key) in RENAMED {
+        let Some(value) = table.remove(before) else {
+            continue;
+        };
+        let renamed = RenamedKey {
+            before,
+            section,
+            key,
+        };
+        let section = table
+            .entry(section)
+            .or_insert_with(|| Value::Table(Table::new()));
+        // A section that is no table is refused when the sections are read.
+        if let Value::Table(section) = section
+            && section.insert(key.to_owned(), value).is_some()
+        {
+            return Err(Twice(renamed));
+        }
+        moved.push(renamed);
+    }
+    Ok(moved)
+}

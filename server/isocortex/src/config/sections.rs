@@ -1,0 +1,185 @@
+//! The sections of a configuration, each with its defaults. The keys of the file are the names of the fields.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+
+use cases::pictures::GpuUse;
+use pipeline::HeadLimits;
+use serde::Deserialize;
+
+/// The address to listen at where none is configured.
+pub const DEFAULT_LISTEN: SocketAddr =
+    SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 8640);
+
+/// `[http]`: who may ask, and how long it may take.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Http {
+    /// Where to listen. Anything but this machine's own addresses needs a token.
+    pub listen: SocketAddr,
+    /// The bearer token that every request under `/v1` must carry.
+    pub token: Option<Secret>,
+    /// A file that holds the token, instead of `token`.
+    pub token_file: Option<PathBuf>,
+    /// Connections at a time. Of those beyond only health checks are answered.
+    pub max_connections: usize,
+    /// Of these, how many may come from one address. Behind a proxy all have one.
+    pub max_connections_per_address: usize,
+    /// Uploads at a time.
+    pub max_uploads: usize,
+    /// How fast a client must send a body, and take an answer, on average after the first seconds, in bytes a second.
+    pub least_bytes_per_second: u64,
+    /// For how long a client may be slower at first, in seconds.
+    pub slow_start_secs: u64,
+    /// Time for the headers of a request, in seconds; also how long a connection may be idle.
+    pub header_timeout_secs: u64,
+    /// Time for an answer, in seconds.
+    pub answer_timeout_secs: u64,
+    /// Time within which the next bytes of an upload must come, or of an answer be taken, in seconds.
+    pub upload_idle_secs: u64,
+    /// Time for a whole upload, in seconds.
+    pub upload_timeout_secs: u64,
+    /// Time for work to finish when the server is stopped, in seconds.
+    pub shutdown_grace_secs: u64,
+    /// Memory for compressed bodies, in bytes.
+    pub body_cache_bytes: u64,
+}
+
+impl Default for Http {
+    fn default() -> Self {
+        Self {
+            listen: DEFAULT_LISTEN,
+            token: None,
+            token_file: None,
+            max_connections: 512,
+            max_connections_per_address: 256,
+            max_uploads: 64,
+            least_bytes_per_second: 10_000,
+            slow_start_secs: 10,
+            header_timeout_secs: 10,
+            answer_timeout_secs: 60,
+            upload_idle_secs: 30,
+            upload_timeout_secs: 3600,
+            shutdown_grace_secs: 20,
+            body_cache_bytes: 64 << 20,
+        }
+    }
+}
+
+/// `[limits]`: how much may be asked for.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// The largest accepted upload, in bytes.
+    pub max_upload_bytes: u64,
+    /// The largest accepted volume, in voxels: each takes two bytes, and a gzip can hold many in a few.
+    pub max_voxels: usize,
+    /// The shortest edge of a voxel, in mm. What is beyond this and the four next limits is no head: it is refused at once.
+    pub min_voxel_mm: f64,
+    /// The longest edge of a voxel, in mm.
+    pub max_voxel_mm: f64,
+    /// The shortest side of a volume, in mm; infants and specimens may need a smaller one.
+    pub min_field_mm: f64,
+    /// The longest side of a volume, in mm.
+    pub max_field_mm: f64,
+    /// How much longer than another edge one of a voxel may be.
+    pub max_voxel_ratio: f64,
+    /// How many cases may wait to be prepared.
+    pub max_queued_cases: usize,
+    /// Renders that may wait for a thread.
+    pub max_queued_renders: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        let head = HeadLimits::default();
+        Self {
+            max_upload_bytes: 1 << 30,
+            max_voxels: 64 << 20,
+            min_voxel_mm: head.voxel_mm[0],
+            max_voxel_mm: head.voxel_mm[1],
+            min_field_mm: head.field_mm[0],
+            max_field_mm: head.field_mm[1],
+            max_voxel_ratio: head.max_ratio,
+            max_queued_cases: 64,
+            max_queued_renders: 64,
+        }
+    }
+}
+
+/// `[prepare]`: how cases are prepared.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Prepare {
+    /// Cases prepared at a time.
+    pub workers: usize,
+    /// How long a preparation may take, in seconds; then the case fails.
+    pub max_secs: u64,
+    /// The file with the weights of the network that extracts brains; by default the one beside the program, if there is one.
+    pub network: Option<PathBuf>,
+}
+
+impl Default for Prepare {
+    fn default() -> Self {
+        Self {
+            workers: 1,
+            max_secs: 900,
+            network: None,
+        }
+    }
+}
+
+/// `[render]`: who draws.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Render {
+    /// Threads that render.
+    pub threads: usize,
+    /// Whether pictures may be drawn by a graphics device.
+    pub gpu: GpuUse,
+    /// Memory of the graphics device for cases, in bytes.
+    pub gpu_case_bytes: u64,
+    /// Memory for warm cases, in bytes.
+    pub model_cache_bytes: u64,
+}
+
+impl Default for Render {
+    fn default() -> Self {
+        Self {
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            gpu: GpuUse::default(),
+            gpu_case_bytes: 1 << 30,
+            model_cache_bytes: 512 << 20,
+        }
+    }
+}
+
+/// `[storage]`: where the cases are.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Storage {
+    /// The directory of the store.
+    pub data: PathBuf,
+    /// Free bytes on the store's disk below which `/readyz` says that it is full.
+    pub min_free_bytes: u64,
+}
+
+impl Default for Storage {
+    fn default() -> Self {
+        Self {
+            data: PathBuf::from("isocortex-data"),
+            min_free_bytes: 64 << 20,
+        }
+    }
+}
+
+/// A text that is not shown.
+#[derive(Clone, PartialEq, Eq, Deserialize)]
+#[serde(transparent)]
+pub struct Secret(pub String);
+
+impl std::fmt::Debug for Secret {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("Secret(…)")
+    }
+}

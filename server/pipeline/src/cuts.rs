@@ -1,0 +1,36 @@
+//! The faces of the volume that cut a brain, as they are stored.
+
+use case::{CaseFacts, CutFacts};
+use geometry::{Cut, Envelope, Face};
+use glam::DVec3;
+
+use crate::codec::decode_envelope;
+
+/// Which version of the preparation this is; see [`CaseFacts::pipeline`].
+pub(crate) const PIPELINE: u32 = 2;
+
+/// The envelope of a case with what cuts it, from its payload; `None` if that is damaged.
+pub fn envelope_of(facts: &CaseFacts, payload: &[u8]) -> Option<Envelope> {
+    let cuts = facts.cuts.iter().filter_map(cut_of).collect();
+    Some(decode_envelope(payload)?.with_cuts(cuts))
+}
+
+fn cut_of(stored: &CutFacts) -> Option<Cut> {
+    Some(Cut {
+        face: Face::ALL
+            .into_iter()
+            .find(|face| face.name() == stored.face)?,
+        inward: DVec3::from_array(stored.normal),
+        offset_mm: stored.offset_mm,
+    })
+}
+
+/// Cuts as they are stored.
+pub(crate) fn cut_facts(cuts: &[Cut]) -> Vec<CutFacts> {
+    let stored = |cut: &Cut| CutFacts {
+        face: cut.face.name().to_owned(),
+        normal: cut.inward.to_array(),
+        offset_mm: cut.offset_mm,
+    };
+    cuts.iter().map(stored).collect()
+}

@@ -1,0 +1,126 @@
+//! What a head can measure.
+
+use geometry::Grid;
+
+use super::{Limits, from_imaging};
+use case::{Failure, FailureKind};
+
+/// What the volume of a head may measure. Anything else is refused before it is queued: a few kilobytes of a volume that no scanner
+/// makes can cost gigabytes and minutes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadLimits {
+    /// The shortest and the longest edge of a voxel, in mm.
+    pub voxel_mm: [f64; 2],
+    /// The shortest and the longest side of the volume, in mm.
+    pub field_mm: [f64; 2],
+    /// How much longer than another edge one of a voxel may be.
+    pub max_ratio: f64,
+}
+
+impl Default for HeadLimits {
+    fn default() -> Self {
+        Self {
+            voxel_mm: [0.1, 10.0],
+            field_mm: [50.0, 500.0],
+            max_ratio: 20.0,
+        }
+    }
+}
+
+impl HeadLimits {
+    /// The number of voxels of an upload that is a head's as far as its header tells; `start` is the first 64 kB of its volume.
+    ///
+    /// # Errors
+    /// A [`Failure`] that names what is out of its limits, with both numbers.
+    pub fn check(&self, start: &[u8], limits: &Limits) -> Result<usize, Failure> {
+        let grid = imaging::nifti::read_grid(start, limits).map_err(from_imaging)?;
+        self.check_grid(&grid)?;
+        Ok(grid.voxel_count())
+    }
+
+    fn check_grid(&self, grid: &Grid) -> Result<(), Failure> {
+        let edges = grid.spacing_mm();
+        let size = grid.size();
+        let sides = [0, 1, 2].map(|axis| edges[axis] * size[axis] as f64);
+        let within = |values: [f64; 3], [least, most]: [f64; 2]| {
+            // What is written as 10 mm may be 10.000001 mm in single precision.
+            let slack = 1e-4;
+            let range = least * (1.0 - slack)..=most * (1.0 + slack);
+            values.iter().all(|value| range.contains(value))
+        };
+        if !within(edges, self.voxel_mm) {
+            let [least, most] = self.voxel_mm;
+            return Err(refusal(
+                "voxel-size-implausible",
+                format!(
+                    "a voxel measures {} mm; each edge must be {least} to {most} mm",
+                    product(edges)
+                ),
+            ));
+        }
+        if !within(sides, self.field_mm) {
+            let [least, most] = self.field_mm;
+            return Err(refusal(
+                "field-implausible",
+                format!(
+                    "the volume measures {} mm; each side must be {least} to {most} mm",
+                    product(sides)
+                ),
+            ));
+        }
+        let longest = edges.iter().copied().fold(0.0, f64::max);
+        let shortest = edges.iter().copied().fold(f64::INFINITY, f64::min);
+        if longest > self.max_ratio * shortest {
+            let most = self.max_ratio;
+            return Err(refusal(
+                "voxel-ratio-implausible",
+                format!(
+                    "a voxel measures {} mm; no edge may be more than {most} times as long as another",
+                    product(edges)
+                ),
+            ));
+        }
+        Ok(())
+    }
+}
+
+fn product([x, y, z]: [f64; 3]) -> String {
+    let digits = |value: f64| (value * 1000.0).round() / 1000.0;
+    format!("{} × {} × {}", digits(x), digits(y), digits(z))
+}
+
+fn refusal(name: &'static str, what: String) -> Failure {
+    let detail = format!(
+        "{what}, or whoever runs this server must widen its limits; if the volume is a head, mend its header"
+    );
+    Failure::new(FailureKind::Unusable, name, detail)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    fn checked(size: [usize; 3], spacing_mm: [f64; 3]) -> Result<(), String> {
+        let grid = Grid::aligned(size, spacing_mm, DVec3::ZERO).unwrap();
+        let checked = HeadLimits::default().check_grid(&grid);
+        checked.map_err(|failure| failure.name.clone())
+    }
+
+    #[test]
+    fn what_no_head_has_is_refused_by_name() {
+        assert_eq!(checked([256; 3], [1.0; 3]), Ok(()));
+        assert_eq!(checked([512, 512, 24], [0.45, 0.45, 6.5]), Ok(()));
+        assert_eq!(checked([20; 3], [10.000_001; 3]), Ok(()));
+        for (size, spacing, name) in [
+            ([64; 3], [100.0, 100.0, 0.01], "voxel-size-implausible"),
+            ([64; 3], [1.0, 1.0, 10.5], "voxel-size-implausible"),
+            ([40, 200, 200], [1.0; 3], "field-implausible"),
+            ([256; 3], [2.0, 2.0, 1.0], "field-implausible"),
+            ([20, 20, 500], [10.0, 10.0, 0.2], "voxel-ratio-implausible"),
+        ] {
+            assert_eq!(checked(size, spacing), Err(name.to_owned()));
+        }
+    }
+}

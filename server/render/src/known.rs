@@ -1,0 +1,45 @@
+//! What of an isosurface is known: a head that its volume cuts has none beside the cut.
+
+use geometry::{Cut, DepthField};
+
+use crate::rays::{Rays, single};
+use crate::surface::PointRow;
+
+/// The greatest number of faces that cut a head.
+pub(crate) const MOST_CUTS: usize = 6;
+
+/// A plane in voxel coordinates of the depth field: what it weighs less than nothing is unknown.
+pub(crate) type CutPlane = [f32; 4];
+
+/// What of the isosurface at a depth is unknown: behind which planes it lies, in mm.
+pub(crate) fn cut_planes(field: &DepthField, depth_mm: f64) -> Vec<CutPlane> {
+    let voxel_mm = f64::from(field.spacing_mm());
+    let origin = field.grid().patient_from_voxel().translation;
+    let least_mm = Cut::least_distance_mm(depth_mm, voxel_mm);
+    let plane = |cut: &Cut| {
+        let [x, y, z] = single(cut.inward * voxel_mm);
+        [x, y, z, (cut.distance_mm(origin) - least_mm) as f32]
+    };
+    field.cuts().iter().map(plane).collect()
+}
+
+/// Takes the points from a row of pixels that are unknown.
+pub(crate) fn leave_bare(planes: &[CutPlane], rays: &Rays, row: usize, points: &mut PointRow) {
+    if planes.is_empty() {
+        return;
+    }
+    for (column, height) in points.heights.iter_mut().enumerate() {
+        let place = rays
+            .through(column as f32 + 0.5, row as f32 + 0.5)
+            .at(*height);
+        if height.is_finite() && !is_known(planes, place) {
+            *height = f32::NEG_INFINITY;
+        }
+    }
+}
+
+fn is_known(planes: &[CutPlane], [x, y, z]: [f32; 3]) -> bool {
+    planes.iter().all(|[along_x, along_y, along_z, offset]| {
+        along_x * x + along_y * y + along_z * z + offset >= 0.0
+    })
+}

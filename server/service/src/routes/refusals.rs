@@ -1,0 +1,85 @@
+//! A parser's words about a value, without the value: it may be anything, such as a patient's name.
+
+/// What is wrong, as a sentence that begins with its verb. Of what the client sent it repeats nothing.
+///
+/// The parsers put what they expected behind what they found, so that the last `expected` is never the client's.
+pub(super) fn without_input(reason: &str) -> String {
+    let expected = || reason.rsplit_once("expected ").map(|(_, words)| words);
+    if reason.starts_with("unknown field ") {
+        return format!("has a key that is not known here; {}", known(reason));
+    }
+    let is_of_a_wrong_kind = ["unknown variant ", "invalid type: ", "invalid value: "]
+        .iter()
+        .any(|start| reason.starts_with(start));
+    if is_of_a_wrong_kind || reason.starts_with("invalid length ") {
+        let words = expected().map(without_place);
+        return words.map_or("cannot be read".to_owned(), |words| {
+            format!("must be {words}")
+        });
+    }
+    if reason.contains("float literal") || reason.contains("float from empty string") {
+        return "must be a number".to_owned();
+    }
+    if reason.contains("found in string") || reason.contains("integer from empty string") {
+        return "must be a whole number, not negative".to_owned();
+    }
+    format!("cannot be read: {reason}")
+}
+
+/// The keys that are known, of a parser's words about one that is not.
+pub(super) fn known(reason: &str) -> String {
+    let expected = reason.rsplit_once("`, expected ");
+    expected.map_or("none is".to_owned(), |(_, keys)| {
+        format!(
+            "known: {}",
+            without_place(keys).trim_start_matches("one of ")
+        )
+    })
+}
+
+/// JSON's parser says the line and column at the end.
+fn without_place(words: &str) -> &str {
+    words.split(" at line ").next().unwrap_or(words)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only the errors are looked at")]
+    struct Example {
+        depth_mm: f32,
+        side: Side,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum Side {
+        Left,
+        Right,
+    }
+
+    fn words(json: &str) -> String {
+        let error = serde_json::from_str::<Example>(json).unwrap_err();
+        without_input(&error.to_string())
+    }
+
+    #[test]
+    fn what_is_expected_is_said_and_what_was_sent_is_not() {
+        let unknown = "has a key that is not known here; known: `depth_mm` or `side`";
+        let cases = [
+            (r#"{"Smith": 1}"#, unknown),
+            (r#"{"Smith`, expected `Smith": 1}"#, unknown),
+            (r#"{"depth_mm": "Smith"}"#, "must be f32"),
+            (r#"{"depth_mm": "Smith, expected Smith"}"#, "must be f32"),
+            (r#"{"side": "Smith"}"#, "must be `left` or `right`"),
+        ];
+        for (json, expected) in cases {
+            assert_eq!(words(json), expected, "{json}");
+        }
+    }
+}

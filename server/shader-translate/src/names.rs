@@ -1,0 +1,70 @@
+//! The names of a translated shader's variables, and where the fields of its blocks are.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use render::gpu::PAGE_SHADERS;
+
+use crate::translate::{Translated, validated};
+
+/// The listing of names and offsets for the page.
+pub(crate) fn listing(translated: &[(&str, Translated)]) -> String {
+    let mut shaders = PAGE_SHADERS.iter();
+    let shrink = shaders.find(|shader| shader.file == "shrink.vert.glsl");
+    let shrink = shrink.expect("the page has this shader");
+    let (module, _) = validated(shrink.source);
+    let quoted = |pairs: &BTreeMap<String, String>| {
+        let pairs = pairs
+            .iter()
+            .map(|(key, value)| format!("{key:?}: {value:?}"));
+        pairs.collect::<Vec<_>>().join(", ")
+    };
+    let mut json = String::from("{\n  \"shaders\": {\n");
+    for (place, (file, shader)) in translated.iter().enumerate() {
+        let groups = shader.names.iter();
+        let groups: Vec<_> = groups
+            .map(|(group, names)| {
+                format!("      {group:?}: {{ {} }}", quoted(names)).replace("{  }", "{}")
+            })
+            .collect();
+        let comma = if place + 1 < translated.len() {
+            ","
+        } else {
+            ""
+        };
+        let _ = writeln!(
+            json,
+            "    {file:?}: {{\n{}\n    }}{comma}",
+            groups.join(",\n")
+        );
+    }
+    json.push_str("  },\n  \"blocks\": {\n");
+    for (name, comma) in [("Picture", ","), ("Paths", "")] {
+        let (fields, bytes) = layout(&module, name);
+        let fields: Vec<_> = fields
+            .into_iter()
+            .map(|(field, offset)| format!("        {field:?}: {offset}"))
+            .collect();
+        let _ = writeln!(
+            json,
+            "    {name:?}: {{\n      \"bytes\": {bytes},\n      \"offsets\": {{\n{}\n      }}\n    }}{comma}",
+            fields.join(",\n")
+        );
+    }
+    json.push_str("  }\n}\n");
+    json
+}
+
+/// The names and offsets of a struct's fields, and its size.
+fn layout(module: &naga::Module, name: &str) -> (Vec<(String, u32)>, u32) {
+    let mut types = module.types.iter();
+    let found = types.find(|(_, found)| found.name.as_deref() == Some(name));
+    let Some(naga::TypeInner::Struct { members, span }) = found.map(|(_, found)| &found.inner)
+    else {
+        panic!("{name} is no struct of the shaders");
+    };
+    let fields = members
+        .iter()
+        .map(|member| (member.name.clone().unwrap_or_default(), member.offset));
+    (fields.collect(), *span)
+}

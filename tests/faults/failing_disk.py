@@ -1,0 +1,65 @@
+"""A disk that fails for a moment: every fsync, or every write of the database, ends with EIO or ENOSPC (by strace).
+
+While it fails uploads answer 5xx and readiness does not say 200. When it is well again so must be the server, without a restart.
+"""
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+from attack import Report, Server, head, skip
+
+FAULTS = [
+    ("fsync fails", "fsync,fdatasync", "fsync,fdatasync:error=EIO"),
+    ("positioned writes fail", "pwrite64", "pwrite64:error=EIO"),
+    ("no room for positioned writes", "pwrite64", "pwrite64:error=ENOSPC"),
+    ("every third fsync fails", "fsync,fdatasync", "fsync,fdatasync:error=EIO:when=1+3"),
+]
+
+
+def break_disk(server, trace, inject):
+    """Attaches to the server; every traced call fails from then on."""
+    command = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={trace}", "-e", f"inject={inject}", "-p", str(server.process.pid)]
+    tracer = subprocess.Popen(command, stderr=subprocess.PIPE)
+    time.sleep(1)
+    if tracer.poll() is not None:
+        skip(f"strace cannot attach: {tracer.stderr.read().decode()[-200:]}")
+    return tracer
+
+
+def main():
+    if not shutil.which("strace"):
+        skip("strace is not installed")
+    report = Report("a disk that fails for a moment")
+    for name, trace, inject in FAULTS:
+        with Server() as server:
+            kept = server.prepared(head(8.0, 1))
+            tracer = break_disk(server, trace, inject)
+            try:
+                broken = [server.upload(head(8.0, seed), timeout=30)[0] for seed in range(10, 16)]
+                ready = server.ask("GET", "/readyz")[0]
+                reads = [server.ask("GET", f"{kept}{rest}")[0] for rest in ("", "/mesh")]
+            finally:
+                tracer.send_signal(signal.SIGINT)
+                tracer.wait(20)
+            after = [server.upload(head(8.0, seed), timeout=30) for seed in range(30, 36)]
+            statuses = [status for status, _, _ in after]
+            report.figure(name, f"uploads {broken}, readyz {ready}, reads {reads}; afterwards {statuses}")
+            # Readiness makes a small file durable, and writes no row for good.
+            if name == "fsync fails":
+                report.expect(f"{name}: readiness says so", ready in (503, 507), ready)
+            if "ENOSPC" in inject:
+                report.expect(f"{name}: uploads answer 507", all(s == 507 for s in broken), broken)
+            report.expect(f"{name}: reads go on", reads == [200, 200], reads)
+            report.expect(f"{name}: uploads go on afterwards", all(s == 202 for s in statuses), statuses)
+            states = [server.until_settled(h["location"], 40).get("state") for s, h, _ in after if s == 202]
+            report.expect(f"{name}: and get ready", states == ["ready"] * 6, states)
+            report.expect(f"{name}: ready at the end", server.ask("GET", "/readyz")[0] == 200)
+            depth = server.log().count("non-zero transaction depth")
+            report.expect(f"{name}: no connection is left inside its transaction", depth == 0, f"{depth} times in the log")
+    report.end()
+
+
+main()

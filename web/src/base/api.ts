@@ -1,0 +1,196 @@
+// The server's interface. The token, if one is asked for, lives in this module's memory alone.
+
+import type { Case, ProblemBody } from "../model/case.ts";
+import { EventReader } from "./events.ts";
+
+let token = "";
+let askForToken: (refused: boolean) => Promise<string> = async () => "";
+let hearReach: (reachable: boolean) => void = () => {};
+let reachable = true;
+
+/** An answer that is not a success. */
+export class Problem extends Error {
+  constructor(
+    /** 0 where there was no answer. */
+    readonly status: number,
+    /** The last part of the problem's type, `no-such-case` for one; empty where it has none. */
+    readonly kind: string,
+    /** The server's own sentence; empty where it gave none. */
+    readonly detail: string,
+    /** Seconds after which the server would like to be asked again; 0 where it did not say. */
+    readonly retryAfter = 0,
+  ) {
+    super(detail || kind || `status ${status}`);
+  }
+}
+
+/** `ask(refused)` resolves to the token that the user typed; it is called whenever the server answers 401. */
+export function onTokenWanted(ask: (refused: boolean) => Promise<string>): void {
+  // Many requests may be refused at once; the user is asked once.
+  let asking: Promise<string> | null = null;
+  askForToken = (refused) => (asking ??= ask(refused).finally(() => (asking = null)));
+}
+
+/** `hear` is told when the server ceases to answer, and when it answers again. */
+export function onReach(hear: (reachable: boolean) => void): void {
+  hearReach = hear;
+}
+
+function reached(now: boolean): void {
+  if (now === reachable) return;
+  reachable = now;
+  hearReach(now);
+  if (!now) void knock();
+}
+
+/** Asks a silent server again and again, until it answers. */
+async function knock(): Promise<void> {
+  while (!reachable) {
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+    try {
+      // A server that is starting or stopping is not there yet.
+      reached((await fetch("readyz", { cache: "no-store" })).ok);
+    } catch {
+      // Still silent.
+    }
+  }
+}
+
+const authorization = (): Record<string, string> => (token ? { authorization: `Bearer ${token}` } : {});
+
+/** Waits for another token than the one `sent` where `problem` is a 401; true when it is worth trying again. */
+async function tokenEntered(problem: unknown, sent: string): Promise<boolean> {
+  if (!(problem instanceof Problem) || problem.status !== 401) return false;
+  // Another request may have brought a token in the meantime.
+  if (token === sent) token = await askForToken(sent !== "");
+  return token !== "";
+}
+
+/** A successful answer; anything else is a `Problem`, or the signal's reason. */
+export async function send(path: string, options: RequestInit = {}): Promise<Response> {
+  for (;;) {
+    const sent = token;
+    let response: Response;
+    try {
+      response = await fetch(path, { ...options, headers: { ...options.headers, ...authorization() } });
+    } catch (error) {
+      if (options.signal?.aborted) throw error;
+      reached(false);
+      throw new Problem(0, "unreachable", "");
+    }
+    reached(true);
+    if (response.ok) return response;
+    const problem = problemFrom(response.status, response.headers, await response.text().catch(() => ""));
+    if (!(await tokenEntered(problem, sent))) throw problem;
+  }
+}
+
+/** Reads a problem+json body; another body is not shown. */
+export function problemFrom(status: number, headers: { get(name: string): string | null }, body: string): Problem {
+  let problem: ProblemBody = {};
+  if (headers.get("content-type")?.includes("json")) {
+    try {
+      problem = JSON.parse(body) as ProblemBody;
+    } catch {
+      // A body that is no JSON says nothing to the user; the status does.
+    }
+  }
+  const kind =
+    String(problem.type ?? "")
+      .split(":")
+      .at(-1) ?? "";
+  return new Problem(
+    status,
+    kind,
+    String(problem.detail ?? problem.title ?? ""),
+    Number(headers.get("retry-after")) || 0,
+  );
+}
+
+/** A page of cases, newest first; `next` is the cursor of the page after, if any. */
+export interface CasePage {
+  readonly cases: readonly Case[];
+  readonly next?: string;
+}
+
+export async function listCases(after: string | null): Promise<CasePage> {
+  const query = after ? `?${new URLSearchParams({ after })}` : "";
+  return (await send(`v1/cases${query}`, { cache: "no-store" })).json() as Promise<CasePage>;
+}
+
+export async function getCase(id: string): Promise<Case> {
+  return (await send(`v1/cases/${id}`, { cache: "no-store" })).json() as Promise<Case>;
+}
+
+/** Deletes a case for good. */
+export async function deleteCase(id: string): Promise<void> {
+  await send(`v1/cases/${id}`, { method: "DELETE" });
+}
+
+/** Follows a case until it is ready, has failed or is gone (null). */
+export async function watchCase(id: string, signal: AbortSignal, hear: (now: Case | null) => void): Promise<void> {
+  const response = await send(`v1/cases/${id}/events`, { signal, cache: "no-store" });
+  const reader = response.body?.pipeThrough(new TextDecoderStream()).getReader();
+  const events = new EventReader();
+  for (;;) {
+    const piece = await reader?.read();
+    if (!piece || piece.done) return;
+    for (const { event, data } of events.read(piece.value)) {
+      if (event === "gone") hear(null);
+      if (event === "case") hear(JSON.parse(data) as Case);
+    }
+  }
+}
+
+/** A picture of a case; `path` begins with the case's id. */
+export async function getPicture(path: string, signal?: AbortSignal): Promise<Blob> {
+  return (await send(`v1/cases/${path}`, signal ? { signal } : {})).blob();
+}
+
+/** How many bytes of an upload are sent. */
+export interface UploadProgress {
+  readonly loaded: number;
+  readonly total: number;
+}
+
+/** What became of an upload. */
+export interface Uploaded {
+  readonly created: Case;
+  /** Whether the same slices, mask and parameters were a case already. */
+  readonly wasThere: boolean;
+}
+
+/** Uploads a form and resolves to the case; `observe` hears how much is sent (fetch cannot tell that). */
+export async function uploadCase(
+  form: FormData,
+  signal: AbortSignal,
+  observe: (progress: UploadProgress) => void,
+): Promise<Uploaded> {
+  for (;;) {
+    const sent = token;
+    try {
+      return await postForm(form, signal, observe);
+    } catch (error) {
+      if (!(await tokenEntered(error, sent))) throw error;
+    }
+  }
+}
+
+function postForm(form: FormData, signal: AbortSignal, observe: (progress: UploadProgress) => void): Promise<Uploaded> {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open("POST", "v1/cases");
+    for (const [name, value] of Object.entries(authorization())) request.setRequestHeader(name, value);
+    request.upload.onprogress = ({ loaded, total, lengthComputable }) => lengthComputable && observe({ loaded, total });
+    request.onerror = () => reject(new Problem(0, "upload-cut-off", ""));
+    request.onabort = () => reject(signal.reason as Error);
+    request.onload = () => {
+      if (request.status >= 200 && request.status < 300) {
+        return resolve({ created: JSON.parse(request.responseText) as Case, wasThere: request.status === 200 });
+      }
+      reject(problemFrom(request.status, { get: (name) => request.getResponseHeader(name) }, request.responseText));
+    };
+    signal.addEventListener("abort", () => request.abort(), { once: true });
+    request.send(form);
+  });
+}

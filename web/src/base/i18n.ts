@@ -1,0 +1,74 @@
+// The page's words, each language in a file of its own: only the one that is spoken is fetched.
+
+import type english from "../words.en.json";
+
+export type Key = keyof typeof english;
+export type Words = Readonly<Record<Key, string>>;
+
+export const LANGUAGES = { en: "English", "pt-BR": "Português" } as const;
+export type Language = keyof typeof LANGUAGES;
+
+let language: Language = "en";
+let words: Words = {} as Words;
+
+export const isLanguage = (text: unknown): text is Language => typeof text === "string" && text in LANGUAGES;
+
+/** The page's language for what a browser says it prefers. */
+export const languageFor = (preferred: readonly string[]): Language => {
+  for (const tag of preferred) {
+    if (/^pt\b/i.test(tag)) return "pt-BR";
+    if (/^en\b/i.test(tag)) return "en";
+  }
+  return "en";
+};
+
+export function speak(wanted: Language, its: Words): void {
+  language = wanted;
+  words = its;
+}
+
+/** Fetches a language's words and speaks it; a server that does not answer is asked again. */
+export async function learn(wanted: Language): Promise<void> {
+  for (;;) {
+    try {
+      const response = await fetch(`words.${wanted}.json`);
+      if (response.ok) return speak(wanted, (await response.json()) as Words);
+    } catch {
+      // Asked again below.
+    }
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+  }
+}
+
+export const spoken = (): Language => language;
+
+/** The words of a key, `{name}` being replaced by the value of that name. */
+export function t(key: Key, values: Readonly<Record<string, string | number>> = {}): string {
+  return words[key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
+}
+
+/** The key where the page has words for it. */
+export const known = (key: string): Key | null => (key in words ? (key as Key) : null);
+
+/** A number as the language writes it, with exactly so many digits after the point. */
+export function number(value: number, digits = 0): string {
+  const format = new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  // No minus before a zero.
+  return format.format(Number(value.toFixed(digits)) === 0 ? 0 : value);
+}
+
+/** The day as the language writes it, of an RFC 3339 text. */
+export const day = (text: string): string =>
+  new Intl.DateTimeFormat(language, { dateStyle: "medium" }).format(new Date(text));
+
+/** Day and time as the language writes them, of an RFC 3339 text. */
+export const moment = (text: string): string =>
+  new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short", hourCycle: "h23" }).format(
+    new Date(text),
+  );
+
+/** An intensity: three figures, or all before the point. */
+export function intensity(value: number): string {
+  const size = Math.abs(value);
+  return number(value, size >= 100 || size === 0 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 4);
+}

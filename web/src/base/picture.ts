@@ -1,0 +1,98 @@
+// A picture that follows what is wanted: one request at a time, always the latest wish next, never an older answer
+// over a newer one. What is written on a picture changes in the same moment as the picture.
+
+import { Problem, getPicture } from "./api.ts";
+
+/** How often a busy server (503) is asked again before that is an error. */
+const BUSY_TRIES = 5;
+
+interface Wish<About> {
+  readonly path: string;
+  readonly about: About;
+}
+
+export interface PictureListener<About> {
+  /** Puts a picture up, with what was given beside its path. */
+  put(image: HTMLImageElement, about: About): void;
+  /** The latest wish cannot be had; null: it was. */
+  complain(problem: unknown): void;
+}
+
+export class FollowingPicture<About> {
+  #wish: Wish<About> | null = null;
+  #shown: string | null = null;
+  #running = false;
+  readonly #listener: PictureListener<About>;
+  readonly #load: (path: string) => Promise<Blob>;
+
+  constructor(listener: PictureListener<About>, load: (path: string) => Promise<Blob> = getPicture) {
+    this.#listener = listener;
+    this.#load = load;
+  }
+
+  /** Shows the picture at `path` as soon as may be. */
+  show(path: string, about: About): void {
+    this.#wish = { path, about };
+    if (!this.#running && path !== this.#shown) void this.#run();
+  }
+
+  /** Asks once more for what is wanted and could not be had. */
+  again(): void {
+    if (this.#wish && !this.#running && this.#wish.path !== this.#shown) void this.#run();
+  }
+
+  /** Wants nothing any more. */
+  stop(): void {
+    this.#wish = null;
+  }
+
+  async #run(): Promise<void> {
+    this.#running = true;
+    while (this.#wish && this.#wish.path !== this.#shown) {
+      const wish: Wish<About> = this.#wish;
+      try {
+        const image = await this.#patiently(wish);
+        // One that is wanted no more is shown all the same, as long as anything is: the picture follows.
+        if (!this.#wish) break;
+        this.#shown = wish.path;
+        this.#listener.put(image, wish.about);
+        this.#listener.complain(null);
+      } catch (error) {
+        if (wish === this.#wish) {
+          this.#shown = null;
+          this.#listener.complain(error);
+          break;
+        }
+      }
+    }
+    this.#running = false;
+  }
+
+  async #patiently(wish: Wish<About>): Promise<HTMLImageElement> {
+    for (let attempt = 1; ; attempt += 1) {
+      try {
+        return await decoded(await this.#load(wish.path));
+      } catch (error) {
+        const busy = error instanceof Problem && error.status === 503;
+        if (!busy || attempt === BUSY_TRIES || wish !== this.#wish) throw error;
+        await new Promise((resolve) => setTimeout(resolve, 1000 * Math.min(error.retryAfter || 1, 5)));
+      }
+    }
+  }
+}
+
+/** An image element that is ready to be painted. */
+export async function decoded(blob: Blob): Promise<HTMLImageElement> {
+  const image = new Image();
+  const address = URL.createObjectURL(blob);
+  try {
+    image.src = address;
+    await image.decode();
+    image.draggable = false;
+    return image;
+  } catch {
+    throw new Problem(0, "picture-unreadable", "");
+  } finally {
+    URL.revokeObjectURL(address);
+  }
+}

@@ -1,0 +1,37 @@
+// Numbers of a place, in words.
+
+import type { ReadyCase } from "../model/case.ts";
+import { number } from "./i18n.ts";
+import { type Vec3, inverted, transform } from "../model/space.ts";
+
+const SIDES = [
+  ["L", "R"],
+  ["P", "A"],
+  ["S", "I"],
+] as const;
+
+/** `L 32.1 · A 12.0 · S 45.2`, in mm; a line is never broken between a letter and its number. */
+export function positionWords(position_in_patient: Vec3): string {
+  return position_in_patient
+    .map((value, axis) => `${SIDES[axis]?.[value < 0 ? 1 : 0] ?? ""}\u00a0${number(Math.abs(value), 1)}`)
+    .join(" · ");
+}
+
+/** The voxel of the volume as it was acquired, counted from 0; null beside the volume. */
+export function voxelAt(shown: ReadyCase, position_in_patient: Vec3): Vec3 | null {
+  const voxel_from_patient = inverted(shown.volume.patient_from_voxel);
+  if (!voxel_from_patient) return null;
+  const voxel = transform(voxel_from_patient, position_in_patient).map(Math.round) as unknown as Vec3;
+  const inside = voxel.every((value, axis) => value >= 0 && value < (shown.volume.size[axis] ?? 0));
+  // No minus before a zero.
+  return inside ? [voxel[0] + 0, voxel[1] + 0, voxel[2] + 0] : null;
+}
+
+/** Lengths that a scale bar may have, in mm. */
+const BARS_MM = [1, 2, 5, 10, 20, 50, 100, 200] as const;
+
+/** The longest round length that is at most `longest` pixels. */
+export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: number; readonly pixels: number } {
+  const mm = BARS_MM.findLast((bar) => bar / mm_per_pixel <= longest) ?? BARS_MM[0];
+  return { mm, pixels: mm / mm_per_pixel };
+}

@@ -1,0 +1,82 @@
+// A case as the server tells of it.
+
+import type { Affine, Vec3 } from "./space.ts";
+
+/** A DICOM window (PS3.3 C.11.2.1.2, LINEAR), in intensities. */
+export interface Window {
+  readonly center: number;
+  readonly width: number;
+}
+
+/** A sphere in the patient. */
+export interface Sphere {
+  readonly center_in_patient: Vec3;
+  readonly radius_mm: number;
+}
+
+/**
+ * A plane in the patient: the points whose product with the normal is `offset_mm`. The normal is of length 1, to the
+ * left.
+ */
+export interface MirrorPlane {
+  readonly normal: Vec3;
+  readonly offset_mm: number;
+}
+
+/** A problem of RFC 9457. */
+export interface ProblemBody {
+  readonly type?: string;
+  readonly title?: string;
+  readonly detail?: string;
+}
+
+/** What is known of every case. */
+interface AnyCase {
+  /** 32 hexadecimal digits. */
+  readonly id: string;
+  readonly name: string | null;
+  /** RFC 3339. */
+  readonly created_at: string;
+  /** The case of which it is a version, with another mask or other parameters. */
+  readonly previous?: string;
+  /** Its own versions. */
+  readonly next?: readonly string[];
+}
+
+export interface WaitingCase extends AnyCase {
+  readonly state: "queued" | "preparing";
+  readonly progress?: { readonly stage: string; readonly fraction: number };
+}
+
+export interface FailedCase extends AnyCase {
+  readonly state: "failed";
+  readonly error?: ProblemBody;
+}
+
+/** How far a mask is to be trusted. */
+export interface Quality {
+  readonly state: "ok" | "review" | "failed";
+  /** In the server's words. */
+  readonly reasons: readonly string[];
+}
+
+/** A case that can be shown. Lengths are in mm, positions in LPS. */
+export interface ReadyCase extends AnyCase {
+  readonly state: "ready";
+  /** The working grid: isotropic, along the patient's axes. */
+  readonly grid: { readonly size: Vec3; readonly spacing_mm: number; readonly patient_from_voxel: Affine };
+  /** The volume as it was acquired. */
+  readonly volume: { readonly size: Vec3; readonly spacing_mm: Vec3; readonly patient_from_voxel: Affine };
+  readonly max_depth_mm: number;
+  readonly envelope_ml: number;
+  /** What zoom 1 fits into a picture. */
+  readonly envelope_sphere: Sphere;
+  /** The plane between the hemispheres; absent where the case is older than its fitting. */
+  readonly midsagittal?: MirrorPlane;
+  /** The faces of the volume that cut the brain, their normals into the volume; absent if none does. */
+  readonly cuts?: readonly MirrorPlane[];
+  readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
+  readonly quality?: Quality;
+}
+
+export type Case = WaitingCase | FailedCase | ReadyCase;

@@ -1,0 +1,241 @@
+// From hands to changes of the state: pure, in pixels of a pane and what is written on keys.
+
+import { NAMED_VIEWS, VIEW_NAMES, type View, type ViewName, project } from "./camera.ts";
+import type { ReadyCase, Window } from "./case.ts";
+import { type Vec2, compose, turnAbout, unit } from "./space.ts";
+import {
+  DEPTH_STEP_MM,
+  FINE_DEPTH_STEP_MM,
+  PAN_LIMIT_MM,
+  type ViewState,
+  WINDOW_PRESETS,
+  type WindowPreset,
+  ZOOM_RANGE,
+  clamp,
+  clampDepth,
+  stepDepth,
+} from "./state.ts";
+
+export type Change = Partial<ViewState>;
+
+/** Where a drag upwards with the right button leads. */
+export const DRAG_DIRECTIONS = ["up-brighter", "up-darker"] as const;
+export type DragDirection = (typeof DRAG_DIRECTIONS)[number];
+
+/** What the wheel does by itself; with alt it does the other. */
+export const WHEEL_USES = ["zoom", "depth"] as const;
+export type WheelUse = (typeof WHEEL_USES)[number];
+
+/** A pane's width and height; in the layout `mirror` those of one half. */
+export type PaneSize = Vec2;
+
+/**
+ * A drag by `move` pixels turns the head as a ball that rolls under the hand, about an axis in the plane of the
+ * picture: no direction is special, so there is no pole. Half the smaller side is one radian.
+ */
+export function turn(state: ViewState, move: Vec2, size: PaneSize): Change {
+  const [right, down] = move;
+  const angle_rad = Math.hypot(right, down) / (0.5 * Math.min(...size));
+  if (!(angle_rad > 0)) return {};
+  return { orientation: unit(compose(turnAbout([down, right, 0], angle_rad), state.orientation)) ?? state.orientation };
+}
+
+const panned = (x: number, y: number): Pick<ViewState, "pan_mm"> => ({
+  pan_mm: [clamp(x, -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(y, -PAN_LIMIT_MM, PAN_LIMIT_MM)],
+});
+
+/** A drag by `move` pixels takes the head with it. */
+export function pan(state: View, shown: ReadyCase, move: Vec2, size: PaneSize): Pick<ViewState, "pan_mm"> {
+  const { mm_per_pixel } = project(state, shown.envelope_sphere, size);
+  return panned(state.pan_mm[0] + move[0] * mm_per_pixel, state.pan_mm[1] - move[1] * mm_per_pixel);
+}
+
+/** Zooms by `factor`; what is at `place` stays there. */
+export function zoomAt(
+  state: View,
+  shown: ReadyCase,
+  factor: number,
+  place: Vec2,
+  size: PaneSize,
+): Pick<ViewState, "zoom" | "pan_mm"> {
+  const zoom = clamp(state.zoom * factor, ...ZOOM_RANGE);
+  const before = project(state, shown.envelope_sphere, size).mm_per_pixel;
+  const shift = before * (state.zoom / zoom) - before;
+  return {
+    zoom,
+    ...panned(state.pan_mm[0] + (place[0] - size[0] / 2) * shift, state.pan_mm[1] - (place[1] - size[1] / 2) * shift),
+  };
+}
+
+/** The pixels of a drag that change the window by the case's own width. */
+const WINDOW_DRAG_PIXELS = 400;
+
+/** A drag by `move` pixels: right is wider; up is brighter or darker, as is preferred. */
+export function dragWindow(state: ViewState, shown: ReadyCase, move: Vec2, drag: DragDirection): Change {
+  const perPixel = (shown.intensity.window.width - 1) / WINDOW_DRAG_PIXELS;
+  // A higher level is a darker picture.
+  const level = (drag === "up-darker" ? -move[1] : move[1]) * perPixel;
+  return {
+    window: boundWindow({ center: state.window.center + level, width: state.window.width + move[0] * perPixel }, shown),
+  };
+}
+
+/**
+ * The nearest window that is of use: its level within the intensities, from black to white a 500th of their range to
+ * twice it.
+ */
+export function boundWindow(window: Window, shown: ReadyCase): Window {
+  const { min, max } = shown.intensity;
+  const range = Math.max(max - min, shown.intensity.window.width - 1);
+  return {
+    center: clamp(window.center, min - range, max + range),
+    width: clamp(window.width, 1 + range / 500, 1 + 2 * range),
+  };
+}
+
+/** Deeper by `steps` steps, fine or not. */
+export function deepen(state: ViewState, shown: ReadyCase, steps: number, fine: boolean): Change {
+  return { depth_mm: clampDepth(stepDepth(state.depth_mm, steps, fine ? FINE_DEPTH_STEP_MM : DEPTH_STEP_MM), shown) };
+}
+
+/** Two fingers: where each was, and where each is. */
+export interface Pinch {
+  readonly from: readonly [Vec2, Vec2];
+  readonly to: readonly [Vec2, Vec2];
+}
+
+/** The head follows two fingers: zoomed by their distance, moved by their middle. */
+export function pinch(
+  state: View,
+  shown: ReadyCase,
+  { from, to }: Pinch,
+  size: PaneSize,
+): Pick<ViewState, "zoom" | "pan_mm"> {
+  const middle = ([a, b]: readonly [Vec2, Vec2]): Vec2 => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
+  const apart = ([a, b]: readonly [Vec2, Vec2]): number => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
+  const [before, after] = [middle(from), middle(to)];
+  const zoomed = { ...state, ...zoomAt(state, shown, apart(to) / apart(from), before, size) };
+  return { zoom: zoomed.zoom, ...pan(zoomed, shown, [after[0] - before[0], after[1] - before[1]], size) };
+}
+
+/** Browsers that count lines have three of them to a notch, the others 100 or 120 pixels. */
+const LINE_PIXELS = 40;
+/** `WheelEvent.DOM_DELTA_PIXEL`. */
+const IN_PIXELS = 0;
+
+/** A wheel's movement in pixels; positive is towards the user. */
+export function wheelPixels({
+  deltaX,
+  deltaY,
+  deltaMode,
+}: Pick<WheelEvent, "deltaX" | "deltaY" | "deltaMode">): number {
+  // Some systems turn the wheel sideways while alt or shift is held.
+  const delta = deltaY || deltaX;
+  return deltaMode === IN_PIXELS ? delta : delta * LINE_PIXELS;
+}
+
+/** Whole notches out of a wheel's or a touchpad's movement, in pixels. */
+export class Notches {
+  #moved = 0;
+
+  take(pixels: number): number {
+    if (Math.abs(pixels) >= LEAST_NOTCH_PIXELS) {
+      this.#moved = 0;
+      return Math.sign(pixels) * Math.max(Math.round(Math.abs(pixels) / NOTCH_PIXELS), 1);
+    }
+    // What is left over from the other direction is forgotten.
+    if (this.#moved * pixels < 0) this.#moved = 0;
+    this.#moved += pixels;
+    const whole = Math.trunc(this.#moved / TOUCHPAD_PIXELS);
+    this.#moved -= whole * TOUCHPAD_PIXELS;
+    return whole;
+  }
+}
+
+/** A wheel's notch, and what is so much at once that it is one; a touchpad's smaller movements are added up. */
+const NOTCH_PIXELS = 120;
+const LEAST_NOTCH_PIXELS = 50;
+const TOUCHPAD_PIXELS = 60;
+
+/** The zoom of a wheel's movement in pixels: a notch of 100 pixels is a sixth more or less. */
+export const wheelZoom = (pixels: number): number => Math.exp(-clamp(pixels, -300, 300) * 0.0015);
+
+/** What changes the state and does nothing else. */
+export type ChangingCommand =
+  | { readonly kind: "depth"; readonly steps: number; readonly fine: boolean }
+  | { readonly kind: "turn" | "pan"; readonly move: Vec2 }
+  | { readonly kind: "zoom"; readonly factor: number }
+  | { readonly kind: "view"; readonly name: ViewName }
+  | { readonly kind: "window"; readonly preset: WindowPreset }
+  | { readonly kind: "invert" | "reset" };
+
+/** What a key asks for. */
+export type Command =
+  ChangingCommand | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" };
+
+/** A key, as a keyboard event has it. */
+export interface Key {
+  readonly key: string;
+  readonly code: string;
+  readonly shiftKey: boolean;
+  readonly altKey: boolean;
+  readonly ctrlKey: boolean;
+  readonly metaKey: boolean;
+}
+
+const ARROWS: Readonly<Record<string, Vec2>> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
+/** How far an arrow turns and moves the head, in pixels of a drag over a pane whose smaller side is 1000. */
+export const ARROW_PIXELS = 40;
+const PLAIN: Readonly<Record<string, Command>> = {
+  i: { kind: "invert" },
+  r: { kind: "reset" },
+  h: { kind: "help" },
+  "?": { kind: "help" },
+  f: { kind: "timer" },
+  o: { kind: "outline" },
+  " ": { kind: "play" },
+  Enter: { kind: "mark" },
+  "+": { kind: "zoom", factor: 1.2 },
+  "=": { kind: "zoom", factor: 1.2 },
+  "-": { kind: "zoom", factor: 1 / 1.2 },
+};
+
+/** The command of a key; null where it has none. Capital letters are views, small ones and signs the rest. */
+export function commandOf(key: Key): Command | null {
+  if (key.ctrlKey || key.metaKey) return key.altKey ? null : steppingOf(key);
+  if (key.altKey) return null;
+  // By the place on the keyboard as well: on many keyboards the brackets cannot be typed without alt.
+  if (key.key === "[" || key.key === "{" || key.code === "BracketLeft")
+    return { kind: "depth", steps: -1, fine: key.shiftKey };
+  if (key.key === "]" || key.key === "}" || key.code === "BracketRight")
+    return { kind: "depth", steps: 1, fine: key.shiftKey };
+  if (key.key === "PageUp" || key.key === "PageDown")
+    return { kind: "depth", steps: key.key === "PageUp" ? -10 : 10, fine: false };
+  const arrow = ARROWS[key.key];
+  if (arrow) return { kind: key.shiftKey ? "pan" : "turn", move: [arrow[0] * ARROW_PIXELS, arrow[1] * ARROW_PIXELS] };
+  const preset = WINDOW_PRESETS[Number(key.key) - 1];
+  if (preset && /^[1-6]$/.test(key.key)) return { kind: "window", preset };
+  // With caps lock a letter's case says nothing of the shift key.
+  const letter = key.key.toLowerCase();
+  const view = VIEW_NAMES.find((name) => name[0] === letter);
+  if (view && key.shiftKey && letter.length === 1) return { kind: "view", name: view };
+  return PLAIN[key.key.length === 1 && !key.shiftKey ? letter : key.key] ?? null;
+}
+
+/** Whether the key undoes, or does again. */
+function steppingOf({ key, shiftKey }: Key): Command | null {
+  const letter = key.toLowerCase();
+  if (letter === "y" && !shiftKey) return { kind: "redo" };
+  return letter === "z" ? { kind: shiftKey ? "redo" : "undo" } : null;
+}
+
+/** The colours with black and white changed over; of coloured maps, inverted grey. */
+export const invert = (state: ViewState): Change => ({ colormap: state.colormap === "inverted" ? "grey" : "inverted" });
+
+/** The camera of a named view: its direction, centred. */
+export const lookFrom = (name: ViewName): Change => ({ orientation: NAMED_VIEWS[name], pan_mm: [0, 0] });

@@ -1,0 +1,157 @@
+// The state in the address: `#<case>&d=8.5&v=left`. What is as at first is left out; what is not understood is passed
+// over.
+
+import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
+import type { ReadyCase, Window } from "./case.ts";
+import { type Change, boundWindow } from "./controls.ts";
+import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
+import {
+  COLORMAPS,
+  LAYOUTS,
+  PAN_LIMIT_MM,
+  SLAB_LIMIT_MM,
+  type ViewState,
+  WAYS,
+  ZOOM_RANGE,
+  clamp,
+  clampDepth,
+  firstState,
+} from "./state.ts";
+
+/** What an address holds. */
+export type Address =
+  | { readonly kind: "none" }
+  /** A case, and its state in a form that only the case can read. */
+  | { readonly kind: "case"; readonly id: string; readonly rest: string }
+  /** Something that is no case. */
+  | { readonly kind: "unknown" };
+
+export function readAddress(fragment: string): Address {
+  const text = fragment.replace(/^#/, "");
+  const [first = "", ...rest] = text.split("&");
+  if (/^[0-9a-f]{32}$/.test(first)) return { kind: "case", id: first, rest: rest.join("&") };
+  return { kind: text === "" ? "none" : "unknown" };
+}
+
+const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
+const list = (values: readonly number[], digits: number): string =>
+  values.map((value) => short(value, digits)).join(",");
+/** To a ten-thousandth of the way from black to white: intensities may be of any size. */
+const windowText = ({ center, width }: Window): string => {
+  const digits = clamp(4 - Math.floor(Math.log10(Math.max(width - 1, 1e-9))), 0, 12);
+  return list([center, width], digits);
+};
+
+export function writeAddress(state: ViewState, shown: ReadyCase): string {
+  const first = firstState(shown);
+  const pairs: [string, string][] = [];
+  const say = (key: string, text: string, usual: string): void => {
+    if (text !== usual) pairs.push([key, text]);
+  };
+  const name = viewName(state.orientation);
+  say("d", short(state.depth_mm, 2), short(first.depth_mm, 2));
+  if (name) say("v", name, "left");
+  else say("q", list(state.orientation, 4), "");
+  say("z", short(state.zoom, 3), "1");
+  say("p", list(state.pan_mm, 1), "0,0");
+  say("w", windowText(state.window), windowText(first.window));
+  say("m", state.colormap, first.colormap);
+  say("s", short(state.slab_mm, 1), "0");
+  say("a", short(state.ambient, 2), short(first.ambient, 2));
+  say("r", state.way, first.way);
+  say("l", state.layout, first.layout);
+  say("c", state.convention === "neurological" ? "n" : "", "");
+  say("x", state.crosshair_mm ? list(state.crosshair_mm, 1) : "", "");
+  return `#${[shown.id, ...pairs.map(([key, text]) => `${key}=${text}`)].join("&")}`;
+}
+
+/** The numbers of a text with commas, exactly so many, all finite; else null. */
+function numbers(text: string | undefined, count: number): number[] | null {
+  if (!text) return null;
+  const values = text.split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
+  return values.length === count && values.every(Number.isFinite) ? values : null;
+}
+
+/** What an address says of a case, and the parts of it that could not be taken as they are. */
+export interface ReadState {
+  readonly state: ViewState;
+  readonly unread: readonly string[];
+}
+
+/** Whether a number was left as it is when it was brought into its range, to a hundredth. */
+const isKept = (before: number, after: number): boolean => Math.abs(before - after) <= 0.0051;
+
+/** What a part's text changes in the state, each by its key; null where it cannot be read or had to be altered. */
+function readers(shown: ReadyCase): Readonly<Record<string, (text: string) => Reading>> {
+  const { center_in_patient, radius_mm } = shown.envelope_sphere;
+  const number = (text: string, low: number, high: number, change: (value: number) => Change): Reading => {
+    const [value] = numbers(text, 1) ?? [];
+    if (value === undefined) return UNREAD;
+    const kept = clamp(value, low, high);
+    return { change: change(kept), isWhole: isKept(value, kept) };
+  };
+  const word = <Word extends string>(text: string, words: readonly Word[], change: (word: Word) => Change): Reading => {
+    const found = words.find((one) => one === text);
+    return found === undefined ? UNREAD : { change: change(found), isWhole: true };
+  };
+  return {
+    d: (text) => number(text, 0, clampDepth(Infinity, shown), (depth) => ({ depth_mm: clampDepth(depth, shown) })),
+    v: (text) => word(text, VIEW_NAMES, (view) => ({ orientation: NAMED_VIEWS[view] })),
+    q: (text) => {
+      const turned = numbers(text, 4) as Quat | null;
+      const orientation = turned && unit(turned);
+      return orientation ? { change: { orientation }, isWhole: true } : UNREAD;
+    },
+    z: (text) => number(text, ...ZOOM_RANGE, (zoom) => ({ zoom })),
+    p: (text) => {
+      const pan = numbers(text, 2) as Vec2 | null;
+      if (!pan) return UNREAD;
+      const kept: Vec2 = [clamp(pan[0], -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(pan[1], -PAN_LIMIT_MM, PAN_LIMIT_MM)];
+      return { change: { pan_mm: kept }, isWhole: pan.every((value, axis) => isKept(value, kept[axis] ?? 0)) };
+    },
+    w: (text) => {
+      const [center, width] = numbers(text, 2) ?? [];
+      if (center === undefined || width === undefined || width < 1) return UNREAD;
+      const window = boundWindow({ center, width }, shown);
+      const tolerance = 1e-3 * width;
+      const isWhole = Math.abs(window.center - center) <= tolerance && Math.abs(window.width - width) <= tolerance;
+      return { change: { window }, isWhole };
+    },
+    m: (text) => word(text, COLORMAPS, (colormap) => ({ colormap })),
+    s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
+    a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),
+    r: (text) => word(text, WAYS, (way) => ({ way })),
+    l: (text) => word(text, LAYOUTS, (layout) => ({ layout })),
+    c: (text) => word(text, ["n"], () => ({ convention: "neurological" })),
+    x: (text) => {
+      const position = numbers(text, 3) as Vec3 | null;
+      const isNear = position?.every(
+        (value, axis) => Math.abs(value - (center_in_patient[axis] ?? 0)) <= 2 * radius_mm,
+      );
+      return position && isNear ? { change: { crosshair_mm: position }, isWhole: true } : UNREAD;
+    },
+  };
+}
+
+interface Reading {
+  readonly change: Change;
+  /** Whether all of the part was taken as it is. */
+  readonly isWhole: boolean;
+}
+
+const UNREAD: Reading = { change: {}, isWhole: false };
+
+/** `base` is the state of what the address does not say. */
+export function readState(rest: string, shown: ReadyCase, base: ViewState = firstState(shown)): ReadState {
+  const byKey = readers(shown);
+  const unread: string[] = [];
+  let state = base;
+  for (const part of rest.split("&").filter((one) => one !== "")) {
+    const at = part.indexOf("=");
+    const key = part.slice(0, Math.max(at, 0));
+    const { change, isWhole } = (Object.hasOwn(byKey, key) && byKey[key]?.(part.slice(at + 1))) || UNREAD;
+    state = { ...state, ...change };
+    if (!isWhole) unread.push(part);
+  }
+  return { state, unread };
+}

@@ -1,0 +1,31 @@
+// The plane between the hemispheres, at which one is mirrored to be compared with the other.
+
+import type { MirrorPlane, ReadyCase, Sphere } from "./case.ts";
+import { dot, scale, subtract, type Affine, type Vec3 } from "./space.ts";
+
+/** The patient's sagittal plane through the sphere's centre. */
+export const plainPlane = ({ center_in_patient }: Sphere): MirrorPlane => ({
+  normal: [1, 0, 0],
+  offset_mm: center_in_patient[0],
+});
+
+/** The plane that was fitted to the head; of a case that has none, the sagittal plane through the sphere's centre. */
+export const mirrorPlane = (shown: Pick<ReadyCase, "midsagittal" | "envelope_sphere">): MirrorPlane =>
+  shown.midsagittal ?? plainPlane(shown.envelope_sphere);
+
+/** How far a position is from the plane, to the patient's left. */
+const distance_mm = (position_in_patient: Vec3, { normal, offset_mm }: MirrorPlane): number =>
+  dot(position_in_patient, normal) - offset_mm;
+
+/** The position mirrored at the plane. */
+export const reflected = (position_in_patient: Vec3, plane: MirrorPlane): Vec3 =>
+  subtract(position_in_patient, scale(plane.normal, 2 * distance_mm(position_in_patient, plane)));
+
+/** The patient mirrored at the plane. */
+export function reflection({ normal, offset_mm }: MirrorPlane): Affine {
+  const row = (axis: 0 | 1 | 2): number[] => {
+    const linear = normal.map((part, column) => (column === axis ? 1 : 0) - 2 * normal[axis] * part);
+    return [...linear, 2 * offset_mm * normal[axis]];
+  };
+  return [row(0), row(1), row(2), [0, 0, 0, 1]];
+}

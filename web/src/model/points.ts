@@ -1,0 +1,71 @@
+// Single points of a case's surface, found on the processor.
+
+import { mirrored, project, towardsViewer } from "./camera.ts";
+import type { ReadyCase } from "./case.ts";
+import { type Depths, firstHit } from "./isosurface.ts";
+import { mirrorPlane, reflected } from "./midsagittal.ts";
+import { type Profile, profileAt } from "./profile.ts";
+import type { Sampler } from "./sampler.ts";
+import { type Vec2, type Vec3, scale } from "./space.ts";
+import type { ViewState } from "./state.ts";
+
+/** The point of the surface that is seen at a place of the pane. */
+export interface Picked {
+  readonly position_in_patient: Vec3;
+  readonly depth_mm: number;
+  /** Null where it is not known (yet). */
+  readonly intensity: number | null;
+  /** Outwards, of length 1. */
+  readonly normal_in_patient: Vec3;
+}
+
+/** The depth and intensity at a position. */
+export interface Probed {
+  readonly depth_mm: number;
+  readonly intensity: number;
+}
+
+/** How far before the envelope's sphere a line of sight begins. */
+const MARGIN_MM = 10;
+
+export class Points {
+  readonly #case: ReadyCase;
+  readonly #depths: Depths;
+  readonly #volume: Sampler;
+
+  constructor(shown: ReadyCase, depths: Depths, volume: Sampler) {
+    this.#case = shown;
+    this.#depths = depths;
+    this.#volume = volume;
+  }
+
+  /** What is seen at a place of a pane of `size`, of which each half is a view in the layout `mirror`; else null. */
+  pick(state: ViewState, [x, y]: Vec2, pane: Vec2): Picked | null {
+    const sphere = this.#case.envelope_sphere;
+    const isMirror = state.layout === "mirror";
+    const size: Vec2 = isMirror ? [pane[0] / 2, pane[1]] : pane;
+    const isOther = isMirror && x >= size[0];
+    const view = isOther ? mirrored(state, mirrorPlane(this.#case), sphere) : state;
+    const place: Vec2 = isOther ? [2 * size[0] - x, y] : [x, y];
+    const reach_mm = sphere.radius_mm + MARGIN_MM;
+    const from = project(view, sphere, size).positionOf([...place, reach_mm]);
+    const direction = scale(towardsViewer(view.orientation), -1);
+    const position = firstHit(this.#depths, { from, direction, reach_mm: 2 * reach_mm }, state.depth_mm);
+    if (!position) return null;
+    const intensity = this.#volume.atPatient(position);
+    return {
+      position_in_patient: position,
+      depth_mm: state.depth_mm,
+      intensity: Number.isNaN(intensity) ? null : intensity,
+      normal_in_patient: scale(this.#depths.inwardAt(position), -1),
+    };
+  }
+
+  profile(position: Vec3): Profile | null {
+    return profileAt(this.#depths, this.#volume, position, reflected(position, mirrorPlane(this.#case)));
+  }
+
+  probe(position: Vec3): Probed {
+    return { depth_mm: this.#depths.depthAt(position), intensity: this.#volume.atPatient(position) };
+  }
+}

@@ -1,0 +1,33 @@
+// Intensity against depth, from the surface inwards along the shortest way, beside the same of the mirrored point.
+
+import { wayIn, type Depths } from "./isosurface.ts";
+import type { Sampler } from "./sampler.ts";
+import type { Vec3 } from "./space.ts";
+
+/** Intensity against depth along the shortest way in from the surface. */
+export interface Profile {
+  /** From 0, equally spaced. */
+  readonly depth_mm: readonly number[];
+  /** NaN outside the volume. */
+  readonly intensity: readonly number[];
+  /** The same at the mirrored point of the other hemisphere. */
+  readonly mirrored: readonly number[];
+}
+
+/** Distance between the samples of a profile, in mm of depth. */
+export const PROFILE_STEP_MM = 0.25;
+
+/** The intensities on the shortest way in through a position. */
+const intensitiesAlong = (depths: Depths, volume: Sampler, position: Vec3): number[] =>
+  wayIn(depths, position, PROFILE_STEP_MM).map((point) => volume.atPatient(point));
+
+/** The curves at a position and at its mirrored one; null where no way leads in from the position. */
+export function profileAt(depths: Depths, volume: Sampler, position: Vec3, opposite: Vec3): Profile | null {
+  const [own, other] = [position, opposite].map((point) => intensitiesAlong(depths, volume, point));
+  if (!own?.length) return null;
+  return {
+    depth_mm: own.map((_, index) => index * PROFILE_STEP_MM),
+    intensity: own,
+    mirrored: own.map((_, index) => other?.[index] ?? NaN),
+  };
+}

@@ -1,0 +1,70 @@
+// The server's pictures of a state.
+
+import { viewName } from "./camera.ts";
+import type { Vec2, Vec3 } from "./space.ts";
+import type { ViewState } from "./state.ts";
+import type { MeshSize } from "./wire.ts";
+
+/** The mesh of the page: 8,000 triangles. */
+export const PAGE_MESH: MeshSize = { contour_count: 80, points_per_contour: 50 };
+/** The same in a query. */
+export const MESH_QUERY = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MESH.points_per_contour}`;
+
+const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
+
+function addColours(query: URLSearchParams, state: ViewState): void {
+  query.set("window", `${Number(state.window.center.toPrecision(12))},${Number(state.window.width.toPrecision(12))}`);
+  if (state.colormap !== "grey") query.set("colormap", state.colormap);
+}
+
+/** What of a state a render depends on. */
+export type RenderState = Pick<
+  ViewState,
+  "depth_mm" | "orientation" | "zoom" | "pan_mm" | "window" | "colormap" | "slab_mm" | "ambient" | "way"
+>;
+
+/** The query of a render of `size` pixels. */
+export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
+  const query = new URLSearchParams({ depth_mm: short(state.depth_mm, 2) });
+  const name = viewName(state.orientation);
+  if (name) query.set("view", name);
+  else query.set("orientation", state.orientation.map((part) => short(part, 6)).join(","));
+  if (state.zoom !== 1) query.set("zoom", short(state.zoom, 4));
+  if (state.pan_mm.some((part) => part !== 0)) query.set("pan", state.pan_mm.map((part) => short(part, 2)).join(","));
+  addColours(query, state as ViewState);
+  if (state.slab_mm > 0) query.set("slab_mm", short(state.slab_mm, 2));
+  query.set("ambient", short(state.ambient, 3));
+  query.set("renderer", state.way === "exact" ? "trace" : "mesh");
+  if (state.way === "mesh") {
+    query.set("contours", String(PAGE_MESH.contour_count));
+    query.set("points", String(PAGE_MESH.points_per_contour));
+  }
+  query.set("width", String(size[0]));
+  query.set("height", String(size[1]));
+  return query;
+}
+
+/** The slice planes; `axis` is the patient's across them. */
+export const PLANES = { axial: { axis: 2 }, coronal: { axis: 1 }, sagittal: { axis: 0 } } as const;
+export type Plane = keyof typeof PLANES;
+export const PLANE_NAMES: readonly Plane[] = ["axial", "coronal", "sagittal"];
+
+/** The query of the slice through `position_in_patient`, with the outline of the cut at the state's depth. */
+export function sliceQuery(state: ViewState, plane: Plane, position_in_patient: Vec3, size: Vec2): URLSearchParams {
+  const query = new URLSearchParams({ position_mm: short(position_in_patient[PLANES[plane].axis], 2) });
+  query.set("depth_mm", short(state.depth_mm, 2));
+  addColours(query, state);
+  query.set("width", String(size[0]));
+  query.set("height", String(size[1]));
+  return query;
+}
+
+/**
+ * The pixels to ask for so that a pane of CSS pixels looks sharp: whole steps, so that a cache helps, and not too
+ * many.
+ */
+export function pictureSize(css: Vec2, devicePixelRatio: number, most: number): Vec2 {
+  const larger = Math.max(...css, 1) * devicePixelRatio;
+  const factor = devicePixelRatio * Math.min(1, most / larger);
+  return [Math.max(Math.round(css[0] * factor), 16), Math.max(Math.round(css[1] * factor), 16)];
+}

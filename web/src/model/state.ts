@@ -1,0 +1,134 @@
+// What is shown, as plain values: readonly data in, new data out.
+
+import { NAMED_VIEWS } from "./camera.ts";
+import type { ReadyCase, Window } from "./case.ts";
+import type { Quat, Vec2, Vec3 } from "./space.ts";
+
+/** The colour maps, as the server names them. */
+export const COLORMAPS = ["grey", "inverted", "bone", "hot", "viridis"] as const;
+export type Colormap = (typeof COLORMAPS)[number];
+
+/** Who draws the surface: the shrunk mesh here, sphere tracing here, or the server. */
+export const WAYS = ["mesh", "exact", "server"] as const;
+export type Way = (typeof WAYS)[number];
+
+/** Which panes there are: the surface alone; with three slices; or beside the other hemisphere, mirrored. */
+export const LAYOUTS = ["single", "slices", "mirror"] as const;
+export type Layout = (typeof LAYOUTS)[number];
+
+/** How axial and coronal slices are shown: the patient's right at the picture's left, or at its right. */
+export const CONVENTIONS = ["radiological", "neurological"] as const;
+export type Convention = (typeof CONVENTIONS)[number];
+
+/** All that a picture depends on. */
+export interface ViewState {
+  /** Below the envelope, 0 to the case's greatest depth. */
+  readonly depth_mm: number;
+  /** From patient to view space, as the server's `orientation`. */
+  readonly orientation: Quat;
+  /** 1 fits the envelope's sphere into the smaller side of the pane. */
+  readonly zoom: number;
+  /** The head moved to the right and up. */
+  readonly pan_mm: Vec2;
+  readonly window: Window;
+  readonly colormap: Colormap;
+  /** Intensities are averaged over so much depth to either side. */
+  readonly slab_mm: number;
+  /** The share of light that reaches every face, 0 to 1; 1 is no shading. */
+  readonly ambient: number;
+  readonly way: Way;
+  readonly layout: Layout;
+  readonly convention: Convention;
+  /** The position that was picked, in the patient; the slices go through it. */
+  readonly crosshair_mm: Vec3 | null;
+}
+
+export const ZOOM_RANGE = [0.25, 20] as const;
+export const PAN_LIMIT_MM = 300;
+export const SLAB_LIMIT_MM = 20;
+export const DEPTH_STEP_MM = 0.5;
+export const FINE_DEPTH_STEP_MM = 0.1;
+export const FIRST_DEPTH_MM = 8;
+export const DEFAULT_AMBIENT = 0.3;
+
+export const clamp = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
+
+/** How a ready case is first shown. */
+export function firstState(shown: ReadyCase): ViewState {
+  return {
+    depth_mm: clampDepth(FIRST_DEPTH_MM, shown),
+    orientation: NAMED_VIEWS.left,
+    zoom: 1,
+    pan_mm: [0, 0],
+    window: { center: shown.intensity.window.center, width: shown.intensity.window.width },
+    colormap: "grey",
+    slab_mm: 0,
+    ambient: DEFAULT_AMBIENT,
+    way: "mesh",
+    layout: "single",
+    convention: "radiological",
+    crosshair_mm: null,
+  };
+}
+
+/** A depth that the case has, to a hundredth of a millimetre; what is no number is 0. */
+export function clampDepth(depth_mm: number, shown: ReadyCase): number {
+  const deepest = Math.floor(shown.max_depth_mm * 100) / 100;
+  return Math.round(clamp(depth_mm || 0, 0, deepest) * 100) / 100;
+}
+
+/** The depth `steps` steps further, on whole steps: from 8.3 mm one step of 0.5 mm goes to 8.5 mm. */
+export function stepDepth(depth_mm: number, steps: number, step_mm: number): number {
+  const place = depth_mm / step_mm;
+  const near = Math.round(place);
+  // Off the steps, the next one in that direction is the first step.
+  const from = Math.abs(place - near) < 1e-6 ? near : steps > 0 ? Math.floor(place) : Math.ceil(place);
+  return Math.round((from + steps) * step_mm * 100) / 100;
+}
+
+/**
+ * The intensities that a window shows black and white: DICOM's linear window (PS3.3 C.11.2.1.2.1) goes from one to
+ * the other in `width − 1`.
+ */
+export function windowEnds({ center, width }: Window): readonly [number, number] {
+  const half = (Math.max(width, 1) - 1) / 2;
+  return [center - 0.5 - half, center - 0.5 + half];
+}
+
+/** The window that shows one intensity black and another white. */
+export const windowBetween = (black: number, white: number): Window => ({
+  center: (black + white + 1) / 2,
+  width: white - black + 1,
+});
+
+/** The window of a named preset, of the case's own window and range. */
+export const WINDOW_PRESETS = ["auto", "full", "brain", "narrow", "bright", "dark"] as const;
+export type WindowPreset = (typeof WINDOW_PRESETS)[number];
+
+export function presetWindow(preset: WindowPreset, shown: ReadyCase): Window {
+  const { min, max, window } = shown.intensity;
+  const [black, white] = windowEnds(window);
+  const width = white - black;
+  switch (preset) {
+    case "auto":
+      return window;
+    case "full":
+      return windowBetween(min, Math.max(max, min + width * 1e-3));
+    // Cerebrospinal fluid, the darkest quarter, is black: what is left goes to grey and white matter.
+    case "brain":
+      return windowBetween(black + 0.3 * width, white);
+    case "narrow":
+      return windowBetween(black + 0.525 * width, black + 0.875 * width);
+    case "bright":
+      return windowBetween(black, black + 0.7 * width);
+    case "dark":
+      return windowBetween(black + 0.4 * width, black + 1.4 * width);
+  }
+}
+
+/** The next depth of a sweep and its direction, which turns round at the envelope and at the deepest whole step. */
+export function sweptDepth(depth_mm: number, direction: number, shown: ReadyCase): readonly [number, number] {
+  const next = stepDepth(depth_mm, direction, DEPTH_STEP_MM);
+  const turned = next < 0 || next > shown.max_depth_mm ? -direction : direction;
+  return [clampDepth(turned === direction ? next : stepDepth(depth_mm, turned, DEPTH_STEP_MM), shown), turned];
+}

@@ -1,0 +1,124 @@
+// The depth profile: intensity against depth below a point of the surface, with the mirrored point's curve.
+
+import { h, svg } from "../base/dom.ts";
+import { intensity, number, t } from "../base/i18n.ts";
+import type { Profile } from "../model/profile.ts";
+
+const WIDTH = 268;
+const HEIGHT = 150;
+const MARGIN = { left: 40, right: 8, top: 8, bottom: 30 } as const;
+
+/** What is drawn: the cortex and the white matter below it; deeper down, a way in crosses other folds. */
+const SHALLOW_MM = 30;
+
+function shallowPart(profile: Profile): Profile {
+  const count = profile.depth_mm.filter((depth) => depth <= SHALLOW_MM).length;
+  return {
+    depth_mm: profile.depth_mm.slice(0, count),
+    intensity: profile.intensity.slice(0, count),
+    mirrored: profile.mirrored.slice(0, count),
+  };
+}
+
+/** About `count` round numbers from `low` to `high`. */
+export function ticks(low: number, high: number, count: number): number[] {
+  const raw = (high - low) / count;
+  if (!(raw > 0) || !Number.isFinite(raw)) return [low];
+  const power = 10 ** Math.floor(Math.log10(raw));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= raw * 0.999) ?? 10 * power;
+  const first = Math.ceil(low / step - 1e-9);
+  const last = Math.floor(high / step + 1e-9);
+  return Array.from({ length: Math.max(last - first + 1, 0) }, (_, index) => (first + index) * step);
+}
+
+/** The lines of a curve, interrupted where it has no value. */
+export function pathOf(xs: readonly number[], ys: readonly number[]): string {
+  let pen = "M";
+  return xs
+    .map((x, index) => {
+      const y = ys[index] ?? NaN;
+      if (!Number.isFinite(y)) {
+        pen = "M";
+        return "";
+      }
+      const command = `${pen}${x.toFixed(1)} ${y.toFixed(1)}`;
+      pen = "L";
+      return command;
+    })
+    .join("");
+}
+
+/** The chart and, for those who do not see it, its table. */
+export function profileChart(profile: Profile, depth_mm: number): HTMLElement {
+  const shallow = shallowPart(profile);
+  const deepest = shallow.depth_mm.at(-1) ?? 1;
+  const values = [...shallow.intensity, ...shallow.mirrored].filter(Number.isFinite);
+  const [low, high] = [Math.min(...values, 0), Math.max(...values, 1e-9)];
+  const x = (depth: number): number => MARGIN.left + (depth / deepest) * (WIDTH - MARGIN.left - MARGIN.right);
+  const y = (value: number): number =>
+    HEIGHT - MARGIN.bottom - ((value - low) / (high - low)) * (HEIGHT - MARGIN.top - MARGIN.bottom);
+  const curve = (name: string, ys: readonly number[]): SVGElement =>
+    svg("path", { class: `curve ${name}`, d: pathOf(shallow.depth_mm.map(x), ys.map(y)) });
+  const picture = svg(
+    "svg",
+    { class: "chart", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": t("profile.alt") },
+    ...ticks(low, high, 4).flatMap((value) => [
+      svg("line", { class: "grid", x1: MARGIN.left, x2: WIDTH - MARGIN.right, y1: y(value), y2: y(value) }),
+      svg(
+        "text",
+        { class: "tick end", x: MARGIN.left - 5, y: y(value) + 3.5 },
+        Number.isInteger(value) ? number(value) : intensity(value),
+      ),
+    ]),
+    ...ticks(0, deepest, 5).map((depth) =>
+      svg("text", { class: "tick middle", x: x(depth), y: HEIGHT - MARGIN.bottom + 13 }, number(depth)),
+    ),
+    svg(
+      "text",
+      { class: "tick middle", x: (MARGIN.left + WIDTH - MARGIN.right) / 2, y: HEIGHT - 3 },
+      t("profile.axis"),
+    ),
+    depth_mm <= deepest
+      ? svg("line", { class: "here", x1: x(depth_mm), x2: x(depth_mm), y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom })
+      : null,
+    curve("other", shallow.mirrored),
+    curve("own", shallow.intensity),
+  );
+  const legend = h(
+    "p",
+    { class: "legend" },
+    h("span", { class: "own" }, t("profile.own")),
+    h("span", { class: "other" }, t("profile.mirrored")),
+  );
+  return h("div", { class: "profile" }, picture, legend, tableOf(shallow));
+}
+
+/** The profile at whole millimetres. */
+function tableOf(profile: Profile): HTMLElement {
+  const rows = profile.depth_mm.flatMap((depth, index) => {
+    const before = profile.depth_mm[index - 1];
+    if (before !== undefined && Math.floor(before + 1e-6) === Math.floor(depth + 1e-6)) return [];
+    const cell = (value: number | undefined): HTMLElement =>
+      h("td", {}, value !== undefined && Number.isFinite(value) ? intensity(value) : "–");
+    return [
+      h(
+        "tr",
+        {},
+        h("th", { scope: "row" }, number(depth, 1)),
+        cell(profile.intensity[index]),
+        cell(profile.mirrored[index]),
+      ),
+    ];
+  });
+  const head = h(
+    "tr",
+    {},
+    ...[t("profile.axis"), t("profile.own"), t("profile.mirrored")].map((words) => h("th", { scope: "col" }, words)),
+  );
+  return h(
+    "details",
+    { class: "as-table" },
+    h("summary", {}, t("profile.table")),
+    h("table", {}, h("thead", {}, head), h("tbody", {}, ...rows)),
+  );
+}

@@ -1,0 +1,341 @@
+// The page: the list of cases at one side, the chosen case in the middle, its controls at the other side.
+
+import { deleteCase, getCase, onReach, onTokenWanted } from "../base/api.ts";
+import type { Case } from "../model/case.ts";
+import { caseIdentity, caseStatus, caseTitle } from "../base/case-words.ts";
+import { CaseList } from "./cases.ts";
+import { commandOf } from "../model/controls.ts";
+import { askToken, confirmDelete, helpDialog, maskDialog } from "./dialogs.ts";
+import { h, iconButton, setText } from "../base/dom.ts";
+import { readAddress } from "../model/fragment.ts";
+import { LANGUAGES, isLanguage, learn, t } from "../base/i18n.ts";
+import { press } from "./fields.ts";
+import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
+import { problemWords, sentence } from "../base/problem-words.ts";
+import { qualityOf } from "../model/quality.ts";
+import { ViewMemory } from "../model/memory.ts";
+import { LAYOUTS } from "../model/state.ts";
+import { UploadForm, hearDrops } from "./upload.ts";
+import { Viewer } from "./viewer.ts";
+
+const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
+let preferences = loadPreferences();
+/** How each case was left; kept while the page is open. */
+const memory = new ViewMemory();
+
+/** Up to this width the list lies over the picture, as in the style sheet. */
+const OVERLAID_PIXELS = 1080;
+
+/** Everything on the page, in one language. */
+class App {
+  readonly #live = h("div", { class: "visually-hidden", id: "live", role: "status", "aria-live": "polite" });
+  readonly #title = h("h2", { id: "case-title" });
+  readonly #note = h("p", { id: "case-note", class: "stage-note", role: "status" });
+  readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
+  readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
+  readonly #layouts: HTMLElement;
+  readonly #stage: HTMLElement;
+  readonly #main: HTMLElement;
+  readonly #sidebar: HTMLElement;
+  readonly #list: CaseList;
+  readonly #upload: UploadForm;
+  readonly #root: HTMLElement;
+  #viewer: Viewer | null = null;
+  #chosen: Case | null = null;
+  /** Why the case of the address cannot be shown; empty where it can. */
+  #absence = "";
+  #routed = 0;
+
+  constructor() {
+    this.#list = new CaseList({
+      changed: () => void this.route(),
+      remove: (one) => void this.#remove(one),
+      ready: (one) => this.#announce(t("case.now-ready", { title: caseTitle(one) })),
+    });
+    this.#upload = new UploadForm(async ({ id }, wasThere) => {
+      this.#list.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
+      await this.#list.refresh();
+    });
+    this.#layouts = h(
+      "div",
+      { class: "layouts", role: "group", "aria-label": t("layout.label") },
+      ...LAYOUTS.map((layout) =>
+        h(
+          "button",
+          { type: "button", value: layout, "aria-pressed": "false", click: () => this.#setLayout(layout) },
+          t(`layout.${layout}`),
+        ),
+      ),
+    );
+    this.#stage = h(
+      "section",
+      { class: "stage", id: "stage", tabindex: -1, "aria-labelledby": "case-title" },
+      this.#silence,
+      this.#quality,
+      this.#note,
+    );
+    this.#sidebar = h(
+      "nav",
+      { class: "sidebar", id: "sidebar", "aria-label": t("cases.title") },
+      h("h2", {}, t("cases.title")),
+      this.#upload.element,
+      this.#upload.done,
+      this.#list.element,
+    );
+    this.#main = h("main", { class: "page" }, this.#sidebar, this.#stage);
+    this.#root = h(
+      "div",
+      { class: "app" },
+      h("a", { class: "skip", href: "#stage", click: (event: MouseEvent) => this.#skip(event) }, t("skip")),
+      this.#header(),
+      this.#main,
+      this.#live,
+    );
+    document.body.replaceChildren(this.#root);
+    // Where the window is narrow, the picture comes first.
+    this.#showSidebar(window.innerWidth >= 1200);
+    hearDrops(document.body, (files) => {
+      this.#showSidebar(true);
+      this.#upload.drop(files);
+    });
+  }
+
+  async start(): Promise<void> {
+    await this.#list.refresh();
+    document.body.dataset.loaded = "true";
+    if (this.#list.cases.length === 0) {
+      this.#showSidebar(true);
+      this.#upload.element.open = true;
+    }
+  }
+
+  dispose(): void {
+    this.#viewer?.settle();
+    this.#list.dispose();
+    this.#leave();
+  }
+
+  /** Takes the case that is shown away, and remembers how it was left. */
+  #leave(): void {
+    if (this.#viewer) memory.keep(this.#viewer.shown, this.#viewer.left);
+    this.#viewer?.dispose();
+    this.#viewer = null;
+  }
+
+  reach(reachable: boolean): void {
+    setText(this.#silence, reachable ? "" : t("problem.unreachable"));
+    this.#silence.hidden = reachable;
+    if (!reachable) return;
+    void this.#list.refresh();
+    this.#viewer?.again();
+  }
+
+  /** Shows the case that the address names; without an address the only case there is. */
+  async route(): Promise<void> {
+    const turn = (this.#routed += 1);
+    const address = readAddress(location.hash);
+    const id = address.kind === "case" ? address.id : address.kind === "none" ? this.#list.only : null;
+    this.#absence = address.kind === "unknown" ? t("address.unknown") : "";
+    const chosen = this.#list.cases.find((one) => one.id === id) ?? (id ? await this.#askFor(id) : null);
+    // Another address may have come in the meantime.
+    if (turn !== this.#routed) return;
+    this.#list.mark(id);
+    // What was shown without being named keeps its place, whatever else is added.
+    if (chosen && address.kind === "none") history.replaceState(null, "", `#${chosen.id}`);
+    this.#show(chosen, address.kind === "case" ? address.rest : "");
+    // There is something to choose from.
+    if (!chosen && this.#list.cases.length > 0) this.#showSidebar(true);
+  }
+
+  /** The address was changed by Back, or by hand. */
+  async addressChanged(): Promise<void> {
+    const before = this.#viewer;
+    await this.route();
+    const address = readAddress(location.hash);
+    const isSame = address.kind === "case" && address.id === before?.shown.id;
+    if (isSame && before === this.#viewer) before.restore(address.rest);
+    this.#pressLayout();
+  }
+
+  #show(chosen: Case | null, rest: string): void {
+    this.#chosen = chosen;
+    const title = chosen ? caseTitle(chosen) : t("case.none");
+    setText(this.#title, title);
+    // The label that a user gave, never an identity out of DICOM: the browser's history keeps titles.
+    document.title = chosen ? `${caseIdentity(chosen)} · Isocortex` : "Isocortex";
+    const ready = chosen?.state === "ready" ? chosen : null;
+    setText(this.#note, ready ? "" : chosen ? caseStatus(chosen) : `${this.#absence} ${t("case.choose")}`.trim());
+    this.#note.hidden = ready !== null;
+    this.#note.classList.toggle("bad", chosen?.state === "failed");
+    this.#layouts.hidden = !ready;
+    if (ready?.id === this.#viewer?.shown.id) return;
+    this.#leave();
+    this.#showQuality(ready);
+    if (!ready) return;
+    const viewer = new Viewer(ready, rest, {
+      preferences: () => preferences,
+      announce: (words) => this.#announce(words),
+      help: () => this.#help(),
+      serverOnly,
+      left: memory.of(ready),
+    });
+    this.#viewer = viewer;
+    // Where the list lies over the picture, it has been chosen from.
+    if (window.innerWidth <= OVERLAID_PIXELS) this.#showSidebar(false);
+    this.#stage.append(viewer.element);
+    this.#main.append(viewer.panel.element);
+    this.#pressLayout();
+    void viewer.load();
+  }
+
+  /** A warning before a picture whose mask is doubtful. */
+  #showQuality(ready: (Case & { state: "ready" }) | null): void {
+    const quality = ready && qualityOf(ready);
+    this.#quality.hidden = !quality || quality.state === "ok";
+    if (!ready || !quality || quality.state === "ok") return;
+    this.#quality.dataset.verdict = quality.state;
+    this.#quality.replaceChildren(
+      h("strong", { class: "quality-badge", "data-verdict": quality.state }, t(`quality.${quality.state}`)),
+      h("span", {}, t(`quality.${quality.state}.text`)),
+      h("button", { type: "button", click: () => maskDialog(ready.id) }, t("quality.look")),
+      h("ul", {}, ...quality.reasons.map((reason) => h("li", {}, sentence(reason)))),
+    );
+  }
+
+  #header(): HTMLElement {
+    const language = h(
+      "select",
+      {
+        id: "language",
+        "aria-label": t("language"),
+        change: () => {
+          if (isLanguage(language.value)) choose({ language: language.value });
+        },
+      },
+      ...Object.entries(LANGUAGES).map(([value, name]) =>
+        h("option", { value, lang: value, selected: value === preferences.language }, name),
+      ),
+    );
+    return h(
+      "header",
+      { class: "bar" },
+      iconButton("menu", t("cases.toggle"), () => this.#showSidebar(Boolean(this.#sidebar.hidden))),
+      h("h1", {}, "Isocortex"),
+      this.#title,
+      this.#layouts,
+      h("p", { class: "research", role: "note" }, t("notice.long")),
+      language,
+      iconButton("theme", t("theme.toggle"), () => choose({ theme: preferences.theme === "dark" ? "light" : "dark" })),
+      iconButton("help", t("help.title"), () => this.#help()),
+    );
+  }
+
+  #setLayout(layout: (typeof LAYOUTS)[number]): void {
+    this.#viewer?.setLayout(layout);
+    this.#pressLayout();
+  }
+
+  #pressLayout(): void {
+    press(this.#layouts, this.#viewer?.state.layout ?? null);
+  }
+
+  #showSidebar(shown: boolean): void {
+    this.#sidebar.hidden = !shown;
+    this.#main.classList.toggle("with-sidebar", shown);
+    this.#root.querySelector(".bar .icon-button")?.setAttribute("aria-expanded", String(shown));
+  }
+
+  #skip(event: MouseEvent): void {
+    // The address is the state's: the link moves the focus alone.
+    event.preventDefault();
+    this.#stage.focus();
+  }
+
+  #help(): void {
+    helpDialog(preferences, choose);
+  }
+
+  #announce(words: string): void {
+    // The same words twice are two messages.
+    setText(this.#live, this.#live.textContent === words ? `${words}\u00a0` : words);
+  }
+
+  /** A case that the list does not hold (yet): null where there is none. */
+  async #askFor(id: string): Promise<Case | null> {
+    try {
+      return await getCase(id);
+    } catch (problem) {
+      this.#absence = problemWords(problem);
+      return null;
+    }
+  }
+
+  async #remove(one: Case): Promise<void> {
+    if (!(await confirmDelete(caseTitle(one)))) return;
+    try {
+      await deleteCase(one.id);
+      memory.forget(one.id);
+      if (this.#chosen?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
+      await this.#list.refresh();
+      this.#announce(t("delete.done"));
+      // The button that had the focus is gone.
+      if (document.activeElement === document.body) this.#stage.focus();
+    } catch (problem) {
+      setText(this.#note, problemWords(problem));
+      this.#note.hidden = false;
+    }
+  }
+
+  /** A key that is no one else's. */
+  key(event: KeyboardEvent): void {
+    if (event.defaultPrevented || !(event.target instanceof HTMLElement) || document.querySelector("dialog[open]"))
+      return;
+    const onPicture = event.target.closest(".pane.surface") !== null;
+    const hasModifier = event.ctrlKey || event.metaKey;
+    // Where text is typed, undoing is the text's.
+    const ofField = event.target.closest(hasModifier ? "input:not([type=range]), textarea" : "input, select, textarea");
+    if (!onPicture && (ofField || !(hasModifier || preferences.shortcuts))) return;
+    const command = commandOf(event);
+    if (!command) return;
+    // A button or a link is worked by these; a page is scrolled.
+    const ofControl =
+      event.target.closest("button, a, summary") !== null && (event.key === " " || event.key === "Enter");
+    const ofPage = !onPicture && (/^(Arrow|Page)/.test(event.key) || event.key === "Enter");
+    if (ofControl || ofPage) return;
+    if (command.kind !== "help" && !this.#viewer) return;
+    event.preventDefault();
+    if (command.kind === "help") this.#help();
+    else this.#viewer?.command(command);
+  }
+}
+
+let app: App | null = null;
+
+/** Takes a preference over: a new language builds the page anew, its state being in the address. */
+function choose(change: Partial<Preferences>): void {
+  const { language } = preferences;
+  preferences = { ...preferences, ...change };
+  savePreferences(preferences);
+  dress();
+  if (preferences.language === language) return;
+  void build().then(() => document.getElementById("language")?.focus());
+}
+
+function dress(): void {
+  document.documentElement.dataset.theme = preferences.theme;
+}
+
+async function build(): Promise<void> {
+  await learn(preferences.language);
+  document.documentElement.lang = preferences.language;
+  app?.dispose();
+  app = new App();
+  void app.start();
+}
+
+dress();
+onTokenWanted(askToken);
+onReach((reachable) => app?.reach(reachable));
+window.addEventListener("popstate", () => void app?.addressChanged());
+window.addEventListener("keydown", (event) => app?.key(event));
+void build();

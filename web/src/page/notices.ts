@@ -1,0 +1,94 @@
+// The lines above the picture: what went wrong, who draws, and how far the loading is.
+
+import { h, iconButton, setText } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import type { Fallback, LoadProgress } from "../panes/surface.ts";
+
+/** So many parts of an address are named, and so much of each. */
+const MOST_UNREAD = 5;
+const LONGEST_UNREAD = 40;
+
+export interface NoticesListener {
+  cancelLoad(): void;
+  loadAgain(): void;
+}
+
+export class Notices {
+  readonly element: HTMLElement;
+  readonly #fallback = h("p", { class: "notice-line", role: "status", hidden: true });
+  readonly #trouble = h("p", { class: "notice-line bad", role: "alert", hidden: true });
+  readonly #remark: HTMLElement;
+  readonly #remarkText = h("span", {});
+  readonly #loading: HTMLElement;
+  readonly #text = h("span", {});
+  readonly #bar = h("progress", { max: 1, "aria-label": t("load.label") });
+  readonly #cancel: HTMLButtonElement;
+  readonly #again: HTMLButtonElement;
+
+  constructor(listener: NoticesListener) {
+    const button = (name: string, words: string, click: () => void): HTMLButtonElement =>
+      h("button", { type: "button", class: name, click }, words);
+    this.#cancel = button("cancel-load", t("load.cancel"), () => listener.cancelLoad());
+    this.#again = button("load-again", t("load.again"), () => listener.loadAgain());
+    this.#loading = h("div", { class: "notice-line", hidden: true }, this.#text, this.#bar, this.#cancel, this.#again);
+    const dismiss = iconButton("close", t("notice.dismiss"), () => this.remark(""));
+    this.#remark = h("div", { class: "notice-line remark", role: "status", hidden: true }, this.#remarkText, dismiss);
+    this.element = h("div", { class: "notices" }, this.#trouble, this.#fallback, this.#remark, this.#loading);
+  }
+
+  complain(problem: unknown): void {
+    this.trouble(problem === null ? "" : problemWords(problem));
+  }
+
+  /** Empty words: all is well. */
+  trouble(words: string): void {
+    setText(this.#trouble, words);
+    this.#trouble.hidden = words === "";
+  }
+
+  fallback(fallback: Fallback | null): void {
+    setText(this.#fallback, fallback ? t(`fallback.${fallback}`) : "");
+    this.#fallback.hidden = fallback === null;
+  }
+
+  /** Names the parts of an address that could not be used. */
+  unread(parts: readonly string[]): void {
+    const named = parts.slice(0, MOST_UNREAD).map((part) => `“${part.slice(0, LONGEST_UNREAD)}”`);
+    this.remark(named.length > 0 ? t("address.unread", { parts: named.join(", ") }) : "");
+  }
+
+  /** Something to know, which can be dismissed. Empty words: nothing. */
+  remark(words: string): void {
+    setText(this.#remarkText, words);
+    this.#remark.hidden = words === "";
+  }
+
+  begin(): void {
+    this.#showBar(true);
+  }
+
+  progress({ loaded, total }: LoadProgress): void {
+    this.#loading.hidden = total > 0 && loaded >= total;
+    if (total > 0) this.#bar.value = loaded / total;
+    const megabytes = (bytes: number): string => number(bytes / 1e6, 1);
+    setText(this.#text, t("load.text", { loaded: megabytes(loaded), total: total > 0 ? megabytes(total) : "…" }));
+  }
+
+  end(): void {
+    this.#loading.hidden = true;
+  }
+
+  cancelled(): void {
+    this.#showBar(false);
+    setText(this.#text, t("load.cancelled"));
+    this.#loading.hidden = false;
+    // The focus was on the button that is gone.
+    if (document.activeElement === document.body) this.#again.focus();
+  }
+
+  #showBar(isUnderWay: boolean): void {
+    for (const element of [this.#bar, this.#cancel]) element.hidden = !isUnderWay;
+    this.#again.hidden = isUnderWay;
+  }
+}

@@ -1,0 +1,77 @@
+// What is known of the marked point, in words and as a chart.
+
+import { h, setText } from "../base/dom.ts";
+import type { ReadyCase } from "../model/case.ts";
+import type { Picked, Probed } from "../model/points.ts";
+import type { Vec3 } from "../model/space.ts";
+import { intensity, number, t } from "../base/i18n.ts";
+import { positionWords, voxelAt } from "../base/readout.ts";
+import type { Actions } from "./actions.ts";
+import { button, row } from "./fields.ts";
+
+/** The point in words. */
+export interface PointWords {
+  readonly position: string;
+  readonly voxel: string;
+  readonly depth: string;
+  readonly intensity: string;
+}
+
+const LABELS = {
+  position: "point.position",
+  voxel: "point.voxel",
+  depth: "point.depth-label",
+  intensity: "point.intensity",
+} as const;
+
+export class PointSection {
+  readonly parts: readonly HTMLElement[];
+  readonly #words = h("dl", { class: "point" });
+  readonly #tools: HTMLElement;
+  readonly #hint = h("p", { class: "quiet" }, t("point.hint"));
+  readonly #profile = h("div", {});
+
+  constructor(actions: Actions) {
+    this.#tools = row(
+      button(t("point.turn"), () => actions.turnToCross()),
+      button(t("point.depth"), () => actions.depthOfCross()),
+      button(t("point.forget"), () => actions.forgetCross()),
+    );
+    const mark = row(button(t("point.mark"), () => actions.command({ kind: "mark" })));
+    this.parts = [this.#hint, this.#words, this.#tools, this.#profile, mark];
+    this.show(null, null);
+  }
+
+  /** Shows a point, `profile` being its chart, where there is one. */
+  show(words: PointWords | null, profile: HTMLElement | null): void {
+    const keys = Object.keys(LABELS) as (keyof PointWords)[];
+    const rows = words ? keys.map((key) => [h("dt", {}, t(LABELS[key])), h("dd", { class: key }, words[key])]) : [];
+    this.#words.replaceChildren(...rows.flat());
+    this.#words.hidden = !words;
+    this.#tools.hidden = !words;
+    this.#hint.hidden = words !== null;
+    setText(this.#hint, t("point.hint"));
+    const isOpen = this.#profile.querySelector("details")?.open ?? false;
+    this.#profile.replaceChildren(...(profile ? [profile] : []));
+    const table = this.#profile.querySelector("details");
+    if (table) table.open = isOpen;
+  }
+
+  /** Says why no point was marked. */
+  hint(words: string): void {
+    setText(this.#hint, words);
+    this.#hint.hidden = false;
+  }
+}
+
+/** A position in words, with what is known of it. */
+export function pointWords(shown: ReadyCase, position: Vec3, known: Partial<Picked | Probed> | null): PointWords {
+  const voxel = voxelAt(shown, position);
+  const { depth_mm, intensity: grey } = known ?? {};
+  return {
+    position: positionWords(position),
+    voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
+    depth: depth_mm === undefined ? "–" : `${number(depth_mm, 1)} mm`,
+    intensity: grey === undefined || grey === null || !Number.isFinite(grey) ? "–" : intensity(grey),
+  };
+}

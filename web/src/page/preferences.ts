@@ -1,0 +1,51 @@
+// What a user chose once: of the page alone, never of a case.
+
+import { type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
+
+export interface Preferences {
+  readonly language: Language;
+  readonly theme: "dark" | "light";
+  readonly drag: DragDirection;
+  readonly wheel: WheelUse;
+  /** Whether single letters are commands. */
+  readonly shortcuts: boolean;
+}
+
+const KEY = "isocortex";
+
+/** The stored text as preferences; whatever is not understood is as at first. */
+export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
+  let stored: Partial<Record<keyof Preferences, unknown>> = {};
+  try {
+    const parsed: unknown = JSON.parse(text ?? "{}");
+    if (typeof parsed === "object" && parsed !== null) stored = parsed;
+  } catch {
+    // Another program's text, or a damaged one.
+  }
+  return {
+    language: isLanguage(stored.language) ? stored.language : languageFor(preferred),
+    theme: stored.theme === "light" ? "light" : "dark",
+    drag: DRAG_DIRECTIONS.find((one) => one === stored.drag) ?? "up-darker",
+    wheel: WHEEL_USES.find((one) => one === stored.wheel) ?? "zoom",
+    shortcuts: stored.shortcuts !== false,
+  };
+}
+
+export function loadPreferences(): Preferences {
+  let text: string | null = null;
+  try {
+    text = localStorage.getItem(KEY);
+  } catch {
+    // A browser may forbid it.
+  }
+  return readPreferences(text, navigator.languages);
+}
+
+export function savePreferences(preferences: Preferences): void {
+  try {
+    localStorage.setItem(KEY, JSON.stringify(preferences));
+  } catch {
+    // They last until the page is closed, then.
+  }
+}

@@ -1,0 +1,36 @@
+// What is shown, in words for those who do not see it: depth, direction, and a place with its depth and grey.
+
+import { viewName } from "../model/camera.ts";
+import type { Picked, Probed } from "../model/points.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
+import { intensity, number, t } from "../base/i18n.ts";
+import { positionWords } from "../base/readout.ts";
+
+/** What is asked about places. */
+export interface Places {
+  size(): Vec2;
+  pick(place: Vec2): Picked | null;
+  probe(position: Vec3): Probed | null;
+}
+
+/** The marked point is told; without one, what is in the middle of the picture. */
+export function spokenWords(state: ViewState, places: Places): string {
+  const { crosshair_mm: marked } = state;
+  const [width, height] = places.size();
+  const position = marked ?? places.pick([width / 2, height / 2])?.position_in_patient ?? null;
+  const view = t(`view.${viewName(state.orientation) ?? "oblique"}`);
+  const shown = `${t("depth.said", { depth: number(state.depth_mm, 1) })}, ${view}.`;
+  if (!position) return shown;
+  return `${shown} ${t(marked ? "said.point" : "said.middle", { place: placeWords(position, places) })}`;
+}
+
+function placeWords(position: Vec3, places: Places): string {
+  const probed = places.probe(position);
+  if (!probed || !Number.isFinite(probed.intensity)) return positionWords(position);
+  return t("said.place", {
+    position: positionWords(position),
+    depth: number(probed.depth_mm, 1),
+    grey: intensity(probed.intensity),
+  });
+}

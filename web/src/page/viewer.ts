@@ -1,0 +1,392 @@
+// The chosen case: one state, the panes that show it, and what changes it.
+
+import { facing, outwardAt, towardsViewer } from "../model/camera.ts";
+import type { ReadyCase } from "../model/case.ts";
+import { changeOf } from "../model/commands.ts";
+import { type Change, type Command, deepen, dragWindow, lookFrom } from "../model/controls.ts";
+import { readState, writeAddress } from "../model/fragment.ts";
+import type { StateHistory } from "../model/history.ts";
+import type { Left } from "../model/memory.ts";
+import type { Picked } from "../model/points.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
+import { LAYOUTS, type Layout, type ViewState } from "../model/state.ts";
+import { h } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+import { positionWords } from "../base/readout.ts";
+import { SliceGroup } from "../panes/slice-group.ts";
+import type { SurfaceStatus } from "../panes/surface.ts";
+import { SurfacePane } from "../panes/surface-pane.ts";
+import type { Actions } from "./actions.ts";
+import { AddressFollower } from "./address.ts";
+import { profileChart } from "./chart.ts";
+import { DepthBar } from "./depth-bar.ts";
+import { serverPictureDialog } from "./dialogs.ts";
+import { copied, saveView } from "./export.ts";
+import { Notices } from "./notices.ts";
+import { Panel } from "./panel.ts";
+import { pointWords } from "./point-section.ts";
+import type { Preferences } from "./preferences.ts";
+import { spokenWords } from "./spoken.ts";
+import { Sweep } from "./sweep.ts";
+
+/** What the page around the viewer does for it. */
+export interface ViewerHost {
+  readonly preferences: () => Preferences;
+  readonly announce: (words: string) => void;
+  readonly help: () => void;
+  readonly serverOnly: boolean;
+  /** The case as it was left. */
+  readonly left: Left;
+}
+
+export class Viewer {
+  readonly element: HTMLElement;
+  readonly panel: Panel;
+  readonly shown: ReadyCase;
+  readonly #host: ViewerHost;
+  readonly #panes: HTMLElement;
+  readonly #surface: SurfacePane;
+  readonly #slices: SliceGroup;
+  readonly #notices: Notices;
+  readonly #depthBar: DepthBar;
+  readonly #address: AddressFollower;
+  readonly #sweep: Sweep;
+  readonly #observer: ResizeObserver;
+  readonly #history: StateHistory;
+  #loadAbort = new AbortController();
+  #state: ViewState;
+  #picked: Picked | null = null;
+  /** Where a point was asked for before it could be found. */
+  #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
+  #frame = 0;
+  #moving = false;
+  #timerShown = false;
+  /** What was read out last; null before the first picture. */
+  #said: string | null = null;
+  #disposed = false;
+
+  constructor(shown: ReadyCase, rest: string, host: ViewerHost) {
+    this.shown = shown;
+    this.#host = host;
+    this.#history = host.left.history;
+    // An address that says something says all; one that names the case alone leaves it as it was.
+    const left = host.left.state;
+    const isAsLeft = rest === "" || `#${shown.id}&${rest}` === writeAddress(left, shown);
+    const { state, unread } = isAsLeft ? { state: left, unread: [] } : readState(rest, shown);
+    this.#state = state;
+    this.#history.record(state);
+    const actions = this.#actions();
+    this.panel = new Panel(shown, actions);
+    this.#depthBar = new DepthBar(shown, actions);
+    this.#notices = new Notices({ cancelLoad: () => this.#loadAbort.abort(), loadAgain: () => void this.load() });
+    this.#address = new AddressFollower(
+      shown,
+      () => this.#state,
+      () => this.#onRest(),
+    );
+    this.#sweep = new Sweep(
+      shown,
+      () => this.#state.depth_mm,
+      (depth_mm) => this.#change({ depth_mm }),
+    );
+    this.#slices = new SliceGroup(
+      shown,
+      {
+        move: (position, done) => this.#moveCross(position, done),
+        window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
+        probe: (position) => this.#surface.probe(position),
+        complain: (problem) => this.#notices.complain(problem),
+      },
+      () => this.#schedule(),
+    );
+    this.#panes = h("div", { class: "panes" });
+    this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes, this.#depthBar.element);
+    this.#surface = this.#surfacePane();
+    this.#panes.append(this.#surface.element, this.#slices.element);
+    this.#observer = new ResizeObserver(() => this.#schedule());
+    for (const pane of [this.#surface, ...this.#slices.panes]) this.#observer.observe(pane.element);
+    this.#notices.unread(unread);
+    this.#apply({});
+  }
+
+  get state(): ViewState {
+    return this.#state;
+  }
+
+  /** How the case is left. */
+  get left(): Left {
+    return { state: this.#state, history: this.#history };
+  }
+
+  /** Begins to fetch what the surface draws with; the element is in the page by now. */
+  async load(): Promise<void> {
+    this.#loadAbort = new AbortController();
+    this.#notices.begin();
+    try {
+      await this.#surface.load(this.#loadAbort.signal, (progress) => this.#notices.progress(progress));
+      this.#notices.end();
+    } catch (error) {
+      this.#notices.end();
+      if (this.#disposed) return;
+      if (this.#loadAbort.signal.aborted) {
+        this.#notices.cancelled();
+        this.#host.announce(t("load.cancelled"));
+      } else this.#notices.complain(error);
+    }
+    this.element.dataset.loaded = "true";
+    const wanted = this.#wanted;
+    this.#wanted = null;
+    if (wanted) this.#pick(wanted.place, wanted.state);
+    this.#showPoint();
+    this.#schedule();
+  }
+
+  /** Shows what the address says, which Back has changed. */
+  restore(rest: string): void {
+    this.#stopSweep();
+    this.#picked = null;
+    const { state, unread } = readState(rest, this.shown);
+    this.#state = state;
+    this.#apply({});
+    this.#notices.unread(unread);
+  }
+
+  setLayout(layout: Layout): void {
+    // The left side is what the mirrored right one is compared with.
+    const left = layout === "mirror" && towardsViewer(this.#state.orientation)[0] < 0.2;
+    this.#change({ layout, ...(left ? lookFrom("left") : {}) }, true);
+    this.#host.announce(t(`layout.${layout}`));
+  }
+
+  /** A key that no control has taken, or a button. */
+  command(command: Command): void {
+    switch (command.kind) {
+      case "play":
+        return this.#sweep.isRunning ? this.#stopSweep() : this.#sweep.start();
+      case "timer":
+        this.#timerShown = !this.#timerShown;
+        this.#surface.showTimer(this.#timerShown);
+        return this.#schedule();
+      case "outline": {
+        const hides = this.#slices.strip();
+        this.#panes.dataset.bare = String(hides);
+        return this.#host.announce(t(hides ? "outline.hidden" : "outline.shown"));
+      }
+      case "mark": {
+        const [width, height] = this.#surface.size();
+        return this.#pick([width / 2, height / 2]);
+      }
+      case "help":
+        return this.#host.help();
+      case "undo":
+        return this.#goTo(this.#history.undo(this.#state), "undo");
+      case "redo":
+        return this.#goTo(this.#history.redo(), "redo");
+    }
+    if (command.kind === "depth" || command.kind === "reset") this.#stopSweep();
+    if (command.kind === "reset") {
+      this.#picked = null;
+      this.#slices.center();
+    }
+    const { change, isStep } = changeOf(command, this.#state, this.shown, this.#surface.size());
+    this.#change(change, isStep);
+    if (command.kind === "view") this.#host.announce(t(`view.${command.name}`));
+    if (command.kind === "window") {
+      this.#host.announce(t("window.said", { name: t(`window.${command.preset}`) }));
+    }
+  }
+
+  /** The server answers again: what could not be had is asked for once more. */
+  again(): void {
+    this.#notices.trouble("");
+    this.#schedule();
+  }
+
+  /** Brings the address to where a sweep is, before the page is built again from it. */
+  settle(): void {
+    this.#stopSweep();
+    this.#address.replace();
+  }
+
+  dispose(): void {
+    this.#disposed = true;
+    this.#stopSweep();
+    this.#address.stop();
+    cancelAnimationFrame(this.#frame);
+    this.#loadAbort.abort();
+    this.#observer.disconnect();
+    this.#slices.dispose();
+    this.#surface.dispose();
+    this.element.remove();
+    this.panel.element.remove();
+  }
+
+  #surfacePane(): SurfacePane {
+    return new SurfacePane(this.shown, this.#host.serverOnly, {
+      state: () => this.#state,
+      hands: () => this.#host.preferences(),
+      change: (change) => this.#change(change),
+      command: (command) => this.command(command),
+      pick: (place) => this.#pick(place),
+      busy: (busy) => {
+        this.#moving = busy;
+        if (!busy) this.#schedule();
+      },
+      status: (status) => this.#onStatus(status),
+    });
+  }
+
+  // -- The state and what shows it
+
+  /** Shows a state that was shown before; null: there is none. */
+  #goTo(state: ViewState | null, why: "undo" | "redo"): void {
+    if (!state) return this.#host.announce(t(why === "undo" ? "undo.none" : "redo.none"));
+    this.#stopSweep();
+    this.#picked = null;
+    this.#state = state;
+    this.#apply({});
+    this.#address.replace();
+    this.#host.announce(t(why === "undo" ? "undo.done" : "redo.done"));
+  }
+
+  #change(change: Change, step = false): void {
+    if (step) {
+      this.#history.record(this.#state);
+      this.#address.push();
+    }
+    this.#state = { ...this.#state, ...change };
+    if (step) this.#history.record(this.#state);
+    this.#apply(change);
+    if (step) this.#address.replace();
+  }
+
+  /** Shows the state in the controls at once, and in the panes with the next frame. */
+  #apply(change: Change): void {
+    this.panel.show(this.#state);
+    this.panel.showHistory(this.#history);
+    this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
+    this.element.dataset.layout = this.#state.layout;
+    if (change.layout === undefined || LAYOUTS.includes(change.layout)) {
+      document.body.dataset.layout = this.#state.layout;
+    }
+    const isAll = Object.keys(change).length === 0;
+    if (change.crosshair_mm !== undefined || change.depth_mm !== undefined || isAll) this.#showPoint();
+    this.#schedule();
+    this.element.dataset.rested = "false";
+    this.#address.stir();
+  }
+
+  #onRest(): void {
+    if (this.#sweep.isRunning) return;
+    this.#address.replace();
+    this.#history.record(this.#state);
+    this.panel.showHistory(this.#history);
+    this.element.dataset.rested = "true";
+    this.#say();
+  }
+
+  /** Reads out what is shown, if that is not what was said before. */
+  #say(): void {
+    const words = spokenWords(this.#state, this.#surface);
+    this.#surface.describe(words);
+    this.#slices.describe(words);
+    if (this.#said === words) return;
+    // At first the page has enough to say.
+    if (this.#said !== null) this.#host.announce(words);
+    this.#said = words;
+  }
+
+  #schedule(): void {
+    this.#frame ||= requestAnimationFrame(() => {
+      this.#frame = 0;
+      if (this.#disposed) return;
+      this.#surface.draw(this.#state, this.#moving || this.#sweep.isRunning);
+      if (this.#state.layout === "slices") this.#slices.show(this.#state);
+    });
+  }
+
+  #onStatus({ way, fallback, trouble }: SurfaceStatus): void {
+    this.element.dataset.way = way;
+    this.element.dataset.fallback = fallback ?? "";
+    this.#notices.fallback(fallback);
+    this.#notices.trouble(trouble);
+    if (!this.#disposed) this.#schedule();
+  }
+
+  #stopSweep(): void {
+    if (this.#sweep.stop()) this.#apply({});
+  }
+
+  // -- The marked point
+
+  /** Puts the cross where the surface is seen at a place of the pane. */
+  #pick(place: Vec2, state: ViewState = this.#state): void {
+    const picked = this.#surface.pick(place, state);
+    if (!picked) {
+      // Until the depths are here nothing knows where the surface is.
+      const isLoading = this.element.dataset.loaded === undefined;
+      if (isLoading && !this.#surface.knowsSurface) this.#wanted = { place, state };
+      const untold = isLoading ? "point.loading" : "point.unknown";
+      const words = t(this.#surface.knowsSurface ? "point.none" : untold);
+      this.panel.point.hint(words);
+      return this.#host.announce(words);
+    }
+    this.#picked = picked;
+    this.#change({ crosshair_mm: picked.position_in_patient }, true);
+    this.#host.announce(t("point.said", { position: positionWords(picked.position_in_patient) }));
+  }
+
+  /** Puts the cross where a slice was touched; the surface turns to it when the hand has left. */
+  #moveCross(position: Vec3, done: boolean): void {
+    this.#picked = null;
+    this.#change({ crosshair_mm: position, ...(done ? this.#facingChange(position) : {}) }, done);
+  }
+
+  #facingChange(position: Vec3): Change {
+    const outward = outwardAt(position, this.shown.envelope_sphere);
+    // The middle itself has no side.
+    return Math.hypot(...outward) > 0.5 ? { orientation: facing(outward), pan_mm: [0, 0] } : {};
+  }
+
+  #showPoint(): void {
+    const position = this.#state.crosshair_mm;
+    if (!position) return this.panel.point.show(null, null);
+    const profile = this.#surface.profile(position);
+    const probed = this.#picked ?? this.#surface.probe(position);
+    const chart = profile && profileChart(profile, this.#state.depth_mm);
+    this.panel.point.show(pointWords(this.shown, position, probed), chart);
+  }
+
+  // -- What the controls ask for
+
+  #actions(): Actions {
+    return {
+      change: (change, step) => {
+        this.#stopSweep();
+        this.#change(change, step);
+      },
+      command: (command) => this.command(command),
+      turnToCross: () => {
+        if (this.#state.crosshair_mm) this.#change(this.#facingChange(this.#state.crosshair_mm), true);
+      },
+      forgetCross: () => {
+        this.#picked = null;
+        this.#change({ crosshair_mm: null }, true);
+      },
+      depthOfCross: () => {
+        const depth_mm = this.#state.crosshair_mm && this.#surface.probe(this.#state.crosshair_mm)?.depth_mm;
+        if (typeof depth_mm !== "number") return;
+        this.#change(deepen({ ...this.#state, depth_mm }, this.shown, 0, true), true);
+      },
+      screenshot: () => {
+        const name = `isocortex-${this.shown.id.slice(0, 8)}-${this.#state.depth_mm.toFixed(1)}mm.png`;
+        void saveView(this.#panes, this.#surface, name).then((words) => this.panel.note(words));
+      },
+      serverPicture: () => serverPictureDialog(this.shown.id, this.#state, this.#surface.size()),
+      copyAddress: () => {
+        this.#address.replace();
+        void copied(location.href).then((words) => this.panel.note(words));
+      },
+    };
+  }
+}

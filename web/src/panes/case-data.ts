@@ -1,0 +1,160 @@
+// What is fetched of a case for its surface: first what the first picture needs, then the rest.
+
+import { borderBox, gradients, smoothed } from "../model/field.ts";
+import type { ReadyCase } from "../model/case.ts";
+import { voxelCount, type Block, type PathsTable } from "../model/wire.ts";
+import { patiently } from "../base/patience.ts";
+import type { ShaderTexts } from "../gl/gl.ts";
+import type { FieldMaps } from "../gl/painter.ts";
+import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
+import type { LoadProgress } from "./surface.ts";
+
+export type Voxels8Or16 = Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>;
+
+/** What has been fetched of a case; a lost context is filled from it again. */
+export interface Fetched {
+  shaders: ShaderTexts | null;
+  triangles: Uint32Array<ArrayBuffer> | null;
+  positions: { readonly positions: Float32Array<ArrayBuffer>; readonly depth_mm: number } | null;
+  paths: PathsTable | null;
+  volume: Voxels8Or16 | null;
+  field: FieldMaps | null;
+}
+
+/** Who hears of what has come. What takes long is waited for. */
+export interface DataListener {
+  /** All of the first picture is here. */
+  first(signal: AbortSignal): Promise<void>;
+  positions(positions: Float32Array<ArrayBuffer>, depth_mm: number): void;
+  paths(table: PathsTable): void;
+  volume(volume: Voxels8Or16, signal: AbortSignal): Promise<void>;
+  field(maps: FieldMaps, signal: AbortSignal): Promise<void>;
+  /** Everything is here. */
+  whole(volume: Voxels8Or16, maps: FieldMaps): void;
+}
+
+export class CaseData {
+  readonly fetched: Fetched = {
+    shaders: null,
+    triangles: null,
+    positions: null,
+    paths: null,
+    volume: null,
+    field: null,
+  };
+  readonly #case: ReadyCase;
+  readonly #gone: AbortSignal;
+  readonly #listener: DataListener;
+  /** Fetches the positions of a depth while there is no table of all depths. */
+  #fetchPositions: ((depth_mm: number) => void) | null = null;
+
+  constructor(shown: ReadyCase, gone: AbortSignal, listener: DataListener) {
+    this.#case = shown;
+    this.#gone = gone;
+    this.#listener = listener;
+  }
+
+  /** Whether the first picture's data have come, so that other depths can be asked for. */
+  get hasFirst(): boolean {
+    return this.#fetchPositions !== null;
+  }
+
+  /** Asks for the mesh of a depth, until the table of all depths is here. */
+  wantDepth(depth_mm: number): void {
+    this.#fetchPositions?.(depth_mm);
+  }
+
+  /** Fetches everything; without `draws` only what points are found with. Asked for again, the rest alone. */
+  async load(
+    depth_mm: number,
+    draws: boolean,
+    signal: AbortSignal,
+    hear: (progress: LoadProgress) => void,
+  ): Promise<void> {
+    const assets = new Assets(this.#case.id, signal, new ByteCount(hear));
+    if (draws && !this.hasFirst) await this.#loadFirst(assets, depth_mm, signal);
+    await this.#loadRest(assets, draws, signal);
+  }
+
+  async #loadFirst(assets: Assets, depth_mm: number, signal: AbortSignal): Promise<void> {
+    const volume = voxelCount(this.#case.grid.size);
+    const [shaders, triangles, positions, quick, coarse] = await Promise.all([
+      assets.shaders(),
+      assets.triangles(),
+      assets.positions(depth_mm),
+      assets.volume(8, volume),
+      assets.distance("coarse", volume / 32),
+    ]);
+    Object.assign(this.fetched, { shaders, triangles, positions: { positions, depth_mm }, volume: quick });
+    this.fetched.field = await patiently(coarseMaps(coarse), signal);
+    await this.#listener.first(signal);
+    // Other depths are wanted even when the table of all of them was cancelled.
+    this.#fetchPositions = this.#positionsFetcher(new Assets(this.#case.id, this.#gone, new ByteCount(() => {})));
+  }
+
+  /** One request at a time, of the latest depth. */
+  #positionsFetcher(assets: Assets): (depth_mm: number) => void {
+    let isRunning = false;
+    let wanted: number | null = null;
+    const run = async (): Promise<void> => {
+      isRunning = true;
+      for (; wanted !== null && !this.fetched.paths;) {
+        const depth_mm = wanted;
+        wanted = null;
+        const positions = await assets.positions(depth_mm);
+        this.fetched.positions = { positions, depth_mm };
+        this.#listener.positions(positions, depth_mm);
+      }
+      isRunning = false;
+    };
+    return (depth_mm) => {
+      wanted = depth_mm;
+      // The table of all depths follows; what goes wrong with it is said.
+      if (!isRunning) run().catch(() => (isRunning = false));
+    };
+  }
+
+  async #loadRest(assets: Assets, draws: boolean, signal: AbortSignal): Promise<void> {
+    const voxels = voxelCount(this.#case.grid.size);
+    const table = async (): Promise<void> => {
+      if (!draws) return;
+      this.fetched.paths = await assets.paths();
+      this.#listener.paths(this.fetched.paths);
+    };
+    const volume = async (): Promise<Voxels8Or16> => {
+      const whole = await assets.volume(16, 2 * voxels);
+      this.fetched.volume = whole;
+      await this.#listener.volume(whole, signal);
+      return whole;
+    };
+    const maps = async (): Promise<FieldMaps> => {
+      const field = await assets.distance("all", 2 * voxels);
+      const made = await patiently(fieldMaps(field), signal);
+      this.fetched.field = made;
+      await this.#listener.field(made, signal);
+      return made;
+    };
+    const [whole, made] = await Promise.all([volume(), maps(), table()]);
+    // The gradients are on the device; after a lost context they are made again.
+    this.fetched.field = { ...made, gradients: new Int8Array() };
+    this.#listener.whole(whole, made);
+  }
+}
+
+/** The light alone, from every so manieth depth. */
+function* coarseMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
+  return { field, smoothed: null, gradients: yield* gradients(field.voxels, field.size, COARSE_STEP), borderBox: null };
+}
+
+/** All that is made of the depths. */
+function* fieldMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
+  const smooth = yield* smoothed(field.voxels, field.size);
+  const slopes = yield* gradients(smooth, field.size);
+  return { field, smoothed: smooth, gradients: slopes, borderBox: borderBox(field.voxels, field.size) };
+}
+
+/** The maps with their gradients, which are not kept once they are on the device. */
+export async function withGradients(maps: FieldMaps | null, signal: AbortSignal): Promise<FieldMaps | null> {
+  if (!maps?.smoothed || maps.gradients.length > 0) return maps;
+  return { ...maps, gradients: await patiently(gradients(maps.smoothed, maps.field.size), signal) };
+}

@@ -1,0 +1,320 @@
+// The surface of a case in its pane: drawn here by WebGL where that can be, else by the server.
+
+import type { ReadyCase } from "../model/case.ts";
+import { depthsOf } from "../model/isosurface.ts";
+import { type Picked, Points, type Probed } from "../model/points.ts";
+import type { Profile } from "../model/profile.ts";
+import { samplerOf } from "../model/sampler.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
+import { clampDepth, FIRST_DEPTH_MM, type ViewState, type Way } from "../model/state.ts";
+import type { PathsTable } from "../model/wire.ts";
+import { Problem } from "../base/api.ts";
+import { h } from "../base/dom.ts";
+import { colorRow } from "../gl/colors.ts";
+import { TooLarge } from "../gl/gl.ts";
+import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/painter.ts";
+import type { Look } from "../gl/uniforms.ts";
+import { CaseData, type Voxels8Or16 } from "./case-data.ts";
+import { Device, fitsMemory } from "./device.ts";
+import { Pace } from "./pace.ts";
+import { StandIn } from "./stand-in.ts";
+import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions, SurfaceStatus } from "./surface.ts";
+
+/** The most device pixels for a CSS pixel: where software draws, and where a device does. */
+const SOFTWARE_RATIO = 1;
+const DEVICE_RATIO = 2;
+
+/** See `surface.ts`. */
+export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
+
+class Cortex implements Surface {
+  readonly #host: HTMLElement;
+  readonly #case: ReadyCase;
+  readonly #options: SurfaceOptions;
+  readonly #canvas = h("canvas", { class: "cortex" });
+  readonly #times = h("output", { class: "frame-times", hidden: true });
+  readonly #resized = new ResizeObserver(() => this.#schedule());
+  readonly #gone = new AbortController();
+  readonly #data: CaseData;
+  readonly #device: Device | null;
+  readonly #pace = new Pace(() => this.#schedule());
+  readonly #standIn: StandIn;
+  #fallback: Fallback | null = null;
+  #points: Points | null = null;
+  #state: ViewState | null = null;
+  #moving = false;
+  #frame = 0;
+  #way: Way;
+  /** Whether what the first picture needs did not come. */
+  #gaveUp = false;
+  #trouble = "";
+  #told = "";
+
+  constructor(host: HTMLElement, shown: ReadyCase, options: SurfaceOptions) {
+    this.#host = host;
+    this.#case = shown;
+    this.#options = options;
+    host.append(this.#canvas, this.#times);
+    this.#data = new CaseData(shown, this.#gone.signal, {
+      first: (signal) => this.#onFirst(signal),
+      positions: (positions, depth_mm) => {
+        this.#device?.painter?.setPositions(positions, depth_mm);
+        this.#paint();
+      },
+      paths: (table) => this.#onPaths(table),
+      volume: (volume, signal) => this.#bring((device) => device.bring((painter) => painter.setVolume(volume), signal)),
+      field: (maps, signal) => this.#bring((device) => device.bring((painter) => painter.setField(maps), signal)),
+      whole: (volume, maps) => this.#onWhole(volume, maps),
+    });
+    this.#standIn = new StandIn(this.#canvas, shown, {
+      drawn: (state) => {
+        // What was drawn here before is left standing until the first picture comes.
+        this.#canvas.style.visibility = "hidden";
+        this.#host.dataset.preview = String(!this.#data.hasFirst && !this.#isServed(state));
+        this.#options.onDrawn(state);
+      },
+      trouble: (words) => this.#say(words),
+    });
+    this.#device = options.serverOnly ? null : this.#taken();
+    this.#way = this.#isServed() ? "server" : "mesh";
+    this.#resized.observe(host);
+    this.#tell();
+  }
+
+  async load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void> {
+    const both = AbortSignal.any([signal, this.#gone.signal]);
+    if (!fitsMemory(this.#case)) return;
+    this.#gaveUp = false;
+    try {
+      const depth_mm = this.#state?.depth_mm ?? clampDepth(FIRST_DEPTH_MM, this.#case);
+      await this.#data.load(depth_mm, this.#device !== null, both, onProgress);
+    } catch (error) {
+      this.#gaveUp = !this.#data.fetched.field;
+      this.#schedule();
+      both.throwIfAborted();
+      this.#fail(error);
+      throw error;
+    }
+  }
+
+  draw(state: ViewState, moving: boolean): void {
+    this.#pace.stir(moving, state !== this.#state);
+    this.#state = state;
+    this.#moving = moving;
+    this.#schedule();
+  }
+
+  pick(state: ViewState, x: number, y: number): Picked | null {
+    return this.#points?.pick(state, [x, y], this.#cssSize()) ?? null;
+  }
+
+  profile(position_in_patient: Vec3): Profile | null {
+    return this.#points?.profile(position_in_patient) ?? null;
+  }
+
+  probe(position_in_patient: Vec3): Probed | null {
+    return this.#points?.probe(position_in_patient) ?? null;
+  }
+
+  async picture(state: ViewState): Promise<CanvasImageSource> {
+    const way = this.#drawable(state);
+    const painter = this.#device?.painter;
+    if (way && painter) {
+      this.#fitCanvas();
+      painter.draw(this.#panes(state), way, FULL_QUALITY);
+      // In the same task, for what is drawn is gone with the next frame.
+      return createImageBitmap(this.#canvas);
+    }
+    return this.#standIn.picture(state) ?? this.#canvas;
+  }
+
+  showTimer(shown: boolean): void {
+    this.#times.hidden = !shown;
+    this.#showTimes();
+  }
+
+  dispose(): void {
+    this.#gone.abort(new DOMException("The surface is shown no more.", "AbortError"));
+    cancelAnimationFrame(this.#frame);
+    this.#pace.stop();
+    this.#resized.disconnect();
+    this.#standIn.leave();
+    this.#device?.dispose();
+    for (const element of [this.#canvas, this.#times]) element.remove();
+    this.#points = null;
+  }
+
+  // -- What has come
+
+  async #onFirst(signal: AbortSignal): Promise<void> {
+    try {
+      await this.#restore(signal);
+    } catch (error) {
+      signal.throwIfAborted();
+      // A device that cannot draw leaves that to the server; points are found all the same.
+      this.#fail(error);
+    }
+    this.#paint();
+  }
+
+  #onPaths(table: PathsTable): void {
+    this.#device?.painter?.setPaths(table);
+    this.#paint();
+  }
+
+  #onWhole(volume: Voxels8Or16, { field, smoothed }: FieldMaps): void {
+    const depths = depthsOf(field, { ...field, voxels: smoothed ?? field.voxels });
+    this.#points = new Points(this.#case, depths, samplerOf(volume));
+    this.#schedule();
+  }
+
+  async #bring(work: (device: Device) => Promise<void>): Promise<void> {
+    if (!this.#device?.painter) return;
+    await work(this.#device);
+    this.#schedule();
+  }
+
+  // -- Drawing
+
+  #schedule(): void {
+    if (this.#frame !== 0 || this.#gone.signal.aborted) return;
+    this.#frame = requestAnimationFrame(() => this.#paint());
+  }
+
+  #paint(): void {
+    cancelAnimationFrame(this.#frame);
+    this.#frame = 0;
+    const state = this.#state;
+    const css = this.#cssSize();
+    if (!state || css[0] < 1 || css[1] < 1 || this.#gone.signal.aborted) return;
+    const way = this.#drawable(state);
+    if (way) this.#drawHere(state, way);
+    else if (!this.#isServed(state) && this.#data.hasFirst) this.#data.wantDepth(state.depth_mm);
+    else if (this.#isServed(state)) this.#drawThere(state);
+    // Until there is anything to draw with, a small picture of the server's: it is there in a moment.
+    else this.#standIn.draw(state, true);
+  }
+
+  #drawHere(state: ViewState, way: Drawn): void {
+    const [gl, painter] = [this.#device?.gl, this.#device?.painter];
+    if (!gl || !painter) return;
+    const quality = this.#pace.qualityOf(way);
+    const draw = (): void => {
+      this.#fitCanvas();
+      painter.draw(this.#panes(state), way, quality);
+    };
+    try {
+      this.#pace.time(gl, way, quality, draw, () => this.#showTimes());
+    } catch (error) {
+      if (!gl.isContextLost()) this.#fail(error);
+      return;
+    }
+    this.#standIn.leave();
+    delete this.#host.dataset.preview;
+    this.#canvas.style.visibility = "visible";
+    this.#way = way;
+    this.#canvas.dataset.frames = String(this.#pace.frames);
+    this.#canvas.dataset.complete = String(this.#points !== null);
+    this.#canvas.dataset.quality = quality === FULL_QUALITY ? "full" : "less";
+    this.#say("");
+    this.#options.onDrawn(state);
+    this.#tell();
+  }
+
+  #drawThere(state: ViewState): void {
+    this.#way = "server";
+    this.#standIn.draw(state, this.#moving);
+    this.#tell();
+  }
+
+  /** How a state can be drawn here and now; null where it cannot. */
+  #drawable(state: ViewState): Drawn | null {
+    const painter = this.#device?.painter;
+    if (!painter || this.#isServed(state)) return null;
+    if (state.way === "exact" && painter.canDraw("exact", state.depth_mm)) return "exact";
+    return painter.canDraw("mesh", state.depth_mm) ? "mesh" : null;
+  }
+
+  /** Whether the server is to draw: for good, or as long as the page wants it so. */
+  #isServed(state: ViewState | null = this.#state): boolean {
+    return this.#options.serverOnly || this.#gaveUp || this.#fallback !== null || state?.way === "server";
+  }
+
+  #panes(state: ViewState): Pane[] {
+    const [width, height] = [this.#canvas.width, this.#canvas.height];
+    const look: Look = { ...state, color_row: colorRow(state.colormap), isMirrored: false };
+    if (state.layout !== "mirror") return [{ look, left: 0, size: [width, height] }];
+    const half = Math.floor(width / 2);
+    return [
+      { look, left: 0, size: [half, height] },
+      { look: { ...look, isMirrored: true }, left: width - half, size: [half, height] },
+    ];
+  }
+
+  #cssSize(): Vec2 {
+    return [this.#host.clientWidth, this.#host.clientHeight];
+  }
+
+  #fitCanvas(): void {
+    const ratio = Math.min(globalThis.devicePixelRatio, this.#device?.isSoftware ? SOFTWARE_RATIO : DEVICE_RATIO);
+    const [width, height] = this.#cssSize().map((side) => Math.max(1, Math.round(side * ratio))) as [number, number];
+    if (this.#canvas.width !== width) this.#canvas.width = width;
+    if (this.#canvas.height !== height) this.#canvas.height = height;
+  }
+
+  #showTimes(): void {
+    if (!this.#times.hidden) this.#times.value = this.#pace.words;
+  }
+
+  // -- The device
+
+  #taken(): Device | null {
+    const device = Device.take(this.#canvas, this.#case, {
+      lost: () => this.#onLost(),
+      restored: () => void this.#restore(this.#gone.signal).catch((error: unknown) => this.#fail(error)),
+    });
+    if (!device) this.#fallback = "no-webgl2";
+    else if (!device.fits) this.#fallback = "too-large";
+    return device;
+  }
+
+  #onLost(): void {
+    // An opaque canvas without its context is white.
+    this.#canvas.style.visibility = "hidden";
+    this.#fallback = "context-lost";
+    this.#schedule();
+    this.#tell();
+  }
+
+  /** Brings all that has been fetched to the device, at first or after a lost context. */
+  async #restore(signal: AbortSignal): Promise<void> {
+    if (this.#fallback === "too-large" || !(await this.#device?.fill(this.#data.fetched, signal))) return;
+    this.#fallback = null;
+    this.#schedule();
+    this.#tell();
+  }
+
+  // -- Telling
+
+  #fail(error: unknown): void {
+    if (this.#gone.signal.aborted) return;
+    if (error instanceof TooLarge) this.#fallback ??= "too-large";
+    else if (!(error instanceof Problem)) this.#fallback ??= "failed";
+    this.#say(error instanceof Error ? error.message : "");
+    this.#schedule();
+    this.#tell();
+  }
+
+  #say(trouble: string): void {
+    this.#trouble = trouble;
+    this.#tell();
+  }
+
+  #tell(): void {
+    const status: SurfaceStatus = { way: this.#way, fallback: this.#fallback, trouble: this.#trouble };
+    const told = JSON.stringify(status);
+    if (told === this.#told) return;
+    this.#told = told;
+    this.#options.onStatus(status);
+  }
+}

@@ -1,0 +1,138 @@
+// The graphics context of a surface: taken, lost, restored, and filled with what has been fetched.
+
+import type { ReadyCase } from "../model/case.ts";
+import { mirrorPlane } from "../model/midsagittal.ts";
+import { patiently } from "../base/patience.ts";
+import type { Gl, ShaderTexts } from "../gl/gl.ts";
+import { fits, Painter, textureBytes } from "../gl/painter.ts";
+import { withGradients, type Fetched } from "./case-data.ts";
+
+/** The most bytes on the device that a case may take. */
+const MOST_TEXTURE_BYTES = 1 << 30;
+
+/** Whether a case is small enough for any device. */
+export const fitsMemory = (shown: ReadyCase): boolean =>
+  textureBytes(shown.grid.size, shown.volume.size) <= MOST_TEXTURE_BYTES;
+
+export interface DeviceListener {
+  lost(): void;
+  restored(): void;
+}
+
+export class Device {
+  readonly gl: Gl;
+  readonly isSoftware: boolean;
+  /** Null until it has all that has been fetched. */
+  painter: Painter | null = null;
+  readonly #canvas: HTMLCanvasElement;
+  readonly #case: ReadyCase;
+  readonly #listener: DeviceListener;
+  /** Ends with the context: what was being brought to it is of no use to the next one. */
+  #context = new AbortController();
+
+  private constructor(canvas: HTMLCanvasElement, gl: Gl, shown: ReadyCase, listener: DeviceListener) {
+    this.#canvas = canvas;
+    this.gl = gl;
+    this.#case = shown;
+    this.#listener = listener;
+    this.isSoftware = /swiftshader|llvmpipe|software/i.test(rendererOf(gl));
+    canvas.addEventListener("webglcontextlost", this.#onLost);
+    canvas.addEventListener("webglcontextrestored", this.#onRestored);
+  }
+
+  /** Takes a context of the canvas; null where there is none. */
+  static take(canvas: HTMLCanvasElement, shown: ReadyCase, listener: DeviceListener): Device | null {
+    const gl = canvas.getContext("webgl2", {
+      alpha: false,
+      antialias: false,
+      depth: false,
+      powerPreference: "high-performance",
+    });
+    return gl && new Device(canvas, gl, shown, listener);
+  }
+
+  /** Whether a case fits. The volume is cropped to the envelope; before it comes, its native size bounds it. */
+  get fits(): boolean {
+    return fits(this.gl, [this.#case.grid.size, this.#case.volume.size]) && fitsMemory(this.#case);
+  }
+
+  /**
+   * Makes a painter that has all that has been fetched, at first or after a lost context; false: this context ended.
+   */
+  async fill(fetched: Fetched, signal: AbortSignal): Promise<boolean> {
+    if (!fetched.shaders || this.gl.isContextLost()) return false;
+    const context = this.#context.signal;
+    try {
+      this.painter = await this.#filled(fetched, fetched.shaders, AbortSignal.any([signal, context]));
+      return true;
+    } catch (error) {
+      // The next context begins again.
+      if (context.aborted) return false;
+      throw error;
+    }
+  }
+
+  /** Brings something to the painter, if there is one; after a lost context it is brought with all the rest. */
+  async bring(work: (painter: Painter) => Generator<void, void>, signal: AbortSignal): Promise<void> {
+    const context = this.#context.signal;
+    if (!this.painter) return;
+    try {
+      await patiently(work(this.painter), AbortSignal.any([signal, context]));
+    } catch (error) {
+      if (!context.aborted) throw error;
+    }
+  }
+
+  dispose(): void {
+    this.#canvas.removeEventListener("webglcontextlost", this.#onLost);
+    this.#canvas.removeEventListener("webglcontextrestored", this.#onRestored);
+    // A page may hold few contexts: this one is given back at once.
+    this.gl.getExtension("WEBGL_lose_context")?.loseContext();
+    this.painter = null;
+  }
+
+  async #filled(fetched: Fetched, shaders: ShaderTexts, signal: AbortSignal): Promise<Painter> {
+    const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
+    const { envelope_sphere: sphere, cuts = [], grid } = this.#case;
+    const painter = new Painter(this.gl, shaders, {
+      sphere,
+      plane: mirrorPlane(this.#case),
+      native_spacing_mm,
+      cuts,
+      spacing_mm: grid.spacing_mm,
+    });
+    let taken: Fetched;
+    do {
+      taken = { ...fetched };
+      await handOver(painter, { ...taken, field: await withGradients(taken.field, signal) }, signal);
+      // What came meanwhile is brought as well.
+    } while (taken.paths !== fetched.paths || taken.volume !== fetched.volume || taken.field !== fetched.field);
+    signal.throwIfAborted();
+    return painter;
+  }
+
+  readonly #onLost = (event: Event): void => {
+    // Without this, the context would never come back.
+    event.preventDefault();
+    this.painter = null;
+    this.#context.abort(new DOMException("The context was lost.", "AbortError"));
+    this.#context = new AbortController();
+    this.#listener.lost();
+  };
+
+  readonly #onRestored = (): void => this.#listener.restored();
+}
+
+async function handOver(painter: Painter, fetched: Fetched, signal: AbortSignal): Promise<void> {
+  const { triangles, positions, paths, volume, field } = fetched;
+  if (triangles) painter.setTriangles(triangles);
+  if (positions) painter.setPositions(positions.positions, positions.depth_mm);
+  if (paths) painter.setPaths(paths);
+  if (volume) await patiently(painter.setVolume(volume), signal);
+  if (field) await patiently(painter.setField(field), signal);
+}
+
+function rendererOf(gl: Gl): string {
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  return String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+}

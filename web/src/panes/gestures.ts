@@ -1,0 +1,81 @@
+// Pointers, wheel and touch on a pane, told as drags, pinches and clicks.
+
+import type { Vec2 } from "../model/space.ts";
+import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";
+
+/** What a drag does, by its button and modifier. */
+export type DragKind = "turn" | "pan" | "window";
+
+export interface GestureListener {
+  /** A hand came down. */
+  press?(kind: DragKind, place: Vec2): void;
+  drag(kind: DragKind, move: Vec2, place: Vec2): void;
+  pinch(pinch: Pinch): void;
+  /** The wheel, in pixels; `notches` are whole ones, for steps. Positive is towards the user. */
+  wheel(pixels: number, notches: number, place: Vec2, event: WheelEvent): void;
+  pick(place: Vec2): void;
+  /** A hand rests on the pane, or has left it: pictures in between may be coarse. */
+  busy(busy: boolean): void;
+}
+
+const kindOf = (event: PointerEvent): DragKind => {
+  if (event.button === 2) return "window";
+  return event.button === 1 || event.shiftKey ? "pan" : "turn";
+};
+
+/** Listens to a pane; its places are CSS pixels from the pane's top left corner. */
+export function listen(pane: HTMLElement, listener: GestureListener): void {
+  const touches = new Map<number, Vec2>();
+  const notches = new Notches();
+  let kind: DragKind = "turn";
+
+  const placeOf = (event: MouseEvent): Vec2 => {
+    const box = pane.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  const end = (event: PointerEvent): void => {
+    if (!touches.delete(event.pointerId)) return;
+    if (touches.size === 0) listener.busy(false);
+  };
+
+  pane.addEventListener("pointerdown", (event) => {
+    if (!(event.target instanceof Element) || event.target.closest("button, input")) return;
+    // A third finger, or a mouse beside a finger, changes nothing.
+    if (touches.size >= 2) return;
+    pane.setPointerCapture(event.pointerId);
+    if (touches.size === 0) {
+      kind = kindOf(event);
+      listener.busy(true);
+      listener.press?.(kind, placeOf(event));
+    }
+    touches.set(event.pointerId, placeOf(event));
+    pane.focus({ preventScroll: true });
+    // Else the middle button scrolls the page.
+    event.preventDefault();
+  });
+  pane.addEventListener("pointermove", (event) => {
+    const before = touches.get(event.pointerId);
+    if (!before) return;
+    const now = placeOf(event);
+    touches.set(event.pointerId, now);
+    const other = [...touches].find(([id]) => id !== event.pointerId)?.[1];
+    if (other) listener.pinch({ from: [before, other], to: [now, other] });
+    else listener.drag(kind, [now[0] - before[0], now[1] - before[1]], now);
+  });
+  // A touch that the system takes away (a call, a palm) ends the gesture where it is.
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"] as const) pane.addEventListener(name, end);
+  pane.addEventListener("dblclick", (event) => {
+    if (event.target instanceof Element && event.target.closest("button, input")) return;
+    listener.pick(placeOf(event));
+  });
+  pane.addEventListener("contextmenu", (event) => event.preventDefault());
+  pane.addEventListener(
+    "wheel",
+    (event) => {
+      event.preventDefault();
+      const pixels = wheelPixels(event);
+      listener.wheel(pixels, notches.take(pixels), placeOf(event), event);
+    },
+    { passive: false },
+  );
+}

@@ -1,0 +1,301 @@
+// One slice with the outline of the cut, its cursor and its control.
+
+import type { ReadyCase } from "../model/case.ts";
+import { caseIdentity } from "../base/case-words.ts";
+import { h, iconButton, setText, setValue } from "../base/dom.ts";
+import { intensity, number, t } from "../base/i18n.ts";
+import { positionWords } from "../base/readout.ts";
+import { listen } from "./gestures.ts";
+import { Overlay } from "./overlay.ts";
+import { FollowingPicture } from "../base/picture.ts";
+import { PLANES, type Plane, pictureSize, sliceQuery } from "../model/query.ts";
+import { wheelZoom } from "../model/controls.ts";
+import type { Probed } from "../model/points.ts";
+import {
+  CENTRED,
+  type Placing,
+  type SliceView,
+  isFlipped,
+  laid,
+  movedSlice,
+  pinchedSlice,
+  reachOf,
+  sliceEdges,
+  sliceMmPerPixel,
+  slicePixel,
+  slicePosition,
+  withinReach,
+  zoomedSlice,
+} from "../model/slice-geometry.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
+
+const MOST_PIXELS = 768;
+/** A step of the wheel and of the arrows, in mm. */
+const STEP_MM = 1;
+
+export interface SliceListener {
+  /** A drag with the right button. */
+  window(move: Vec2): void;
+  /** A double click, or the button: as large as all panes, or not. */
+  enlarge(plane: Plane): void;
+  probe(position_in_patient: Vec3): Probed | null;
+  /** The cross is put here; `done` when the hand has left. */
+  move(position_in_patient: Vec3, done: boolean): void;
+  complain(problem: unknown): void;
+}
+
+export class SlicePane {
+  readonly element: HTMLElement;
+  readonly plane: Plane;
+  readonly #shown: ReadyCase;
+  readonly #listener: SliceListener;
+  readonly #overlay: Overlay;
+  readonly #picture: FollowingPicture<{ state: ViewState; view: SliceView }>;
+  readonly #image = h("div", { class: "slice-image" });
+  /** The picture and what stands on it; the slider lies below. */
+  readonly #frame = h("div", { class: "slice-view" }, this.#image);
+  readonly #hovered = h("span", { class: "hovered", hidden: true });
+  readonly #range: HTMLInputElement;
+  readonly #words: HTMLElement;
+  #state: ViewState | null = null;
+  #placing: Placing = CENTRED;
+  #drawn: SliceView | null = null;
+  #outlined = true;
+
+  constructor(plane: Plane, shown: ReadyCase, listener: SliceListener) {
+    this.plane = plane;
+    this.#shown = shown;
+    this.#listener = listener;
+    const label = t(`plane.${plane}`);
+    this.element = h(
+      "section",
+      { class: `pane slice ${plane}`, role: "group", tabindex: 0, "aria-label": t("slice.label", { plane: label }) },
+      this.#frame,
+    );
+    this.#overlay = new Overlay(this.#frame);
+    this.#overlay.element.append(this.#hovered);
+    this.#frame.append(iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane)));
+    const [min, max] = reachOf(shown, PLANES[plane].axis);
+    this.#range = h("input", {
+      type: "range",
+      class: "slice-range",
+      min,
+      max,
+      step: 0.5,
+      "aria-label": t("slice.position", { plane: label }),
+      input: () => this.#goTo(this.#range.valueAsNumber),
+    });
+    this.#words = h("p", { id: `slice-${plane}-words`, class: "visually-hidden" });
+    this.element.setAttribute("aria-describedby", this.#words.id);
+    this.element.append(this.#range, this.#words);
+    this.#picture = new FollowingPicture({
+      put: (image, { state, view }) => this.#put(image, state, view),
+      complain: (problem) => {
+        this.element.classList.toggle("troubled", problem !== null);
+        listener.complain(problem);
+      },
+    });
+    this.#listen();
+  }
+
+  /** Shows the slice through the state's cross, else through the middle of the head. */
+  show(state: ViewState): void {
+    this.#state = state;
+    const view = this.#view(state);
+    const query = sliceQuery(
+      state,
+      this.plane,
+      this.#center(state),
+      pictureSize(view.size, devicePixelRatio, MOST_PIXELS),
+    );
+    if (!this.#outlined) query.delete("depth_mm");
+    const { zoom, pan_mm } = this.#placing;
+    if (zoom !== 1) query.set("zoom", zoom.toFixed(4));
+    if (pan_mm.some((part) => part !== 0)) query.set("pan", pan_mm.map((part) => part.toFixed(2)).join(","));
+    this.#picture.show(`${this.#shown.id}/slices/${this.plane}?${query}`, { state, view });
+    this.#picture.again();
+    setValue(this.#range, view.position_mm);
+    // The convention and the cross are the page's own: they need no other picture.
+    this.#write(state, view);
+  }
+
+  get isLarge(): boolean {
+    return this.element.classList.contains("large");
+  }
+
+  /** Whether the slice is as large as all panes; then it names the case itself. */
+  enlarge(isLarge: boolean): void {
+    this.element.classList.toggle("large", isLarge);
+    this.#overlay.identity(isLarge ? caseIdentity(this.#shown) : "");
+  }
+
+  /** The whole slice in the middle again. */
+  center(): void {
+    this.#place(CENTRED);
+  }
+
+  /** Whether the outline of the cut is drawn. */
+  outline(shown: boolean): void {
+    this.#outlined = shown;
+    if (this.#state) this.show(this.#state);
+  }
+
+  /** Says what is shown, for those who do not see it. */
+  describe(words: string): void {
+    setText(this.#words, `${this.#range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
+  }
+
+  dispose(): void {
+    this.#picture.stop();
+  }
+
+  #center(state: ViewState): Vec3 {
+    return state.crosshair_mm ?? this.#shown.envelope_sphere.center_in_patient;
+  }
+
+  #view(state: ViewState): SliceView {
+    const size: Vec2 = [this.#frame.clientWidth, this.#frame.clientHeight];
+    return {
+      plane: this.plane,
+      convention: state.convention,
+      position_mm: this.#center(state)[PLANES[this.plane].axis],
+      size,
+      placing: this.#placing,
+    };
+  }
+
+  #put(image: HTMLImageElement, state: ViewState, view: SliceView): void {
+    image.alt = t("slice.alt", {
+      plane: t(`plane.${this.plane}`),
+      position: number(view.position_mm, 1),
+      depth: number(state.depth_mm, 1),
+    });
+    this.#image.replaceChildren(image);
+    this.#drawn = view;
+    this.element.dataset.position = String(view.position_mm);
+    this.element.dataset.depth = String(state.depth_mm);
+    this.#write(this.#state ?? state, this.#view(this.#state ?? state));
+  }
+
+  #write(state: ViewState, view: SliceView): void {
+    const sphere = this.#shown.envelope_sphere;
+    if (this.#drawn) this.#lay(this.#drawn, view);
+    this.#image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
+    this.#overlay.letter(sliceEdges(this.plane, state.convention));
+    const side = positionLetter(this.plane, view.position_mm);
+    const badge = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
+    this.#overlay.title(`${t(`plane.${this.plane}`)}  ${side} ${number(Math.abs(view.position_mm), 1)}`, badge);
+    this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
+    this.#overlay.cursor(state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm), view.size, "lines");
+    this.#range.setAttribute("aria-valuetext", `${side} ${number(Math.abs(view.position_mm), 1)} mm`);
+  }
+
+  #goTo(position_mm: number, done = true): void {
+    if (!this.#state) return;
+    const position = this.#center(this.#state).map((value, axis) =>
+      axis === PLANES[this.plane].axis ? position_mm : value,
+    );
+    this.#listener.move(withinReach(this.#shown, position as unknown as Vec3), done);
+  }
+
+  #step(steps: number): void {
+    if (this.#state) this.#goTo(this.#center(this.#state)[PLANES[this.plane].axis] + steps * STEP_MM);
+  }
+
+  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
+  #lay(drawn: SliceView, wanted: SliceView): void {
+    const { scale, move } = laid(drawn, wanted, this.#shown.envelope_sphere);
+    const [width, height] = drawn.size;
+    // The picture keeps its own size and shape, about the pane's middle.
+    Object.assign(this.#image.style, {
+      inset: "auto",
+      left: `${(wanted.size[0] - width) / 2}px`,
+      top: `${(wanted.size[1] - height) / 2}px`,
+      width: `${width}px`,
+      height: `${height}px`,
+      transform: `translate(${move[0]}px, ${move[1]}px) scale(${scale})`,
+    });
+  }
+
+  #place(placing: Placing): void {
+    this.#placing = placing;
+    if (this.#state) this.show(this.#state);
+  }
+
+  #positionAt(at: Vec2): Vec3 | null {
+    if (!this.#state) return null;
+    return withinReach(this.#shown, slicePosition(this.#view(this.#state), this.#shown.envelope_sphere, at));
+  }
+
+  #hover(event: PointerEvent | null): void {
+    const box = this.#frame.getBoundingClientRect();
+    const position = event && this.#positionAt([event.clientX - box.left, event.clientY - box.top]);
+    this.#hovered.hidden = !position;
+    if (!position) return;
+    const probed = this.#listener.probe(position);
+    const known = probed
+      ? `  ${number(probed.depth_mm, 1)} mm  ${Number.isFinite(probed.intensity) ? intensity(probed.intensity) : "–"}`
+      : "";
+    setText(this.#hovered, `${positionWords(position)}${known}`);
+  }
+
+  #listen(): void {
+    let at: Vec2 | null = null;
+    const cross = (place: Vec2, done: boolean): void => {
+      const position = this.#positionAt(place);
+      if (position) this.#listener.move(position, done);
+    };
+    listen(this.#frame, {
+      press: (kind, place) => {
+        at = kind === "turn" ? place : null;
+        if (at) cross(at, false);
+      },
+      drag: (kind, move, place) => {
+        if (kind === "window") return this.#listener.window(move);
+        if (kind === "pan") {
+          if (this.#state) this.#place(movedSlice(this.#view(this.#state), this.#shown, move));
+          return;
+        }
+        at = place;
+        cross(place, false);
+      },
+      pinch: (fingers) => {
+        at = null;
+        if (this.#state) this.#place(pinchedSlice(this.#view(this.#state), this.#shown, fingers));
+      },
+      wheel: (pixels, notches, place, event) => {
+        // A pinch on a touchpad comes as a wheel with the control key.
+        if (event.ctrlKey && this.#state) {
+          this.#place(zoomedSlice(this.#view(this.#state), this.#shown, wheelZoom(pixels * 2), place));
+        } else if (!event.ctrlKey && notches !== 0) {
+          // Away from the user is towards the head, the face and the patient's left, as the numbers grow on a slider.
+          this.#step(-notches);
+        }
+      },
+      pick: () => this.#listener.enlarge(this.plane),
+      busy: (busy) => {
+        if (!busy && at) cross(at, true);
+        if (!busy) at = null;
+      },
+    });
+    this.#frame.addEventListener("pointermove", (event) => this.#hover(event));
+    this.#frame.addEventListener("pointerleave", () => this.#hover(null));
+    this.element.addEventListener("keydown", (event) => {
+      if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
+      if (event.key === "Home") {
+        this.center();
+        event.preventDefault();
+        return;
+      }
+      const steps = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10 }[event.key];
+      if (steps === undefined) return;
+      this.#step(steps);
+      event.preventDefault();
+      event.stopPropagation();
+    });
+  }
+}
+
+const LETTERS = { axial: ["S", "I"], coronal: ["P", "A"], sagittal: ["L", "R"] } as const;
+const positionLetter = (plane: Plane, position_mm: number): string => LETTERS[plane][position_mm < 0 ? 1 : 0];

@@ -1,0 +1,53 @@
+// The server's pictures in the place of the page's own, as long as they are wanted.
+
+import type { ReadyCase } from "../model/case.ts";
+import type { ViewState } from "../model/state.ts";
+import { h } from "../base/dom.ts";
+import { createServerSurface } from "./server-surface.ts";
+import type { Surface } from "./surface.ts";
+
+export interface StandInListener {
+  /** A picture of the server is up, in front of the canvas. */
+  drawn(state: ViewState): void;
+  trouble(words: string): void;
+}
+
+export class StandIn {
+  readonly #canvas: HTMLCanvasElement;
+  readonly #case: ReadyCase;
+  readonly #listener: StandInListener;
+  #server: { readonly surface: Surface; readonly box: HTMLElement } | null = null;
+
+  constructor(canvas: HTMLCanvasElement, shown: ReadyCase, listener: StandInListener) {
+    this.#canvas = canvas;
+    this.#case = shown;
+    this.#listener = listener;
+  }
+
+  draw(state: ViewState, moving: boolean): void {
+    this.#server ??= this.#made();
+    this.#server.surface.draw(state, moving);
+  }
+
+  /** The picture that is up; null where the server does not draw. */
+  picture(state: ViewState): Promise<CanvasImageSource> | null {
+    return this.#server?.surface.picture(state) ?? null;
+  }
+
+  leave(): void {
+    this.#server?.surface.dispose();
+    this.#server?.box.remove();
+    this.#server = null;
+  }
+
+  #made(): { readonly surface: Surface; readonly box: HTMLElement } {
+    const box = h("div", { class: "served" });
+    this.#canvas.after(box);
+    const surface = createServerSurface(box, this.#case, {
+      serverOnly: true,
+      onStatus: ({ trouble }) => this.#listener.trouble(trouble),
+      onDrawn: (state) => this.#listener.drawn(state),
+    });
+    return { surface, box };
+  }
+}

@@ -1,0 +1,258 @@
+// The pane of the surface: the picture, what stands on it, and the hands on it.
+
+import { edgesOf, mirrored, project, viewName } from "../model/camera.ts";
+import type { ReadyCase } from "../model/case.ts";
+import {
+  type Change,
+  type Command,
+  type DragDirection,
+  type WheelUse,
+  dragWindow,
+  pan,
+  pinch,
+  turn,
+  wheelZoom,
+  zoomAt,
+} from "../model/controls.ts";
+import { mirrorPlane, plainPlane, reflected } from "../model/midsagittal.ts";
+import type { Picked, Probed } from "../model/points.ts";
+import type { Profile } from "../model/profile.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
+import { caseIdentity } from "../base/case-words.ts";
+import { h, setText } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
+import { createSurface } from "./cortex.ts";
+import { Cube } from "./cube.ts";
+import { type GestureListener, listen } from "./gestures.ts";
+import { ColourBar, Overlay, SIDES } from "./overlay.ts";
+import type { LoadProgress, Surface, SurfaceStatus } from "./surface.ts";
+
+/** A marked point that lies deeper than this behind what is seen of the surface is hidden. */
+const HIDDEN_MM = 3;
+
+/** What hands do by themselves. */
+export interface HandUses {
+  readonly drag: DragDirection;
+  readonly wheel: WheelUse;
+}
+
+export interface SurfacePaneListener {
+  /** What the state is now. */
+  state(): ViewState;
+  hands(): HandUses;
+  change(change: Change): void;
+  command(command: Command): void;
+  pick(place: Vec2): void;
+  /** A hand rests on the pane, or has left it. */
+  busy(busy: boolean): void;
+  status(status: SurfaceStatus): void;
+}
+
+export class SurfacePane {
+  readonly element: HTMLElement;
+  /** What the picture is in. */
+  readonly host = h("div", { class: "surface-host" });
+  readonly #shown: ReadyCase;
+  readonly #listener: SurfacePaneListener;
+  readonly #overlay: Overlay;
+  readonly #otherOverlay: Overlay;
+  readonly #colourBar = new ColourBar();
+  readonly #cube = new Cube((name) => this.#listener.command({ kind: "view", name }));
+  readonly #keys = h("p", { id: "surface-keys", class: "visually-hidden" }, t("surface.keys"));
+  readonly #surface: Surface;
+  #drawn: ViewState | null = null;
+  #ghost: Vec2 | null = null;
+
+  constructor(shown: ReadyCase, serverOnly: boolean, listener: SurfacePaneListener) {
+    this.#shown = shown;
+    this.#listener = listener;
+    this.element = h(
+      "section",
+      {
+        class: "pane surface",
+        id: "surface",
+        role: "application",
+        tabindex: 0,
+        "aria-label": t("surface.label"),
+        "aria-describedby": "surface-keys",
+      },
+      this.host,
+    );
+    this.#overlay = new Overlay(this.element);
+    this.#overlay.identity(caseIdentity(shown));
+    this.#otherOverlay = new Overlay(this.element);
+    this.#otherOverlay.element.classList.add("other");
+    this.element.append(...SIDES.map((side) => h("span", { class: `ring ${side}` })));
+    this.element.append(this.#colourBar.element, this.#cube.element, this.#keys);
+    this.#surface = createSurface(this.host, shown, {
+      onDrawn: (state) => this.#onDrawn(state),
+      onStatus: (status) => this.#onStatus(status),
+      serverOnly,
+    });
+    listen(this.element, this.#gestures());
+    this.element.addEventListener("pointermove", (event) => this.#hover(event));
+    this.element.addEventListener("pointerleave", () => this.#hover(null));
+  }
+
+  load(signal: AbortSignal, hear: (progress: LoadProgress) => void): Promise<void> {
+    return this.#surface.load(signal, hear);
+  }
+
+  draw(state: ViewState, moving: boolean): void {
+    this.#surface.draw(state, moving);
+    if (this.#drawn) this.#cross();
+  }
+
+  /** The size of the picture of one view: in the layout `mirror` a half of the pane. */
+  size(state: ViewState = this.#listener.state()): Vec2 {
+    return [this.element.clientWidth / (state.layout === "mirror" ? 2 : 1), this.element.clientHeight];
+  }
+
+  /** What is seen at a place of the pane, or was in another state. */
+  pick(place: Vec2, state: ViewState = this.#listener.state()): Picked | null {
+    return this.#surface.pick(state, ...place);
+  }
+
+  probe(position: Vec3): Probed | null {
+    return this.#surface.probe(position);
+  }
+
+  profile(position: Vec3): Profile | null {
+    return this.#surface.profile(position);
+  }
+
+  /** Says what is shown, for those who do not see it. */
+  describe(words: string): void {
+    setText(this.#keys, `${words} ${t("surface.keys")}`);
+  }
+
+  /** Whether it is known where the surface is. */
+  get knowsSurface(): boolean {
+    return this.#surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
+  }
+
+  picture(): Promise<CanvasImageSource> {
+    return this.#surface.picture(this.#listener.state());
+  }
+
+  showTimer(shown: boolean): void {
+    this.#surface.showTimer(shown);
+  }
+
+  dispose(): void {
+    this.#surface.dispose();
+  }
+
+  // -- What stands on the picture
+
+  #onDrawn(state: ViewState): void {
+    this.#drawn = state;
+    const sphere = this.#shown.envelope_sphere;
+    const [width] = this.size(state);
+    const { mm_per_pixel } = project(state, sphere, this.size(state));
+    const mirror = state.layout === "mirror";
+    this.#overlay.letter(edgesOf(state.orientation));
+    this.#overlay.title(titleOf(state, state.orientation));
+    this.#overlay.scale(mm_per_pixel, width);
+    this.#otherOverlay.element.hidden = !mirror;
+    this.element.classList.toggle("halved", mirror);
+    if (mirror) {
+      const edges = edgesOf(mirrored(state, mirrorPlane(this.#shown), sphere).orientation);
+      this.#otherOverlay.letter({ ...edges, left: edges.right, right: edges.left });
+      // Of the side that is seen, from however near to its name's direction.
+      const { orientation } = mirrored(state, plainPlane(sphere), sphere);
+      this.#otherOverlay.title(titleOf(state, orientation), t("mirror.badge"));
+      this.#otherOverlay.scale(mm_per_pixel, width);
+    }
+    this.#colourBar.show(state.window, state.colormap);
+    this.#cube.show(state.orientation);
+    this.element.dataset.depth = String(state.depth_mm);
+    this.element.dataset.drawn = "true";
+    this.#cross();
+  }
+
+  #onStatus(status: SurfaceStatus): void {
+    this.element.classList.toggle("troubled", status.trouble !== "");
+    this.#listener.status(status);
+  }
+
+  /** The cross on the picture that is up: in the layout `mirror` at the same place of both halves. */
+  #cross(): void {
+    const state = this.#drawn;
+    if (!state) return;
+    const size = this.size(state);
+    const mirror = state.layout === "mirror";
+    const position = this.#listener.state().crosshair_mm;
+    if (!position) {
+      this.#overlay.cursor(mirror ? this.#ghost : null, size, "ghost");
+      return this.#otherOverlay.cursor(this.#ghost, size, "ghost");
+    }
+    const { pixelOf } = project(state, this.#shown.envelope_sphere, size);
+    const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, mirrorPlane(this.#shown)))];
+    // Of the two halves the one that has the point in front: the other one has its mirror image.
+    const isOther = mirror && reflection[2] > own[2];
+    const [x, y] = isOther ? reflection : own;
+    const kind = this.#isHidden(position, state, [isOther ? size[0] + x : x, y]) ? "hidden" : "mark";
+    this.#overlay.cursor([x, y], size, isOther ? "ghost" : kind);
+    this.#otherOverlay.cursor([x, y], size, isOther ? kind : "ghost");
+  }
+
+  /** Whether the surface lies before a position that is at a place of the pane. */
+  #isHidden(position: Vec3, state: ViewState, place: Vec2): boolean {
+    const sphere = this.#shown.envelope_sphere;
+    const size = this.size(state);
+    const isOther = state.layout === "mirror" && place[0] >= size[0];
+    const view = isOther ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
+    const { pixelOf } = project(view, sphere, size);
+    const height_mm = pixelOf(position)[2];
+    const seen = this.#surface.pick(state, ...place);
+    if (seen) return pixelOf(seen.position_in_patient)[2] > height_mm + HIDDEN_MM;
+    // Until the surface is known, the far half of the head is behind it.
+    return !this.knowsSurface && height_mm < 0;
+  }
+
+  // -- Hands
+
+  #hover(event: PointerEvent | null): void {
+    const state = this.#listener.state();
+    if (state.layout !== "mirror") return;
+    const box = this.element.getBoundingClientRect();
+    this.#ghost = event && this.#inHalf([event.clientX - box.left, event.clientY - box.top]);
+    if (!state.crosshair_mm) this.#cross();
+  }
+
+  /** A place of the pane within its half. */
+  #inHalf(place: Vec2): Vec2 {
+    const [width] = this.size();
+    const isOther = place[0] >= width && this.#listener.state().layout === "mirror";
+    return [isOther ? place[0] - width : place[0], place[1]];
+  }
+
+  #gestures(): GestureListener {
+    const { state, hands, change, command, pick, busy } = this.#listener;
+    return {
+      drag: (kind, move) => {
+        if (kind === "turn") change(turn(state(), move, this.size()));
+        else if (kind === "pan") change(pan(state(), this.#shown, move, this.size()));
+        else change(dragWindow(state(), this.#shown, move, hands().drag));
+      },
+      pinch: (fingers) => change(pinch(state(), this.#shown, fingers, this.size())),
+      wheel: (pixels, notches, place, event) => {
+        // A pinch on a touchpad comes as a wheel with the control key.
+        const isDepth = !event.ctrlKey && event.altKey !== (hands().wheel === "depth");
+        const zoom = wheelZoom(event.ctrlKey ? pixels * 5 : pixels);
+        if (!isDepth) change(zoomAt(state(), this.#shown, zoom, this.#inHalf(place), this.size()));
+        else if (notches !== 0) command({ kind: "depth", steps: notches, fine: event.shiftKey });
+      },
+      pick,
+      busy,
+    };
+  }
+}
+
+/** Depth and direction, as they stand on a picture. */
+function titleOf({ depth_mm }: ViewState, orientation: ViewState["orientation"]): string {
+  const name = viewName(orientation);
+  return `${number(depth_mm, 1)} mm${name ? `  ${t(`view.${name}`)}` : ""}`;
+}

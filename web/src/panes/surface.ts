@@ -1,0 +1,67 @@
+// The pane that shows the cortex: what the page asks of whoever draws it. It holds its own canvas or picture, nothing
+// else of the page; what stands on the picture (letters, scale, cursor) the page puts there.
+
+import type { ReadyCase } from "../model/case.ts";
+import type { Picked, Probed } from "../model/points.ts";
+import type { Profile } from "../model/profile.ts";
+import type { Vec3 } from "../model/space.ts";
+import type { ViewState, Way } from "../model/state.ts";
+
+/** What is being fetched after the first picture, in bytes. `total` is 0 until it is known. */
+export interface LoadProgress {
+  readonly loaded: number;
+  readonly total: number;
+}
+
+/** Why the server draws though the page was asked to: the page says it in words. */
+export type Fallback = "no-webgl2" | "context-lost" | "too-large" | "failed";
+
+/** What a surface tells of itself. */
+export interface SurfaceStatus {
+  /** Who draws now; it differs from the state's way while that one is being fetched, or cannot be had. */
+  readonly way: Way;
+  readonly fallback: Fallback | null;
+  /** In words of the server, when a picture could not be had; empty otherwise. */
+  readonly trouble: string;
+}
+
+export interface SurfaceOptions {
+  /**
+   * Hears of every picture in the same moment as it is put up, with the state that it shows: what the page writes on it
+   * (letters, scale, cursor) is never of another picture.
+   */
+  readonly onDrawn: (state: ViewState) => void;
+  /** Hears of every change, and once at first. */
+  readonly onStatus: (status: SurfaceStatus) => void;
+  /** Only the server draws (`?renderer=server`). */
+  readonly serverOnly: boolean;
+}
+
+/**
+ * In the layout `mirror` the pane is two halves of equal width: the left one shows the state's view, the right one the
+ * other hemisphere's, mirrored (`camera.mirrored`, flipped left to right). Places are CSS pixels from the pane's top
+ * left corner.
+ */
+export interface Surface {
+  /** Fetches what the first picture needs, then the rest. Rejects with the signal's reason when it is aborted. */
+  load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void>;
+  /**
+   * Draws with the next frame; of several calls before it, the last. `moving` allows a coarser picture from the
+   * server.
+   */
+  draw(state: ViewState, moving: boolean): void;
+  /** Null beside the surface, and where nothing here knows. */
+  pick(state: ViewState, x: number, y: number): Picked | null;
+  /** At the point of the surface nearest to the position; null where nothing here knows (yet). */
+  profile(position_in_patient: Vec3): Profile | null;
+  /** The surface's depth and intensity at a position; null where nothing here knows (yet). */
+  probe(position_in_patient: Vec3): Probed | null;
+  /** The picture of the state as it stands in the pane, for a screenshot. */
+  picture(state: ViewState): Promise<CanvasImageSource>;
+  /** Whether the frame timer stands on the picture. */
+  showTimer(shown: boolean): void;
+  dispose(): void;
+}
+
+/** Makes a surface in `host`, which it fills. */
+export type CreateSurface = (host: HTMLElement, shown: ReadyCase, options: SurfaceOptions) => Surface;

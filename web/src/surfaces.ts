@@ -1,3 +1,0 @@
-// Who draws the cortex in this browser.
-
-export { createSurface } from "./cortex.ts";
