@@ -5,7 +5,7 @@ use plotters::prelude::*;
 
 use crate::agreement::means;
 use crate::paper::published::{FIGURE_6_MACHINE, MeshRow, TABLE_2, TABLE_2_TRIANGLES};
-use crate::{Cell, Table};
+use crate::{Cell, Table, readable};
 
 /// Width and height of a plot, in pixels.
 const SIZE: (u32, u32) = (760, 520);
@@ -174,6 +174,7 @@ impl Plot {
         let mut chart = ChartBuilder::on(&area);
         chart
             .margin(12)
+            .margin_right(28)
             .caption(&self.title, ("sans-serif", 17))
             .x_label_area_size(44)
             .y_label_area_size(64);
@@ -199,6 +200,9 @@ impl Plot {
             .x_desc("triangles")
             .y_desc(self.y)
             .light_line_style(WHITE)
+            .x_labels(4)
+            .x_label_formatter(&|triangles| format!("{triangles:.0}"))
+            .y_label_formatter(&|number| readable(*number))
             .draw()?;
         for (series, color) in self.series.iter().zip(COLORS.iter().cycle()) {
             let points = series.points.iter().copied();
@@ -215,6 +219,11 @@ impl Plot {
         }
         chart
             .configure_series_labels()
+            .position(if self.is_log {
+                SeriesLabelPosition::LowerLeft
+            } else {
+                SeriesLabelPosition::UpperRight
+            })
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK.mix(0.3))
             .draw()?;

@@ -2,7 +2,7 @@
 
 use crate::{
     DeformableModel, DepthField, DepthMaps, DistanceMap, Envelope, Forest, GeometryError, Paths,
-    Volume, core, distance_map, envelope_mesh, forest, path_table,
+    ShellIndex, Volume, core, distance_map, envelope_mesh, forest, path_table,
 };
 
 /// A brain that was closed.
@@ -99,7 +99,7 @@ impl DeformableModel {
         observe(BuildStep::Table)?;
         let default_paths = path_table(&mesh, &distance, &field, Paths::Forest(&forest));
         observe(BuildStep::Shell)?;
-        let depth = DepthMaps::with_field(field, &distance);
+        let depth = DepthMaps::from_parts(field, ShellIndex::new(&distance));
         Ok(BuiltModel {
             model: Self::new(volume, depth, default_paths),
             distance,
@@ -111,7 +111,7 @@ impl DeformableModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MeshSize, ShellIndex, envelope, phantom};
+    use crate::{MeshSize, envelope, phantom};
 
     fn closed() -> (Volume, Envelope) {
         let head = phantom::head(4.0);

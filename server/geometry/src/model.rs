@@ -33,12 +33,12 @@ impl PartialEq for DepthMaps {
 impl DepthMaps {
     /// The maps of a distance map. The smoothed field is computed at its first use.
     pub fn new(distance: &DistanceMap) -> Self {
-        Self::with_field(DepthField::new(distance), distance)
+        let shell = ShellIndex::new(distance);
+        Self::from_parts(DepthField::new(distance), shell)
     }
 
-    /// The maps of a distance map, of which the field is at hand.
-    pub(crate) fn with_field(field: DepthField, distance: &DistanceMap) -> Self {
-        let shell = ShellIndex::new(distance);
+    /// The maps of a field and a shell index of one distance map.
+    pub(crate) fn from_parts(field: DepthField, shell: ShellIndex) -> Self {
         Self {
             field,
             normals: OnceLock::new(),

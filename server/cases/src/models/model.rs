@@ -199,7 +199,9 @@ fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<DeformableModel> {
         return None;
     };
     let default_paths = decode_paths(paths)?;
-    let depth = DepthMaps::new(&geometry::distance_map(&envelope_of(facts, envelope)?));
+    let distance = geometry::distance_map(&envelope_of(facts, envelope)?);
+    let depth = DepthMaps::new(&distance);
+    drop(distance);
     // At once, and not in the first picture.
     depth.normals();
     let volume = decode_volume(volume)?;
