@@ -316,8 +316,12 @@ test(
     assert.ok(slider && slider.y >= box.y + box.height - 0.5, "the slider lies below the picture");
     const asked = (): Promise<string> =>
       page.waitForRequest((request) => request.url().includes("/slices/axial")).then((request) => request.url());
-    // The slice of the test before may still be shown until this one's has come.
-    await page.waitForLoadState("networkidle");
+    // The slice of the test before is shown until this one's has come; the slider is there at once, in half millimetres.
+    await page.waitForFunction(() => {
+      const pane = document.querySelector<HTMLElement>(".slice.axial");
+      const wished = pane?.querySelector<HTMLInputElement>(".slice-range")?.valueAsNumber ?? Number.NaN;
+      return Math.abs(Number(pane?.dataset.position) - wished) <= 0.25;
+    });
     await page.mouse.move(cx + 20, cy + 10);
     await page.waitForFunction(() =>
       /^[LR]\s.* mm\s+\d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
