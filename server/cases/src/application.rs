@@ -9,7 +9,7 @@ use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use render::{RenderBackend, RenderJob, SizedMesh};
-use storage::{Store, StoreError};
+use storage::{Location, Store, StoreError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
@@ -26,14 +26,17 @@ const REMEMBERED_CASES: usize = 4096;
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
+/// For how long while the database cannot be reached.
+pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
+
 /// How long an upload waits for room to be checked.
 const LONGEST_WAIT_FOR_CHECK: Duration = Duration::from_secs(30);
 
 /// How the application is set up.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The directory of the store.
-    pub data: PathBuf,
+    /// Where the store is.
+    pub location: Location,
     /// How the store behaves.
     pub store: storage::Options,
     /// The weights of the network that extracts brains; by default those beside the program.
@@ -75,6 +78,18 @@ fn thousands(voxels: usize) -> u32 {
     u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
 }
 
+/// Opens the store, with what prepares its cases.
+///
+/// # Errors
+/// When the store or the network cannot be opened.
+pub async fn open_library(options: &Options) -> Result<Library, StartError> {
+    let extractor = Extractor::open(options.network.as_deref())?;
+    tracing::info!("brains are extracted {}", extractor.words());
+    let store = Store::open_at(&options.location, options.store.clone()).await?;
+    let pipeline = Pipeline::new(extractor);
+    Ok(Library::new(store, pipeline.into(), options.limits))
+}
+
 /// Everything that a protocol needs to serve cases. Cheap to clone.
 ///
 /// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
@@ -104,10 +119,8 @@ impl Cases {
     /// # Errors
     /// When the store or the network cannot be opened, or there are no threads.
     pub async fn open(options: Options) -> Result<Self, StartError> {
-        let extractor = Extractor::open(options.network.as_deref())?;
-        tracing::info!("brains are extracted {}", extractor.words());
-        let store = Store::open_with(&options.data, options.store).await?;
-        let library = Library::new(store, Pipeline::new(extractor).into(), options.limits);
+        // In a box: the compiler refuses futures that hold each other much deeper.
+        let library = Box::pin(open_library(&options)).await?;
         let turnstile = Turnstile::new(options.render_threads, options.max_queued_renders);
         let pool = RenderPool::start(options.render_threads, options.max_queued_renders)
             .map_err(StartError::Threads)?;
@@ -154,12 +167,21 @@ impl Cases {
     /// # Errors
     /// [`Error::NoSuchCase`], [`Error::NotReady`], the failure of a failed case, or the store's.
     pub async fn ready(&self, id: &CaseId) -> Result<Arc<CaseFacts>, Error> {
-        if let Some((since, facts)) = self.ready.get(id)
+        let remembered = self.ready.get(id);
+        if let Some((since, facts)) = &remembered
             && since.elapsed() < REMEMBERED_FOR
+        {
+            return Ok(Arc::clone(facts));
+        }
+        let asked = self.store().case(id).await;
+        if let Err(error) = &asked
+            && error.is_away()
+            && let Some((since, facts)) = remembered
+            && since.elapsed() < REMEMBERED_WHILE_AWAY
         {
             return Ok(facts);
         }
-        let case = self.store().case(id).await?.ok_or(Error::NoSuchCase)?;
+        let case = asked?.ok_or(Error::NoSuchCase)?;
         match (case.state, case.facts, case.failure) {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);

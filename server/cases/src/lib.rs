@@ -12,6 +12,6 @@ pub mod pictures;
 #[cfg(test)]
 mod testing;
 
-pub use application::{Cases, Options, StartError};
+pub use application::{Cases, Options, StartError, open_library};
 pub use error::Error;
 pub use library::{Library, Preparation};

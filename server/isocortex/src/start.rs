@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use cases::Cases;
+use cases::{Cases, Library};
 use service::state::{AppState, HttpOptions};
 
 use crate::config::{Config, ConfigError};
@@ -33,6 +33,15 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
         upload_idle: Duration::from_secs(config.http.upload_idle_secs),
         upload_timeout: Duration::from_secs(config.http.upload_timeout_secs),
     };
-    let cases = Cases::open(config.cases()).await?;
+    let cases = Cases::open(config.cases()?).await?;
     Ok(AppState::new(cases, options))
+}
+
+/// Opens the store to prepare its cases, and nothing else.
+///
+/// # Errors
+/// When the configuration is not right, or the store cannot be opened.
+pub async fn open_library(config: &Config) -> Result<Library, StartError> {
+    config.check()?;
+    Ok(cases::open_library(&config.cases()?).await?)
 }

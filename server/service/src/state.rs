@@ -74,7 +74,7 @@ impl Deref for AppState {
 impl AppState {
     /// What handlers share to answer for an application.
     pub fn new(cases: Cases, options: HttpOptions) -> Self {
-        Self(Arc::new(Shared {
+        let shared = Arc::new(Shared {
             bodies: Bodies::new(cases.pool.clone(), options.body_cache_bytes),
             cases,
             metrics: Metrics::new(),
@@ -85,7 +85,15 @@ impl AppState {
             upload_idle: options.upload_idle,
             upload_timeout: options.upload_timeout,
             stopping: watch::Sender::new(false),
-        }))
+        });
+        // Whoever deletes the case, this server or another one.
+        let state = Arc::downgrade(&shared);
+        shared.cases.store().on_delete(move |id| {
+            if let Some(state) = state.upgrade() {
+                state.forget(id);
+            }
+        });
+        Self(shared)
     }
 }
 
