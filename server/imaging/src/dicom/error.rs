@@ -71,6 +71,16 @@ pub enum DicomError {
         /// What there is.
         found: Vec<SeriesSummary>,
     },
+    /// The chosen series makes no volume.
+    #[error("{series}: {reason}{}", other_series(others))]
+    OfSeries {
+        /// The one that was taken.
+        series: SeriesSummary,
+        /// What else came with it.
+        others: Vec<SeriesSummary>,
+        /// Why it makes no volume.
+        reason: Box<DicomError>,
+    },
     /// Slices of a Siemens mosaic are tiles of one image.
     #[error(
         "the series is a Siemens mosaic, a time series whose slices are tiles of one picture; it is no anatomical volume"
@@ -207,6 +217,7 @@ impl DicomError {
             Self::SeveralSeries { .. } => "dicom-several-series",
             Self::NoVolume { .. } => "dicom-no-volume",
             Self::NoSuchSeries { .. } => "dicom-series-unknown",
+            Self::OfSeries { reason, .. } => reason.kind(),
             Self::Mosaic => "dicom-mosaic",
             Self::TooFewSlices { .. } => "dicom-too-few-slices",
             Self::SlicesMissing { .. } => "dicom-slices-missing",
@@ -223,6 +234,19 @@ impl DicomError {
             Self::OutOfMemory { .. } => "out-of-memory",
             Self::Geometry(_) => "geometry",
             Self::Imaging(error) => error.kind(),
+        }
+    }
+
+    /// The same error, which says whose fault it is. What the machine lacks is no fault of the series.
+    pub(super) fn of_series(self, series: SeriesSummary, others: &[SeriesSummary]) -> Self {
+        if self.is_too_large() || matches!(self, Self::OutOfMemory { .. } | Self::Unreadable { .. })
+        {
+            return self;
+        }
+        Self::OfSeries {
+            series,
+            others: others.to_vec(),
+            reason: Box::new(self),
         }
     }
 
@@ -248,6 +272,13 @@ fn list(series: &[SeriesSummary]) -> String {
         listed.push(format!("and {} more", series.len() - LISTED));
     }
     listed.join("; ")
+}
+
+fn other_series(others: &[SeriesSummary]) -> String {
+    match others {
+        [] => String::new(),
+        others => format!("; the files also hold {}", list(others)),
+    }
 }
 
 fn count(number: usize, noun: &str) -> String {
