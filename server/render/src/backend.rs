@@ -67,15 +67,15 @@ pub struct RenderedFrame {
 }
 
 impl RenderBackend {
-    /// The backend for a renderer: `auto`, `mesh` and `trace` take the graphics device if there is one.
+    /// The backend for a renderer. `auto` is `trace`; `mesh` and `trace` take the graphics device if there is one.
     pub fn choose(renderer: Renderer, device: Option<Arc<GpuPool>>) -> Self {
         match (renderer, device) {
             (Renderer::Mesh, Some(pool)) => Self::GpuMesh(pool),
             (Renderer::Auto | Renderer::Trace, Some(pool)) => Self::GpuTrace(pool),
             (Renderer::Mesh, None) => Self::Mesh,
-            (Renderer::Trace, None) => Self::Trace,
-            // As near to the exact picture as any on the CPU, and the fastest that is.
-            (Renderer::Splat, _) | (Renderer::Auto, None) => Self::Splat,
+            // The exact isosurface, with a device or without.
+            (Renderer::Auto | Renderer::Trace, None) => Self::Trace,
+            (Renderer::Splat, _) => Self::Splat,
         }
     }
 
@@ -236,9 +236,9 @@ mod tests {
     }
 
     #[test]
-    fn without_a_device_each_renderer_draws_on_the_cpu_and_auto_splats() {
+    fn without_a_device_each_renderer_draws_on_the_cpu_and_auto_traces() {
         let chosen = |renderer| RenderBackend::choose(renderer, None).to_string();
-        assert_eq!(chosen(Renderer::Auto), "splat on cpu");
+        assert_eq!(chosen(Renderer::Auto), "trace on cpu");
         assert_eq!(chosen(Renderer::Splat), "splat on cpu");
         assert_eq!(chosen(Renderer::Mesh), "mesh on cpu");
         assert_eq!(chosen(Renderer::Trace), "trace on cpu");

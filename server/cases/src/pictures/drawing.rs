@@ -36,7 +36,7 @@ pub struct DrawnPicture {
 }
 
 impl PictureJob {
-    /// Draws. If a graphics device fails, the CPU draws: the renderer that was asked for, splats with `auto`.
+    /// Draws. If a graphics device fails, the CPU draws: with the renderer that was asked for.
     ///
     /// # Errors
     /// [`Error::Unavailable`] soon after the picture is no longer wanted.

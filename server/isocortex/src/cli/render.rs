@@ -98,7 +98,7 @@ struct PictureArgs {
     #[arg(long, default_value_t = 30)]
     points: usize,
     /// What the vertices of the mesh follow, for the renderer mesh.
-    #[arg(long, value_parser = choices::paths(), default_value = "forest")]
+    #[arg(long, value_parser = choices::paths(), default_value = "flow")]
     paths: PathKind,
     /// Writes depth, window, scale, directions and the notice of research use into the picture.
     #[arg(long)]
