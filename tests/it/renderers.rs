@@ -249,7 +249,7 @@ async fn leave(renderer: &str) {
         waited < 4 * alone.elapsed() + Duration::from_secs(1),
         "{waited:?}"
     );
-    assert_eq!(server.state.cases.pool.waiting(), 0);
+    assert_eq!(server.state.cases.queue.waiting(), 0);
 }
 
 #[tokio::test]

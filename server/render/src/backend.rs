@@ -6,7 +6,7 @@ use std::sync::Arc;
 use geometry::{MeshSize, ShrunkMesh};
 
 use crate::choice::Renderer;
-use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, KeyedModel};
+use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, GpuTicket, KeyedModel};
 use crate::mesh::{draw_mesh_while, mesh_hits};
 use crate::splat::{draw_splat_while, splat_hits};
 use crate::trace::{draw_trace_while, trace_hits};
@@ -117,7 +117,23 @@ impl RenderBackend {
         Ok(drawn.expect("a picture that stays wanted is drawn"))
     }
 
-    /// Draws a picture as long as it is wanted; `None` soon after it is not.
+    /// Hands a picture to the graphics device, to be awaited; `None` if the CPU draws with this backend.
+    ///
+    /// # Errors
+    /// As [`RenderBackend::draw`].
+    pub fn begin_on_device(
+        &self,
+        job: &RenderJob,
+    ) -> Result<Option<GpuTicket<RenderedFrame>>, RenderError> {
+        match self {
+            Self::Splat | Self::Mesh | Self::Trace => Ok(None),
+            Self::GpuMesh(pool) | Self::GpuTrace(pool) => {
+                Ok(Some(pool.begin_draw(self.gpu_job(job)?)?))
+            }
+        }
+    }
+
+    /// Draws a picture as long as it is wanted; `None` soon after it is not. A graphics device finishes what it was given.
     ///
     /// # Errors
     /// As [`RenderBackend::draw`].
@@ -132,8 +148,7 @@ impl RenderBackend {
             Self::Mesh => draw_mesh_while(&scene, request, job.facets()?, is_wanted),
             Self::Trace => draw_trace_while(&scene, request, is_wanted),
             Self::GpuMesh(pool) | Self::GpuTrace(pool) => {
-                let ticket = pool.begin_draw(self.gpu_job(job)?)?;
-                return Ok(ticket.wait_while(is_wanted).transpose()?);
+                return Ok(Some(pool.draw(self.gpu_job(job)?)?));
             }
         };
         Ok(frame.map(|frame| RenderedFrame {

@@ -8,7 +8,7 @@ use cases::pictures::{
     GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
     backend_for, encode, window_of,
 };
-use cases::{Error, Library};
+use cases::{ConcurrencyLimit, Error, Library};
 use clap::Args;
 use render::choice::Renderer;
 use render::{Background, ColorMap, NamedView, RenderBackend, RenderJob, SizedMesh};
@@ -195,10 +195,10 @@ async fn of_case(
         request: query.at(depth_mm, window_of(&model.facts))?,
         mesh,
     };
-    drawn(job, backend, Some(&id), query)
+    drawn(job, backend, Some(&id), query).await
 }
 
-fn drawn(
+async fn drawn(
     job: RenderJob,
     backend: RenderBackend,
     id: Option<&CaseId>,
@@ -210,7 +210,9 @@ fn drawn(
         asked: query.renderer,
         backend,
     };
-    Ok(encode(picture.draw(&|| true)?, &metadata, query.annotate)?.png)
+    let turn = ConcurrencyLimit::new(1, 0).turn().await?;
+    let drawn = picture.draw(&turn).await?;
+    Ok(encode(drawn, &metadata, query.annotate)?.png)
 }
 
 async fn of_file(
@@ -245,5 +247,5 @@ async fn of_file(
         request: query.at(depth_mm, window_of(&case.facts))?,
         mesh,
     };
-    drawn(job, backend, None, query)
+    drawn(job, backend, None, query).await
 }
