@@ -514,10 +514,7 @@ fn beside_a_cut_nothing_is_shown(renderer: &Renderer) {
     let whole = bright();
     let part = Phantom::cut_by(cut);
     // Another envelope has another mesh.
-    let renderer = &Renderer {
-        backend: renderer.backend.clone(),
-        table: OnceLock::new(),
-    };
+    let renderer = &Renderer::new(renderer.backend.clone());
     let whole_depth_mm = |position: DVec3| {
         let grid = whole.distance.grid();
         let voxel = grid.voxel_from_patient().transform_point3(position).round();
