@@ -9,7 +9,7 @@ use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use render::{RenderBackend, RenderJob, SizedMesh};
+use render::{KeyedLayers, RenderBackend, RenderJob, SizedMesh};
 use storage::{Store, StoreError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
@@ -256,6 +256,7 @@ impl Cases {
                 case: warm.keyed(),
                 request: request.at(depth_mm, window)?,
                 mesh,
+                layers: KeyedLayers::default(),
             },
             asked: request.renderer,
             backend,

@@ -10,7 +10,7 @@ use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, GpuTicket, KeyedMo
 use crate::mesh::{draw_mesh_while, mesh_hits};
 use crate::splat::{draw_splat_while, splat_hits};
 use crate::trace::{draw_trace_while, trace_hits};
-use crate::{Facets, Frame, Hits, RenderError, RenderRequest, Wanted};
+use crate::{Facets, Frame, Hits, KeyedLayers, RenderError, RenderRequest, Scene, Wanted};
 
 /// One way to draw the isosurface {depth = D}.
 ///
@@ -46,6 +46,8 @@ pub struct RenderJob {
     pub request: RenderRequest,
     /// The mesh, for a backend that needs one.
     pub mesh: Option<SizedMesh>,
+    /// What is seen beside or in place of the case's intensities.
+    pub layers: KeyedLayers,
 }
 
 /// A mesh at a depth, and how fine it is.
@@ -142,7 +144,7 @@ impl RenderBackend {
         job: &RenderJob,
         is_wanted: &Wanted<'_>,
     ) -> Result<Option<RenderedFrame>, RenderError> {
-        let (scene, request) = (job.case.scene(), &job.request);
+        let (scene, request) = (job.scene(), &job.request);
         let frame = match self {
             Self::Splat => draw_splat_while(&scene, request, is_wanted),
             Self::Mesh => draw_mesh_while(&scene, request, job.facets()?, is_wanted),
@@ -181,12 +183,18 @@ impl RenderBackend {
         Ok(GpuJob {
             case: job.case.clone(),
             request: job.request,
+            layers: job.layers.clone(),
             surface,
         })
     }
 }
 
 impl RenderJob {
+    /// What is drawn.
+    pub fn scene(&self) -> Scene<'_> {
+        self.case.scene().with_layers(self.layers.layers())
+    }
+
     fn facets(&self) -> Result<Facets<'_>, RenderError> {
         let SizedMesh { size, mesh } = self.mesh.as_ref().ok_or(RenderError::MeshMissing)?;
         Ok(Facets::new(*size, mesh))

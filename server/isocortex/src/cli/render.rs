@@ -11,7 +11,7 @@ use cases::pictures::{
 use cases::{ConcurrencyLimit, Error, Library};
 use clap::Args;
 use render::choice::Renderer;
-use render::{Background, ColorMap, NamedView, RenderBackend, RenderJob, SizedMesh};
+use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
@@ -194,6 +194,7 @@ async fn of_case(
         case: model.keyed(),
         request: query.at(depth_mm, window_of(&model.facts))?,
         mesh,
+        layers: KeyedLayers::default(),
     };
     drawn(job, backend, Some(&id), query).await
 }
@@ -246,6 +247,7 @@ async fn of_file(
         case: case.keyed(),
         request: query.at(depth_mm, window_of(&case.facts))?,
         mesh,
+        layers: KeyedLayers::default(),
     };
     drawn(job, backend, None, query).await
 }

@@ -174,9 +174,14 @@ fn draw(
     let scene = model.scene();
     let mut frame = render::draw_slice(&scene, request);
     if annotate {
-        frame = render::annotate_slice(frame, request, &request.projection(&scene.bounds));
+        frame = render::annotate_slice(
+            frame,
+            request,
+            &request.projection(&scene.bounds),
+            &scene.layers,
+        );
     }
-    let mut texts = render::slice_texts(case, request);
+    let mut texts = render::slice_texts(case, request, &scene.layers);
     texts.retain(|(_, text)| !text.is_empty());
     Ok(render::encode_png(&frame, &texts)?)
 }
