@@ -1,24 +1,24 @@
 //! Everything that a protocol needs to serve cases.
 
+use std::fmt;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use case::{CaseFacts, CaseId, CaseState, QualityState};
+use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use render::{RenderBackend, RenderJob, SizedMesh};
+use render::{KeyedLayers, RenderBackend, RenderJob, SizedMesh};
 use storage::{Location, Store, StoreError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
+use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, WarmModel};
-use crate::pictures::{
-    Graphics, GraphicsOptions, PictureJob, PictureRequest, RenderPool, Turnstile, window_of,
-};
+use crate::pictures::{Graphics, GraphicsOptions, PictureJob, PictureRequest, window_of};
 
 /// How many cases are remembered to be ready.
 const REMEMBERED_CASES: usize = 4096;
@@ -26,7 +26,7 @@ const REMEMBERED_CASES: usize = 4096;
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
-/// For how long while the database cannot be reached.
+/// For how long if the database cannot be reached.
 pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
 
 /// How long an upload waits for room to be checked.
@@ -45,9 +45,9 @@ pub struct Options {
     pub limits: Limits,
     /// What the volume of a head may measure.
     pub head: HeadLimits,
-    /// Threads that render.
+    /// Pictures, meshes and the like at work at a time.
     pub render_threads: usize,
-    /// Renders that may wait for a thread.
+    /// How many more may wait.
     pub max_queued_renders: usize,
     /// Memory for warm cases, in bytes.
     pub model_cache_bytes: u64,
@@ -68,9 +68,6 @@ pub enum StartError {
     /// The store cannot be opened.
     #[error("the store cannot be opened: {0}")]
     Store(#[from] StoreError),
-    /// The system gives no threads.
-    #[error("the render threads cannot be started: {0}")]
-    Threads(std::io::Error),
 }
 
 fn thousands(voxels: usize) -> u32 {
@@ -99,31 +96,71 @@ pub struct Cases {
     pub library: Library,
     /// Cases in memory.
     pub models: Models,
-    /// Threads for rendering, encoding and compressing.
-    pub pool: RenderPool,
+    /// The one queue for pictures, meshes and whatever else keeps a processor busy for a client.
+    pub queue: ConcurrencyLimit,
     /// The graphics device, if there is one.
     pub graphics: Graphics,
     /// Where DICOM files are read.
     pub dicom: Arc<DicomReader>,
-    /// Work that the store does for a request.
-    pub turnstile: Arc<Turnstile>,
     head: HeadLimits,
     /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
     checking: Arc<Semaphore>,
-    ready: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
+    remembered: Arc<Remembered>,
+}
+
+type ForgetHook = Box<dyn Fn(&CaseId) + Send + Sync>;
+
+/// The cases that were ready a moment ago, and who else remembers something of cases.
+struct Remembered {
+    ready: Cache<CaseId, (Instant, Arc<CaseFacts>)>,
+    /// Held for moments.
+    hooks: Mutex<Vec<ForgetHook>>,
+}
+
+impl Remembered {
+    fn hooks(&self) -> MutexGuard<'_, Vec<ForgetHook>> {
+        self.hooks.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn forget(&self, id: &CaseId) {
+        self.ready.remove(id);
+        for hook in self.hooks().iter() {
+            hook(id);
+        }
+    }
+}
+
+impl Default for Remembered {
+    fn default() -> Self {
+        Self {
+            ready: Cache::new(REMEMBERED_CASES),
+            hooks: Mutex::default(),
+        }
+    }
+}
+
+impl fmt::Debug for Remembered {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (ready, hooks) = (self.ready.len(), self.hooks().len());
+        write!(formatter, "Remembered({ready} cases, {hooks} hooks)")
+    }
 }
 
 impl Cases {
-    /// Opens the store and starts the render threads. No case is prepared until workers are started on the library.
+    /// Opens the store. No case is prepared until workers are started on the library.
     ///
     /// # Errors
-    /// When the store or the network cannot be opened, or there are no threads.
+    /// When the store or the network cannot be opened.
     pub async fn open(options: Options) -> Result<Self, StartError> {
-        // In a box: the compiler refuses futures that hold each other much deeper.
+        // In a box: the compiler rejects futures that hold each other much deeper.
         let library = Box::pin(open_library(&options)).await?;
-        let turnstile = Turnstile::new(options.render_threads, options.max_queued_renders);
-        let pool = RenderPool::start(options.render_threads, options.max_queued_renders)
-            .map_err(StartError::Threads)?;
+        let remembered = Arc::<Remembered>::default();
+        let weak = Arc::downgrade(&remembered);
+        library.store().on_delete(move |id| {
+            if let Some(remembered) = weak.upgrade() {
+                remembered.forget(id);
+            }
+        });
         let dicom = DicomReader::new(
             options.dicom_program,
             options.limits,
@@ -132,13 +169,12 @@ impl Cases {
         Ok(Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
             library,
-            pool,
+            queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
-            turnstile: Arc::new(turnstile),
             head: options.head,
             checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
-            ready: Arc::new(Cache::new(REMEMBERED_CASES)),
+            remembered,
         })
     }
 
@@ -162,12 +198,20 @@ impl Cases {
         }
     }
 
+    /// A case.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchCase`], or the store's.
+    pub async fn case(&self, id: &CaseId) -> Result<Case, Error> {
+        self.store().case(id).await?.ok_or(Error::NoSuchCase)
+    }
+
     /// The facts of a case that is ready.
     ///
     /// # Errors
     /// [`Error::NoSuchCase`], [`Error::NotReady`], the failure of a failed case, or the store's.
     pub async fn ready(&self, id: &CaseId) -> Result<Arc<CaseFacts>, Error> {
-        let remembered = self.ready.get(id);
+        let remembered = self.remembered.ready.get(id);
         if let Some((since, facts)) = &remembered
             && since.elapsed() < REMEMBERED_FOR
         {
@@ -185,7 +229,9 @@ impl Cases {
         match (case.state, case.facts, case.failure) {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);
-                self.ready.insert(*id, (Instant::now(), Arc::clone(&facts)));
+                self.remembered
+                    .ready
+                    .insert(*id, (Instant::now(), Arc::clone(&facts)));
                 Ok(facts)
             }
             (CaseState::Failed, _, Some(failure)) => Err(failure.into()),
@@ -195,7 +241,7 @@ impl Cases {
 
     /// The verdict on the mask of a case that was asked about a moment ago.
     pub fn known_quality(&self, id: &CaseId) -> Option<QualityState> {
-        let (_, facts) = self.ready.get(id)?;
+        let (_, facts) = self.remembered.ready.get(id)?;
         facts.quality.as_ref().map(|quality| quality.state)
     }
 
@@ -208,20 +254,30 @@ impl Cases {
             return Ok(model);
         }
         // It was ready a moment ago, but is deleted or, with its source lost, failed by now.
-        self.forget(id);
+        self.remembered.forget(id);
         self.ready(id).await?;
         Err(Error::Unavailable)
     }
 
-    /// Forgets what is remembered of a case.
-    pub fn forget(&self, id: &CaseId) {
-        self.ready.remove(id);
-    }
-
-    /// Gets everything ready that a picture needs.
+    /// Removes a case and what no other case needs; `false` if there was none.
     ///
     /// # Errors
-    /// When the mesh cannot be had, or too much work waits.
+    /// As [`Store::delete`].
+    pub async fn delete(&self, id: &CaseId) -> Result<bool, Error> {
+        let deleted = self.store().delete(id).await;
+        self.remembered.forget(id);
+        Ok(deleted?)
+    }
+
+    /// Calls `hook` whenever a case turns out to be gone, or is removed by this process or, as far as the database tells, by others.
+    pub fn on_forget(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
+        self.remembered.hooks().push(Box::new(hook));
+    }
+
+    /// Gets everything ready that a picture needs. Call it in a turn of [`Cases::queue`]: a mesh may have to be walked first.
+    ///
+    /// # Errors
+    /// When the mesh cannot be had.
     pub async fn picture_job(
         &self,
         warm: &WarmModel,
@@ -230,13 +286,8 @@ impl Cases {
     ) -> Result<PictureJob, Error> {
         let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
         let mesh = if backend.needs_mesh() {
-            let (size, kind) = (request.mesh_size()?, request.paths);
-            let shrunk = warm.shrink(size, kind, depth_mm);
-            let mesh = if warm.has_at_hand(size, kind) {
-                shrunk.await?
-            } else {
-                self.turnstile.pass(shrunk).await??
-            };
+            let size = request.mesh_size()?;
+            let mesh = warm.shrink(size, request.paths, depth_mm).await?;
             Some(SizedMesh { size, mesh })
         } else {
             None
@@ -247,6 +298,7 @@ impl Cases {
                 case: warm.keyed(),
                 request: request.at(depth_mm, window)?,
                 mesh,
+                layers: KeyedLayers::default(),
             },
             asked: request.renderer,
             backend,
