@@ -195,8 +195,9 @@ impl Library {
                 )),
             }
         };
-        let loaded = self.store().rebuild_alone(id, read_or_rebuild).await?;
-        Ok(loaded.flatten())
+        // In a box: the future of a rebuild is large, and rarely needed.
+        let rebuilt = self.store().rebuild_alone(id, Box::pin(read_or_rebuild));
+        Ok(rebuilt.await?.flatten())
     }
 
     /// The uploaded files of a case; `None`, reported, where one is missing or damaged.
