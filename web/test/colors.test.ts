@@ -8,7 +8,7 @@ test("colours are those of the server's tests", () => {
     const start = 1024 * colorRow(name) + 4 * level;
     return [...COLOR_TABLE.subarray(start, start + 4)];
   };
-  assert.equal(COLOR_TABLE.length, 5 * 1024);
+  assert.equal(COLOR_TABLE.length, 7 * 1024);
   assert.deepEqual(color("grey", 77), [77, 77, 77, 255]);
   assert.deepEqual(color("inverted", 77), [178, 178, 178, 255]);
   assert.deepEqual(

@@ -8,7 +8,7 @@ use geometry::{
     MeshSize, PathTable, Paths, envelope, envelope_mesh, path_table,
 };
 use render::gpu::{CaseKey, KeyedModel};
-use render::{RenderJob, RenderRequest, Scene, SizedMesh, Window};
+use render::{KeyedLayers, RenderJob, RenderRequest, Scene, SizedMesh, Window};
 
 use crate::steps::{Step, StepClock, StepCosts};
 use crate::{BenchError, Head};
@@ -93,6 +93,7 @@ impl PreparedHead {
             case: self.case.clone(),
             request,
             mesh,
+            layers: KeyedLayers::default(),
         }
     }
 

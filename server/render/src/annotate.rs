@@ -4,7 +4,10 @@ use glam::{DQuat, DVec3};
 
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
-use crate::{Frame, Projection, RenderRequest, SlicePlane, SliceRequest, Window};
+use crate::{
+    Frame, FrameSize, Layer, Layers, Overlay, Projection, RenderRequest, SlicePlane, SliceRequest,
+    Window,
+};
 
 /// The smallest side of a picture that is written into, in pixels: the notice needs so much.
 pub const MIN_ANNOTATED_SIDE: u32 = 128;
@@ -18,47 +21,62 @@ const BARS_MM: [f64; 9] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0]
 /// The patient's directions along +L, +P, +S and against them.
 const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];
 
+/// The grey under the colours of a legend: what lies between dark and bright tissue.
+const BAR_GREY: u8 = 96;
+
 /// A second letter is written where its axis is at least 30° off the perpendicular.
 const SECOND_LETTER: f64 = 0.5;
 
-/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture.
+/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture; with layers
+/// also the name of the texture, and the colours of the overlay with their values.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it.
-pub fn annotate(frame: Frame, request: &RenderRequest, projection: &Projection) -> Frame {
+pub fn annotate(
+    frame: Frame,
+    request: &RenderRequest,
+    projection: &Projection,
+    layers: &Layers<'_>,
+) -> Frame {
     let parameters = request.parameters();
-    let lines = [
+    let lines = lines(
         format!("{} mm", short(parameters.depth_mm)),
-        window_line(parameters.window),
-    ];
+        parameters.window,
+        layers,
+    );
     let mut canvas = canvas_of(frame);
     let orientation = parameters.camera.orientation();
     write_over(&mut canvas, &lines, (orientation, projection));
+    color_bar(&mut canvas, layers, projection.size());
     canvas.into_frame()
 }
 
 /// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the edges and the
-/// notice of research use into a slice.
+/// notice of research use into a slice; with layers also the name of the texture, and the colours of the overlay with their values.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it, and one with more contours than fit above its middle says how
 /// many more there are.
-pub fn annotate_slice(frame: Frame, request: &SliceRequest, projection: &Projection) -> Frame {
+pub fn annotate_slice(
+    frame: Frame,
+    request: &SliceRequest,
+    projection: &Projection,
+    layers: &Layers<'_>,
+) -> Frame {
     let parameters = request.parameters();
     let (plane, position_mm) = (parameters.plane, parameters.position_mm);
-    let lines = [
-        format!(
-            "{} {} {} mm",
-            plane.name(),
-            letter_at(plane, position_mm),
-            short(position_mm.abs())
-        ),
-        window_line(parameters.window),
-    ];
+    let place = format!(
+        "{} {} {} mm",
+        plane.name(),
+        letter_at(plane, position_mm),
+        short(position_mm.abs())
+    );
+    let lines = lines(place, parameters.window, layers);
     let mut canvas = canvas_of(frame);
     let orientation = request.camera().orientation();
     write_over(&mut canvas, &lines, (orientation, projection));
     let size = projection.size();
     let corner = [size.width() as i32, size.height() as i32 / 2];
     legend(&mut canvas, &parameters.depths_mm, corner);
+    color_bar(&mut canvas, layers, size);
     canvas.into_frame()
 }
 
@@ -67,14 +85,64 @@ fn canvas_of(frame: Frame) -> Canvas {
     Canvas::new(frame, side)
 }
 
-fn window_line(window: Window) -> String {
-    format!("C {} W {}", short(window.centre()), short(window.width()))
+/// The lines in the corner of a picture: its place, its window, and the texture if that is a layer.
+fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
+    let window = format!("C {} W {}", short(window.centre()), short(window.width()));
+    let base = layers.base.map(Layer::title);
+    [place, window].into_iter().chain(base).collect()
 }
 
-/// Writes what all pictures have: two lines in the corner, a scale bar, the patient's directions and the notice.
+/// The colours of an overlay on grey, with the values of their ends, its threshold, and its name, in the lower right quarter.
+fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
+    let Some(Overlay { layer, style }) = layers.overlay else {
+        return;
+    };
+    let parameters = style.parameters();
+    let [low, high] = parameters.window;
+    let [width, height] = [size.width() as i32, size.height() as i32];
+    let line = canvas.line_height();
+    let margin = line / 2;
+    let mut put = |text: &str, top: i32| {
+        let left = width - margin - canvas.text_width(text);
+        canvas.write(text, left, top);
+        left
+    };
+    let title = height / 2 + line;
+    put(&layer.title(), title);
+    // The notice has the last line.
+    let [top, bottom] = [title + line + margin, height - margin - line - margin];
+    if bottom - top < 2 * line {
+        return;
+    }
+    let ends = [put(&short(high), top), put(&short(low), bottom - line)];
+    let mut beside = ends.into_iter().min().unwrap_or(width);
+    if let Some(threshold) = parameters.threshold {
+        let text = if parameters.colormap.is_diverging() {
+            format!("± {}", short(threshold))
+        } else {
+            format!("> {}", short(threshold))
+        };
+        beside = beside.min(put(&text, (top + bottom - line) / 2));
+    }
+    let ramp = style.ramp();
+    let colors = parameters.colormap.table();
+    for y in top..bottom {
+        let part = (f64::from(bottom - y) - 0.5) / f64::from(bottom - top);
+        let value = (low + part * (high - low)) as f32;
+        let above = colors[usize::from((ramp.level(value) + 0.5) as u8)];
+        let share = ramp.share(value);
+        let color = above.map(|level| {
+            let below = f32::from(BAR_GREY);
+            (below + share * (f32::from(level) - below) + 0.5) as u8
+        });
+        canvas.swatch([beside - line - margin, y], [line, 1], color);
+    }
+}
+
+/// Writes what all pictures have: two or three lines in the corner, a scale bar, the patient's directions and the notice.
 fn write_over(
     canvas: &mut Canvas,
-    lines: &[String; 2],
+    lines: &[String],
     (orientation, projection): (DQuat, &Projection),
 ) {
     let size = projection.size();
@@ -94,7 +162,7 @@ fn write_over(
     // The lines in the corner have the top to themselves where the picture is narrow.
     let at = centred(canvas, &up);
     let top = if side < 320 {
-        margin + 2 * line
+        margin + lines.len() as i32 * line
     } else {
         margin
     };
@@ -196,7 +264,7 @@ mod tests {
     use geometry::BoundingSphere;
 
     use super::*;
-    use crate::{Camera, FrameSize, NamedView, PixelFormat, RenderParameters, SliceParameters};
+    use crate::{Camera, NamedView, PixelFormat, RenderParameters, SliceParameters};
 
     fn annotated(view: NamedView, side: u32) -> Frame {
         let size = FrameSize::new(side, side).unwrap();
@@ -212,7 +280,7 @@ mod tests {
         };
         let projection = request.parameters().camera.projection(&sphere, size);
         let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
-        annotate(black, &request, &projection)
+        annotate(black, &request, &projection, &Layers::default())
     }
 
     /// White pixels in the boxes at the left and right edge, halfway down.
@@ -268,7 +336,7 @@ mod tests {
         };
         let projection = request.projection(&sphere);
         let black = Frame::new(size, PixelFormat::Rgb8, vec![0; 3 * size.pixel_count()]);
-        annotate_slice(black, &request, &projection)
+        annotate_slice(black, &request, &projection, &Layers::default())
     }
 
     #[test]

@@ -74,6 +74,7 @@ export const UNITS = {
   rows: 5,
   pieces: 6,
   depths: 7,
+  overlay: 8,
 } as const;
 
 /**

@@ -1,7 +1,7 @@
 //! From a drawn picture to PNG, with the state that it shows.
 
 use case::CaseId;
-use render::{Frame, Projection, RenderBackend, RenderJob, RenderRequest};
+use render::{Frame, KeyedLayers, Projection, RenderBackend, RenderJob, RenderRequest};
 
 use super::drawing::DrawnPicture;
 use crate::error::Error;
@@ -12,6 +12,7 @@ pub struct ImageMetadata {
     case: Option<CaseId>,
     request: RenderRequest,
     projection: Projection,
+    layers: KeyedLayers,
 }
 
 impl ImageMetadata {
@@ -21,13 +22,15 @@ impl ImageMetadata {
             case: case.copied(),
             request: job.request,
             projection: job.request.projection(&job.case.scene()),
+            layers: job.layers.clone(),
         }
     }
 
     /// The PNG texts of a picture, once it is known who drew it.
     pub fn texts(&self, backend: &RenderBackend) -> Vec<(&'static str, String)> {
         let case = self.case.map(|id| id.to_string()).unwrap_or_default();
-        let mut texts = render::state_texts(&case, backend.name(), &self.request);
+        let mut texts =
+            render::state_texts(&case, backend.name(), &self.request, &self.layers.layers());
         texts.push(("device", backend.device()));
         texts.retain(|(_, text)| !text.is_empty());
         texts
@@ -66,7 +69,12 @@ pub fn encode(
 /// The picture, with what is written into it on request.
 pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Frame {
     if annotate {
-        render::annotate(frame, &metadata.request, &metadata.projection)
+        render::annotate(
+            frame,
+            &metadata.request,
+            &metadata.projection,
+            &metadata.layers.layers(),
+        )
     } else {
         frame
     }

@@ -73,28 +73,42 @@ pub fn convert(
 ) -> Result<Converted, DicomError> {
     let (images, ignored_files) = read_images(files)?;
     let (series, others) = choose(group(images), options.series.as_ref())?;
-    check_series(&series)?;
-    let stack = stack(&series, options.allow_gaps)?;
+    let (nifti, attributes) = read_series(files, &series, options.allow_gaps, limits)
+        .map_err(|error| error.of_series(series.summary(), &others))?;
+    Ok(Converted {
+        nifti,
+        attributes,
+        series: series.summary(),
+        others,
+        ignored_files,
+    })
+}
+
+/// The volume of a series, as packed NIfTI-1, and whose it is.
+fn read_series(
+    files: &mut dyn Files,
+    series: &Series,
+    allow_gaps: bool,
+    limits: &Limits,
+) -> Result<(Vec<u8>, Attributes), DicomError> {
+    check_series(series)?;
+    let stack = stack(series, allow_gaps)?;
     check_limits(&stack, limits)?;
     let grid = Grid::new(stack.size, stack.patient_from_voxel)?;
-    let rescale = common_rescale(&series)?;
-    let mut samples = read_samples(files, &series, &stack, rescale.is_none())?;
+    let rescale = common_rescale(series)?;
+    let mut samples = read_samples(files, series, &stack, rescale.is_none())?;
     let interpolated_slices = fill_gaps(&mut samples, &stack, rescale.is_some());
     let unscaled = Rescale {
         slope: 1.0,
         intercept: 0.0,
     };
-    Ok(Converted {
-        nifti: write_samples(&grid, &samples, rescale.unwrap_or(unscaled))?,
-        attributes: Attributes {
-            attributes: kept_attributes(files, &series, &stack)?,
-            instances: instances(&series, &stack),
-            interpolated_slices,
-        },
-        series: series.summary(),
-        others,
-        ignored_files,
-    })
+    let attributes = Attributes {
+        attributes: kept_attributes(files, series, &stack)?,
+        instances: instances(series, &stack),
+        interpolated_slices,
+    };
+    let nifti = write_samples(&grid, &samples, rescale.unwrap_or(unscaled))?;
+    Ok((nifti, attributes))
 }
 
 /// The headers of all images, and the number of other files.

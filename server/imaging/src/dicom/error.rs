@@ -71,6 +71,16 @@ pub enum DicomError {
         /// All series.
         found: Vec<SeriesSummary>,
     },
+    /// The selected series makes no volume.
+    #[error("{series}: {reason}{}", other_series(others))]
+    OfSeries {
+        /// The selected series.
+        series: SeriesSummary,
+        /// All other series.
+        others: Vec<SeriesSummary>,
+        /// Why it makes no volume.
+        reason: Box<DicomError>,
+    },
     /// The slices of a Siemens mosaic are tiles of one image.
     #[error("Siemens mosaic series (tiled time series) are not supported")]
     Mosaic,
@@ -210,6 +220,7 @@ impl DicomError {
             Self::SeveralSeries { .. } => "dicom-several-series",
             Self::NoVolume { .. } => "dicom-no-volume",
             Self::NoSuchSeries { .. } => "dicom-series-unknown",
+            Self::OfSeries { reason, .. } => reason.kind(),
             Self::Mosaic => "dicom-mosaic",
             Self::TooFewSlices { .. } => "dicom-too-few-slices",
             Self::SlicesMissing { .. } => "dicom-slices-missing",
@@ -226,6 +237,19 @@ impl DicomError {
             Self::OutOfMemory { .. } => "out-of-memory",
             Self::Geometry(_) => "geometry",
             Self::Imaging(error) => error.kind(),
+        }
+    }
+
+    /// The same error with the name of the series. Errors that the series does not cause stay as they are.
+    pub(super) fn of_series(self, series: SeriesSummary, others: &[SeriesSummary]) -> Self {
+        if self.is_too_large() || matches!(self, Self::OutOfMemory { .. } | Self::Unreadable { .. })
+        {
+            return self;
+        }
+        Self::OfSeries {
+            series,
+            others: others.to_vec(),
+            reason: Box::new(self),
         }
     }
 
@@ -251,6 +275,13 @@ fn list(series: &[SeriesSummary]) -> String {
         listed.push(format!("and {} more", series.len() - LISTED));
     }
     listed.join("; ")
+}
+
+fn other_series(others: &[SeriesSummary]) -> String {
+    match others {
+        [] => String::new(),
+        others => format!("; the files also hold {}", list(others)),
+    }
 }
 
 fn count(number: usize, noun: &str) -> String {

@@ -8,10 +8,10 @@ use cases::pictures::{
     GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
     backend_for, encode, window_of,
 };
-use cases::{Error, Library};
+use cases::{ConcurrencyLimit, Error, Library};
 use clap::Args;
 use render::choice::Renderer;
-use render::{Background, ColorMap, NamedView, RenderBackend, RenderJob, SizedMesh};
+use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
@@ -98,7 +98,7 @@ struct PictureArgs {
     #[arg(long, default_value_t = 30)]
     points: usize,
     /// What the vertices of the mesh follow, for the renderer mesh.
-    #[arg(long, value_parser = choices::paths(), default_value = "forest")]
+    #[arg(long, value_parser = choices::paths(), default_value = "flow")]
     paths: PathKind,
     /// Writes depth, window, scale, directions and the notice of research use into the picture.
     #[arg(long)]
@@ -194,11 +194,12 @@ async fn of_case(
         case: model.keyed(),
         request: query.at(depth_mm, window_of(&model.facts))?,
         mesh,
+        layers: KeyedLayers::default(),
     };
-    drawn(job, backend, Some(&id), query)
+    drawn(job, backend, Some(&id), query).await
 }
 
-fn drawn(
+async fn drawn(
     job: RenderJob,
     backend: RenderBackend,
     id: Option<&CaseId>,
@@ -210,7 +211,9 @@ fn drawn(
         asked: query.renderer,
         backend,
     };
-    Ok(encode(picture.draw(&|| true)?, &metadata, query.annotate)?.png)
+    let turn = ConcurrencyLimit::new(1, 0).turn().await?;
+    let drawn = picture.draw(&turn).await?;
+    Ok(encode(drawn, &metadata, query.annotate)?.png)
 }
 
 async fn of_file(
@@ -244,6 +247,7 @@ async fn of_file(
         case: case.keyed(),
         request: query.at(depth_mm, window_of(&case.facts))?,
         mesh,
+        layers: KeyedLayers::default(),
     };
-    drawn(job, backend, None, query)
+    drawn(job, backend, None, query).await
 }

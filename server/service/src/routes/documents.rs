@@ -13,7 +13,7 @@ use serde::de::DeserializeOwned;
 use utoipa::openapi::OpenApi;
 
 use super::query::{ApiQuery, Checked, NoQuery};
-use crate::caching::{EntityTag, Representation, coding_for, compress};
+use crate::conditional::{EntityTag, Representation, coding_for};
 use crate::negotiate::Coding;
 use crate::problem::AppError;
 use crate::state::AppState;
@@ -63,7 +63,7 @@ impl Document {
             media_type,
             codings: codings.map(|coding| {
                 let tag = EntityTag::of_bytes(&bytes, coding);
-                (coding, tag, compress(&bytes, coding))
+                (coding, tag, coding.compress(&bytes))
             }),
         }
     }
@@ -73,10 +73,13 @@ impl Document {
         let found = self.codings.iter().find(|(coding, ..)| *coding == wanted);
         let (coding, tag, body) = found.unwrap_or(&self.codings[0]);
         Representation {
+            tag: tag.clone(),
+            media_type: self.media_type,
             coding: *coding,
+            body: body.clone(),
+            headers: HeaderMap::new(),
             vary: "accept-encoding",
             cache_control: REVALIDATE,
-            ..Representation::immutable(tag.clone(), self.media_type, body.clone())
         }
         .respond(request)
     }
@@ -178,7 +181,7 @@ mod tests {
             .iter()
             .find(|(address, ..)| *address == "/main.js")
             .unwrap();
-        let gzipped = compress(&Bytes::from_static(bytes), Coding::Gzip).len();
+        let gzipped = Coding::Gzip.compress(&Bytes::from_static(bytes)).len();
         assert!(gzipped <= 45_000, "{gzipped} bytes");
     }
 }

@@ -1,18 +1,19 @@
 //! Pictures of the isosurface.
 
+use std::sync::Arc;
+
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
-use case::CaseId;
+use case::CaseFacts;
+use cases::Cases;
 use cases::pictures::{EncodedImage, ImageMetadata, PictureRequest, backend_for, encode};
-use render::{RenderBackend, Wanted};
 
 use super::depth_headers;
 use super::query::{ApiQuery, CasePath, Checked};
-use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
-use crate::negotiate::{Coding, media_type};
+use crate::conditional::{self, Content, Form, Question};
+use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
@@ -44,42 +45,42 @@ impl Checked for PictureRequest {
     )
 )]
 pub async fn get_render(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<PictureRequest>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
-    let facts = state.cases.ready(&id).await?;
-    let backend = backend_for(query.renderer, &state.cases.graphics).await;
-    let tag = tag_of(&id, &query, &backend);
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", IMMUTABLE));
-    }
-    let model = state.model(&id).await?;
-    let picture = state.cases.picture_job(&model, &query, backend).await?;
-    let metadata = ImageMetadata::of(Some(&id), &picture.job);
-    let annotate = query.annotate;
-    let work = move |is_wanted: &Wanted<'_>| {
-        picture
-            .draw(is_wanted)
-            .and_then(|drawn| encode(drawn, &metadata, annotate))
+    let question = Question {
+        id,
+        route: "render",
+        query: &query,
+        request: &request,
     };
-    let image = state.cases.pool.run_while(work).await??;
-    let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
-    describe(&image, &mut headers);
-    Representation {
-        headers,
-        vary: "accept",
-        ..Representation::immutable(tag_of(&id, &query, &image.backend), PNG, image.png)
-    }
-    .respond(&request)
-}
-
-/// The tag of a picture: renderers differ in their pixels, and graphics devices, too.
-fn tag_of(id: &CaseId, query: &PictureRequest, backend: &RenderBackend) -> EntityTag {
-    let backend = backend.to_string();
-    EntityTag::of_answer(id, "render", query, (&backend, Coding::Identity))
+    // Before the backend: looking for a graphics device may take seconds, and a case that is not there none.
+    cases.ready(&id).await?;
+    let backend = backend_for(query.renderer, &cases.graphics).await;
+    // Renderers differ in their pixels, and graphics devices, too.
+    let form = Form::of(PNG).variant(backend.to_string());
+    let work = async |facts: Arc<CaseFacts>| {
+        let model = cases.model(&id).await?;
+        let turn = cases.queue.turn().await?;
+        let picture = cases.picture_job(&model, &query, backend).await?;
+        let metadata = ImageMetadata::of(Some(&id), &picture.job);
+        let drawn = picture.draw(&turn).await?;
+        let annotate = query.annotate;
+        let image = turn
+            .run(move || encode(drawn, &metadata, annotate))
+            .await??;
+        let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
+        describe(&image, &mut headers);
+        Ok(Content {
+            variant: Some(image.backend.to_string()),
+            body: image.png.into(),
+            headers,
+        })
+    };
+    question.answer(&cases, form, work).await
 }
 
 /// What every picture names as its maker.
@@ -88,7 +89,7 @@ pub(crate) const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"
 /// Says in headers who drew, on what, and of how much.
 pub(super) fn describe(image: &EncodedImage, headers: &mut HeaderMap) {
     let mut insert = |name, text: &str| {
-        caching::insert(headers, HeaderName::from_static(name), text);
+        conditional::insert(headers, HeaderName::from_static(name), text);
     };
     insert("x-isocortex-renderer", image.backend.name());
     insert("x-isocortex-device", &image.backend.device());

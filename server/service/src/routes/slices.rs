@@ -1,19 +1,22 @@
 //! Pictures of slices with the isosurfaces' contours.
 
+use std::sync::Arc;
+
 use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
+use bytes::Bytes;
 use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::query::{ApiQuery, CasePath, Checked};
 use super::render::PNG;
-use crate::caching::{EntityTag, IMMUTABLE, Representation, not_modified};
-use crate::negotiate::{Coding, media_type};
+use crate::conditional::{Form, Question};
+use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 use case::CaseFacts;
+use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::{
     NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size, window_of,
@@ -127,7 +130,7 @@ fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
     )
 )]
 pub async fn get_slice(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery(query): ApiQuery<SliceQuery>,
@@ -142,22 +145,24 @@ pub async fn get_slice(
                 .find(|plane| plane.name() == text)
         })
         .ok_or(AppError::NoSuchRoute)?;
-    let tag = EntityTag::of_answer(&id, "slices", &query, (plane.name(), Coding::Identity));
-    let facts = state.cases.ready(&id).await?;
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", IMMUTABLE));
-    }
-    let middle_mm = middle_mm(&facts, plane.axis());
-    let drawing = query.request(plane, middle_mm, window_of(&facts))?;
-    let model = state.model(&id).await?;
-    let (case, annotate) = (id.to_string(), query.annotate);
-    let work = move || draw(&model, &case, &drawing, annotate);
-    let picture = state.cases.pool.run(work).await??;
-    Representation {
-        vary: "accept",
-        ..Representation::immutable(tag, PNG, picture)
-    }
-    .respond(&request)
+    let question = Question {
+        id,
+        route: "slices",
+        query: &query,
+        request: &request,
+    };
+    let work = async |facts: Arc<CaseFacts>| {
+        let middle_mm = middle_mm(&facts, plane.axis());
+        let drawing = query.request(plane, middle_mm, window_of(&facts))?;
+        let model = cases.model(&id).await?;
+        let (case, annotate) = (id.to_string(), query.annotate);
+        let picture = cases
+            .queue
+            .run(move || draw(&model, &case, &drawing, annotate));
+        Ok(Bytes::from(picture.await??).into())
+    };
+    let form = Form::of(PNG).variant(plane.name());
+    question.answer(&cases, form, work).await
 }
 
 fn draw(
@@ -169,9 +174,14 @@ fn draw(
     let scene = model.scene();
     let mut frame = render::draw_slice(&scene, request);
     if annotate {
-        frame = render::annotate_slice(frame, request, &request.projection(&scene.bounds));
+        frame = render::annotate_slice(
+            frame,
+            request,
+            &request.projection(&scene.bounds),
+            &scene.layers,
+        );
     }
-    let mut texts = render::slice_texts(case, request);
+    let mut texts = render::slice_texts(case, request, &scene.layers);
     texts.retain(|(_, text)| !text.is_empty());
     Ok(render::encode_png(&frame, &texts)?)
 }
