@@ -1,6 +1,6 @@
 //! The maps of cases: made once after a case is ready, stored as one of its objects, and kept in memory while they are looked at.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -112,7 +112,7 @@ enum Make {
 pub(super) struct MapsDesk {
     known: Cache<CaseId, Known, ByBytes>,
     /// Waiting and at work. Held for moments.
-    making: Mutex<HashSet<CaseId>>,
+    making: Mutex<HashMap<CaseId, Make>>,
     /// Of one case at a time: the filters take every core and some 100 MB.
     one_at_a_time: Semaphore,
 }
@@ -127,7 +127,7 @@ impl MapsDesk {
         }
     }
 
-    fn making(&self) -> MutexGuard<'_, HashSet<CaseId>> {
+    fn making(&self) -> MutexGuard<'_, HashMap<CaseId, Make>> {
         self.making.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -182,6 +182,23 @@ impl Library {
         let Some(desk) = &self.inner.maps else {
             return Ok(MapsState::Off);
         };
+        // One that is damaged is not read again and again meanwhile.
+        if desk.making().get(id) == Some(&Make::Again) {
+            return Ok(MapsState::Making);
+        }
+        let found = self.stored_maps(desk, id).await?;
+        Ok(found.unwrap_or_else(|| {
+            self.begin_maps(id, Make::Again);
+            MapsState::Making
+        }))
+    }
+
+    /// The maps in memory or in the store; `None` if they must be made.
+    async fn stored_maps(
+        &self,
+        desk: &MapsDesk,
+        id: &CaseId,
+    ) -> Result<Option<MapsState>, StoreError> {
         let read = async {
             let read = self.read_maps(id).await.map_err(NotRead::Failed)?;
             let maps = read.ok_or(NotRead::NotStored)?;
@@ -189,13 +206,10 @@ impl Library {
             Ok(loaded.map_err(Arc::from))
         };
         match desk.known.get_or_insert_async(id, read).await {
-            Ok(Ok(maps)) => Ok(MapsState::Ready(maps)),
-            Ok(Err(reason)) => Ok(MapsState::Undefined(reason)),
+            Ok(Ok(maps)) => Ok(Some(MapsState::Ready(maps))),
+            Ok(Err(reason)) => Ok(Some(MapsState::Undefined(reason))),
             Err(NotRead::Failed(error)) => Err(error),
-            Err(NotRead::NotStored) => {
-                self.begin_maps(id, Make::Again);
-                Ok(MapsState::Making)
-            }
+            Err(NotRead::NotStored) => Ok(None),
         }
     }
 
@@ -209,8 +223,10 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn maps_now(&self, id: &CaseId) -> Result<MapsState, StoreError> {
-        if let Some(desk) = &self.inner.maps {
-            self.make_maps(desk, id, Make::IfMissing).await?;
+        if let Some(desk) = &self.inner.maps
+            && self.stored_maps(desk, id).await?.is_none()
+        {
+            self.make_maps(desk, id, Make::Again).await?;
         }
         self.maps(id).await
     }
@@ -227,9 +243,10 @@ impl Library {
             return;
         };
         let mut making = desk.making();
-        if making.len() >= MOST_WAITING || !making.insert(*id) {
+        if making.len() >= MOST_WAITING || making.contains_key(id) {
             return;
         }
+        making.insert(*id, make);
         drop(making);
         let (library, id) = (self.clone(), *id);
         tokio::spawn(async move {
