@@ -14,6 +14,7 @@ mod immutable;
 mod interface;
 mod kill;
 mod layers;
+mod maps;
 mod masks;
 mod nifti;
 mod openapi;

@@ -9,7 +9,7 @@ use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use render::{KeyedLayers, RenderBackend, RenderJob, SizedMesh};
+use render::{RenderBackend, RenderJob, SizedMesh};
 use storage::{Store, StoreError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
@@ -19,6 +19,9 @@ use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, WarmModel};
 use crate::pictures::{Graphics, GraphicsOptions, PictureJob, PictureRequest, window_of};
+
+/// Maps may take this part of the memory for warm cases, beside them.
+const MAPS_PART: u64 = 4;
 
 /// How many cases are remembered to be ready.
 const REMEMBERED_CASES: usize = 4096;
@@ -48,6 +51,8 @@ pub struct Options {
     pub max_queued_renders: usize,
     /// Memory for warm cases, in bytes.
     pub model_cache_bytes: u64,
+    /// Whether maps of the cases are made.
+    pub makes_maps: bool,
     /// The graphics device.
     pub graphics: GraphicsOptions,
     /// The program that reads DICOM files.
@@ -121,7 +126,13 @@ impl Cases {
         let extractor = Extractor::open(options.network.as_deref())?;
         tracing::info!("brains are extracted {}", extractor.words());
         let store = Store::open_with(&options.data, options.store).await?;
-        let library = Library::new(store, Pipeline::new(extractor).into(), options.limits);
+        let preparation = Pipeline::new(extractor).into();
+        let library = if options.makes_maps {
+            let cache_bytes = options.model_cache_bytes / MAPS_PART;
+            Library::with_maps(store, preparation, options.limits, cache_bytes)
+        } else {
+            Library::new(store, preparation, options.limits)
+        };
         let dicom = DicomReader::new(
             options.dicom_program,
             options.limits,
@@ -235,7 +246,7 @@ impl Cases {
     /// Gets everything ready that a picture needs. Call it in a turn of [`Cases::queue`]: a mesh may have to be walked first.
     ///
     /// # Errors
-    /// When the mesh cannot be had.
+    /// When the mesh cannot be had, or the case has no such layer, or not yet.
     pub async fn picture_job(
         &self,
         warm: &WarmModel,
@@ -250,13 +261,15 @@ impl Cases {
         } else {
             None
         };
-        let window = window_of(&warm.facts);
+        let choice = request.layers();
+        let layers = choice.of_case(&self.library, warm.id()).await?;
+        let window = choice.window_or(window_of(&warm.facts));
         Ok(PictureJob {
             job: RenderJob {
                 case: warm.keyed(),
                 request: request.at(depth_mm, window)?,
                 mesh,
-                layers: KeyedLayers::default(),
+                layers,
             },
             asked: request.renderer,
             backend,

@@ -10,6 +10,7 @@ pub mod library;
 mod limit;
 pub mod models;
 pub mod pictures;
+pub mod profile;
 #[cfg(test)]
 mod testing;
 

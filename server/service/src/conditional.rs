@@ -18,6 +18,9 @@ const FORMAT_VERSION: u8 = 2;
 /// How long answers stay fresh: a pure function of id and query never goes stale.
 const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
+/// Kept, and asked about each time.
+const REVALIDATED: HeaderValue = HeaderValue::from_static("private, no-cache");
+
 /// A strong entity tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EntityTag(HeaderValue);
@@ -104,6 +107,7 @@ pub struct Form {
     variant: String,
     coding: Coding,
     vary: &'static str,
+    cache_control: HeaderValue,
 }
 
 impl Form {
@@ -114,6 +118,7 @@ impl Form {
             variant: media_type.to_owned(),
             coding: Coding::Identity,
             vary: "accept",
+            cache_control: IMMUTABLE,
         }
     }
 
@@ -131,6 +136,15 @@ impl Form {
     pub fn variant(self, variant: impl Into<String>) -> Self {
         Self {
             variant: variant.into(),
+            ..self
+        }
+    }
+
+    /// The same form of an answer that a later version of this program may give otherwise: caches ask each time whether it is the same.
+    #[must_use]
+    pub fn revalidated(self) -> Self {
+        Self {
+            cache_control: REVALIDATED,
             ..self
         }
     }
@@ -178,7 +192,7 @@ impl<Q: serde::Serialize> Question<'_, Q> {
         let tag = tag_of(&form.variant);
         let facts = cases.ready(&self.id).await?;
         if tag.is_known_to(self.request) {
-            return Ok(not_modified(&tag, form.vary, IMMUTABLE));
+            return Ok(not_modified(&tag, form.vary, form.cache_control));
         }
         let content = work(facts).await?;
         Representation {
@@ -188,7 +202,7 @@ impl<Q: serde::Serialize> Question<'_, Q> {
             body: content.body,
             headers: content.headers,
             vary: form.vary,
-            cache_control: IMMUTABLE,
+            cache_control: form.cache_control,
         }
         .respond(self.request)
     }
