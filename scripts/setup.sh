@@ -34,6 +34,12 @@ database() {
     say "the tests of PostgreSQL need the Debian package postgresql; without it these tests are skipped (on CI they fail)."
 }
 
+# An S3-compatible store, which the tests of objects start.
+object_store() {
+  scripts/weed.sh >/dev/null ||
+    say "the tests of S3 need SeaweedFS, which is not to be had here; without it these tests are skipped (on CI they fail)."
+}
+
 # The weights of the network that extracts brains.
 network() {
   scripts/network.sh >/dev/null ||
@@ -47,7 +53,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; database; network ;;
-  all) compiler; browser; graphics; database; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; object_store; network ;;
+  all) compiler; browser; graphics; database; object_store; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac
