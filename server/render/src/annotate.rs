@@ -9,6 +9,9 @@ use crate::{Frame, Projection, RenderRequest, SlicePlane, SliceRequest, Window};
 /// The smallest side of a picture that is written into, in pixels: the notice needs so much.
 pub const MIN_ANNOTATED_SIDE: u32 = 128;
 
+/// The letters of a day and of the first digits of an id, with what parts them: ` 2026-01-01 · 01234567`.
+const DAY_AND_ID: usize = 22;
+
 /// What stands at the foot of a picture.
 const NOTICE: &str = "research use only";
 
@@ -21,44 +24,57 @@ const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];
 /// A second letter is written where its axis is at least 30° off the perpendicular.
 const SECOND_LETTER: f64 = 0.5;
 
-/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture.
+/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture, below what
+/// `named` says of its case.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it.
-pub fn annotate(frame: Frame, request: &RenderRequest, projection: &Projection) -> Frame {
+pub fn annotate(
+    frame: Frame,
+    request: &RenderRequest,
+    projection: &Projection,
+    named: Option<&str>,
+) -> Frame {
     let parameters = request.parameters();
-    let lines = [
-        format!("{} mm", short(parameters.depth_mm)),
-        window_line(parameters.window),
-    ];
     let mut canvas = canvas_of(frame);
+    let lines = lines(
+        &canvas,
+        named,
+        [
+            format!("{} mm", short(parameters.depth_mm)),
+            window_line(parameters.window),
+        ],
+    );
     let orientation = parameters.camera.orientation();
     write_over(&mut canvas, &lines, (orientation, projection));
     canvas.into_frame()
 }
 
 /// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the edges and the
-/// notice of research use into a slice.
+/// notice of research use into a slice, below what `named` says of its case.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it, and one with more contours than fit above its middle says how
 /// many more there are.
-pub fn annotate_slice(frame: Frame, request: &SliceRequest, projection: &Projection) -> Frame {
+pub fn annotate_slice(
+    frame: Frame,
+    request: &SliceRequest,
+    projection: &Projection,
+    named: Option<&str>,
+) -> Frame {
     let parameters = request.parameters();
     let (plane, position_mm) = (parameters.plane, parameters.position_mm);
-    let lines = [
-        format!(
-            "{} {} {} mm",
-            plane.name(),
-            letter_at(plane, position_mm),
-            short(position_mm.abs())
-        ),
-        window_line(parameters.window),
-    ];
+    let place = format!(
+        "{} {} {} mm",
+        plane.name(),
+        letter_at(plane, position_mm),
+        short(position_mm.abs())
+    );
     let mut canvas = canvas_of(frame);
+    let lines = lines(&canvas, named, [place, window_line(parameters.window)]);
     let orientation = request.camera().orientation();
     write_over(&mut canvas, &lines, (orientation, projection));
     let size = projection.size();
     let corner = [size.width() as i32, size.height() as i32 / 2];
-    legend(&mut canvas, &parameters.depths_mm, corner);
+    legend(&mut canvas, &parameters.depths_mm, corner, lines.len());
     canvas.into_frame()
 }
 
@@ -71,10 +87,41 @@ fn window_line(window: Window) -> String {
     format!("C {} W {}", short(window.centre()), short(window.width()))
 }
 
-/// Writes what all pictures have: two lines in the corner, a scale bar, the patient's directions and the notice.
+/// The lines of the corner: the case, as far as it fits, then two more.
+fn lines(canvas: &Canvas, named: Option<&str>, others: [String; 2]) -> Vec<String> {
+    let room = canvas.size().width() as i32 - canvas.line_height();
+    let named = named.map(|words| fitting(canvas, words, room));
+    named.into_iter().chain(others).collect()
+}
+
+/// The text, or what of its beginning and of its last 22 letters, day and id, has room: letters that the font does not have are `?`.
+fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
+    let is_drawn = |letter: char| matches!(letter, ' '..='~' | '\u{a1}'..='\u{ff}');
+    let known = |letter: char| if is_drawn(letter) { letter } else { '?' };
+    let mut letters: Vec<char> = text.chars().map(known).collect();
+    let fits = |letters: &[char]| {
+        let text: String = letters.iter().collect();
+        canvas.text_width(&text) <= room
+    };
+    let end = letters.len().saturating_sub(DAY_AND_ID);
+    if fits(&letters) || end == 0 {
+        return letters.into_iter().collect();
+    }
+    for kept in (0..end).rev() {
+        let mut shorter = letters[..kept].to_vec();
+        shorter.extend("... ".chars());
+        shorter.extend(&letters[end..]);
+        if fits(&shorter) {
+            return shorter.into_iter().collect();
+        }
+    }
+    letters.split_off(end).into_iter().collect()
+}
+
+/// Writes what all pictures have: the lines in the corner, a scale bar, the patient's directions and the notice.
 fn write_over(
     canvas: &mut Canvas,
-    lines: &[String; 2],
+    lines: &[String],
     (orientation, projection): (DQuat, &Projection),
 ) {
     let size = projection.size();
@@ -93,8 +140,8 @@ fn write_over(
     canvas.write(&right, end, middle);
     // The lines in the corner have the top to themselves where the picture is narrow.
     let at = centred(canvas, &up);
-    let top = if side < 320 {
-        margin + 2 * line
+    let top = if side < 320 || lines.len() > 2 {
+        margin + lines.len() as i32 * line
     } else {
         margin
     };
@@ -114,10 +161,10 @@ fn write_over(
 /// The depths of contours with their colours, down from the upper right corner as far as to the middle.
 ///
 /// They begin below the lines of the other corner, which may be as wide as the picture.
-fn legend(canvas: &mut Canvas, depths_mm: &[f64], [width, middle]: [i32; 2]) {
+fn legend(canvas: &mut Canvas, depths_mm: &[f64], [width, middle]: [i32; 2], lines_above: usize) {
     let line = canvas.line_height();
     let margin = line / 2;
-    let first = margin + 2 * line;
+    let first = margin + lines_above as i32 * line;
     let room = ((middle - line - first) / line).max(1) as usize;
     let shown = if depths_mm.len() > room {
         room - 1
@@ -212,7 +259,7 @@ mod tests {
         };
         let projection = request.parameters().camera.projection(&sphere, size);
         let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
-        annotate(black, &request, &projection)
+        annotate(black, &request, &projection, None)
     }
 
     /// White pixels in the boxes at the left and right edge, halfway down.
@@ -268,7 +315,7 @@ mod tests {
         };
         let projection = request.projection(&sphere);
         let black = Frame::new(size, PixelFormat::Rgb8, vec![0; 3 * size.pixel_count()]);
-        annotate_slice(black, &request, &projection)
+        annotate_slice(black, &request, &projection, None)
     }
 
     #[test]
@@ -304,6 +351,45 @@ mod tests {
             let frame = annotated_slice(SlicePlane::Coronal, vec![3.0; 16], side);
             assert_eq!(frame.size().width(), side);
         }
+    }
+
+    #[test]
+    fn a_case_is_named_and_its_day_and_id_stay_where_the_label_has_no_room() {
+        let size = FrameSize::new(256, 256).unwrap();
+        let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
+        let canvas = canvas_of(black.clone());
+        let named = "A head · 2026-03-01 · 01234567";
+        assert_eq!(fitting(&canvas, named, 1000), named);
+        let long = format!("{}{named}", "long ".repeat(40));
+        let short = fitting(&canvas, &long, 250);
+        assert!(
+            short.starts_with("long") && short.ends_with("...  2026-03-01 · 01234567"),
+            "{short}"
+        );
+        assert!(canvas.text_width(&short) <= 250);
+        assert_eq!(fitting(&canvas, "頭 · 2026", 1000), "? · 2026");
+        let request = RenderRequest::new(RenderParameters {
+            size,
+            ..RenderParameters::new(Window::between(0.0, 100.0))
+        });
+        let request = request.unwrap();
+        let sphere = BoundingSphere {
+            centre_in_patient: DVec3::ZERO,
+            radius_mm: 100.0,
+        };
+        let projection = request.parameters().camera.projection(&sphere, size);
+        let lit = |named| {
+            let frame = annotate(black.clone(), &request, &projection, named);
+            // The third line of the corner.
+            let line = canvas.line_height() as u32;
+            let rows = 5 * line / 2..7 * line / 2;
+            let places = rows.flat_map(|y| (0..100).map(move |x| (x, y)));
+            places
+                .filter(|&(x, y)| frame.pixel(x, y).unwrap()[0] == 255)
+                .count()
+        };
+        assert_eq!(lit(None), 0);
+        assert!(lit(Some(named)) > 20);
     }
 
     #[test]

@@ -17,6 +17,9 @@ const FORMAT_VERSION: u8 = 2;
 /// How long answers stay fresh: a pure function of id and query never goes stale.
 pub const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
+/// Asked for again each time, and answered by 304 where nothing has changed.
+pub const REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
+
 /// zstd's own default: within a few percent of the best here at a hundredth of its time.
 const ZSTD_LEVEL: i32 = 3;
 

@@ -10,6 +10,8 @@ use crate::error::Error;
 #[derive(Debug, Clone)]
 pub struct ImageMetadata {
     case: Option<CaseId>,
+    /// What is written of the case into the picture.
+    named: Option<String>,
     request: RenderRequest,
     projection: Projection,
 }
@@ -19,9 +21,16 @@ impl ImageMetadata {
     pub fn of(case: Option<&CaseId>, job: &RenderJob) -> Self {
         Self {
             case: case.copied(),
+            named: None,
             request: job.request,
             projection: job.request.projection(&job.case.scene()),
         }
+    }
+
+    /// The same of a picture into which this is written of the case.
+    #[must_use]
+    pub fn named(self, named: Option<String>) -> Self {
+        Self { named, ..self }
     }
 
     /// The PNG texts of a picture, once it is known who drew it.
@@ -66,7 +75,8 @@ pub fn encode(
 /// The picture, with what is written into it on request.
 pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Frame {
     if annotate {
-        render::annotate(frame, &metadata.request, &metadata.projection)
+        let named = metadata.named.as_deref();
+        render::annotate(frame, &metadata.request, &metadata.projection, named)
     } else {
         frame
     }

@@ -112,7 +112,8 @@ pub struct PictureRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub paths: PathKind,
-    /// Whether depth, window, scale, directions and the notice of research use are written into the picture.
+    /// Whether label, day and first digits of the case, depth, window, scale, directions and the notice of research use are written into
+    /// the picture.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,

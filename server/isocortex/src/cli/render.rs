@@ -100,7 +100,7 @@ struct PictureArgs {
     /// What the vertices of the mesh follow, for the renderer mesh.
     #[arg(long, value_parser = choices::paths(), default_value = "forest")]
     paths: PathKind,
-    /// Writes depth, window, scale, directions and the notice of research use into the picture.
+    /// Writes the case's label, day and first digits, depth, window, scale, directions and the notice of research use into the picture.
     #[arg(long)]
     annotate: bool,
 }
@@ -173,7 +173,7 @@ async fn of_case(
         return Err(CliError::new(ExitStatus::NoInput, message));
     }
     let library = Library::of(Store::open(&data).await?);
-    let model = Models::new(library, u64::MAX).get(&id).await?;
+    let model = Models::new(library.clone(), u64::MAX).get(&id).await?;
     let model = model.ok_or_else(|| {
         CliError::new(
             ExitStatus::NoInput,
@@ -195,16 +195,25 @@ async fn of_case(
         request: query.at(depth_mm, window_of(&model.facts))?,
         mesh,
     };
-    drawn(job, backend, Some(&id), query)
+    let named = named(&library, &id, query.annotate).await?;
+    drawn((job, backend), (Some(&id), named), query)
+}
+
+/// What is written of a case into its picture.
+async fn named(library: &Library, id: &CaseId, annotate: bool) -> Result<Option<String>, CliError> {
+    if !annotate {
+        return Ok(None);
+    }
+    let case = library.store().case(id).await?;
+    Ok(case.map(|case| case.identity()))
 }
 
 fn drawn(
-    job: RenderJob,
-    backend: RenderBackend,
-    id: Option<&CaseId>,
+    (job, backend): (RenderJob, RenderBackend),
+    (id, named): (Option<&CaseId>, Option<String>),
     query: &PictureRequest,
 ) -> Result<Vec<u8>, CliError> {
-    let metadata = ImageMetadata::of(id, &job);
+    let metadata = ImageMetadata::of(id, &job).named(named);
     let picture = PictureJob {
         job,
         asked: query.renderer,
@@ -245,5 +254,5 @@ async fn of_file(
         request: query.at(depth_mm, window_of(&case.facts))?,
         mesh,
     };
-    drawn(job, backend, None, query)
+    drawn((job, backend), (None, None), query)
 }

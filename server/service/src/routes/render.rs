@@ -1,7 +1,7 @@
 //! Pictures of the isosurface.
 
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName};
+use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::Response;
 use case::CaseId;
 use cases::pictures::{EncodedImage, ImageMetadata, PictureRequest, backend_for, encode};
@@ -9,7 +9,7 @@ use render::{RenderBackend, Wanted};
 
 use super::depth_headers;
 use super::query::{ApiQuery, CasePath, Checked};
-use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
+use crate::caching::{self, EntityTag, IMMUTABLE, REVALIDATE, Representation, not_modified};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
@@ -52,13 +52,15 @@ pub async fn get_render(
     media_type(&request, &[PNG])?;
     let facts = state.cases.ready(&id).await?;
     let backend = backend_for(query.renderer, &state.cases.graphics).await;
-    let tag = tag_of(&id, &query, &backend);
+    let named = state.cases.identity(&id, query.annotate).await?;
+    let cache_control = caching_of(named.as_deref());
+    let tag = tag_of(&id, &query, (&backend, named.as_deref()));
     if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", IMMUTABLE));
+        return Ok(not_modified(&tag, "accept", cache_control));
     }
     let model = state.model(&id).await?;
     let picture = state.cases.picture_job(&model, &query, backend).await?;
-    let metadata = ImageMetadata::of(Some(&id), &picture.job);
+    let metadata = ImageMetadata::of(Some(&id), &picture.job).named(named.clone());
     let annotate = query.annotate;
     let work = move |is_wanted: &Wanted<'_>| {
         picture
@@ -71,15 +73,36 @@ pub async fn get_render(
     Representation {
         headers,
         vary: "accept",
-        ..Representation::immutable(tag_of(&id, &query, &image.backend), PNG, image.png)
+        cache_control,
+        ..Representation::immutable(
+            tag_of(&id, &query, (&image.backend, named.as_deref())),
+            PNG,
+            image.png,
+        )
     }
     .respond(&request)
 }
 
-/// The tag of a picture: renderers differ in their pixels, and graphics devices, too.
-fn tag_of(id: &CaseId, query: &PictureRequest, backend: &RenderBackend) -> EntityTag {
-    let backend = backend.to_string();
-    EntityTag::of_answer(id, "render", query, (&backend, Coding::Identity))
+/// The tag of a picture: renderers differ in their pixels, graphics devices, too, and what is written of the case can be changed.
+fn tag_of(
+    id: &CaseId,
+    query: &PictureRequest,
+    (backend, named): (&RenderBackend, Option<&str>),
+) -> EntityTag {
+    let made = match named {
+        Some(named) => format!("{backend} {named}"),
+        None => backend.to_string(),
+    };
+    EntityTag::of_answer(id, "render", query, (&made, Coding::Identity))
+}
+
+/// How long a picture can be kept: a case that is named in it can get another label.
+pub(super) fn caching_of(named: Option<&str>) -> HeaderValue {
+    if named.is_some() {
+        REVALIDATE
+    } else {
+        IMMUTABLE
+    }
 }
 
 /// What every picture names as its maker.

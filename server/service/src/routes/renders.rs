@@ -90,6 +90,9 @@ pub struct Sweep {
     #[serde(default = "default_delay")]
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
+    /// Whether the way back follows; its pictures count as well.
+    #[serde(default)]
+    there_and_back: bool,
     /// What is seen, without a depth.
     render: PictureRequest,
 }
@@ -204,7 +207,8 @@ async fn draw_one(
 ) -> Result<RenderBackend, AppError> {
     let backend = backend_for(query.renderer, &state.cases.graphics).await;
     let picture = state.cases.picture_job(model, query, backend).await?;
-    let metadata = ImageMetadata::of(Some(id), &picture.job);
+    let named = state.cases.identity(id, query.annotate).await?;
+    let metadata = ImageMetadata::of(Some(id), &picture.job).named(named);
     loop {
         let (picture, metadata) = (picture.clone(), metadata.clone());
         let (query, collector) = (query.clone(), Arc::clone(collector));
@@ -433,8 +437,17 @@ impl Sweep {
                 ..self.render.clone()
             }
         };
+        let mut pictures: Vec<_> = (0..self.frames).map(at).collect();
+        if self.there_and_back {
+            // Neither end is shown twice.
+            pictures.extend((1..self.frames - 1).rev().map(at));
+        }
+        if pictures.len() > MAX_PICTURES {
+            let detail = "must be 2 to 129: there and back, at most 256 pictures are drawn";
+            return Err(out_of_range("sweep.frames", detail));
+        }
         Ok(Plan {
-            pictures: (0..self.frames).map(at).collect(),
+            pictures,
             form: Form::Animation {
                 delay_ms: self.delay_ms,
             },

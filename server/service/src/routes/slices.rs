@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::query::{ApiQuery, CasePath, Checked};
-use super::render::PNG;
-use crate::caching::{EntityTag, IMMUTABLE, Representation, not_modified};
+use super::render::{PNG, caching_of};
+use crate::caching::{EntityTag, Representation, not_modified};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::AppState;
@@ -54,7 +54,8 @@ pub struct SliceQuery {
     #[serde(default)]
     #[param(inline)]
     colormap: ColorMap,
-    /// Whether place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
+    /// Whether label, day and first digits of the case, place, window, scale, the contours' depths, directions and the notice of research
+    /// use are written into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
@@ -142,34 +143,43 @@ pub async fn get_slice(
                 .find(|plane| plane.name() == text)
         })
         .ok_or(AppError::NoSuchRoute)?;
-    let tag = EntityTag::of_answer(&id, "slices", &query, (plane.name(), Coding::Identity));
     let facts = state.cases.ready(&id).await?;
+    let named = state.cases.identity(&id, query.annotate).await?;
+    let cache_control = caching_of(named.as_deref());
+    let made = match &named {
+        Some(named) => format!("{} {named}", plane.name()),
+        None => plane.name().to_owned(),
+    };
+    let tag = EntityTag::of_answer(&id, "slices", &query, (&made, Coding::Identity));
     if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", IMMUTABLE));
+        return Ok(not_modified(&tag, "accept", cache_control));
     }
     let middle_mm = middle_mm(&facts, plane.axis());
     let drawing = query.request(plane, middle_mm, window_of(&facts))?;
     let model = state.model(&id).await?;
-    let (case, annotate) = (id.to_string(), query.annotate);
-    let work = move || draw(&model, &case, &drawing, annotate);
+    let case = id.to_string();
+    let work = move || draw(&model, &case, &drawing, named.as_deref());
     let picture = state.cases.pool.run(work).await??;
     Representation {
         vary: "accept",
+        cache_control,
         ..Representation::immutable(tag, PNG, picture)
     }
     .respond(&request)
 }
 
+/// `named` is written into the picture with all that an annotation has; `None`: nothing is.
 fn draw(
     model: &WarmModel,
     case: &str,
     request: &SliceRequest,
-    annotate: bool,
+    named: Option<&str>,
 ) -> Result<Vec<u8>, AppError> {
     let scene = model.scene();
     let mut frame = render::draw_slice(&scene, request);
-    if annotate {
-        frame = render::annotate_slice(frame, request, &request.projection(&scene.bounds));
+    if named.is_some() {
+        let projection = request.projection(&scene.bounds);
+        frame = render::annotate_slice(frame, request, &projection, named);
     }
     let mut texts = render::slice_texts(case, request);
     texts.retain(|(_, text)| !text.is_empty());
