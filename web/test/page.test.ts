@@ -182,7 +182,15 @@ test("a file is sent under a name that tells nothing", () => {
 
 test("preferences that are damaged are as at first", () => {
   const first = readPreferences(null, ["en"]);
-  assert.deepEqual(first, { language: "en", theme: "dark", drag: "up-darker", wheel: "zoom", shortcuts: true });
+  assert.deepEqual(first, {
+    language: "en",
+    theme: "dark",
+    drag: "up-darker",
+    wheel: "zoom",
+    shortcuts: true,
+    knows_depth: false,
+    list_width: 260,
+  });
   for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3}'])
     assert.deepEqual(readPreferences(text, ["en"]), first, text);
   assert.equal(readPreferences('{"theme":"light"}', ["en"]).theme, "light");

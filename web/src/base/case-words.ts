@@ -18,7 +18,9 @@ export function caseStatus(one: Case): string {
       return t(stage) + (typeof fraction === "number" ? ` · ${number(100 * fraction)} %` : "");
     }
     case "ready":
-      return `${day(one.created_at)} · ${voxelWords(one)}`;
+      return [day(one.created_at), voxelWords(one), one.volume.sequence ?? ""]
+        .filter((part) => part !== "")
+        .join(" · ");
     case "failed":
       return failureWords(one);
   }
@@ -42,7 +44,7 @@ export function versionOf(one: Case): string {
 }
 
 /** The edges of a voxel as it was acquired; one number where they are alike. */
-function voxelWords({ volume: { spacing_mm } }: ReadyCase): string {
+export function voxelWords({ volume: { spacing_mm } }: ReadyCase): string {
   const edges = spacing_mm.map((edge) => number(edge, edge % 1 === 0 ? 0 : 2));
   return `${new Set(edges).size === 1 ? edges[0] : edges.join(" × ")} mm`;
 }
