@@ -134,16 +134,37 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
   return h("div", { class: "profile" }, picture, legend, read, files, tableOf(shallow));
 }
 
+/** The height of the legend in a saved chart. */
+const LEGEND_PIXELS = 20;
+
 /** Saves the chart at four times its size on the screen. */
 async function savePicture(chart: SVGSVGElement, { caption, name }: ProfileUses): Promise<void> {
   const { width, height } = chart.getBoundingClientRect();
-  const ground = getComputedStyle(document.body).backgroundColor;
-  const legend = `${t("profile.own")} ▬ · ${t("profile.mirrored")} ▬ ▬`;
-  const frame = { width, height, ratio: 4, caption: [legend, ...(await caption())] };
+  const page = getComputedStyle(document.body);
+  const frame = { width, height: height + LEGEND_PIXELS, ratio: 4, caption: await caption() };
   const png = await captioned(frame, (context) => {
-    context.fillStyle = ground;
-    context.fillRect(0, 0, width, height);
+    context.fillStyle = page.backgroundColor;
+    context.fillRect(0, 0, width, height + LEGEND_PIXELS);
     paintSvg(context, chart, [0, 0]);
+    context.font = `12px ${page.fontFamily}`;
+    context.textBaseline = "middle";
+    const legend = [
+      ["own", t("profile.own")],
+      ["other", t("profile.mirrored")],
+    ] as const;
+    for (const [at, [curve, words]] of legend.entries()) {
+      const line = chart.querySelector(`.curve.${curve}`);
+      const [left, middle] = [10 + (at * width) / 2, height + LEGEND_PIXELS / 2];
+      context.strokeStyle = line ? getComputedStyle(line).stroke : page.color;
+      context.lineWidth = 2;
+      context.setLineDash(curve === "other" ? [5, 3] : []);
+      context.beginPath();
+      context.moveTo(left, middle);
+      context.lineTo(left + 24, middle);
+      context.stroke();
+      context.fillStyle = page.color;
+      context.fillText(words, left + 30, middle);
+    }
   });
   saveFile(png, `${name}-profile.png`);
 }

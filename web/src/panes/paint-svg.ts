@@ -11,7 +11,7 @@ export function paintSvg(context: CanvasRenderingContext2D, drawing: SVGSVGEleme
   context.clip();
   context.translate(left, top);
   for (const shape of drawing.querySelectorAll<SVGGraphicsElement>("line, circle, polygon, path, text"))
-    if (shape.checkVisibility()) paintShape(context, shape, drawing);
+    if (shape.checkVisibility({ visibilityProperty: true })) paintShape(context, shape, drawing);
   context.restore();
 }
 

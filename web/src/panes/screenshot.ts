@@ -60,8 +60,32 @@ function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): vo
     const style = getComputedStyle(element);
     context.fillStyle = style.backgroundColor;
     context.fillRect(x, y, width, height);
+    context.strokeStyle = style.borderTopColor;
+    context.lineWidth = parseFloat(style.borderTopWidth);
+    if (context.lineWidth > 0 && style.borderTopStyle !== "none") context.strokeRect(x, y, width, height);
     context.fillStyle = style.color;
     context.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
-    context.fillText(element.textContent ?? "", x + parseFloat(style.paddingLeft), y + height / 2);
+    const frame = panes.getBoundingClientRect();
+    for (const { text, box } of linesOf(element))
+      context.fillText(text, box.left - frame.left, box.top - frame.top + box.height / 2);
   }
+}
+
+/** The lines into which an element's text is broken on the screen. */
+function linesOf(element: Element): readonly { readonly text: string; readonly box: DOMRect }[] {
+  const lines: { text: string; box: DOMRect }[] = [];
+  const node = element.firstChild;
+  if (!(node instanceof Text)) return lines;
+  const range = document.createRange();
+  for (let at = 0; at < node.length; at += 1) {
+    range.setStart(node, at);
+    range.setEnd(node, at + 1);
+    const box = range.getBoundingClientRect();
+    const last = lines.at(-1);
+    const letter = node.data[at] ?? "";
+    if (letter === "\n" || box.width === 0) continue;
+    if (last && Math.abs(last.box.top - box.top) < box.height / 2) last.text += letter;
+    else lines.push({ text: letter, box });
+  }
+  return lines;
 }
