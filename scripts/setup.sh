@@ -25,6 +25,15 @@ graphics() {
     say "the tests of the graphics renderers need the Debian packages libvulkan1 and mesa-vulkan-drivers; without them these tests are skipped (on CI they fail)."
 }
 
+# The tests of rows start servers of their own from PostgreSQL's programs.
+database() {
+  if compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null || have initdb || [ -n "${ISOCORTEX_POSTGRES:-}" ]; then
+    return 0
+  fi
+  install_packages postgresql ||
+    say "the tests of PostgreSQL need the Debian package postgresql; without it these tests are skipped (on CI they fail)."
+}
+
 # The weights of the network that finds the brain.
 network() {
   scripts/network.sh >/dev/null ||
@@ -38,7 +47,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; network ;;
-  all) compiler; browser; graphics; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; network ;;
+  all) compiler; browser; graphics; database; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

@@ -65,6 +65,11 @@ scripts/web.sh
 step format cargo fmt --all --check
 step lints cargo clippy --locked --workspace --all-targets -- -D warnings
 if have shellcheck; then step shellcheck shell_scripts; else skip shellcheck "shellcheck is not installed"; fi
+if have python3 && python3 -c 'import tomllib' 2>/dev/null; then
+  step "picture of the crates" scripts/draw-crates.py --check
+else
+  skip "picture of the crates" "it needs Python 3.11"
+fi
 if have cargo-deny; then
   step licences cargo deny --offline check bans licenses sources
 else

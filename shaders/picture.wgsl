@@ -46,6 +46,25 @@ struct Picture {
     smooth_share: f32,
     // Planes in voxel coordinates of the depth field, behind which the isosurface is unknown; zeros where there are fewer cuts.
     cuts: array<vec4<f32>, 6>,
+    overlay_from_field: mat4x4<f32>,
+    // Voxels along x, y, z of the overlay.
+    overlay_size: vec3<f32>,
+    // A value of the overlay is scale times texel plus offset.
+    overlay_scale: f32,
+    overlay_offset: f32,
+    // (value - low) * factor is the number of the overlay's colour, 0 to 255.
+    overlay_low: f32,
+    overlay_factor: f32,
+    // What is at most this is transparent; above it an overlay fades in over 1 / steepness.
+    overlay_threshold: f32,
+    overlay_steepness: f32,
+    // 0 where there is no overlay.
+    overlay_opacity: f32,
+    overlay_color_row: u32,
+    // 1 where the threshold is one of magnitudes.
+    overlay_is_diverging: u32,
+    // 1 where the volume is a layer, whose texels' second part says whether they are defined.
+    volume_has_gaps: u32,
 }
 
 @group(0) @binding(0) var<uniform> picture: Picture;
@@ -56,3 +75,5 @@ struct Picture {
 @group(0) @binding(6) var smoothed: texture_3d<f32>;
 @group(0) @binding(4) var colors: texture_2d<f32>;
 @group(0) @binding(5) var linear: sampler;
+// Of each voxel a value and, as 0 or 1, whether it is defined; of one that is not the value is 0.
+@group(0) @binding(7) var overlay: texture_3d<f32>;

@@ -1,6 +1,6 @@
 // From a point of the surface to its pixel.
 
-// The mean of the stored intensities over the slab: x, and in y whether any of it lies in the volume.
+// The mean of the stored intensities over the slab: x, and in y whether any of it lies in the volume and is defined.
 fn stored_on(position: vec3<f32>, inward: vec3<f32>) -> vec2<f32> {
     let along = (picture.volume_from_field * vec4<f32>(inward, 0.0)).xyz / picture.voxel_mm;
     var sum = 0.0;
@@ -10,8 +10,9 @@ fn stored_on(position: vec3<f32>, inward: vec3<f32>) -> vec2<f32> {
     loop {
         let offset_mm = picture.slab_first + f32(index) * picture.slab_step;
         let sample = position + offset_mm * along;
-        let is_there = select(0.0, 1.0, is_in_volume(sample));
-        sum += is_there * stored_at(sample);
+        let stored = stored_at(sample);
+        let is_there = select(0.0, 1.0, is_in_volume(sample) && stored.y >= 0.5);
+        sum += is_there * stored.x;
         count += is_there;
         index++;
         if index >= picture.slab_count {
@@ -37,6 +38,7 @@ fn shaded(position_in_field: vec3<f32>) -> vec4<f32> {
     let position = (picture.volume_from_field * vec4<f32>(position_in_field, 1.0)).xyz;
     let stored = stored_on(position, inward);
     let facing = -dot(inward, picture.towards_viewer);
-    let lit = color_of(brightness(stored.x)) * light_on(facing);
+    let texture_color = color_in(picture.color_row, brightness(stored.x));
+    let lit = under_overlay(texture_color, position_in_field) * light_on(facing);
     return vec4<f32>(floor(lit + 0.5) / 255.0, 1.0) * stored.y * known_at(position_in_field);
 }

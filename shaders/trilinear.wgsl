@@ -1,9 +1,19 @@
 // Values between voxel centres; beyond the outermost centres they are constant.
 
-// The stored intensity at a position in voxel coordinates of the volume.
-fn stored_at(position: vec3<f32>) -> f32 {
+// A texel's value, and which share of it is defined: both are filtered between voxels, and what is undefined has no say.
+fn defined_part(texel: vec2<f32>) -> vec2<f32> {
+    return vec2<f32>(texel.x / max(texel.y, 1e-6), texel.y);
+}
+
+// The stored intensity at a position in voxel coordinates of the volume, and which share of it is defined.
+fn stored_at(position: vec3<f32>) -> vec2<f32> {
     let place = (position + 0.5) / picture.volume_size;
-    return textureSampleLevel(volume, linear, place, 0.0).r * picture.stored_scale + picture.stored_offset;
+    var texel = textureSampleLevel(volume, linear, place, 0.0).rg;
+    if picture.volume_has_gaps == 0u {
+        texel.y = 1.0;
+    }
+    let found = defined_part(texel);
+    return vec2<f32>(found.x * picture.stored_scale + picture.stored_offset, found.y);
 }
 
 // Whether a position lies in a voxel of the volume: within half a voxel of a centre.

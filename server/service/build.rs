@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What `web/build.mjs` makes in any case; the scripts that are fetched on demand have names of their own.
 const FILES: [&str; 6] = [
@@ -32,7 +32,7 @@ fn main() {
 }
 
 /// The files with their bytes, as an expression: a slice of names and bytes in the order of the names.
-fn list(folder: &PathBuf) -> String {
+fn list(folder: &Path) -> String {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
     paths.sort();

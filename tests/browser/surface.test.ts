@@ -244,6 +244,8 @@ test(
     await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "10.5");
     assert.equal(await page.evaluate(() => document.querySelector<HTMLElement>(".viewer")?.dataset.way), "mesh");
     assert.match((await page.textContent(".loading-line")) ?? "", /Loading was cancelled/);
+    // The new depth has been read out, so that it does not come after what the click is answered with.
+    await page.waitForSelector(".viewer[data-rested=true]");
     await page.dblclick("#surface");
     assert.match((await page.textContent("#live")) ?? "", /cannot be told/);
     await page.unroute(/(bits=16|\/distance$|\/mesh\/paths)/);

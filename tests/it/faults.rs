@@ -80,7 +80,7 @@ async fn where_memory_stays_short_the_processor_draws_and_the_answer_says_so() {
         return;
     };
     for (asked, on_device, used) in [
-        ("auto", "trace", "splat"),
+        ("auto", "trace", "trace"),
         ("mesh", "mesh", "mesh"),
         ("trace", "trace", "trace"),
     ] {
@@ -164,7 +164,7 @@ async fn a_case_whose_depths_the_device_cannot_hold_is_drawn_by_the_processor_al
     let Some((server, _device, case)) = server_and_device(configure).await else {
         return;
     };
-    assert_eq!(by(&drawn(&server, &case, "auto").await), ("splat", true));
+    assert_eq!(by(&drawn(&server, &case, "auto").await), ("trace", true));
     assert_eq!(by(&drawn(&server, &case, "mesh").await), ("mesh", true));
     assert_eq!(by(&drawn(&server, &case, "trace").await), ("trace", true));
 }

@@ -1,4 +1,4 @@
-//! What the papers of the project promise is there.
+//! The documents name only commands, files and variables that exist.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -39,28 +39,37 @@ fn words_after(text: &str, prefix: &str, belongs: fn(char) -> bool) -> BTreeSet<
         .collect()
 }
 
-const PAPERS: [&str; 4] = [
+const DOCUMENTS: [&str; 13] = [
     "README.md",
     "ARCHITECTURE.md",
     "CONTRIBUTING.md",
     "docker/README.md",
+    "docs/accuracy.md",
+    "docs/configuration.md",
+    "docs/dicom.md",
+    "docs/extraction.md",
+    "docs/http.md",
+    "docs/layers.md",
+    "docs/performance.md",
+    "docs/renderers.md",
+    "docs/study.md",
 ];
 
 #[test]
-fn every_make_command_of_the_papers_is_in_the_makefile() {
+fn every_make_command_of_the_documents_is_in_the_makefile() {
     let makefile = read("Makefile");
     let mut named = BTreeSet::new();
-    for paper in PAPERS {
-        named.extend(words_after(&read(paper), "`make ", |letter| {
+    for document in DOCUMENTS {
+        named.extend(words_after(&read(document), "`make ", |letter| {
             letter.is_ascii_lowercase()
         }));
-        named.extend(words_after(&read(paper), "\nmake ", |letter| {
+        named.extend(words_after(&read(document), "\nmake ", |letter| {
             letter.is_ascii_lowercase()
         }));
     }
     assert!(
         named.contains("demo") && named.contains("test"),
-        "the papers name {named:?}"
+        "the documents name {named:?}"
     );
     for target in named {
         assert!(makefile.contains(&format!("\n{target}: ")), "make {target}");
@@ -68,32 +77,32 @@ fn every_make_command_of_the_papers_is_in_the_makefile() {
 }
 
 #[test]
-fn every_path_that_a_paper_links_to_exists() {
-    for paper in PAPERS {
+fn every_path_that_a_document_links_to_exists() {
+    for document in DOCUMENTS {
         let folder = root()
-            .join(paper)
+            .join(document)
             .parent()
-            .expect("a paper lies in a folder")
+            .expect("a document lies in a folder")
             .to_owned();
-        let links = words_after(&read(paper), "](", |letter| !matches!(letter, ')' | '#'));
+        let links = words_after(&read(document), "](", |letter| !matches!(letter, ')' | '#'));
         for link in links.iter().filter(|link| !link.contains("://")) {
-            assert!(folder.join(link).exists(), "{paper} links to {link}");
+            assert!(folder.join(link).exists(), "{document} links to {link}");
         }
     }
 }
 
 #[test]
-fn every_variable_of_the_papers_is_read_somewhere() {
+fn every_variable_of_the_documents_is_read_somewhere() {
     let mut code = String::new();
     for folder in ["server", "tests", "scripts"] {
         texts_below(&root().join(folder), &["rs", "sh", "mjs"], &mut code);
     }
-    for paper in PAPERS {
+    for document in DOCUMENTS {
         let belongs = |letter: char| letter.is_ascii_uppercase() || letter == '_';
-        for name in words_after(&read(paper), "ISOCORTEX_", belongs) {
+        for name in words_after(&read(document), "ISOCORTEX_", belongs) {
             assert!(
                 code.contains(&format!("ISOCORTEX_{name}")),
-                "{paper} names ISOCORTEX_{name}"
+                "{document} names ISOCORTEX_{name}"
             );
         }
     }

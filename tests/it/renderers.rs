@@ -101,8 +101,8 @@ async fn the_mesh_is_as_fine_as_it_is_asked_for() {
     };
     let default = mesh("").await;
     assert_ne!(mesh("&contours=5&points=6").await, default);
-    assert_ne!(mesh("&paths=flow").await, default);
-    assert_eq!(mesh("&contours=30&points=30&paths=forest").await, default);
+    assert_ne!(mesh("&paths=forest").await, default);
+    assert_eq!(mesh("&contours=30&points=30&paths=flow").await, default);
 }
 
 #[tokio::test]
@@ -116,7 +116,7 @@ async fn a_server_without_graphics_draws_with_the_processor_alone() {
     );
     assert!(version["graphics"].as_str().unwrap().starts_with("none"));
     for (asked, used) in [
-        ("auto", "splat"),
+        ("auto", "trace"),
         ("splat", "splat"),
         ("mesh", "mesh"),
         ("trace", "trace"),
@@ -249,7 +249,7 @@ async fn leave(renderer: &str) {
         waited < 4 * alone.elapsed() + Duration::from_secs(1),
         "{waited:?}"
     );
-    assert_eq!(server.state.cases.pool.waiting(), 0);
+    assert_eq!(server.state.cases.queue.waiting(), 0);
 }
 
 #[tokio::test]

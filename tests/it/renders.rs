@@ -354,7 +354,7 @@ async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
     let next = server.get(&format!("{case}/render")).await;
     assert_eq!(next.status, StatusCode::OK);
     assert_eq!(
-        server.state.cases.pool.waiting(),
+        server.state.cases.queue.waiting(),
         0,
         "nothing is left of it"
     );

@@ -33,6 +33,18 @@ struct Picture {
     float clip_piece;
     float smooth_share;
     vec4 cuts[6];
+    mat4x4 overlay_from_field;
+    vec3 overlay_size;
+    float overlay_scale;
+    float overlay_offset;
+    float overlay_low;
+    float overlay_factor;
+    float overlay_threshold;
+    float overlay_steepness;
+    float overlay_opacity;
+    uint overlay_color_row;
+    uint overlay_is_diverging;
+    uint volume_has_gaps;
 };
 struct OnFacet {
     vec4 position;
@@ -44,6 +56,10 @@ layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
 
 layout(location = 0) in vec3 _p2vs_location0;
 smooth centroid out vec3 _vs2fs_location0;
+
+vec2 defined_part(vec2 texel) {
+    return vec2((texel.x / max(texel.y, 1e-6)), texel.y);
+}
 
 bool is_in_volume(vec3 position_1) {
     vec3 _e5 = _group_0_binding_0_vs.volume_size;
@@ -58,16 +74,26 @@ float brightness(float stored) {
     return clamp(ramp, 0.0, 255.0);
 }
 
+float overlay_share(float value) {
+    uint _e4 = _group_0_binding_0_vs.overlay_is_diverging;
+    float size = ((_e4 > 0u) ? abs(value) : value);
+    float _e10 = _group_0_binding_0_vs.overlay_threshold;
+    float _e14 = _group_0_binding_0_vs.overlay_steepness;
+    float rise = clamp(((size - _e10) * _e14), 0.0, 1.0);
+    float _e21 = _group_0_binding_0_vs.overlay_opacity;
+    return (_e21 * ((rise * rise) * (3.0 - (2.0 * rise))));
+}
+
 float light_on(float facing) {
     float _e3 = _group_0_binding_0_vs.ambient;
     float _e6 = _group_0_binding_0_vs.ambient;
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
-float known_at(vec3 position_in_field) {
+float known_at(vec3 position_in_field_1) {
     float known = 1.0;
     int index_1 = 0;
-    vec4 place = vec4(position_in_field, 1.0);
+    vec4 place = vec4(position_in_field_1, 1.0);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {

@@ -33,6 +33,18 @@ struct Picture {
     float clip_piece;
     float smooth_share;
     vec4 cuts[6];
+    mat4x4 overlay_from_field;
+    vec3 overlay_size;
+    float overlay_scale;
+    float overlay_offset;
+    float overlay_low;
+    float overlay_factor;
+    float overlay_threshold;
+    float overlay_steepness;
+    float overlay_opacity;
+    uint overlay_color_row;
+    uint overlay_is_diverging;
+    uint volume_has_gaps;
 };
 struct OnScreen {
     vec4 position;
@@ -51,6 +63,10 @@ layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
 
 smooth out vec2 _vs2fs_location0;
 
+vec2 defined_part(vec2 texel) {
+    return vec2((texel.x / max(texel.y, 1e-6)), texel.y);
+}
+
 bool is_in_volume(vec3 position_1) {
     vec3 _e5 = _group_0_binding_0_vs.volume_size;
     return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
@@ -64,16 +80,26 @@ float brightness(float stored) {
     return clamp(ramp, 0.0, 255.0);
 }
 
+float overlay_share(float value) {
+    uint _e4 = _group_0_binding_0_vs.overlay_is_diverging;
+    float size = ((_e4 > 0u) ? abs(value) : value);
+    float _e10 = _group_0_binding_0_vs.overlay_threshold;
+    float _e14 = _group_0_binding_0_vs.overlay_steepness;
+    float rise = clamp(((size - _e10) * _e14), 0.0, 1.0);
+    float _e21 = _group_0_binding_0_vs.overlay_opacity;
+    return (_e21 * ((rise * rise) * (3.0 - (2.0 * rise))));
+}
+
 float light_on(float facing) {
     float _e3 = _group_0_binding_0_vs.ambient;
     float _e6 = _group_0_binding_0_vs.ambient;
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
-float known_at(vec3 position_in_field) {
+float known_at(vec3 position_in_field_1) {
     float known = 1.0;
     int index_1 = 0;
-    vec4 place = vec4(position_in_field, 1.0);
+    vec4 place = vec4(position_in_field_1, 1.0);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
@@ -108,7 +134,7 @@ vec3 at_height(vec3 foot, float height) {
 }
 
 vec2 reach(vec3 foot_1) {
-    bool local_1 = false;
+    bool local_2 = false;
     vec3 _e3 = _group_0_binding_0_vs.sphere_centre;
     vec3 from_centre = (foot_1 - _e3);
     vec3 _e7 = _group_0_binding_0_vs.towards_viewer;
@@ -119,11 +145,11 @@ vec2 reach(vec3 foot_1) {
     float half_squared = ((_e16 * _e19) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
         float _e30 = _group_0_binding_0_vs.sphere_radius;
-        local_1 = (_e30 < 0.0);
+        local_2 = (_e30 < 0.0);
     } else {
-        local_1 = true;
+        local_2 = true;
     }
-    bool _e34 = local_1;
+    bool _e34 = local_2;
     if (_e34) {
         return vec2(0.0, -1.0);
     }

@@ -33,6 +33,18 @@ struct Picture {
     float clip_piece;
     float smooth_share;
     vec4 cuts[6];
+    mat4x4 overlay_from_field;
+    vec3 overlay_size;
+    float overlay_scale;
+    float overlay_offset;
+    float overlay_low;
+    float overlay_factor;
+    float overlay_threshold;
+    float overlay_steepness;
+    float overlay_opacity;
+    uint overlay_color_row;
+    uint overlay_is_diverging;
+    uint volume_has_gaps;
 };
 struct Paths {
     vec3 origin_in_patient;
@@ -68,28 +80,32 @@ uniform highp usampler2D _group_1_binding_2_vs;
 
 smooth out vec3 _vs2fs_location0;
 
+vec2 defined_part(vec2 texel) {
+    return vec2((texel.x / max(texel.y, 1e-6)), texel.y);
+}
+
 bool is_in_volume(vec3 position_1) {
     vec3 _e5 = _group_0_binding_0_vs.volume_size;
     return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
 float below(vec3 position_2) {
-    float texel = 0.0;
+    float texel_2 = 0.0;
     vec3 _e6 = _group_0_binding_0_vs.field_size;
     vec3 place_1 = ((position_2 + vec3(0.5)) / _e6);
     float _e12 = _group_0_binding_0_vs.smooth_share;
     if ((_e12 < 1.0)) {
         vec4 _e18 = textureLod(_group_0_binding_2_vs, vec3(place_1), 0.0);
-        texel = _e18.x;
+        texel_2 = _e18.x;
     }
     float _e22 = _group_0_binding_0_vs.smooth_share;
     if ((_e22 > 0.0)) {
-        float _e25 = texel;
+        float _e25 = texel_2;
         vec4 _e29 = textureLod(_group_0_binding_6_vs, vec3(place_1), 0.0);
         float _e33 = _group_0_binding_0_vs.smooth_share;
-        texel = mix(_e25, _e29.x, _e33);
+        texel_2 = mix(_e25, _e29.x, _e33);
     }
-    float _e35 = texel;
+    float _e35 = texel_2;
     float _e38 = _group_0_binding_0_vs.depth_scale;
     float _e42 = _group_0_binding_0_vs.depth;
     return ((_e35 * _e38) - _e42);
@@ -105,15 +121,15 @@ vec3 inward_at(vec3 position_3) {
 
 vec3 stored_position(uint index) {
     uint width = uvec2(textureSize(_group_1_binding_1_vs, 0).xy).x;
-    ivec2 texel_1 = ivec2(int((index % width)), int((index / width)));
-    uvec4 _e11 = texelFetch(_group_1_binding_1_vs, texel_1, 0);
+    ivec2 texel_3 = ivec2(int((index % width)), int((index / width)));
+    uvec4 _e11 = texelFetch(_group_1_binding_1_vs, texel_3, 0);
     return vec3(_e11.xyz);
 }
 
 uint piece_word(uint index_1) {
     uint width_1 = uvec2(textureSize(_group_1_binding_2_vs, 0).xy).x;
-    ivec2 texel_2 = ivec2(int((index_1 % width_1)), int((index_1 / width_1)));
-    uvec4 _e11 = texelFetch(_group_1_binding_2_vs, texel_2, 0);
+    ivec2 texel_4 = ivec2(int((index_1 % width_1)), int((index_1 / width_1)));
+    uvec4 _e11 = texelFetch(_group_1_binding_2_vs, texel_4, 0);
     return _e11.x;
 }
 

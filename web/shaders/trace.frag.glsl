@@ -33,6 +33,18 @@ struct Picture {
     float clip_piece;
     float smooth_share;
     vec4 cuts[6];
+    mat4x4 overlay_from_field;
+    vec3 overlay_size;
+    float overlay_scale;
+    float overlay_offset;
+    float overlay_low;
+    float overlay_factor;
+    float overlay_threshold;
+    float overlay_steepness;
+    float overlay_opacity;
+    uint overlay_color_row;
+    uint overlay_is_diverging;
+    uint volume_has_gaps;
 };
 struct OnScreen {
     vec4 position;
@@ -59,16 +71,30 @@ uniform highp sampler3D _group_0_binding_6_fs;
 
 uniform highp sampler2D _group_0_binding_4_fs;
 
+uniform highp sampler3D _group_0_binding_7_fs;
+
 smooth in vec2 _vs2fs_location0;
 layout(location = 0) out vec4 _fs2p_location0;
 
-float stored_at(vec3 position) {
+vec2 defined_part(vec2 texel) {
+    return vec2((texel.x / max(texel.y, 1e-6)), texel.y);
+}
+
+vec2 stored_at(vec3 position) {
+    vec2 texel_1 = vec2(0.0);
     vec3 _e6 = _group_0_binding_0_fs.volume_size;
     vec3 place = ((position + vec3(0.5)) / _e6);
     vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place), 0.0);
-    float _e15 = _group_0_binding_0_fs.stored_scale;
-    float _e19 = _group_0_binding_0_fs.stored_offset;
-    return ((_e11.x * _e15) + _e19);
+    texel_1 = _e11.xy;
+    uint _e16 = _group_0_binding_0_fs.volume_has_gaps;
+    if ((_e16 == 0u)) {
+        texel_1.y = 1.0;
+    }
+    vec2 _e21 = texel_1;
+    vec2 _e22 = defined_part(_e21);
+    float _e26 = _group_0_binding_0_fs.stored_scale;
+    float _e30 = _group_0_binding_0_fs.stored_offset;
+    return vec2(((_e22.x * _e26) + _e30), _e22.y);
 }
 
 bool is_in_volume(vec3 position_1) {
@@ -77,22 +103,22 @@ bool is_in_volume(vec3 position_1) {
 }
 
 float below(vec3 position_2) {
-    float texel = 0.0;
+    float texel_2 = 0.0;
     vec3 _e6 = _group_0_binding_0_fs.field_size;
     vec3 place_1 = ((position_2 + vec3(0.5)) / _e6);
     float _e12 = _group_0_binding_0_fs.smooth_share;
     if ((_e12 < 1.0)) {
         vec4 _e18 = textureLod(_group_0_binding_2_fs, vec3(place_1), 0.0);
-        texel = _e18.x;
+        texel_2 = _e18.x;
     }
     float _e22 = _group_0_binding_0_fs.smooth_share;
     if ((_e22 > 0.0)) {
-        float _e25 = texel;
+        float _e25 = texel_2;
         vec4 _e29 = textureLod(_group_0_binding_6_fs, vec3(place_1), 0.0);
         float _e33 = _group_0_binding_0_fs.smooth_share;
-        texel = mix(_e25, _e29.x, _e33);
+        texel_2 = mix(_e25, _e29.x, _e33);
     }
-    float _e35 = texel;
+    float _e35 = texel_2;
     float _e38 = _group_0_binding_0_fs.depth_scale;
     float _e42 = _group_0_binding_0_fs.depth;
     return ((_e35 * _e38) - _e42);
@@ -114,11 +140,46 @@ float brightness(float stored) {
     return clamp(ramp, 0.0, 255.0);
 }
 
-vec3 color_of(float level) {
-    uint _e6 = _group_0_binding_0_fs.color_row;
-    ivec2 texel_1 = ivec2(int((level + 0.5)), int(_e6));
-    vec4 _e11 = texelFetch(_group_0_binding_4_fs, texel_1, 0);
-    return (_e11.xyz * 255.0);
+vec3 color_in(uint row, float level) {
+    ivec2 texel_3 = ivec2(int((level + 0.5)), int(row));
+    vec4 _e9 = texelFetch(_group_0_binding_4_fs, texel_3, 0);
+    return (_e9.xyz * 255.0);
+}
+
+float overlay_share(float value) {
+    uint _e4 = _group_0_binding_0_fs.overlay_is_diverging;
+    float size = ((_e4 > 0u) ? abs(value) : value);
+    float _e10 = _group_0_binding_0_fs.overlay_threshold;
+    float _e14 = _group_0_binding_0_fs.overlay_steepness;
+    float rise = clamp(((size - _e10) * _e14), 0.0, 1.0);
+    float _e21 = _group_0_binding_0_fs.overlay_opacity;
+    return (_e21 * ((rise * rise) * (3.0 - (2.0 * rise))));
+}
+
+vec3 under_overlay(vec3 color, vec3 position_in_field) {
+    float _e4 = _group_0_binding_0_fs.overlay_opacity;
+    if ((_e4 <= 0.0)) {
+        return color;
+    }
+    mat4x4 _e9 = _group_0_binding_0_fs.overlay_from_field;
+    vec3 position_5 = (_e9 * vec4(position_in_field, 1.0)).xyz;
+    vec3 _e18 = _group_0_binding_0_fs.overlay_size;
+    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e18 - vec3(0.5))), position_5));
+    vec3 _e30 = _group_0_binding_0_fs.overlay_size;
+    vec3 place_3 = ((position_5 + vec3(0.5)) / _e30);
+    vec4 _e35 = textureLod(_group_0_binding_7_fs, vec3(place_3), 0.0);
+    vec2 _e37 = defined_part(_e35.xy);
+    float _e41 = _group_0_binding_0_fs.overlay_scale;
+    float _e45 = _group_0_binding_0_fs.overlay_offset;
+    float value_1 = ((_e37.x * _e41) + _e45);
+    float _e49 = _group_0_binding_0_fs.overlay_low;
+    float _e53 = _group_0_binding_0_fs.overlay_factor;
+    float level_1 = clamp(((value_1 - _e49) * _e53), 0.0, 255.0);
+    float _e61 = overlay_share(value_1);
+    float share = ((is_inside ? _e37.y : 0.0) * _e61);
+    uint _e65 = _group_0_binding_0_fs.overlay_color_row;
+    vec3 _e66 = color_in(_e65, level_1);
+    return (color + (share * (_e66 - color)));
 }
 
 float light_on(float facing) {
@@ -131,6 +192,7 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     float sum = 0.0;
     float count = 0.0;
     uint index = 0u;
+    bool local_1 = false;
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
     float _e11 = _group_0_binding_0_fs.voxel_mm;
     vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
@@ -140,31 +202,37 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
         float _e27 = _group_0_binding_0_fs.slab_step;
         float offset_mm = (_e22 + (float(_e23) * _e27));
         vec3 sample_ = (position_4 + (offset_mm * along));
-        bool _e32 = is_in_volume(sample_);
-        float is_there = (_e32 ? 1.0 : 0.0);
-        float _e36 = sum;
-        float _e37 = stored_at(sample_);
-        sum = (_e36 + (is_there * _e37));
-        float _e40 = count;
-        count = (_e40 + is_there);
-        uint _e43 = index;
-        index = (_e43 + 1u);
-        uint _e45 = index;
-        uint _e48 = _group_0_binding_0_fs.slab_count;
-        if ((_e45 >= _e48)) {
+        vec2 _e32 = stored_at(sample_);
+        bool _e33 = is_in_volume(sample_);
+        if (_e33) {
+            local_1 = (_e32.y >= 0.5);
+        } else {
+            local_1 = false;
+        }
+        bool _e40 = local_1;
+        float is_there = (_e40 ? 1.0 : 0.0);
+        float _e44 = sum;
+        sum = (_e44 + (is_there * _e32.x));
+        float _e48 = count;
+        count = (_e48 + is_there);
+        uint _e51 = index;
+        index = (_e51 + 1u);
+        uint _e53 = index;
+        uint _e56 = _group_0_binding_0_fs.slab_count;
+        if ((_e53 >= _e56)) {
             break;
         }
     }
-    float _e50 = sum;
-    float _e51 = count;
-    float _e55 = count;
-    return vec2((_e50 / max(_e51, 1.0)), min(_e55, 1.0));
+    float _e58 = sum;
+    float _e59 = count;
+    float _e63 = count;
+    return vec2((_e58 / max(_e59, 1.0)), min(_e63, 1.0));
 }
 
-float known_at(vec3 position_in_field) {
+float known_at(vec3 position_in_field_1) {
     float known = 1.0;
     int index_1 = 0;
-    vec4 place_3 = vec4(position_in_field, 1.0);
+    vec4 place_4 = vec4(position_in_field_1, 1.0);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
@@ -181,26 +249,28 @@ float known_at(vec3 position_in_field) {
             float _e10 = known;
             int _e13 = index_1;
             vec4 _e15 = _group_0_binding_0_fs.cuts[_e13];
-            known = (_e10 * ((dot(_e15, place_3) >= 0.0) ? 1.0 : 0.0));
+            known = (_e10 * ((dot(_e15, place_4) >= 0.0) ? 1.0 : 0.0));
         }
     }
     float _e26 = known;
     return _e26;
 }
 
-vec4 shaded(vec3 position_in_field_1) {
-    vec3 _e1 = inward_at(position_in_field_1);
+vec4 shaded(vec3 position_in_field_2) {
+    vec3 _e1 = inward_at(position_in_field_2);
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_5 = (_e4 * vec4(position_in_field_1, 1.0)).xyz;
-    vec2 _e9 = stored_on(position_5, _e1);
+    vec3 position_6 = (_e4 * vec4(position_in_field_2, 1.0)).xyz;
+    vec2 _e9 = stored_on(position_6, _e1);
     vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
     float facing_1 = -(dot(_e1, _e12));
-    float _e16 = brightness(_e9.x);
-    vec3 _e17 = color_of(_e16);
-    float _e18 = light_on(facing_1);
-    vec3 lit = (_e17 * _e18);
-    float _e31 = known_at(position_in_field_1);
-    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y) * _e31);
+    uint _e17 = _group_0_binding_0_fs.color_row;
+    float _e19 = brightness(_e9.x);
+    vec3 _e20 = color_in(_e17, _e19);
+    vec3 _e21 = under_overlay(_e20, position_in_field_2);
+    float _e22 = light_on(facing_1);
+    vec3 lit = (_e21 * _e22);
+    float _e35 = known_at(position_in_field_2);
+    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y) * _e35);
 }
 
 vec3 foot_of(vec2 place_in_frame) {
@@ -214,7 +284,7 @@ vec3 at_height(vec3 foot, float height) {
 }
 
 vec2 reach(vec3 foot_1) {
-    bool local_1 = false;
+    bool local_2 = false;
     vec3 _e3 = _group_0_binding_0_fs.sphere_centre;
     vec3 from_centre = (foot_1 - _e3);
     vec3 _e7 = _group_0_binding_0_fs.towards_viewer;
@@ -225,11 +295,11 @@ vec2 reach(vec3 foot_1) {
     float half_squared = ((_e16 * _e19) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
         float _e30 = _group_0_binding_0_fs.sphere_radius;
-        local_1 = (_e30 < 0.0);
+        local_2 = (_e30 < 0.0);
     } else {
-        local_1 = true;
+        local_2 = true;
     }
-    bool _e34 = local_1;
+    bool _e34 = local_2;
     if (_e34) {
         return vec2(0.0, -1.0);
     }
@@ -272,11 +342,11 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
             float _e15 = high.y;
             float _e17 = low.y;
             int _e20 = round_;
-            float share = ((_e20 < FALSE_POSITIONS) ? (_e13 / (_e15 - _e17)) : 0.5);
+            float share_1 = ((_e20 < FALSE_POSITIONS) ? (_e13 / (_e15 - _e17)) : 0.5);
             float _e26 = high.x;
             float _e28 = low.x;
             float _e30 = high.x;
-            float height_2 = (_e26 + ((_e28 - _e30) * share));
+            float height_2 = (_e26 + ((_e28 - _e30) * share_1));
             vec3 _e34 = at_height(foot_2, height_2);
             float _e35 = below(_e34);
             if ((abs(_e35) <= TOLERANCE)) {

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, before, test } from "node:test";
 
 import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/base/api.ts";
-import { caseIdentity, caseStatus } from "../src/base/case-words.ts";
+import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts";
 import { matches } from "../src/page/cases.ts";
 import { pathOf, ticks } from "../src/page/chart.ts";
 import { EventReader } from "../src/base/events.ts";
@@ -147,6 +147,18 @@ test("a case is found by its name, and says what it is at", () => {
     caseStatus({ id, name, created_at, state: "failed", error: { type: "urn:x:other", detail: "it is odd" } }),
     "It is odd.",
   );
+});
+
+test("the reasons of a verdict are the server's sentences, or the page's in another language", () => {
+  const quality = {
+    state: "review",
+    method: "supplied",
+    reasons: ["the mask has 400 ml", "it is odd"],
+    reason_codes: ["mask-volume", "a-code-of-tomorrow"],
+  } as const;
+  assert.deepEqual(reasonWords(quality), ["The mask has 400 ml.", "It is odd."]);
+  speak("pt-BR", portuguese as Words);
+  assert.deepEqual(reasonWords(quality), ["O volume da máscara não é o de um encéfalo.", "It is odd."]);
 });
 
 const file = (name: string, size = 1000): { name: string; size: number } => ({ name, size });

@@ -1,14 +1,14 @@
-//! The part of the native grid that holds the brain, and how deep each of its voxels lies.
+//! The part of the native grid that contains the brain, and the depth of its voxels.
 
 use geometry::{DepthField, Grid, Volume};
 use glam::{DAffine3, DVec3, Vec3};
 
-/// From this depth on a voxel counts as tissue, in mm: above, there are dura and vessels.
+/// The least depth of tissue, in mm; above it there are dura and vessels.
 pub(crate) const TISSUE_FROM_MM: f32 = 2.0;
-/// From this depth on the junction is looked at, in mm.
+/// The least depth of the junction, in mm.
 pub(crate) const DEEP_FROM_MM: f32 = 3.0;
 
-/// Which of the two depths a voxel reaches.
+/// The depth class of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub(crate) enum Zone {
@@ -17,7 +17,7 @@ pub(crate) enum Zone {
     Deep,
 }
 
-/// The smallest block of a volume that holds all of its voxels below the envelope that count.
+/// The smallest block of a volume that contains all of its tissue.
 #[derive(Debug, Clone)]
 pub(crate) struct Block {
     pub(crate) grid: Grid,
@@ -25,12 +25,12 @@ pub(crate) struct Block {
     pub(crate) first: [usize; 3],
     pub(crate) size: [usize; 3],
     pub(crate) spacing_mm: [f64; 3],
-    /// Of each voxel, x-fastest.
+    /// The class of each voxel, x-fastest.
     pub(crate) zones: Vec<Zone>,
 }
 
 impl Block {
-    /// `None` where no voxel of the volume is deep enough.
+    /// `None` if no voxel of the volume is deep enough.
     pub(crate) fn new(volume: &Volume, depth: &DepthField) -> Option<Self> {
         let [first, last] = bounds(volume.grid(), depth)?;
         let size = [0, 1, 2].map(|axis| last[axis] - first[axis] + 1);
@@ -53,7 +53,7 @@ impl Block {
         self.zones.len()
     }
 
-    /// The stored values of a volume's row, by its number among the rows of this block.
+    /// The stored values of a row of the volume, by its number among the rows of this block.
     pub(crate) fn row<'a>(&self, volume: &'a Volume, number: usize) -> &'a [u16] {
         let [nx, ny, _] = self.size;
         let [x, y, z] = self.first;
@@ -61,13 +61,13 @@ impl Block {
         &volume.voxels()[start..start + nx]
     }
 
-    /// A length in mm, in voxels of each axis.
+    /// Converts a length in mm to voxels of each axis.
     pub(crate) fn in_voxels(&self, length_mm: f64) -> [f64; 3] {
         self.spacing_mm.map(|spacing| length_mm / spacing)
     }
 }
 
-/// First and last voxel of a grid that surround what lies deeper than [`TISSUE_FROM_MM`].
+/// First and last voxel of the block of a grid that contains everything deeper than [`TISSUE_FROM_MM`].
 fn bounds(native: &Grid, depth: &DepthField) -> Option<[[usize; 3]; 2]> {
     let [nx, ny, _] = depth.grid().size();
     let least = (TISSUE_FROM_MM / depth.spacing_mm() * DepthField::STEPS_PER_VOXEL) as i16;
@@ -133,7 +133,7 @@ fn zones(grid: &Grid, depth: &DepthField) -> Vec<Zone> {
 }
 
 fn zone(depth_mm: f32) -> Zone {
-    // A depth that is exactly the limit may have been rounded down.
+    // A depth equal to the limit may have been rounded down.
     let depth_mm = depth_mm + 1e-4;
     match depth_mm {
         _ if depth_mm >= DEEP_FROM_MM => Zone::Deep,
@@ -142,7 +142,7 @@ fn zone(depth_mm: f32) -> Zone {
     }
 }
 
-/// The depth at a position in voxels of the working grid, in mm; outside of that grid it is negative.
+/// The depth at a position in voxels of the working grid, in mm; negative outside that grid.
 pub(crate) fn depth_at(depth: &DepthField, place: Vec3) -> f32 {
     let size = Vec3::from_array(depth.grid().size().map(|side| side as f32 - 1.0));
     if place.cmpge(Vec3::ZERO).all() && place.cmple(size).all() {
@@ -152,7 +152,7 @@ pub(crate) fn depth_at(depth: &DepthField, place: Vec3) -> f32 {
     }
 }
 
-/// A way from one grid to another on which voxel centres meet.
+/// Maps one grid to another with coinciding voxel centres.
 struct WholeVoxels {
     columns: [[i64; 3]; 3],
     offset: [i64; 3],

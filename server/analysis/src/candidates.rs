@@ -1,4 +1,4 @@
-//! The places of a head at which the junction is blurred most.
+//! The most blurred places of the junction.
 
 use std::collections::HashSet;
 
@@ -20,41 +20,41 @@ pub enum Side {
 /// A place at which the junction is less sharp than around it and on the other side. Most such places are normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
-    /// LPS, in mm.
+    /// The position, LPS mm.
     pub position_in_patient: DVec3,
-    /// Below the envelope, in mm.
+    /// The depth below the envelope, in mm.
     pub depth_mm: f32,
-    /// On which side of the midsagittal plane.
+    /// The side of the midsagittal plane.
     pub side: Side,
-    /// The smoothed `blur` at the place, in deviations of this head's junction.
+    /// The smoothed `blur`, in deviations over the junction of this head.
     pub score: f32,
     /// The diameter of a ball with the volume of the connected part of the junction above half of the score, in mm.
     pub size_mm: f32,
 }
 
-/// How candidates are chosen.
+/// The parameters of the choice.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Choice {
-    /// The least distance of a candidate from every higher one, in mm.
+    /// The least distance between a candidate and every higher one, in mm.
     pub(crate) apart_mm: f64,
     pub(crate) limit: usize,
 }
 
-/// Below this depth there are nuclei and the brain stem, of which the border is blurred in everybody, and no cortex, in mm.
+/// The greatest depth of cortex, in mm. Deeper are nuclei and the brain stem, which have a blurred border in everybody.
 const DEEPEST_MM: f32 = 30.0;
-/// How many voxels are sorted at first: the highest places are few.
+/// The number of voxels that are sorted first, because few places are high.
 const FIRST_SORTED: usize = 20_000;
 
-/// The scores of the junction's voxels.
+/// The scores over the junction.
 pub(crate) struct Scores<'a> {
     /// The voxels of the junction, ascending.
     pub(crate) junction: &'a [u32],
-    /// The score of each.
+    /// Their scores.
     pub(crate) scores: Vec<f32>,
 }
 
 impl<'a> Scores<'a> {
-    /// A map over the junction, smoothed by a Gaussian that sees the junction alone.
+    /// A map over the junction, smoothed by a Gaussian over the junction alone.
     pub(crate) fn smoothed(block: &Block, junction: &'a [u32], map: &[f32], sigma_mm: f64) -> Self {
         let kernels = block.in_voxels(sigma_mm).map(Kernel::gaussian);
         let mut sums = vec![0.0; block.voxel_count()];
@@ -77,7 +77,7 @@ impl<'a> Scores<'a> {
         }
     }
 
-    /// The highest places (by their number in the junction) that are eligible, each at least `apart_mm` from every higher one,
+    /// The highest eligible places (by their index in the junction), each at least `apart_mm` from every higher one,
     /// highest first.
     fn maxima(
         &self,
@@ -86,7 +86,7 @@ impl<'a> Scores<'a> {
         is_eligible: impl Fn(DVec3) -> bool,
     ) -> Vec<usize> {
         let mut order: Vec<u32> = (0..self.junction.len() as u32).collect();
-        // Of equal scores the first voxel comes first, so that the order is the same everywhere.
+        // Equal scores are in voxel order, so that the order is the same on every machine.
         let higher = |a: &u32, b: &u32| {
             let [score_a, score_b] = [a, b].map(|place| self.scores[*place as usize]);
             score_b.total_cmp(&score_a).then(a.cmp(b))
@@ -120,7 +120,7 @@ impl<'a> Scores<'a> {
         block.grid.patient_from_voxel().transform_point3(voxel)
     }
 
-    /// The number of voxels of the junction that are connected to a place through corners and higher than half of its score.
+    /// The number of voxels of the junction above half the score of a place and connected to it (26-neighbourhood).
     fn extent(&self, block: &Block, rows: &[u32], place: usize) -> usize {
         let least = self.scores[place] / 2.0;
         let nx = block.size[0];
@@ -145,7 +145,7 @@ impl<'a> Scores<'a> {
         seen.len()
     }
 
-    /// For each row of the block, how many voxels of the junction lie before it.
+    /// The number of voxels of the junction before each row of the block.
     fn rows(&self, block: &Block) -> Vec<u32> {
         let [nx, ny, nz] = block.size;
         let mut rows = vec![0; ny * nz + 1];
@@ -159,7 +159,7 @@ impl<'a> Scores<'a> {
     }
 }
 
-/// The voxels around a voxel that share a corner with it, and itself.
+/// A voxel and its 26 neighbours.
 fn neighbours(voxel: [usize; 3], size: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     let [x, y, z] = [0, 1, 2].map(|axis| {
         let last = (voxel[axis] + 1).min(size[axis] - 1);

@@ -1,4 +1,4 @@
-//! Sums of blocks of voxels: what is smoothed widely needs no more places than its own width asks for.
+//! Sums over cells of several voxels, for wide smoothing at a matching resolution.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -8,7 +8,7 @@ use crate::convolve::{Kernel, smooth};
 #[derive(Debug, Clone)]
 pub(crate) struct Coarse {
     fine: [usize; 3],
-    /// Voxels to a cell along each axis.
+    /// Voxels per cell along each axis.
     factor: [usize; 3],
     size: [usize; 3],
     /// Edges of a cell, in mm.
@@ -34,7 +34,7 @@ impl Coarse {
         self.factor.iter().product::<usize>() as f32
     }
 
-    /// For each cell the mean over its voxels of `pair_at`, by index in the block: the pair's two numbers apart.
+    /// The mean of `pair_at` over the voxels of each cell, by index in the block, separately for both numbers.
     pub(crate) fn means(&self, mut pair_at: impl FnMut(usize) -> Pair) -> [Vec<f32>; 2] {
         let [nx, ny, _] = self.fine;
         let [cx, cy, _] = self.size;
@@ -55,11 +55,11 @@ impl Coarse {
         sums
     }
 
-    /// Both numbers smoothed by a Gaussian, of which the cells themselves are a part, and side by side.
+    /// Both numbers smoothed by a Gaussian, which includes the width of the cells, and interleaved.
     pub(crate) fn smoothed(&self, means: &[Vec<f32>; 2], sigma_mm: f64) -> Vec<Pair> {
         let kernels = [0, 1, 2].map(|axis| {
             let factor = self.factor[axis] as f64;
-            // The variance of the voxels of a cell, and that of reading between two cells.
+            // The variance of the voxels of a cell, and of the interpolation between two cells.
             let cell = (1.0 - factor.powi(-2)) / 12.0;
             let between = if self.factor[axis] > 1 {
                 1.0 / 6.0
@@ -79,7 +79,7 @@ impl Coarse {
             .collect()
     }
 
-    /// What leads to voxels of the block, made to lead to cells.
+    /// Converts an affine to voxels of the block into one to cells.
     pub(crate) fn through(&self, voxel_from_other: DAffine3) -> DAffine3 {
         let factor = DVec3::from_array(self.factor.map(|factor| factor as f64));
         let cell_from_voxel = DAffine3 {
@@ -89,12 +89,12 @@ impl Coarse {
         cell_from_voxel * voxel_from_other
     }
 
-    /// The pair at a place in cells, trilinear; beyond the outermost cells there is nothing.
+    /// The pair at a position in cells, trilinear; `None` beyond the outermost cells.
     #[inline]
     pub(crate) fn sample(&self, pairs: &[Pair], place: Vec3) -> Pair {
         let [nx, ny, nz] = self.size;
         let last = Vec3::new(nx as f32 - 1.0, ny as f32 - 1.0, nz as f32 - 1.0);
-        // False for a place that is not a number, too.
+        // Also false for NaN.
         if !(place.cmpge(Vec3::splat(-0.5)).all() && place.cmple(last + 0.5).all()) {
             return [0.0; 2];
         }
@@ -109,7 +109,7 @@ impl Coarse {
         z.mix(slice(start), slice(start + z.step))
     }
 
-    /// A row of cells, mixed from those around a row of the block's voxels, by the row's number.
+    /// A row of cells, interpolated from the rows of cells around a row of voxels of the block.
     pub(crate) fn mixed_row(&self, pairs: &[Pair], number: usize, mixed: &mut Vec<Pair>) {
         let [nx, ny, nz] = self.size;
         let place = |axis: usize, voxel: usize| {
@@ -129,7 +129,7 @@ impl Coarse {
         );
     }
 
-    /// Where the voxels of a row lie between the cells of one.
+    /// The positions of the voxels of a row between cells.
     pub(crate) fn along_row(&self) -> Vec<Between> {
         let factor = self.factor[0] as f32;
         let place = |x: usize| (x as f32 - (factor - 1.0) / 2.0) / factor;
@@ -139,7 +139,7 @@ impl Coarse {
     }
 }
 
-/// A place between two cells of one axis.
+/// A position between two cells of one axis.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Between {
     start: usize,
@@ -148,7 +148,7 @@ pub(crate) struct Between {
 }
 
 impl Between {
-    /// Beyond the outermost cells, they count alone.
+    /// Beyond the outermost cells, only those count.
     #[inline]
     fn of(place: f32, side: usize, stride: usize) -> Self {
         let place = place.clamp(0.0, side as f32 - 1.0);
@@ -168,7 +168,7 @@ impl Between {
         ]
     }
 
-    /// The pair in a mixed row.
+    /// The pair in an interpolated row.
     #[inline]
     pub(crate) fn of_row(self, row: &[Pair]) -> Pair {
         self.mix(row[self.start], row[self.start + self.step])

@@ -1,15 +1,15 @@
 //! Separable convolutions of whole blocks, in place, one axis after the other.
 //!
-//! Sums are taken in one order with no fused multiplication, so that every machine gets the same bits.
+//! Sums have a fixed order and no fused multiplications, so the result is the same on every machine.
 
 use multiversion::multiversion;
 
-/// How far a Gaussian is followed, in deviations.
+/// The extent of a Gaussian, in standard deviations.
 const REACH: f64 = 3.3;
-/// Values that are summed at once.
+/// The number of values that are summed at once.
 const LANES: usize = 32;
 
-/// A kernel that is its own mirror image, or the negative of it: the middle tap, then the taps beside it.
+/// A symmetric or antisymmetric kernel: the middle tap, then the taps beside it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Kernel {
     taps: Vec<f32>,
@@ -25,7 +25,7 @@ impl Kernel {
         Self::even(taps.iter().map(|tap| tap / total))
     }
 
-    /// The derivative of a Gaussian: of a ramp that rises by 1 a voxel it is 1.
+    /// The derivative of a Gaussian; it is 1 for a ramp that rises by 1 per voxel.
     pub(crate) fn derivative(sigma_voxels: f64) -> Self {
         let taps: Vec<f64> = gaussian_taps(sigma_voxels)
             .iter()
@@ -59,7 +59,7 @@ impl Kernel {
         self.taps.len() - 1
     }
 
-    /// The sum of squares of all taps: what is left of the variance of white noise.
+    /// The sum of squares of all taps: the factor for the variance of white noise.
     pub(crate) fn noise_gain(&self) -> f64 {
         let square = |tap: &f32| f64::from(*tap).powi(2);
         square(&self.taps[0]) + 2.0 * self.taps[1..].iter().map(square).sum::<f64>()
@@ -71,7 +71,7 @@ impl Kernel {
     }
 }
 
-/// The right half of a Gaussian's samples, from the middle on.
+/// The right half of the samples of a Gaussian, from the middle on.
 fn gaussian_taps(sigma_voxels: f64) -> Vec<f64> {
     let reach = (REACH * sigma_voxels).ceil() as usize;
     let tap = |place: usize| (-0.5 * (place as f64 / sigma_voxels.max(1e-6)).powi(2)).exp();
@@ -110,7 +110,7 @@ pub(crate) fn smooth(values: &mut [f32], size: [usize; 3], kernels: &[Kernel; 3]
     }
 }
 
-/// Rows one after the other, with zeros before and after them.
+/// Consecutive rows, with zeros before and after them.
 fn pad<'a>(padded: &mut Vec<f32>, margin: usize, rows: impl IntoIterator<Item = &'a [f32]>) {
     padded.clear();
     padded.resize(margin, 0.0);
@@ -138,7 +138,7 @@ fn convolve(padded: &[f32], stride: usize, kernel: &Kernel, out: &mut [f32]) {
         return;
     };
     for start in (0..out.len()).step_by(LANES) {
-        // The last lanes may be done twice. Their number is fixed, so that the sums stay in registers.
+        // The last lanes may be computed twice. Their number is fixed, so the sums stay in registers.
         let start = start.min(last);
         let at = middle + start;
         let lanes = |at: usize| -> &[f32; LANES] { padded[at..].first_chunk().expect("padded") };

@@ -1,4 +1,4 @@
-//! How steep the tissue scale is, and how near to the middle between grey and white.
+//! The gradient of the tissue scale, weighted by nearness to the middle between grey and white.
 
 use glam::DMat3;
 use multiversion::multiversion;
@@ -6,24 +6,24 @@ use multiversion::multiversion;
 use crate::block::{Block, Zone};
 use crate::convolve::Kernel;
 
-/// How the gradient is taken.
+/// The parameters of the gradient.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Slope {
-    /// Width of the Gaussian whose derivatives are taken, in mm.
+    /// Width of the Gaussian for the derivatives, in mm.
     pub(crate) sigma_mm: f64,
-    /// How far from the middle between grey and white a voxel may lie, in tissue scale.
+    /// The greatest distance from the middle between grey and white, in tissue scale.
     pub(crate) half_width: f32,
-    /// Deviation of the noise, which adds to a gradient whatever its direction.
+    /// Standard deviation of the noise, which adds to every gradient.
     pub(crate) noise: f32,
 }
 
-/// Of each voxel: its weight, and its gradient (per mm) times its weight. Both are 0 in voxels that are not deep.
+/// The weight of each voxel, and its gradient (per mm) times its weight. Both are 0 in voxels that are not deep enough.
 pub(crate) struct Weighted {
     pub(crate) weights: Vec<f32>,
     pub(crate) gradients: Vec<f32>,
 }
 
-/// The least width of the Gaussian, in voxels: below it a sampled derivative depends on the direction.
+/// The least width of the Gaussian, in voxels; below it a sampled derivative depends on the direction.
 const LEAST_VOXELS: f64 = 0.6;
 
 impl Slope {
@@ -36,8 +36,8 @@ impl Slope {
 
 /// The gradient of the tissue scale at the junction.
 ///
-/// Derivatives of one Gaussian are sampled along the three axes, so that an edge is as steep in each direction: central
-/// differences after a narrow Gaussian are steeper across a diagonal.
+/// Derivatives of one Gaussian are sampled along the three axes, so that the gradient of an edge does not depend on its
+/// direction; central differences after a narrow Gaussian are larger across a diagonal.
 pub(crate) fn weighted_gradient(block: &Block, values: &[f32], slope: Slope) -> Weighted {
     let sigma = block.in_voxels(Slope::sigma_for(slope.sigma_mm, block.spacing_mm));
     let kernels = Kernels {
@@ -74,7 +74,7 @@ struct Plane {
     /// Smoothed along z, and differentiated along z.
     even: Vec<f32>,
     odd: Vec<f32>,
-    /// These after the pass along y: smooth in both, differentiated along y, differentiated along z.
+    /// The same after the pass along y: smoothed, differentiated along y, differentiated along z.
     passes: [Vec<f32>; 3],
     smooth: Vec<f32>,
     along: [Vec<f32>; 3],
@@ -94,7 +94,7 @@ impl Plane {
         }
     }
 
-    /// Takes the derivatives of plane `z`; beyond the faces, values are those of the faces.
+    /// Computes the derivatives of plane `z`; beyond the faces, values of the faces are repeated.
     fn differentiate(&mut self, values: &[f32], z: usize, kernels: &Kernels) {
         let plane = self.even.len();
         let last = values.len() / plane - 1;
@@ -146,7 +146,8 @@ fn pad_with_ends(padded: &mut Vec<f32>, rows: &[f32], stride: usize, reach: usiz
     }
 }
 
-/// How a gradient per voxel becomes a length per mm: the coefficients of xx, yy, zz, xy, xz and yz.
+/// The quadratic form from a gradient per voxel to a squared length per mm²: the coefficients of xx, yy, zz, xy, xz and
+/// yz.
 #[derive(Clone, Copy)]
 struct Metric([f32; 6]);
 
@@ -166,7 +167,8 @@ impl Metric {
         Self(coefficients.map(|coefficient| coefficient as f32))
     }
 
-    /// The squared length that white noise of unit variance gives a gradient across the direction of an edge: two thirds of all.
+    /// The squared length that white noise of unit variance adds across the direction of an edge: two thirds of the
+    /// total.
     fn noise(self, kernels: &Kernels) -> f32 {
         let gain = |axis: usize| {
             let beside = (0..3).filter(|&other| other != axis);
@@ -179,12 +181,12 @@ impl Metric {
     }
 }
 
-/// What turns derivatives into weights and weighted gradients.
+/// Converts derivatives to weights and weighted gradients.
 struct Weigh {
     metric: Metric,
-    /// The squared length to be taken off for noise.
+    /// The squared length to subtract for noise.
     noise: f32,
-    /// The inverse of the weight's half-width.
+    /// The inverse of the half-width of the weight.
     per_half_width: f32,
 }
 
@@ -207,9 +209,9 @@ fn weigh_plane(weigh: &Weigh, zones: &[Zone], plane: &Plane, outs: [&mut [f32]; 
     }
 }
 
-/// How near to the middle of grey and white a tissue scale is: 1 in the middle, 0 from the half-width on (Tukey's biweight).
+/// The weight of a tissue scale: 1 in the middle between grey and white, 0 from the half-width on (Tukey's biweight).
 ///
-/// It is 0 in pure tissue, so that the noise of what lies off the junction has no say.
+/// It is 0 in pure tissue, so that noise off the junction has no influence.
 #[inline(always)]
 pub(crate) fn weight(tissue: f32, per_half_width: f32) -> f32 {
     let apart = (tissue - 0.5) * per_half_width;

@@ -4,14 +4,14 @@ use crate::block::{Block, Zone};
 use crate::convolve::{Kernel, smooth};
 use crate::tissue::TissueScale;
 
-/// Edge of the cube in which voxels are counted, in mm.
+/// Edge of the cube, in mm.
 const CUBE_MM: f64 = 5.0;
 
-/// The share of a cube of 5 mm that lies between grey matter and half its deviation and white matter less half of its own.
+/// The fraction of a cube of 5 mm with intensities between mean grey + ½ SD and mean white − ½ SD.
 ///
-/// NaN in voxels that are not deep. Source: Huppertz et al., "Enhanced visualization of blurred gray-white matter junctions
-/// in focal cortical dysplasia by voxel-based 3D MRI analysis", Epilepsy Research 67, 2005; there, the mean of normal heads
-/// is taken off, which is not done here.
+/// NaN in voxels that are not deep enough. Source: Huppertz et al., "Enhanced visualization of blurred gray-white
+/// matter junctions in focal cortical dysplasia by voxel-based 3D MRI analysis", Epilepsy Research 67, 2005; there, the
+/// mean of normal heads is subtracted; here it is not.
 pub(crate) fn junction_density(block: &Block, values: &[f32], tissue: &TissueScale) -> Vec<f32> {
     let between = tissue.grey_sd / 2.0..1.0 - tissue.white_sd / 2.0;
     let is_deep = |zone: Zone| zone == Zone::Deep;

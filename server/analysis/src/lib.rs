@@ -1,9 +1,9 @@
-//! What is computed from one head to help the eye: values in, values out, with no files and no tasks.
+//! Measures from one head that help readers: values in, values out, without files or tasks.
 //!
 //! * The plane between the hemispheres: [`midsagittal_plane`].
-//! * How sharp the junction of grey and white matter is, against its surroundings and the other side, and the places at which it
-//!   is blurred most: [`maps`]. All of it comes from the head itself; there is no database of normal heads.
-//! * Where another volume of the same head lies: [`register`].
+//! * The sharpness of the junction of grey and white matter, compared with its surroundings and the other side, and the
+//!   most blurred places: [`maps`]. Everything comes from the head itself; there is no database of normal heads.
+//! * The position of another volume of the same head: [`register`].
 
 mod block;
 mod candidates;

@@ -1,4 +1,4 @@
-//! The maps of a head, all at once.
+//! All maps of a head.
 
 use geometry::{DepthField, Grid, Volume};
 
@@ -15,14 +15,14 @@ use crate::tissue::{TissueScale, tissue_scale};
 use crate::undefined::MapsUndefined;
 use crate::width::{EdgeFilters, WidthTable};
 
-/// The largest voxel edge on which a blur of 1 to 2 mm still shows, in mm.
+/// The largest voxel edge at which a blur of 1 to 2 mm is visible, in mm.
 const MAX_SPACING_MM: f64 = 2.0;
-/// The least spread of sharpness, per mm, and of intensity, in tissue scale: less is rounding, not anatomy.
+/// The least spread of sharpness, per mm, and of intensity, in tissue scale. A smaller spread is rounding, not anatomy.
 ///
 /// Four real heads have 0.04 to 0.06 per mm, and 0.13 to 0.17.
 const LEAST_SPREAD: f32 = 0.025;
 
-/// What the maps are made of.
+/// The input of the maps.
 #[derive(Debug, Clone, Copy)]
 pub struct Head<'a> {
     /// T1-weighted intensities.
@@ -36,11 +36,11 @@ pub struct Head<'a> {
 /// Widths of all filters. The standard ones belong to [`crate::MAP_FORMAT`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapParameters {
-    /// The Gaussian whose derivatives are taken, in mm; at least 0.6 of the largest voxel edge.
+    /// The Gaussian for the derivatives, in mm; at least 0.6 of the largest voxel edge.
     pub gradient_mm: f64,
-    /// How far from the middle between grey and white a voxel counts, in tissue scale.
+    /// The greatest distance from the middle between grey and white at which a voxel counts, in tissue scale.
     pub half_width: f32,
-    /// The Gaussian over which sharpness is averaged, in mm.
+    /// The Gaussian that averages sharpness, in mm.
     pub window_mm: f64,
     /// The Gaussian of the surroundings, in mm.
     pub ring_mm: f64,
@@ -52,12 +52,12 @@ pub struct MapParameters {
     pub candidate_mm: f64,
     /// The least distance between two candidates, in mm.
     pub apart_mm: f64,
-    /// The most candidates.
+    /// The greatest number of candidates.
     pub candidate_limit: usize,
 }
 
 impl MapParameters {
-    /// The parameters of every case's maps.
+    /// The standard parameters, for the maps of every case.
     pub const STANDARD: Self = Self {
         gradient_mm: 0.65,
         half_width: 0.5,
@@ -71,21 +71,21 @@ impl MapParameters {
     };
 }
 
-/// The maps of a head, its candidates and what they rest on.
+/// The maps of a head, with candidates and tissue parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Maps {
     grid: Grid,
     maps: Vec<StoredMap>,
-    /// The places that are blurred most, highest first.
+    /// The most blurred places, highest first.
     pub candidates: Vec<Candidate>,
-    /// What grey and white matter are.
+    /// The tissue scale.
     pub tissue: TissueScale,
-    /// From sharpness to the width of a junction, for these voxels.
+    /// The table from sharpness to the width of a junction, for these voxels.
     pub widths: WidthTable,
 }
 
 impl Maps {
-    /// Where the maps are defined: the block of the volume's grid that holds the brain.
+    /// The grid of the maps: the block of the grid of the volume that contains the brain.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -101,12 +101,14 @@ impl Maps {
     }
 }
 
-/// The maps of a head: how sharp its junction of grey and white matter is, and where it is less sharp than it should be.
+/// Computes the maps of a head: the sharpness of its junction of grey and white matter, and where it is less sharp than
+/// expected.
 ///
-/// They are computed from this one head, on the block of its native grid that holds the brain; lengths are in mm of the patient.
+/// The maps depend on this head alone. They are on the block of its native grid that contains the brain; lengths are in
+/// mm.
 ///
 /// # Errors
-/// If the head's voxels, contrast or envelope do not allow for them.
+/// If the voxels, the contrast or the envelope are unsuitable.
 pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
     let store = |kind, values: &[f32]| StoredMap::new(kind, &block.grid, values.iter().copied());
@@ -147,7 +149,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     })
 }
 
-/// The block of a head that is looked at, its tissue scale and what that rests on.
+/// The block of a head, its tissue scale and its parameters.
 pub(crate) fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale), MapsUndefined> {
     let spacing_mm = head.volume.grid().spacing_mm();
     let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
@@ -159,11 +161,11 @@ pub(crate) fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale)
     Ok((block, values, tissue))
 }
 
-/// Sharpness against what it should be; NaN where sharpness is undefined.
+/// Sharpness compared with its surroundings and the other side; NaN where sharpness is undefined.
 pub(crate) struct Comparison {
-    /// The lesser of how far sharpness lies below its surroundings and below the other side, in robust deviations.
+    /// How far sharpness is below its surroundings, or below the other side, whichever is less; in robust deviations.
     pub(crate) blur: Vec<f32>,
-    /// How far sharpness lies above the other side, in robust deviations.
+    /// How far sharpness is above the other side, in robust deviations.
     pub(crate) asymmetry: Vec<f32>,
 }
 
@@ -185,7 +187,7 @@ pub(crate) fn compare(
     into_z(&mut blur, &sharpness.junction);
     into_z(&mut asymmetry, &sharpness.junction);
     for (blur, &asymmetry) in blur.iter_mut().zip(&asymmetry) {
-        // Without a twin the surroundings decide: the lesser of a number and no number is the number.
+        // Without a mirrored value only the surroundings count: the minimum of a number and NaN is the number.
         *blur = if blur.is_nan() {
             *blur
         } else {
@@ -195,7 +197,7 @@ pub(crate) fn compare(
     Comparison { blur, asymmetry }
 }
 
-/// Values as robust deviations of those at the junction.
+/// Values as robust deviations from the values at the junction.
 fn into_z(values: &mut [f32], junction: &[u32]) {
     let at_junction = junction.iter().map(|&voxel| values[voxel as usize]);
     let robust = Robust::of(at_junction, LEAST_SPREAD);

@@ -1,4 +1,4 @@
-//! What a voxel is compared with: its surroundings, and its twin on the other side.
+//! Compares a voxel with its surroundings and with the mirrored point on the other side.
 
 use geometry::Grid;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -8,22 +8,22 @@ use crate::block::{Block, Zone};
 use crate::coarse::{Coarse, Pair};
 use crate::sharpness::Sharpness;
 
-/// Cells in which surroundings are summed, in mm.
+/// The cell size for the sums of surroundings, in mm.
 const STEP_MM: f64 = 2.0;
-/// The least weight at which there is a mirrored value.
+/// The least weight for a mirrored value.
 const LEAST_MIRRORED: f32 = 0.02;
-/// The least weight at which there are surroundings: those of a defined voxel always have it.
+/// The least weight for surroundings; a defined voxel always has it.
 const LEAST_RING: f32 = 1e-4;
-/// The share of the smoothed tissue of a mirrored intensity that must lie inside.
+/// The fraction of the smoothed tissue at a mirrored point that must lie inside.
 const LEAST_INSIDE: f32 = 0.3;
-/// Intensities beyond these are vessels and fluid, in tissue scale.
+/// The intensities of tissue; beyond are vessels and fluid, in tissue scale.
 const INTENSITY_RANGE: [f32; 2] = [-1.5, 1.6];
 
-/// A value for each voxel of a block with respect to others; NaN where one of the two is undefined.
+/// Differences for each voxel of a block; NaN where one of the two values is undefined.
 pub(crate) struct Differences {
-    /// Own sharpness less the mean of the surroundings.
+    /// Own sharpness minus the mean of the surroundings.
     pub(crate) from_ring: Vec<f32>,
-    /// Own sharpness less the mirrored one.
+    /// Own sharpness minus the mirrored sharpness.
     pub(crate) from_mirrored: Vec<f32>,
 }
 
@@ -34,7 +34,7 @@ pub(crate) struct Widths {
     pub(crate) mirrored_mm: f64,
 }
 
-/// Sharpness compared with its surroundings and with the other side. The mirrored side alone is smoothed.
+/// Compares sharpness with its surroundings and with the other side. Only the mirrored side is smoothed.
 pub(crate) fn differences(
     block: &Block,
     sharpness: &Sharpness,
@@ -84,7 +84,8 @@ pub(crate) fn differences(
     }
 }
 
-/// The tissue scale, both sides smoothed by a Gaussian of `width_mm`, less its mirrored value: of voxels that are deep.
+/// The tissue scale minus its mirrored value, both smoothed by a Gaussian of `width_mm`, in voxels that are deep
+/// enough.
 pub(crate) fn intensity_differences(
     block: &Block,
     values: &[f32],
@@ -125,7 +126,7 @@ pub(crate) fn intensity_differences(
     differences
 }
 
-/// Calls `visit` with the index of each voxel, the pair of cells at it, and its place through an affine.
+/// Calls `visit` with the index of each voxel, its pair of numbers, and its position through an affine.
 fn for_each_pair(
     block: &Block,
     coarse: &Coarse,

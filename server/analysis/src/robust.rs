@@ -1,6 +1,6 @@
-//! Deviations that a few lesions do not stretch.
+//! Robust statistics, which a few lesions do not affect.
 
-/// The middle and the spread of a set of values: its median and 1.4826 times its median absolute deviation.
+/// Robust location and spread: the median, and 1.4826 times the median absolute deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Robust {
     median: f32,
@@ -8,8 +8,8 @@ pub(crate) struct Robust {
 }
 
 impl Robust {
-    /// Of the values that are numbers. A spread below `least_spread` counts as that: a head that is its own mirror image differs by
-    /// rounding alone, which is no finding.
+    /// Computes them from the values that are not NaN. The spread is at least `least_spread`, because a perfectly
+    /// symmetric head differs only by rounding.
     pub(crate) fn of(values: impl Iterator<Item = f32>, least_spread: f32) -> Self {
         let mut values: Vec<f32> = values.filter(|value| !value.is_nan()).collect();
         let median = median(&mut values);
@@ -23,7 +23,7 @@ impl Robust {
         }
     }
 
-    /// How many spreads a value lies above the median.
+    /// The distance of a value above the median, in spreads.
     pub(crate) fn z(self, value: f32) -> f32 {
         (value - self.median) / self.spread
     }

@@ -1,22 +1,22 @@
-//! How sharp the junction of grey and white matter is.
+//! The sharpness of the junction of grey and white matter.
 
 use crate::block::{Block, Zone};
 use crate::convolve::{Kernel, smooth};
 use crate::gradient::Weighted;
 
-/// The least weight around a voxel at which its sharpness is defined.
+/// The least weight around a voxel for its sharpness to be defined.
 const LEAST_WEIGHT: f32 = 0.02;
-/// The weight from which on a voxel belongs to the junction itself.
+/// The least weight of a voxel of the junction itself.
 const JUNCTION_FROM: f32 = 0.6;
-/// The least share of the junction around a voxel at which maps are defined: a straight junction has it up to about 4 mm away, specks
-/// of noise in white matter have it nowhere.
+/// The least fraction of junction around a voxel for the maps to be defined. A straight junction reaches it up to about
+/// 4 mm away; specks of noise in white matter never do.
 const LEAST_NEAR: f32 = 0.08;
 
-/// The sharpness of each voxel of a block, and where the junction is.
+/// The sharpness of each voxel of a block, and the voxels of the junction.
 pub(crate) struct Sharpness {
-    /// Per mm; NaN where it is undefined.
+    /// The sharpness, per mm; NaN where it is undefined.
     pub(crate) values: Vec<f32>,
-    /// How near to the middle between grey and white each voxel is: 0 to 1.
+    /// The nearness of each voxel to the middle between grey and white, 0 to 1.
     pub(crate) weights: Vec<f32>,
     /// The voxels of the junction, ascending.
     pub(crate) junction: Vec<u32>,

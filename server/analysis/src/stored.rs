@@ -1,29 +1,29 @@
-//! A map as bytes: eight bits a voxel, of which one code says that the value is undefined.
+//! The bytes of a map: eight bits per voxel, with one code for undefined.
 //!
 //! All numbers are little-endian.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 8 | `ISOMAP`, then the format as two digits |
 //! | 4 | kind: see [`MapKind`] |
 //! | 3 × 4 | voxels along x, y and z |
 //! | 12 × 8 | `patient_from_voxel`, LPS mm: the columns of the axes, then the position of the first voxel |
 //! | 2 × 4 | the value of code 1, and the difference between one code and the next |
-//! | 1 a voxel | codes, x-fastest; 0 is undefined |
+//! | 1 per voxel | codes, x-fastest; 0 is undefined |
 
 use geometry::Grid;
 use glam::DAffine3;
 
-/// The version of the maps: of how they are computed and of how they are stored. Maps of another version are made again.
+/// The version of the computation and storage of maps. Maps of another version are computed again.
 pub const MAP_FORMAT: u32 = 1;
 
-/// The code of a voxel at which a map is undefined.
+/// The code of an undefined voxel.
 pub const UNDEFINED: u8 = 0;
 
 const MAGIC: &[u8; 8] = b"ISOMAP01";
 const HEADER_BYTES: usize = 8 + 4 + 3 * 4 + 12 * 8 + 2 * 4;
 
-/// What a map shows.
+/// The kind of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum MapKind {
@@ -31,11 +31,11 @@ pub enum MapKind {
     Sharpness = 0,
     /// Density of voxels between grey and white matter, 0 to 1.
     Junction = 1,
-    /// Sharpness against the mirrored side, in robust deviations: negative where the own side is less sharp.
+    /// Sharpness compared with the mirrored side, in robust deviations: negative where this side is less sharp.
     Asymmetry = 2,
-    /// Intensities smoothed by 4 mm against the mirrored side, in robust deviations.
+    /// Intensities smoothed by 4 mm, compared with the mirrored side, in robust deviations.
     IntensityAsymmetry = 3,
-    /// How much less sharp the junction is than around it and on the other side, in robust deviations.
+    /// How much less sharp the junction is than its surroundings and the other side, in robust deviations.
     Blur = 4,
 }
 
@@ -49,7 +49,7 @@ impl MapKind {
         Self::Blur,
     ];
 
-    /// The name in interfaces.
+    /// Its name in the interfaces.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sharpness => "sharpness",
@@ -80,7 +80,7 @@ impl MapKind {
     }
 }
 
-/// The values that codes stand for: `least + (code − 1) · step`.
+/// The mapping from codes to values: `least + (code − 1) · step`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// The value of code 1.
@@ -90,7 +90,7 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The nearest code; values beyond the ends get the ends, NaN is undefined.
+    /// The nearest code; values beyond the ends are clamped, NaN is undefined.
     pub fn code(self, value: f32) -> u8 {
         if value.is_nan() {
             return UNDEFINED;
@@ -116,14 +116,14 @@ pub struct StoredMap {
     codes: Vec<u8>,
 }
 
-/// Why bytes are not a map.
+/// Why bytes cannot be decoded as a map.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoredMapError {
-    /// It does not begin as a map does, or is one of another format.
+    /// The bytes are not a map, or a map of another format.
     #[error("the bytes are not a map of format {MAP_FORMAT}; compute the maps again")]
     OtherFormat,
-    /// A number of the header cannot be.
+    /// The header has an impossible value.
     #[error("the header of the map is damaged: {what}; compute the maps again")]
     Damaged {
         /// What is wrong.
@@ -132,7 +132,7 @@ pub enum StoredMapError {
 }
 
 impl StoredMap {
-    /// Values of a grid, NaN where undefined.
+    /// A map from the values of a grid, NaN where undefined.
     pub(crate) fn new(kind: MapKind, grid: &Grid, values: impl Iterator<Item = f32>) -> Self {
         let scale = kind.scale();
         let codes: Vec<u8> = values.map(|value| scale.code(value)).collect();
@@ -145,17 +145,17 @@ impl StoredMap {
         }
     }
 
-    /// What it shows.
+    /// Its kind.
     pub fn kind(&self) -> MapKind {
         self.kind
     }
 
-    /// Where its voxels are: a block of the volume's own grid.
+    /// Its grid: a block of the grid of the volume.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
 
-    /// What the codes stand for.
+    /// The mapping from codes to values.
     pub fn scale(&self) -> Scale {
         self.scale
     }
@@ -170,7 +170,7 @@ impl StoredMap {
         self.scale.value(self.codes[index])
     }
 
-    /// The bytes described in the module's documentation.
+    /// Encodes it as described in the documentation of the module.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER_BYTES + self.codes.len());
         bytes.extend_from_slice(MAGIC);
@@ -188,10 +188,10 @@ impl StoredMap {
         bytes
     }
 
-    /// The map that [`StoredMap::to_bytes`] wrote.
+    /// Decodes the bytes from [`StoredMap::to_bytes`].
     ///
     /// # Errors
-    /// If the bytes are no map of this format, or a number among them cannot be right.
+    /// If the bytes are not a map of this format, or the header has an impossible value.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, StoredMapError> {
         let damaged = |what| StoredMapError::Damaged { what };
         let rest = bytes
@@ -199,7 +199,7 @@ impl StoredMap {
             .ok_or(StoredMapError::OtherFormat)?;
         let (header, codes) = rest
             .split_at_checked(HEADER_BYTES - MAGIC.len())
-            .ok_or(damaged("it is cut short"))?;
+            .ok_or(damaged("it is truncated"))?;
         let whole = |place: usize| {
             let bytes = header[4 * place..]
                 .first_chunk()
@@ -220,16 +220,16 @@ impl StoredMap {
             .ok_or(damaged("its kind is unknown"))?;
         let affine = DAffine3::from_cols_array(&std::array::from_fn(entry));
         let size = [1, 2, 3].map(|place| whole(place) as usize);
-        let grid = Grid::new(size, affine).map_err(|_| damaged("its grid is none"))?;
+        let grid = Grid::new(size, affine).map_err(|_| damaged("its grid is invalid"))?;
         if codes.len() != grid.voxel_count() {
-            return Err(damaged("it has not one code for each voxel"));
+            return Err(damaged("it does not have one code for each voxel"));
         }
         let scale = Scale {
             least: number(0),
             step: number(1),
         };
         if !scale.least.is_finite() || !scale.step.is_finite() || scale.step <= 0.0 {
-            return Err(damaged("its scale is none"));
+            return Err(damaged("its scale is invalid"));
         }
         Ok(Self {
             kind,

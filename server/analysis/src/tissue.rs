@@ -1,4 +1,4 @@
-//! Intensities as tissue: grey matter is 0, white matter is 1, and the coil's bias is divided out.
+//! The tissue scale: grey matter is 0, white matter is 1, and the bias of the coil is divided out.
 
 use geometry::Volume;
 
@@ -6,46 +6,47 @@ use crate::block::{Block, Zone};
 use crate::coarse::Coarse;
 use crate::undefined::MapsUndefined;
 
-/// Shares of the voxels at which the search for the three classes (fluid, grey, white) begins.
+/// The initial quantiles of the three classes (fluid, grey, white).
 const STARTS: [f64; 3] = [0.10, 0.45, 0.80];
-/// The most rounds of that search.
+/// The greatest number of iterations.
 const ROUNDS: usize = 30;
 /// Bins of a histogram of corrected intensities.
 const BINS: usize = 1 << 14;
-/// Width of the Gaussian that makes a field of the white matter, in mm.
+/// Width of the Gaussian for the bias field of white matter, in mm.
 const BIAS_MM: f64 = 20.0;
-/// Cells of that field, in mm.
+/// The cell size of that field, in mm.
 const BIAS_STEP_MM: f64 = 5.0;
-/// The least and the greatest of the field, relative to the mean of the white matter.
+/// The limits of the field, relative to the mean of white matter.
 const BIAS_RANGE: [f32; 2] = [0.7, 1.4];
 /// The least contrast between grey and white matter, in deviations of the noise.
 const LEAST_CONTRAST: f32 = 5.0;
-/// White matter is deep where everything within this many voxels is white.
+/// A voxel is deep white matter if everything within this many voxels is white.
 const DEEP_WHITE: i64 = 3;
-/// Every such voxel is looked at for noise.
+/// The stride of the voxels that are sampled for noise.
 const NOISE_STRIDE: usize = 2;
-/// The fewest voxels of deep white matter that tell the noise.
+/// The fewest voxels of deep white matter for a noise estimate.
 const LEAST_SAMPLES: usize = 200;
 
-/// What the intensities of a head's tissues are, its bias being divided out.
+/// The intensities of the tissues of a head, after the bias is divided out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TissueScale {
     /// Mean intensity of grey matter.
     pub grey: f32,
     /// Mean intensity of white matter.
     pub white: f32,
-    /// Standard deviation of grey matter, as a share of the contrast between grey and white.
+    /// Standard deviation of grey matter, as a fraction of the contrast between grey and white.
     pub grey_sd: f32,
-    /// Standard deviation of white matter, as a share of that contrast.
+    /// Standard deviation of white matter, as a fraction of that contrast.
     pub white_sd: f32,
-    /// Standard deviation of the noise, as a share of that contrast: from what is left of deep white matter without its local mean.
+    /// Standard deviation of the noise, as a fraction of that contrast, from the residuals of deep white matter around
+    /// its local mean.
     pub noise: f32,
 }
 
-/// The tissue scale of each voxel of a block, and what it was made with.
+/// The tissue scale of each voxel of a block, and its parameters.
 ///
 /// # Errors
-/// If the block has no two tissues that differ by more than the noise.
+/// If the block does not have two tissues that differ by more than the noise.
 pub(crate) fn tissue_scale(
     volume: &Volume,
     block: &Block,
@@ -91,7 +92,7 @@ struct Classes {
     sds: [f32; 3],
 }
 
-/// Values in bins of equal width, with exact sums.
+/// A histogram with bins of equal width and exact sums.
 struct Histogram {
     counts: Vec<f64>,
     sums: Vec<f64>,
@@ -126,7 +127,7 @@ impl Histogram {
         Some(histogram)
     }
 
-    /// The mean of the bin below which a share of the values lies.
+    /// The mean of the bin at a quantile.
     fn percentile(&self, share: f64) -> f64 {
         let wanted = share * self.counts.iter().sum::<f64>();
         let mut below = 0.0;
@@ -154,7 +155,7 @@ impl Histogram {
     }
 }
 
-/// The three classes of a block's tissue by Lloyd's algorithm.
+/// The three tissue classes of a block, by Lloyd's algorithm.
 fn classes(values: &[f32], block: &Block) -> Result<Classes, MapsUndefined> {
     let none = MapsUndefined::LowContrast { contrast: 0.0 };
     let histogram = Histogram::new(values, &block.zones).ok_or(none)?;
@@ -212,7 +213,7 @@ fn divide_by_bias(values: &mut [f32], block: &Block, classes: &Classes) {
     }
 }
 
-/// The deviation of the noise in tissue scale; `None` if there is too little deep white matter to tell.
+/// The standard deviation of the noise in tissue scale; `None` if there is too little deep white matter.
 fn noise(values: &[f32], block: &Block) -> Option<f32> {
     let [nx, ny, nz] = block.size.map(|side| side as i64);
     let index = |[x, y, z]: [i64; 3]| (x + nx * (y + ny * z)) as usize;
@@ -244,8 +245,8 @@ fn noise(values: &[f32], block: &Block) -> Option<f32> {
     }
     let middle = residuals.len() / 2;
     let median = *residuals.select_nth_unstable_by(middle, f32::total_cmp).1;
-    // Of a Gaussian, the median and the mean of what is left, relative to its deviation. White matter that was stored as one
-    // number has a median of 0.
+    // The median and the mean of the absolute residuals of a Gaussian, relative to its deviation. White matter that was
+    // stored as a single number has a median of 0.
     let mean = residuals.iter().sum::<f32>() / residuals.len() as f32;
     let deviation = f32::max(1.4826 * median, 0.5 * 1.2533 * mean);
     Some(deviation / (1.0f32 - 1.0 / 27.0).sqrt())

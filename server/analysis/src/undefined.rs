@@ -1,6 +1,6 @@
-//! Why a head has no maps.
+//! Reasons why a head has no maps.
 
-/// Why the maps of a head are undefined altogether.
+/// Why a head has no maps.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MapsUndefined {
@@ -12,7 +12,7 @@ pub enum MapsUndefined {
         /// The largest edge of a voxel, in mm.
         largest_mm: f64,
     },
-    /// Grey and white matter do not stand out of the noise.
+    /// The contrast between grey and white matter is too low for the noise.
     #[error(
         "the contrast between grey and white matter is {contrast:.1} times the noise; maps of the junction need at least 5 times"
     )]
@@ -20,15 +20,15 @@ pub enum MapsUndefined {
         /// The contrast, in deviations of the noise.
         contrast: f32,
     },
-    /// Nothing below the envelope looks like white matter.
+    /// There is no white matter below the envelope.
     #[error(
         "no white matter was found below the envelope; maps of the junction need a T1-weighted head"
     )]
     NoWhiteMatter,
-    /// The envelope is not to be believed.
-    #[error("the brain mask is judged as failed; correct the mask, then the maps are made")]
+    /// The brain mask is rated as failed.
+    #[error("the brain mask is rated `failed`; correct the mask to get maps")]
     FailedEnvelope,
-    /// No voxel lies deep enough.
-    #[error("no voxel of the volume lies 3 mm below the envelope")]
+    /// No voxel is deep enough.
+    #[error("no voxel of the volume is 3 mm below the envelope")]
     NothingDeep,
 }

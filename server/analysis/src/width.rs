@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use crate::gradient::weight;
 
-/// The least width that is told apart, in mm.
+/// The least measurable width, in mm.
 const LEAST_MM: f64 = 1.0;
 /// The greatest width of the table, in mm, and the step between its rows.
 const MOST_MM: f64 = 6.0;
@@ -13,32 +13,32 @@ const STEP_MM: f64 = 0.125;
 const INTEGRAL_STEP_MM: f64 = 0.05;
 const INTEGRAL_MM: f64 = 12.0;
 
-/// The width of a junction: the deviation of the error function that it is most like.
+/// The width of a junction: the standard deviation of the best-matching error function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JunctionWidth {
-    /// Sharper than can be told apart on such voxels.
+    /// Less than the least measurable width.
     UnderOneMm,
-    /// In mm.
+    /// The width, in mm.
     Mm(f32),
-    /// Beyond the end of the table.
+    /// More than the end of the table.
     OverSixMm,
 }
 
-/// What sharpness a straight junction of each width has.
+/// The sharpness of a straight junction of each width.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WidthTable {
-    /// For widths from 1 mm on, descending.
+    /// The sharpness for widths from 1 mm on, descending.
     sharpness: Vec<f32>,
 }
 
-/// The filters through which an edge is seen.
+/// The filters for an edge.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct EdgeFilters {
-    /// The Gaussian of the gradient, mm.
+    /// The Gaussian of the gradient, in mm.
     pub(crate) gradient_mm: f64,
     /// The half-width of the weight, in tissue scale.
     pub(crate) half_width: f32,
-    /// The Gaussian of the window, mm.
+    /// The Gaussian of the window, in mm.
     pub(crate) window_mm: f64,
 }
 
@@ -72,9 +72,9 @@ impl WidthTable {
 }
 
 impl EdgeFilters {
-    /// The sharpness at the middle of a straight edge that rises from 0 to 1 as an error function of this deviation.
+    /// The sharpness at the middle of a straight edge that rises from 0 to 1 as an error function with this deviation.
     ///
-    /// Along the edge nothing changes, so that the three-dimensional filters are integrals across it.
+    /// Nothing changes along the edge, so the three-dimensional filters become integrals across it.
     fn sharpness_of(&self, sigma_mm: f64) -> f64 {
         let sigma = sigma_mm.hypot(self.gradient_mm);
         let steps = (INTEGRAL_MM / INTEGRAL_STEP_MM) as i64;

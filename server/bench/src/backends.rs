@@ -1,21 +1,21 @@
-//! Who can draw on this machine.
+//! The backends of this machine.
 
 use std::sync::Arc;
 
 use render::RenderBackend;
 use render::gpu::{GpuOptions, GpuPool};
 
-/// The backends that are measured.
+/// The measured backends.
 #[derive(Debug)]
 pub struct Backends {
-    /// All of them.
+    /// The backends.
     pub all: Vec<RenderBackend>,
-    /// The graphics device and its driver, or why there is none.
+    /// The graphics device and its driver, or the reason why there is none.
     pub graphics: String,
 }
 
 impl Backends {
-    /// Those of the CPU alone.
+    /// Only those on the CPU.
     pub fn on_cpu() -> Self {
         let all = vec![
             RenderBackend::Splat,
@@ -26,7 +26,7 @@ impl Backends {
         Self { all, graphics }
     }
 
-    /// All that this machine has: the CPU's, then those of its graphics device.
+    /// All backends of this machine: those on the CPU, then those on its graphics device.
     pub fn open() -> Self {
         let Self { mut all, .. } = Self::on_cpu();
         let pool = match GpuPool::start(GpuOptions::default()) {
@@ -42,8 +42,8 @@ impl Backends {
         Self { all, graphics }
     }
 
-    /// Those whose frame rates are worth a table: a device in hardware comes first, and none traces by a driver in software, which
-    /// is slower than the program itself.
+    /// The backends for tables of frame rates: hardware comes first, and tracing with a software driver is omitted,
+    /// because it is slower than on the CPU.
     pub fn for_rates(mut self) -> Self {
         let is_software =
             |backend: &RenderBackend| backend.adapter().map(|adapter| adapter.is_software);
@@ -54,7 +54,7 @@ impl Backends {
         self
     }
 
-    /// Only the backends of these names, or all if there are none.
+    /// Only the backends with these names, or all if no names are given.
     pub fn only(mut self, names: &[&str]) -> Self {
         let is_wanted =
             |backend: &RenderBackend| names.is_empty() || names.contains(&backend.name());

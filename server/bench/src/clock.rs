@@ -1,20 +1,20 @@
-//! Wall and processor time of a piece of work.
+//! Wall-clock and CPU time of a piece of work.
 
 use std::time::Instant;
 
 use crate::Summary;
 
-/// What a piece of work took.
+/// The cost of a piece of work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Cost {
-    /// Time that passed, in seconds.
+    /// Wall-clock time, in seconds.
     pub wall_s: f64,
-    /// Processor time of all threads of this process, in seconds; `None` where the system does not tell.
+    /// CPU time of all threads of this process, in seconds; `None` if the system does not report it.
     pub cpu_s: Option<f64>,
 }
 
 impl Cost {
-    /// The cost of doing this piece of work and then `other`.
+    /// The cost of this piece of work followed by `other`.
     pub fn and(self, other: Self) -> Self {
         Self {
             wall_s: self.wall_s + other.wall_s,
@@ -22,7 +22,7 @@ impl Cost {
         }
     }
 
-    /// The share of one of `parts` equal parts of the work.
+    /// The cost of one of `parts` equal parts of the work.
     pub fn shared_by(self, parts: usize) -> Self {
         let share = 1.0 / parts.max(1) as f64;
         Self {
@@ -32,7 +32,7 @@ impl Cost {
     }
 }
 
-/// The clocks' readings at one moment.
+/// The readings of both clocks.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Instants {
     cpu_s: Option<f64>,
@@ -47,7 +47,7 @@ impl Instants {
         }
     }
 
-    /// What passed since.
+    /// The cost since then.
     pub(crate) fn cost(self) -> Cost {
         let wall_s = self.wall.elapsed().as_secs_f64();
         let cpu_s = process_cpu_s().zip(self.cpu_s);
@@ -58,23 +58,23 @@ impl Instants {
     }
 }
 
-/// Does some work and says what it took.
+/// Performs some work and returns its result and cost.
 pub fn timed<T>(work: impl FnOnce() -> T) -> (T, Cost) {
     let begin = Instants::now();
     let result = work();
     (result, begin.cost())
 }
 
-/// The costs of the same work, done several times.
+/// The costs of repetitions of the same work.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Costs(Vec<Cost>);
 
 impl Costs {
-    /// Does some work `times` times, at least once.
+    /// Performs some work `times` times, at least once.
     pub fn of<T>(times: usize, mut work: impl FnMut() -> T) -> Self {
         let once = |_| {
             let (result, cost) = timed(&mut work);
-            // What was made is given back outside of the clock, as in its real use it lives on.
+            // The result is dropped outside the timing, because in real use it lives on.
             drop(result);
             cost
         };
@@ -91,18 +91,19 @@ impl Costs {
         &self.0
     }
 
-    /// Wall times, in seconds; `None` of nothing.
+    /// Wall-clock times, in seconds; `None` without repetitions.
     pub fn wall_s(&self) -> Option<Summary> {
         Summary::of(self.0.iter().map(|cost| cost.wall_s))
     }
 
-    /// Processor times, in seconds; `None` of nothing or where the system does not tell.
+    /// CPU times, in seconds; `None` without repetitions, or if the system does not report them.
     pub fn cpu_s(&self) -> Option<Summary> {
         let times: Option<Vec<f64>> = self.0.iter().map(|cost| cost.cpu_s).collect();
         Summary::of(times?)
     }
 
-    /// The least processor time, or wall time where the system does not tell: what others on the machine disturb least.
+    /// The least CPU time, or wall-clock time if the system does not report it: the figure that other load disturbs
+    /// least.
     pub fn least_s(&self) -> f64 {
         let least = self.cpu_s().or_else(|| self.wall_s());
         least.map_or(0.0, |summary| summary.least)
@@ -115,7 +116,7 @@ impl FromIterator<Cost> for Costs {
     }
 }
 
-/// Processor time of this process so far, in seconds.
+/// CPU time of this process so far, in seconds.
 #[cfg(unix)]
 fn process_cpu_s() -> Option<f64> {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);

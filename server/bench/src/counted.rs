@@ -1,26 +1,26 @@
-//! Steps whose instructions can be counted: on a noisy machine their number is what stays the same.
+//! Steps with countable instructions, which do not depend on other load of the machine.
 
 use std::process::ExitCode;
 
 use crate::{Costs, Machine, readable};
 
-/// How often a step is timed where nobody counts.
+/// The number of timings of a step.
 const TIMES: usize = 10;
 
 /// A step, and its input.
 #[derive(Clone, Copy)]
 pub struct Counted {
-    /// Its name, which the recorded base has too.
+    /// Its name, as in the recorded base.
     pub name: &'static str,
-    /// Prepares the input, outside of the count, and gives the step.
+    /// Prepares the input, outside the count, and returns the step.
     pub make: fn() -> Box<dyn FnMut()>,
 }
 
 /// The main function of a program of steps.
 ///
-/// With `--list` it prints their names; with `--count NAME` it does that one once, within [`isocortex_counted_step`]; with
-/// `--vectors` it prints which vectors the processor has, or the counter lets it see; without any it prints what each step takes:
-/// the least of ten.
+/// `--list` prints their names. `--count NAME` performs that step once, within [`isocortex_counted_step`]. `--vectors`
+/// prints the vector instructions of the CPU, or those that the counter emulates. Without arguments it prints the time
+/// of each step: the least of ten.
 pub fn run(steps: &[Counted]) -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
@@ -45,7 +45,7 @@ pub fn run(steps: &[Counted]) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Does a step. What a counter of instructions is told to look at is this function, by its name, which no other has.
+/// Performs a step. The counter of instructions recognises this function by its unique name.
 #[inline(never)]
 pub fn isocortex_counted_step(step: &mut dyn FnMut()) {
     step();

@@ -1,4 +1,4 @@
-//! Why something cannot be measured.
+//! Errors of a measurement.
 
 use std::path::PathBuf;
 
@@ -7,11 +7,11 @@ use geometry::GeometryError;
 use imaging::ImagingError;
 use render::RenderError;
 
-/// Why something cannot be measured.
+/// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BenchError {
-    /// The command line asks for something impossible.
+    /// An invalid command line.
     #[error("{0}")]
     Usage(String),
     /// A file cannot be read.
@@ -19,7 +19,7 @@ pub enum BenchError {
     Unreadable {
         /// Its path.
         path: PathBuf,
-        /// What the system reports.
+        /// The message of the system.
         reason: std::io::Error,
     },
     /// A file or directory cannot be written.
@@ -27,7 +27,7 @@ pub enum BenchError {
     Unwritable {
         /// Its path.
         path: PathBuf,
-        /// What the system or the encoder reports.
+        /// The message of the system or the encoder.
         reason: String,
     },
     /// The volume or the mask cannot be read.
@@ -39,7 +39,7 @@ pub enum BenchError {
     /// The head has no maps.
     #[error(transparent)]
     Maps(#[from] MapsUndefined),
-    /// A picture cannot be drawn as asked.
+    /// A picture cannot be drawn.
     #[error(transparent)]
     Render(#[from] RenderError),
     /// Mask and volume do not overlap.
@@ -51,7 +51,7 @@ pub enum BenchError {
 }
 
 impl BenchError {
-    /// The exit status: 2 for the command line, the others as in BSD's `sysexits.h`.
+    /// The exit status: 2 for an invalid command line, otherwise as in `sysexits.h` of BSD.
     pub fn exit_status(&self) -> u8 {
         match self {
             Self::Usage(_) => 2,

@@ -1,14 +1,14 @@
-//! The head that is measured on.
+//! A head for measurements.
 
 use geometry::{Mask, Volume};
 use imaging::nifti;
 
 use crate::BenchError;
 
-/// A head and its brain mask, as files: reading them is a step that is measured too.
+/// A head and its brain mask as files; reading them is measured too.
 #[derive(Debug, Clone)]
 pub struct Head {
-    /// What it is called in the tables.
+    /// Its name in the tables.
     pub name: String,
     /// The volume, NIfTI.
     pub volume: Vec<u8>,
@@ -17,13 +17,13 @@ pub struct Head {
 }
 
 impl Head {
-    /// The made-up head of the tests and the demonstration.
+    /// The synthetic head of the tests and the demo.
     ///
     /// # Errors
-    /// None that is known; writing it may fail.
+    /// If it cannot be encoded as NIfTI.
     ///
     /// # Panics
-    /// When `spacing_mm` is not within 0.5 to 4.
+    /// If `spacing_mm` is not within 0.5 to 4.
     pub fn phantom(spacing_mm: f64) -> Result<Self, BenchError> {
         let head = geometry::phantom::head(spacing_mm);
         Ok(Self {
@@ -36,7 +36,7 @@ impl Head {
     /// The volume and the mask.
     ///
     /// # Errors
-    /// When a file is not sound.
+    /// If a file cannot be read.
     pub fn read(&self) -> Result<(Volume, Mask), BenchError> {
         let limits = imaging::Limits::default();
         let volume = nifti::read_volume(&self.volume, &limits)?;

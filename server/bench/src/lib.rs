@@ -1,8 +1,8 @@
-//! What each step of Isocortex costs on a machine, and how good its meshes are: the paper's tables and figures.
+//! Measures the cost of each step of Isocortex and the accuracy of its meshes: the tables and figures of the paper.
 //!
-//! A [`Head`] is prepared with a clock beside every step ([`paper`]), drawn while it turns, and its meshes are held against
-//! the isosurface ([`quality`]) and against exact pictures ([`agreement`]). Everything comes back as a [`Table`], for a
-//! terminal, as JSON and as plots. The program `isocortex-bench` is a command line around this.
+//! A [`Head`] is prepared with a timer around every step ([`paper`]) and drawn while it turns. Its meshes are compared
+//! with the isosurface ([`quality`]) and with exact pictures ([`agreement`]). Every result is a [`Table`], for a
+//! terminal, as JSON and as plots. The program `isocortex-bench` is the command line.
 
 pub mod agreement;
 mod backends;

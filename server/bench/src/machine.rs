@@ -1,32 +1,32 @@
-//! On what it was measured.
+//! The machine of a measurement.
 
 use serde::Serialize;
 
-/// The machine and the program, for whoever compares two tables.
+/// The machine and the program, for comparing two tables.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Machine {
-    /// The processor, as the system names it.
+    /// The CPU, as the system names it.
     pub processor: String,
-    /// Threads that this process may run at a time.
+    /// Number of threads that this process can run at a time.
     pub threads: usize,
-    /// Threads that the measured work used.
+    /// Number of threads that the measured work used.
     pub threads_used: usize,
-    /// The widest vectors that the processor has: the program takes AVX2 where it is there.
+    /// The widest vector instructions of the CPU; the program uses AVX2 if it is available.
     pub vectors: &'static str,
-    /// Memory in MiB, where the system tells.
+    /// Memory in MiB, if the system reports it.
     pub memory_mib: Option<u64>,
     /// Operating system and architecture.
     pub system: String,
     /// The version of the program.
     pub version: &'static str,
-    /// The commit that it was built from, where the build was told (ISOCORTEX_COMMIT).
+    /// The commit it was built from, if `ISOCORTEX_COMMIT` was set during the build.
     pub commit: Option<&'static str>,
-    /// Whether it was built with optimisation of everything.
+    /// Whether it is a release build.
     pub release_build: bool,
 }
 
 impl Machine {
-    /// This one.
+    /// This machine.
     pub fn this() -> Self {
         Self {
             processor: processor().unwrap_or_else(|| "unknown".to_owned()),
@@ -41,7 +41,7 @@ impl Machine {
         }
     }
 
-    /// In one line.
+    /// A description in one line.
     pub fn line(&self) -> String {
         let memory = self.memory_mib.map_or_else(String::new, |mib| {
             format!(", {:.0} GiB", mib as f64 / 1024.0)

@@ -1,4 +1,4 @@
-//! The plots of the tables that have one, as SVG.
+//! Plots of tables as SVG.
 
 use plotters::coord::ranged1d::{Ranged, ValueFormatter};
 use plotters::prelude::*;
@@ -10,7 +10,7 @@ use crate::{Cell, Table, readable};
 /// Width and height of a plot, in pixels.
 const SIZE: (u32, u32) = (760, 520);
 
-/// Colours that the colour-blind tell apart (Okabe and Ito).
+/// Colours for colour-blind readers (Okabe and Ito).
 const COLORS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -23,17 +23,17 @@ const COLORS: [RGBColor; 7] = [
 
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// A plot over the triangles of a mesh.
+/// A plot over the number of triangles of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 struct Plot {
     title: String,
-    /// What is to be read upwards, with its unit.
+    /// The label of the y axis, with its unit.
     y: &'static str,
     is_log: bool,
     series: Vec<Series>,
 }
 
-/// A line of a plot, or points alone.
+/// A line of a plot, or single points.
 #[derive(Debug, Clone, PartialEq)]
 struct Series {
     name: String,
@@ -58,7 +58,7 @@ impl Series {
     }
 }
 
-/// The plots of a table as SVG, each with the name of its file without ending.
+/// The plots of a table as SVG, each with its file name without extension.
 pub fn plots(table: &Table) -> Vec<(String, String)> {
     let plots = match table.name {
         "figure_5" => vec![
@@ -91,7 +91,7 @@ fn figure_5(table: &Table, key: &str, what: &str, published: impl Fn(&MeshRow) -
     for name in table.names() {
         let rows: Vec<&Vec<Cell>> = table.rows_named(&name).collect();
         let points = table.pairs_of(rows.iter().copied(), "triangles", key);
-        // Without a mesh there is one rate, whatever the triangles.
+        // Without a mesh there is a single rate.
         let level = rows.first().and_then(|row| table.number_in(row, key));
         match (points.is_empty(), level) {
             (true, Some(level)) => {
@@ -121,7 +121,7 @@ fn figure_6(table: &Table) -> Plot {
         y: "seconds",
         is_log: true,
         series: vec![
-            line("a new depth, out of the table", "derivation_s"),
+            line("a new depth, from the table", "derivation_s"),
             line("a new depth along the paths", "walked_s"),
             line("the table of all depths, once", "table_s"),
             Series::marks("paper, machine F, 2006", paper.into_iter().collect()),
@@ -150,7 +150,7 @@ fn agreement(table: &Table) -> Plot {
         Series::line(format!("{depth_mm} mm deep"), points)
     };
     Plot {
-        title: "Meshes against exact pictures".to_owned(),
+        title: "Meshes compared with exact pictures".to_owned(),
         y: "mean difference, levels of 255",
         is_log: false,
         series: means().map(line).collect(),
@@ -231,7 +231,7 @@ impl Plot {
     }
 }
 
-/// From a little below the least positive number to a little above the greatest; never empty.
+/// A range from slightly below the least positive number to slightly above the greatest; never empty.
 fn range(numbers: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     let (least, greatest) = numbers
         .filter(|number| *number > 0.0 && number.is_finite())

@@ -1,4 +1,4 @@
-//! A head, prepared with a clock beside every step.
+//! A head, prepared with a timer around every step.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -8,7 +8,7 @@ use geometry::{
     MeshSize, PathTable, Paths, envelope, envelope_mesh, path_table,
 };
 use render::gpu::{CaseKey, KeyedModel};
-use render::{RenderJob, RenderRequest, Scene, SizedMesh, Window};
+use render::{KeyedLayers, RenderJob, RenderRequest, Scene, SizedMesh, Window};
 
 use crate::steps::{Step, StepClock, StepCosts};
 use crate::{BenchError, Head};
@@ -22,17 +22,17 @@ pub struct PreparedHead {
     pub distance: DistanceMap,
     /// The optimal paths.
     pub forest: Forest,
-    /// The default window of its pictures.
+    /// The default window for its pictures.
     pub window: Window,
-    /// Voxels of the volume as it came.
+    /// The size of the original volume in voxels.
     pub volume_voxels: usize,
 }
 
 impl PreparedHead {
-    /// Prepares a head by the constructor that the server uses, and says what each step took.
+    /// Prepares a head with the same constructor as the server, and returns the cost of each step.
     ///
     /// # Errors
-    /// When a file is not sound or the head has no usable envelope.
+    /// If a file cannot be read or the head has no usable envelope.
     pub fn prepare(head: &Head, closing_radius_mm: f64) -> Result<(Self, StepCosts), BenchError> {
         let mut clock = StepClock::default();
         clock.begin(Step::Reading);
@@ -82,7 +82,7 @@ impl PreparedHead {
         &self.case.model
     }
 
-    /// What a renderer needs of it.
+    /// The input of a renderer.
     pub fn scene(&self) -> Scene<'_> {
         self.case.scene()
     }
@@ -93,32 +93,33 @@ impl PreparedHead {
             case: self.case.clone(),
             request,
             mesh,
+            layers: KeyedLayers::default(),
         }
     }
 
-    /// Voxels of the envelope.
+    /// Number of voxels of the envelope.
     pub fn inside_voxels(&self) -> usize {
         self.model().shell().voxels().len()
     }
 
-    /// The mesh of the envelope and the table of its vertices' paths along the forest.
+    /// The mesh of the envelope and the table of the forest paths of its vertices.
     ///
     /// # Errors
-    /// When the envelope is too small to be cut.
+    /// If the envelope is too small.
     pub fn table(&self, size: MeshSize) -> Result<(EnvelopeMesh, PathTable), BenchError> {
         let mesh = envelope_mesh(self.model().field(), size)?;
         let table = self.table_of(&mesh);
         Ok((mesh, table))
     }
 
-    /// The table of the paths of a mesh's vertices along the forest.
+    /// The table of the forest paths of the vertices of a mesh.
     pub fn table_of(&self, mesh: &EnvelopeMesh) -> PathTable {
         let paths = Paths::Forest(&self.forest);
         path_table(mesh, &self.distance, self.model().field(), paths)
     }
 }
 
-/// A key that no other head of this process has.
+/// A unique key for each head of this process.
 fn next_key() -> CaseKey {
     static NEXT: AtomicU64 = AtomicU64::new(0);
     CaseKey(u128::from(NEXT.fetch_add(1, Ordering::Relaxed)))

@@ -1,31 +1,31 @@
-//! All that was measured in one run.
+//! All measurements of one run.
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::{Machine, PreparedHead, Table};
 
-/// The head that was measured on.
+/// The measured head.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeadFacts {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// Voxels of the volume.
+    /// Number of voxels of the volume.
     pub volume_voxels: usize,
-    /// Voxels along each axis of the working grid.
+    /// Size of the working grid in voxels.
     pub working_size: [usize; 3],
     /// Edge of a voxel of the working grid, in mm.
     pub spacing_mm: f64,
-    /// Voxels of the envelope.
+    /// Number of voxels of the envelope.
     pub envelope_voxels: usize,
-    /// Depth of the deepest of them, in mm.
+    /// Depth of the deepest voxel, in mm.
     pub max_depth_mm: f32,
     /// Radius of the closing, in mm.
     pub closing_radius_mm: f64,
 }
 
 impl HeadFacts {
-    /// Of a prepared head.
+    /// The facts about a prepared head.
     pub fn of(name: &str, case: &PreparedHead, closing_radius_mm: f64) -> Self {
         let grid = case.distance.grid();
         Self {
@@ -52,21 +52,21 @@ impl HeadFacts {
     }
 }
 
-/// All that was measured in one run, and on what.
+/// All measurements of one run, with their circumstances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// The machine and the program.
     pub machine: Machine,
-    /// The graphics device and its driver, or why there is none.
+    /// The graphics device and its driver, or the reason why there is none.
     pub graphics: String,
     /// The head.
     pub head: HeadFacts,
-    /// What was measured.
+    /// The measurements.
     pub tables: Vec<Table>,
 }
 
 impl Report {
-    /// For a terminal.
+    /// The report for a terminal.
     pub fn text(&self) -> String {
         let mut text = format!(
             "Machine:  {}\nGraphics: {}\nHead:     {}\n",
@@ -81,7 +81,7 @@ impl Report {
         text
     }
 
-    /// Machine, graphics, head, and the tables by their names.
+    /// Machine, graphics, head, and the tables by name, as JSON.
     pub fn json(&self) -> Value {
         let tables = self.tables.iter();
         let tables: Map<String, Value> = tables

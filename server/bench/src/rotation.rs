@@ -1,4 +1,4 @@
-//! How fast a head turns: the paper's rotation frame rate.
+//! The rotation frame rate of the paper.
 
 use std::time::{Duration, Instant};
 
@@ -10,26 +10,26 @@ use render::{
 
 use crate::{BenchError, Cost, PreparedHead, Summary, timed};
 
-/// Degrees between two frames.
+/// The angle between two frames, in degrees.
 const STEP_DEGREES: f64 = 1.0;
 
-/// The name of a backend in the tables, which says whether its graphics device is a program.
+/// The name of a backend in the tables, which states whether its graphics device is software.
 pub fn backend_label(backend: &RenderBackend) -> &'static str {
     let is_software = backend.adapter().map(|adapter| adapter.is_software);
     match (backend.needs_mesh(), is_software) {
         (_, None) => backend.name(),
-        (true, Some(true)) => "mesh, device in software",
+        (true, Some(true)) => "mesh, software device",
         (true, Some(false)) => "mesh, graphics device",
         (false, Some(_)) => "trace, graphics device",
     }
 }
 
-/// A head that turns about its vertical axis, a degree from frame to frame.
+/// A rotation of the head about its vertical axis, one degree per frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spin {
-    /// Frames at most: 360 to a turn.
+    /// The greatest number of frames: 360 per turn.
     pub frames: usize,
-    /// Time at most, in seconds; at least one frame is drawn.
+    /// The longest time, in seconds; at least one frame is drawn.
     pub seconds: f64,
     /// Size of a frame.
     pub size: FrameSize,
@@ -40,13 +40,13 @@ pub struct Spin {
 /// A rotation frame rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rate {
-    /// Frames over the time they took together.
+    /// Frames per second over the whole time.
     pub frames_per_s: f64,
-    /// Of one frame, in seconds.
+    /// The times of single frames, in seconds.
     pub wall_s: Summary,
-    /// Processor time of all threads over the frames, in seconds.
+    /// CPU time of all threads divided by the frames, in seconds.
     pub cpu_s: Option<f64>,
-    /// Time of the picture before the first of these, in which a device gets its textures, in seconds.
+    /// The time of the picture before the first frame, which includes the upload of textures, in seconds.
     pub first_s: f64,
 }
 
@@ -54,7 +54,7 @@ impl Spin {
     /// The request of a frame.
     ///
     /// # Errors
-    /// When the depth is out of range.
+    /// If the depth is out of range.
     pub fn request(&self, head: &PreparedHead, frame: usize) -> Result<RenderRequest, BenchError> {
         let turn = DQuat::from_rotation_z((frame as f64 * STEP_DEGREES).to_radians());
         let orientation = NamedView::Left.orientation() * turn;
@@ -66,10 +66,10 @@ impl Spin {
         })?)
     }
 
-    /// Turns the head and counts frames. `mesh` is for a backend that draws one.
+    /// Turns the head and measures frames. `mesh` is for backends that draw one.
     ///
     /// # Errors
-    /// When a frame cannot be drawn.
+    /// If a frame cannot be drawn.
     pub fn rate(
         &self,
         head: &PreparedHead,

@@ -1,30 +1,30 @@
-//! Few numbers for many.
+//! Summary statistics.
 
 use serde::Serialize;
 
-/// Where a sample of numbers lies and how far it spreads.
+/// Location and spread of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
-    /// How many there are: at least one.
+    /// Sample size: at least one.
     pub count: usize,
-    /// Their sum over their count.
+    /// The mean.
     pub mean: f64,
     /// The least.
     pub least: f64,
-    /// A twentieth is below it.
+    /// The 5th percentile.
     pub p5: f64,
-    /// Half is below it.
+    /// The median.
     pub median: f64,
-    /// A twentieth is above it.
+    /// The 95th percentile.
     pub p95: f64,
-    /// A hundredth is above it.
+    /// The 99th percentile.
     pub p99: f64,
     /// The greatest.
     pub greatest: f64,
 }
 
 impl Summary {
-    /// Of some numbers; `None` where there are none or one is not a number.
+    /// The summary of some numbers; `None` if there are none, or one is NaN.
     pub fn of(numbers: impl IntoIterator<Item = f64>) -> Option<Self> {
         let mut sorted: Vec<f64> = numbers.into_iter().collect();
         if sorted.is_empty() || sorted.iter().any(|number| number.is_nan()) {
@@ -44,7 +44,7 @@ impl Summary {
     }
 }
 
-/// The number below which `share` (0 to 1) of the sorted numbers lie, straight between its neighbours.
+/// The quantile `share` (0 to 1) of sorted numbers, with linear interpolation.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share * (sorted.len() - 1) as f64;
     let below = place as usize;
@@ -52,19 +52,19 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (place - below as f64)
 }
 
-/// y = factor · x^exponent: how something grows.
+/// A power law: y = factor · x^exponent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PowerLaw {
-    /// 1 for growth in proportion; 0 for none.
+    /// 1 for proportional growth; 0 for none.
     pub exponent: f64,
     /// y at x = 1.
     pub factor: f64,
-    /// The share of the spread of ln y that the law explains, 0 to 1; 1 where there is no spread.
+    /// The coefficient of determination of ln y, 0 to 1; 1 if there is no spread.
     pub explained: f64,
 }
 
 impl PowerLaw {
-    /// The line of least squares through (ln x, ln y) of the pairs (x, y) that are positive; `None` with fewer than two different x.
+    /// The least-squares line through (ln x, ln y) of the positive pairs (x, y); `None` with fewer than two distinct x.
     pub fn fit(pairs: &[(f64, f64)]) -> Option<Self> {
         let logs: Vec<(f64, f64)> = pairs
             .iter()

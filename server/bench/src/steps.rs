@@ -1,4 +1,4 @@
-//! The steps of a preparation, and what each of them took.
+//! The steps of a preparation and their costs.
 
 use std::fmt;
 
@@ -10,19 +10,19 @@ use crate::{Cost, Costs};
 /// A step of the preparation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
-    /// From the bytes of the files to volume and mask.
+    /// Reading volume and mask from the bytes of the files.
     Reading,
-    /// The mask to the working grid.
+    /// Resampling the mask to the working grid.
     Mask,
-    /// The envelope: the closing of the mask.
+    /// Closing the mask to the envelope.
     Closing,
-    /// The part of the volume around the envelope.
+    /// Cropping the volume to the envelope.
     Crop,
     /// A step of building the model.
     Build(BuildStep),
-    /// The window, and the plane between the hemispheres.
+    /// Computing the window and the plane between the hemispheres.
     Facts,
-    /// The smoothed depth, for normals.
+    /// Smoothing the depth field for normals.
     Normals,
 }
 
@@ -44,12 +44,12 @@ impl Step {
         Self::Normals,
     ];
 
-    /// Whether the facets of the paper's Table 2 need this step before their first picture.
+    /// Whether facets (Table 2 of the paper) need this step before their first picture.
     pub fn is_for_meshes(self) -> bool {
         self != Self::Facts
     }
 
-    /// Whether the voxel projection of the paper's Table 3 needs this step before its first picture.
+    /// Whether voxel projection (Table 3 of the paper) needs this step before its first picture.
     pub fn is_for_voxels(self) -> bool {
         use BuildStep::{Core, Forest, Mesh, Table};
         let is_for_paths = matches!(self, Self::Build(Core | Forest | Mesh | Table));
@@ -77,17 +77,17 @@ impl fmt::Display for Step {
     }
 }
 
-/// What each step took.
+/// The cost of each step.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StepCosts(Vec<(Step, Cost)>);
 
 impl StepCosts {
-    /// The cost of one step; nothing for a step that was not taken.
+    /// The cost of one step; zero for a step that was not performed.
     pub fn of(&self, step: Step) -> Cost {
         self.sum(|other| other == step)
     }
 
-    /// The cost of all steps that `are` meant, one after the other.
+    /// The total cost of the steps for which `are` is true.
     pub fn sum(&self, are: impl Fn(Step) -> bool) -> Cost {
         let zero = Cost {
             wall_s: 0.0,
@@ -98,12 +98,12 @@ impl StepCosts {
     }
 }
 
-/// The costs of one sum of steps over several preparations.
+/// The total costs of some steps over several preparations.
 pub(crate) fn sums(runs: &[StepCosts], are: impl Fn(Step) -> bool) -> Costs {
     runs.iter().map(|costs| costs.sum(&are)).collect()
 }
 
-/// A clock beside a preparation: a step ends where the next one begins.
+/// A timer for a preparation: a step ends when the next one begins.
 #[derive(Debug, Default)]
 pub(crate) struct StepClock {
     begun: Option<(Step, Instants)>,
@@ -111,13 +111,13 @@ pub(crate) struct StepClock {
 }
 
 impl StepClock {
-    /// The step before is done and this one begins.
+    /// Ends the previous step and begins this one.
     pub(crate) fn begin(&mut self, step: Step) {
         self.end();
         self.begun = Some((step, Instants::now()));
     }
 
-    /// The last step is done.
+    /// Ends the last step.
     pub(crate) fn finish(mut self) -> StepCosts {
         self.end();
         self.costs

@@ -1,4 +1,4 @@
-//! The study's heads: from files to trials, one JSON file a head, so that a run that was broken off goes on.
+//! The heads of the study: from files to trials, with one JSON file per head, so that an interrupted run continues.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -16,25 +16,25 @@ const CLOSING_MM: f64 = 10.0;
 /// A head of the study, as files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StudyHead {
-    /// What it is called in the tables.
+    /// Its name in the tables.
     pub name: String,
-    /// A NIfTI file, or a folder with one DICOM series; `None` is the made-up head.
+    /// A NIfTI file, or a folder with one DICOM series; `None` for the synthetic head.
     pub files: Option<[PathBuf; 2]>,
-    /// Whether parameters were chosen on it.
+    /// Whether parameters were tuned on it.
     pub is_tuned: bool,
 }
 
-/// Where results go.
+/// The output directories.
 #[derive(Debug, Clone)]
 pub struct StudyFolders {
-    /// Gets `NAME.json` for each head, which is taken from there if it exists.
+    /// The directory of `NAME.json` for each head, which is reused if it exists.
     pub results: PathBuf,
-    /// Gets each head with each of its lesions, as NIfTI.
+    /// The directory for each head with each of its lesions, as NIfTI.
     pub lesions: Option<PathBuf>,
 }
 
 impl StudyHead {
-    /// The trials of this head: those of the results' folder, or new ones.
+    /// The trials of this head: from the directory of results, or new ones.
     ///
     /// # Errors
     /// If a file cannot be read or written, or the head has no maps.
@@ -49,7 +49,7 @@ impl StudyHead {
             let damaged = |error| {
                 let path = path.display();
                 BenchError::Usage(format!(
-                    "{path} is no result of a study: {error}; remove it"
+                    "{path} is not a result of a study: {error}; remove it"
                 ))
             };
             return serde_json::from_slice(&bytes).map_err(damaged);
@@ -126,8 +126,12 @@ fn from_dicom(folder: &Path) -> Result<Vec<u8>, BenchError> {
         .collect::<Result<Vec<_>, _>>()?;
     let options = imaging::dicom::Options::default();
     let converted = imaging::dicom::convert(&mut files, &options, &imaging::Limits::default());
-    let refused =
-        |error| BenchError::Usage(format!("{} is no DICOM series: {error}", folder.display()));
+    let refused = |error| {
+        BenchError::Usage(format!(
+            "{} is not a usable DICOM series: {error}",
+            folder.display()
+        ))
+    };
     Ok(converted.map_err(refused)?.nifti)
 }
 

@@ -1,51 +1,51 @@
-//! What was measured, in rows and columns: for a terminal and as JSON.
+//! Tables of measurements, for a terminal and as JSON.
 
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, ContentArrangement};
 use serde_json::{Map, Value, json};
 
-/// Digits that a number keeps on a terminal. JSON has all of them.
+/// The number of digits on a terminal. JSON has all digits.
 const DIGITS: i32 = 3;
 
 /// A table of measurements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// Its key in JSON and the name of its plots.
+    /// Its key in JSON, and the name of its plots.
     pub name: &'static str,
-    /// What it holds, in one line.
+    /// Its title.
     pub title: String,
-    /// What stands in its columns.
+    /// Its columns.
     pub columns: Vec<Column>,
-    /// A cell for each column.
+    /// Its rows, with a cell for each column.
     pub rows: Vec<Vec<Cell>>,
-    /// What must be known to read it.
+    /// Notes for readers.
     pub notes: Vec<String>,
 }
 
-/// What stands in a column.
+/// A column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Column {
     /// The key in JSON, with its unit: `setup_s`.
     pub key: &'static str,
-    /// The head on a terminal, with its unit.
+    /// The heading on a terminal, with its unit.
     pub head: &'static str,
 }
 
-/// A column of the key and head given.
+/// A column with a key and a heading.
 pub const fn column(key: &'static str, head: &'static str) -> Column {
     Column { key, head }
 }
 
-/// What stands in a cell.
+/// A cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
     /// A name.
     Text(String),
-    /// A whole number.
+    /// An integer.
     Count(u64),
     /// A measurement.
     Number(f64),
-    /// There is none.
+    /// Nothing.
     Nothing,
 }
 
@@ -90,7 +90,7 @@ impl<T: Into<Self>> From<Option<T>> for Cell {
 }
 
 impl Cell {
-    /// The number that stands there, if any.
+    /// Its number, if it has one.
     pub fn number(&self) -> Option<f64> {
         match self {
             Self::Count(count) => Some(*count as f64),
@@ -118,7 +118,7 @@ impl Cell {
     }
 }
 
-/// A number in three digits, without an exponent where it can be read without.
+/// A number with three digits, without an exponent if it is readable without one.
 pub fn readable(number: f64) -> String {
     if number == 0.0 {
         return "0".to_owned();
@@ -135,7 +135,7 @@ pub fn readable(number: f64) -> String {
     grouped(&format!("{:.0}", (number / unit).round() * unit))
 }
 
-/// Digits in groups of three from ten thousand on.
+/// Groups digits by three, from ten thousand on.
 fn grouped(digits: &str) -> String {
     let (sign, digits) = digits
         .strip_prefix('-')
@@ -168,27 +168,27 @@ impl Table {
     /// Adds a row.
     ///
     /// # Panics
-    /// When it has not one cell for each column.
+    /// If it does not have one cell for each column.
     pub fn push(&mut self, row: impl IntoIterator<Item = Cell>) {
         let row: Vec<Cell> = row.into_iter().collect();
         assert_eq!(row.len(), self.columns.len(), "a cell for each column");
         self.rows.push(row);
     }
 
-    /// Adds a sentence below.
+    /// Adds a note.
     pub fn note(&mut self, sentence: impl Into<String>) {
         self.notes.push(sentence.into());
     }
 
-    /// The pairs of numbers in two columns, of the rows that have both.
+    /// The pairs of numbers in two columns, from the rows that have both.
     ///
     /// # Panics
-    /// When there is no such column.
+    /// If there is no such column.
     pub fn pairs(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         self.pairs_of(self.rows.iter(), x, y)
     }
 
-    /// The pairs of numbers in two columns of some rows.
+    /// The pairs of numbers in two columns, from some rows.
     pub(crate) fn pairs_of<'a>(
         &self,
         rows: impl Iterator<Item = &'a Vec<Cell>>,
@@ -199,29 +199,29 @@ impl Table {
         rows.filter_map(pair).collect()
     }
 
-    /// The number of a row in a column.
+    /// The number in a column of a row.
     ///
     /// # Panics
-    /// When there is no such column.
+    /// If there is no such column.
     pub(crate) fn number_in(&self, row: &[Cell], key: &str) -> Option<f64> {
         let place = self.columns.iter().position(|column| column.key == key);
         let place = place.unwrap_or_else(|| panic!("{} has no column {key}", self.name));
         row[place].number()
     }
 
-    /// The names in the first column, each once, in the order of the rows.
+    /// The distinct names in the first column, in the order of the rows.
     pub(crate) fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = self.rows.iter().map(|row| row[0].text()).collect();
         names.dedup();
         names
     }
 
-    /// The rows of a name in the first column.
+    /// The rows with a name in the first column.
     pub(crate) fn rows_named(&self, name: &str) -> impl Iterator<Item = &Vec<Cell>> {
         self.rows.iter().filter(move |row| row[0].text() == name)
     }
 
-    /// For a terminal: names to the left, numbers to the right.
+    /// The table for a terminal: names left-aligned, numbers right-aligned.
     pub fn text(&self) -> String {
         let mut table = comfy_table::Table::new();
         table
@@ -244,7 +244,7 @@ impl Table {
         text
     }
 
-    /// Title, columns, rows as objects by the columns' keys, and notes.
+    /// Title, columns, rows as objects with the keys of the columns, and notes.
     pub fn json(&self) -> Value {
         let object = |row: &Vec<Cell>| {
             let cells = self.columns.iter().zip(row);

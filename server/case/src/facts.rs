@@ -1,4 +1,4 @@
-//! What is known of a case.
+//! The facts about a case.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ pub struct WindowFacts {
     pub width: f32,
 }
 
-/// A sphere in the patient.
+/// A sphere in patient space.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SphereFacts {
     /// Its centre, LPS mm.
@@ -23,10 +23,10 @@ pub struct SphereFacts {
     pub radius_mm: f64,
 }
 
-/// A plane in the patient: the points `p` (LPS mm) with `normal · p = offset_mm`.
+/// A plane in patient space: the points `p` (LPS mm) with `normal · p = offset_mm`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaneFacts {
-    /// The direction across it, of length 1, LPS.
+    /// Its unit normal, LPS.
     pub normal: [f64; 3],
     /// Its distance from the origin along the normal, in mm.
     pub offset_mm: f64,
@@ -36,39 +36,39 @@ pub struct PlaneFacts {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CutFacts {
-    /// The patient's side at which it lies: `left`, `right`, `posterior`, `anterior`, `superior` or `inferior`.
+    /// The side of the patient: `left`, `right`, `posterior`, `anterior`, `superior` or `inferior`.
     pub face: String,
-    /// The direction into the volume, of length 1, LPS.
+    /// Its unit normal, LPS, which points into the volume.
     pub normal: [f64; 3],
     /// Its distance from the origin along the normal, in mm.
     pub offset_mm: f64,
 }
 
-/// What is known of a case once it is ready.
+/// The facts about a case that is ready.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseFacts {
-    /// Voxels of the working grid along L, P and S.
+    /// Size of the working grid along L, P and S, in voxels.
     pub grid_size: [usize; 3],
     /// Edge of a voxel of the working grid, in mm.
     pub spacing_mm: f64,
     /// Rows of the affine from voxels of the working grid to LPS mm.
     pub patient_from_voxel: [[f64; 4]; 4],
-    /// Voxels of the volume as it was acquired.
+    /// Size of the acquired volume in voxels.
     pub native_size: [usize; 3],
-    /// Edges of a voxel of the volume as it was acquired, in mm.
+    /// Edges of a voxel of the acquired volume, in mm.
     pub native_spacing_mm: [f64; 3],
-    /// Rows of the affine from voxels of the volume as it was acquired to LPS mm.
+    /// Rows of the affine from voxels of the acquired volume to LPS mm.
     pub native_patient_from_voxel: [[f64; 4]; 4],
     /// The sphere around the envelope that zoom 1 fits into a picture.
     pub envelope_sphere: SphereFacts,
-    /// The plane between the hemispheres, its normal to the patient's left; `None` for a case that was prepared before it
-    /// was fitted.
+    /// The plane between the hemispheres, with its normal to the patient's left; `None` for a case prepared by a version that
+    /// did not fit it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub midsagittal: Option<PlaneFacts>,
-    /// The faces of the volume that cut the brain. Their border is no dura: if one is nearer than a depth reaches, the depth is unknown.
+    /// The faces of the volume that cut the brain. They are not dura: a voxel nearer to one than its depth has an unknown depth.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cuts: Vec<CutFacts>,
-    /// Which version of the preparation made the case: 1 before cuts were known, 2 since.
+    /// The version of the preparation: 1 ignores cuts, 2 handles them.
     #[serde(default = "first_pipeline")]
     pub pipeline: u32,
     /// Depth of the deepest voxel, in mm.
@@ -81,51 +81,51 @@ pub struct CaseFacts {
     pub intensity_max: f32,
     /// The default window: 2nd to 98th percentile inside the envelope.
     pub window: WindowFacts,
-    /// How far the mask can be trusted; `None` for a case that was prepared before that was measured.
+    /// The quality of the mask; `None` for a case prepared by a version that did not measure it.
     #[serde(default)]
     pub quality: Option<Quality>,
-    /// Of a volume that was made of DICOM files.
+    /// Facts about the DICOM files, if the volume comes from DICOM.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dicom: Option<DicomFacts>,
-    /// Wall time of each step of the preparation, in ms.
+    /// Wall-clock time of each stage of the preparation, in ms.
     pub timings: Vec<(Stage, f64)>,
 }
 
-/// The version of the preparation of rows that name none.
+/// The version of the preparation of rows without one.
 fn first_pipeline() -> u32 {
     1
 }
 
-/// What is told of DICOM files that a volume was made of.
+/// Facts about the DICOM files of a volume that may be shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DicomFacts {
-    /// Numbers of the slices, from 1, that were missing and are interpolated between their neighbours.
+    /// Numbers of the missing slices that were interpolated, from 1.
     pub interpolated_slices: Vec<usize>,
     /// The scanner's name of the sequence and its times in ms; `None` if the files name none, or the case is older than this.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sequence: Option<String>,
 }
 
-/// A case as its row tells it.
+/// A case, as stored in its row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Case {
-    /// Its name.
+    /// Its id.
     pub id: CaseId,
-    /// What was chosen at the upload, with the label.
+    /// The parameters of the upload, including the label.
     pub parameters: Parameters,
-    /// How far it has come.
+    /// Its state.
     pub state: CaseState,
-    /// While it is prepared.
+    /// Its progress, during the preparation.
     pub progress: Option<Progress>,
-    /// Once it has failed.
+    /// The failure, if it has failed.
     pub failure: Option<Failure>,
-    /// Once it is ready.
+    /// The facts, if it is ready.
     pub facts: Option<CaseFacts>,
-    /// The case of which it is a version, with another mask or other parameters.
+    /// The case it is a version of, with another mask or other parameters.
     pub previous: Option<CaseId>,
     /// Its own versions, oldest first.
     pub next: Vec<CaseId>,
-    /// When it was first uploaded.
+    /// The time of the first upload.
     pub created_at: Timestamp,
 }
 

@@ -1,14 +1,14 @@
-//! Why a case cannot be prepared, without the words of any protocol.
+//! Reasons why a case cannot be prepared, independent of any protocol.
 
 use serde::{Deserialize, Serialize};
 
-/// Why an input cannot be prepared, in words that a client may read: no paths, nothing of the patient.
+/// The reason why an input cannot be prepared, safe to show to clients: without paths or patient data.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[error("{detail}")]
 pub struct Failure {
     /// A stable name in kebab case, such as `mask-missing`.
     pub name: String,
-    /// What kind of failure it is, from which each protocol makes its own number.
+    /// The kind of failure, which each protocol maps to its own status.
     pub kind: FailureKind,
     /// One plain sentence.
     pub detail: String,
@@ -18,17 +18,17 @@ pub struct Failure {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FailureKind {
-    /// The bytes are in no format that is read.
+    /// The bytes are not in a supported format.
     NotRecognised,
     /// The input exceeds a limit.
     TooLarge,
-    /// The input is understood and cannot be used.
+    /// The input was read but cannot be used.
     Unusable,
-    /// This installation lacks what is asked for.
+    /// This installation does not support the request.
     NotSupported,
-    /// Memory is short at the moment; the same input may succeed later.
+    /// Memory is short; the same input may succeed later.
     OutOfMemory,
-    /// The preparation was stopped on purpose.
+    /// The preparation was cancelled.
     Cancelled,
     /// The program or its store is at fault, not the input.
     Internal,
@@ -48,7 +48,7 @@ impl FailureKind {
 }
 
 impl Failure {
-    /// A failure of a kind.
+    /// A failure of the given kind.
     pub fn new(kind: FailureKind, name: &str, detail: impl Into<String>) -> Self {
         Self {
             name: name.to_owned(),
@@ -57,12 +57,12 @@ impl Failure {
         }
     }
 
-    /// The input is understood and cannot be used.
+    /// A failure of the kind [`FailureKind::Unusable`].
     pub fn unusable(name: &str, detail: impl Into<String>) -> Self {
         Self::new(FailureKind::Unusable, name, detail)
     }
 
-    /// The uploaded files themselves cannot be read back.
+    /// The failure of a case with a damaged stored upload.
     pub fn source_damaged() -> Self {
         Self::new(
             FailureKind::Internal,

@@ -1,4 +1,4 @@
-//! What cases are called.
+//! The ids of cases.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,21 +7,21 @@ use serde::{Deserialize, Serialize};
 
 use crate::{MaskKind, Parameters};
 
-/// Part of every [`CaseId`]: a change of what is computed from the same input makes other cases of it.
+/// A part of every [`CaseId`]. It changes if the same input must give another case.
 const ID_FORMAT: u8 = 1;
 
-/// The digest that names a case: 32 lower-case hexadecimal digits.
+/// The id of a case, a digest: 32 lower-case hexadecimal digits.
 ///
-/// It is the first half of a BLAKE3 digest over the volume, the mask and the parameters that change the result. The same
-/// input is the same case, wherever and whenever it is uploaded.
+/// It is the first half of a BLAKE3 digest over the volume, the mask and the parameters that affect the result. The same
+/// input gives the same case, on any server and at any time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CaseId([u8; 16]);
 
 impl CaseId {
-    /// The name of the case with these inputs. The digests are BLAKE3 over the bytes as uploaded.
+    /// The id of the case with these inputs. The digests are BLAKE3 over the uploaded bytes.
     ///
-    /// [`Parameters::name`] is a label and takes no part: the same upload under another name renames the case. Which case
-    /// it is a version of takes no part either.
+    /// [`Parameters::name`] is a label and has no influence: the same upload under another name renames the case. The case that
+    /// it is a version of has no influence either.
     pub fn of(volume: &blake3::Hash, mask: Option<&blake3::Hash>, parameters: &Parameters) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"isocortex case");
@@ -31,9 +31,9 @@ impl CaseId {
         if let Some(mask) = mask {
             hasher.update(mask.as_bytes());
         }
-        // Adding 0 makes the one zero of the two.
+        // Adding 0 turns −0 into 0.
         hasher.update(&(Self::closing_radius_mm(parameters) + 0.0).to_le_bytes());
-        // What has its default is not said, so that a new parameter leaves the cases before it their names.
+        // Defaults are omitted, so that a new parameter does not change the ids of existing cases.
         let defaults = Self::about_mask(&Parameters::default());
         let about_mask = Self::about_mask(parameters);
         if about_mask != defaults {
@@ -44,7 +44,7 @@ impl CaseId {
         Self(id)
     }
 
-    /// What is closed already is not closed, by whatever radius: it stands as the default one, so that stored names stay.
+    /// An envelope is not closed, so its radius does not matter. The default stands for it, so that stored ids stay valid.
     fn closing_radius_mm(parameters: &Parameters) -> f64 {
         match parameters.mask_kind {
             MaskKind::Brain => parameters.closing_radius_mm,
@@ -61,7 +61,7 @@ impl CaseId {
         bytes
     }
 
-    /// Reads 32 lower-case hexadecimal digits; `None` for anything else.
+    /// Parses 32 lower-case hexadecimal digits; `None` for anything else.
     pub fn parse(text: &str) -> Option<Self> {
         let digit = |byte: u8| match byte {
             b'0'..=b'9' => Some(byte - b'0'),
@@ -94,7 +94,7 @@ impl fmt::Display for CaseId {
 
 /// The text is not a [`CaseId`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a case is named by 32 lower-case hexadecimal digits")]
+#[error("the id of a case is 32 lower-case hexadecimal digits")]
 pub struct NotACaseId;
 
 impl FromStr for CaseId {

@@ -1,7 +1,7 @@
-//! The words in which all other crates speak of a case: one head, from the upload to the facts that a client needs to show it.
+//! The vocabulary of a case, shared by all other crates: one head, from its upload to the facts that a client needs to show it.
 //!
-//! Nothing in here computes, reads a file or knows a protocol. What is stored or sent is described by `serde`; with the feature
-//! `openapi` by `utoipa` as well.
+//! Nothing here does I/O or knows a protocol. Types that are stored or sent implement `serde`, and with the feature `openapi`
+//! also `utoipa`.
 
 mod facts;
 mod failure;

@@ -1,13 +1,13 @@
-//! What is stored of a case.
+//! The objects that are stored for a case.
 
-/// What an object holds.
+/// The kind of a stored object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ObjectKind {
-    /// The volume as it was uploaded.
+    /// The uploaded volume.
     SourceVolume,
-    /// The mask as it was uploaded.
+    /// The uploaded mask.
     SourceMask,
-    /// Whose head it is, where the volume was made of DICOM files.
+    /// The identifying DICOM attributes, if the volume comes from DICOM.
     SourceDicom,
     /// The brain mask on the working grid.
     Mask,
@@ -34,7 +34,7 @@ impl ObjectKind {
         Self::Paths,
     ];
 
-    /// The kinds that are computed from the source.
+    /// The kinds that are computed from the uploaded files.
     pub const DERIVED: [Self; 5] = [
         Self::Mask,
         Self::Volume,
@@ -43,7 +43,7 @@ impl ObjectKind {
         Self::Paths,
     ];
 
-    /// The name in rows and addresses.
+    /// Its name in rows and addresses.
     pub fn name(self) -> &'static str {
         match self {
             Self::SourceVolume => "source-volume",
@@ -57,12 +57,12 @@ impl ObjectKind {
         }
     }
 
-    /// The kind of a name.
+    /// The kind with a name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// The number in an object's header.
+    /// Its number in the header of an object.
     pub fn code(self) -> u16 {
         match self {
             Self::SourceVolume => 1,
@@ -76,7 +76,7 @@ impl ObjectKind {
         }
     }
 
-    /// Whether it is what a user uploaded, which nothing can replace.
+    /// Whether it was uploaded, and so cannot be computed again.
     pub fn is_source(self) -> bool {
         matches!(
             self,

@@ -1,54 +1,54 @@
-//! What a client may choose when it uploads a volume.
+//! The parameters of an upload.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Failure;
 
-/// Where the mask of the brain comes from when none is supplied.
+/// Where the brain mask comes from if none is supplied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum MaskSource {
-    /// From the volume where that is skull-stripped already; else the brain is extracted.
+    /// From the volume if it is skull-stripped; otherwise the brain is extracted.
     #[default]
     Auto,
     /// From the volume, which must be skull-stripped: its background is exactly 0.
     Volume,
-    /// Extracted by the network alone, which must be there.
+    /// Extracted by the network, whose weights must be installed.
     Network,
-    /// Extracted by tree pruning. What `auto` becomes where the brain must be extracted and there is no network.
+    /// Extracted by tree pruning. `auto` becomes this if the brain must be extracted without a network.
     Pruning,
 }
 
-/// What a supplied mask shows.
+/// What a supplied mask contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum MaskKind {
-    /// The brain, which is closed to the envelope.
+    /// The brain; it is closed to the envelope.
     #[default]
     Brain,
-    /// The envelope itself: it is not closed. Its largest component is kept and its holes are filled all the same.
+    /// The envelope itself; it is not closed, but its largest component is kept and its holes are filled.
     Envelope,
 }
 
-/// What a client may choose when it uploads a volume.
+/// The parameters of an upload.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Radius of the ball that closes the brain mask to the envelope, in mm: 0 to 50.
     pub closing_radius_mm: f64,
-    /// Where the mask comes from when none is supplied.
+    /// Where the mask comes from if none is supplied.
     pub mask: MaskSource,
-    /// What the mask shows.
+    /// What the mask contains.
     pub mask_kind: MaskKind,
-    /// The probability above which a voxel is brain where the brain is extracted by the network: 0.05 to 0.95.
+    /// The probability above which the network counts a voxel as brain: 0.05 to 0.95.
     pub threshold: f64,
-    /// By how much the mask's surface is moved outwards (inwards where negative) before it is closed, in mm: -20 to 20.
+    /// How far the surface of the mask is moved outwards (if negative, inwards) before it is closed, in mm: -20 to 20.
     pub offset_mm: f64,
-    /// A label to show in lists; at most [`Parameters::MAX_NAME_LENGTH`] characters, none of them a control character.
+    /// A label for lists: at most [`Parameters::MAX_NAME_LENGTH`] characters, without control characters.
     ///
-    /// It is no part of the [`CaseId`]: the label of the first upload stays.
+    /// It does not affect the [`CaseId`]: another upload of the same input renames the case.
     pub name: Option<String>,
 }
 
@@ -56,10 +56,11 @@ impl Parameters {
     /// The longest accepted [`name`](Self::name), in characters.
     pub const MAX_NAME_LENGTH: usize = 200;
 
-    /// Whether the parameters may be used.
+    /// Checks the parameters.
     ///
     /// # Errors
-    /// A [`Failure`] of [`FailureKind::Unusable`](crate::FailureKind) when a number is out of its range, or the name is too long or holds control characters.
+    /// A [`Failure`] of [`FailureKind::Unusable`](crate::FailureKind) if a number is out of range, or if the name is too long or
+    /// contains control characters.
     pub fn check(&self) -> Result<(), Failure> {
         for (parameter, value, range) in [
             ("closing_radius_mm", self.closing_radius_mm, 0.0..=50.0),
@@ -89,7 +90,7 @@ impl Parameters {
         if name.chars().any(char::is_control) {
             return Err(Failure::unusable(
                 "name-not-text",
-                "the name holds a control character".to_owned(),
+                "the name contains a control character".to_owned(),
             ));
         }
         Ok(())

@@ -1,18 +1,18 @@
-//! How far a case has come.
+//! The state and the progress of a case.
 
 use serde::{Deserialize, Serialize};
 
-/// How far a case has come.
+/// The state of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CaseState {
-    /// Waits for a worker.
+    /// It waits for a worker.
     Queued,
     /// A worker prepares it.
     Preparing,
-    /// Everything can be asked of it.
+    /// It is prepared: meshes and pictures are available.
     Ready,
-    /// It could not be prepared; the [`Failure`] says why. The same upload again tries again.
+    /// It could not be prepared; the [`Failure`](crate::Failure) states why. Uploading it again starts another attempt.
     Failed,
 }
 
@@ -27,31 +27,31 @@ impl CaseState {
         }
     }
 
-    /// Whether the state stays as it is until somebody uploads or deletes.
+    /// Whether the state stays the same until somebody uploads or deletes.
     pub fn is_final(self) -> bool {
         matches!(self, Self::Ready | Self::Failed)
     }
 }
 
-/// The steps of a preparation, in their order.
+/// The stages of a preparation, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// The uploaded bytes are read.
     Reading,
-    /// The brain is extracted. Only where no mask was supplied and the volume shows more than a brain.
+    /// The brain is extracted. Skipped if a mask was supplied or the volume is skull-stripped.
     Extracting,
-    /// The brain mask comes to the working grid.
+    /// The brain mask is resampled to the working grid.
     Mask,
     /// The mask is closed to the envelope.
     Closing,
-    /// The exact distance map.
+    /// The exact distance map is computed.
     Distance,
-    /// The seeds of the forest.
+    /// The core, which seeds the forest, is found.
     Core,
-    /// The optimal-path forest.
+    /// The optimal-path forest is computed.
     Forest,
-    /// The default mesh and the table of its paths.
+    /// The default mesh and the table of its paths are computed.
     Mesh,
     /// The results are written to the store.
     Storing,
@@ -71,7 +71,7 @@ impl Stage {
         Self::Storing,
     ];
 
-    /// The stage of a name.
+    /// The stage with a name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|stage| stage.name() == name)
     }
@@ -92,16 +92,16 @@ impl Stage {
     }
 }
 
-/// How far a preparation has come.
+/// The progress of a preparation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// The step at work.
+    /// The current stage.
     pub stage: Stage,
-    /// How much of the whole preparation is done, 0 to 1.
+    /// The finished fraction of the whole preparation, 0 to 1.
     pub fraction: f32,
 }
 
-/// How much of a preparation is done when a stage begins: from the timings of a head of 256³.
+/// The finished fraction when a stage begins, from the timings of a head of 256³.
 fn fraction_at(stage: Stage) -> f32 {
     match stage {
         Stage::Reading => 0.0,
@@ -117,7 +117,7 @@ fn fraction_at(stage: Stage) -> f32 {
 }
 
 impl Progress {
-    /// The progress of a preparation that begins a stage.
+    /// The progress at the beginning of a stage.
     pub fn at(stage: Stage) -> Self {
         Self {
             stage,

@@ -1,17 +1,17 @@
-//! How far a mask can be trusted: what was measured of it, and what that means.
+//! The quality of a mask: measurements and a rating.
 
 use serde::{Deserialize, Serialize};
 
-/// The verdict on a mask.
+/// The rating of a mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum QualityState {
     /// Nothing is unusual.
     Ok,
-    /// Look at the quality sheet before anything is read from the case.
+    /// Something is unusual: check the quality sheet before you use the case.
     Review,
-    /// The mask is not that of a brain; replace it.
+    /// This is not the mask of a brain: replace it.
     Failed,
 }
 
@@ -31,9 +31,9 @@ impl QualityState {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum MaskMethod {
-    /// It was supplied.
+    /// The client supplied it.
     Supplied,
-    /// The volume was skull-stripped already.
+    /// The volume was skull-stripped.
     Volume,
     /// The network extracted it.
     Network,
@@ -42,7 +42,7 @@ pub enum MaskMethod {
 }
 
 impl MaskMethod {
-    /// Where the mask came from, in words.
+    /// A description for people.
     pub fn words(self) -> &'static str {
         match self {
             Self::Supplied => "mask as supplied",
@@ -58,55 +58,55 @@ impl MaskMethod {
     }
 }
 
-/// How far the mask of a case can be trusted.
+/// The quality of the mask of a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Quality {
-    /// The verdict.
+    /// The rating.
     pub state: QualityState,
     /// Where the mask came from.
     pub method: MaskMethod,
-    /// What was measured.
+    /// The measurements.
     pub numbers: QualityNumbers,
-    /// Why the verdict is not `ok`: plain sentences; none where it is.
+    /// Why the rating is not `ok`, in sentences; empty if it is `ok`.
     pub reasons: Vec<String>,
-    /// What each of the reasons is called, in their order: names that stay, such as `mask-cut-inferior`. Absent for a case that was
-    /// prepared before they had any.
+    /// The stable codes of the reasons, in the same order, such as `mask-cut-inferior`. Absent for a case prepared by a version
+    /// without codes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub reason_codes: Vec<String>,
-    /// Rows of another affine from the volume's voxels to LPS mm, with which the network finds the brain if it does not with the
-    /// volume's own: what the header might have to say. Nothing was turned; a person must compare it.
+    /// Rows of an alternative affine from the voxels of the volume to LPS mm, with which the network finds the brain although it
+    /// does not with the affine in the header. Nothing was turned; a person must compare the two.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_header: Option<[[f64; 4]; 4]>,
 }
 
-/// What was measured of a mask.
+/// The measurements of a mask.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct QualityNumbers {
     /// Volume of the brain mask.
     pub brain_ml: f64,
-    /// What the closing and the filling of holes added, as a share of the brain mask.
+    /// The volume that closing and hole filling added, as a fraction of the brain mask.
     pub closing_added: f64,
-    /// Share of the mask that is in its largest piece, which alone is kept.
+    /// Fraction of the mask in its largest component; the rest is dropped.
     pub largest_component: f64,
     /// Extents along left to right, front to back and top to bottom.
     pub extents_mm: [f64; 3],
-    /// The brain's area on the faces of the volume at left, right, posterior, anterior, superior and inferior.
+    /// The area of the brain on the left, right, posterior, anterior, superior and inferior face of the volume.
     pub cut_area_cm2: [f64; 6],
-    /// How well the network's first, coarse look and its mask agree (Dice), where it extracted the brain.
+    /// The agreement (Dice) of the coarse and the fine pass of the network, if it extracted the brain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agreement: Option<f64>,
-    /// Voxels of which the network is unsure, as a share of those of the brain.
+    /// Voxels of which the network is uncertain, as a fraction of the voxels of the brain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertain: Option<f64>,
-    /// How much brighter the inside of the brain is than its rim, as a share of the range of intensities.
+    /// How much brighter the inside of the brain is than its rim, as a fraction of the intensity range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contrast: Option<f64>,
-    /// Share of the border of a supplied mask that looks like that of a brain.
+    /// Fraction of the border of a supplied mask that looks like the border of a brain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rim: Option<f64>,
-    /// How far a supplied mask and the network's agree (Dice of their envelopes), if the network was asked.
+    /// The overlap of a supplied mask with the mask from the network (Dice of their envelopes), if the network was used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap: Option<f64>,
 }

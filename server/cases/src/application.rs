@@ -1,24 +1,24 @@
 //! Everything that a protocol needs to serve cases.
 
+use std::fmt;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use case::{CaseFacts, CaseId, CaseState, QualityState};
+use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use render::{RenderBackend, RenderJob, SizedMesh};
+use render::{KeyedLayers, RenderBackend, RenderJob, SizedMesh};
 use storage::{Store, StoreError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
+use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, WarmModel};
-use crate::pictures::{
-    Graphics, GraphicsOptions, PictureJob, PictureRequest, RenderPool, Turnstile, window_of,
-};
+use crate::pictures::{Graphics, GraphicsOptions, PictureJob, PictureRequest, window_of};
 
 /// How many cases are remembered to be ready.
 const REMEMBERED_CASES: usize = 4096;
@@ -42,9 +42,9 @@ pub struct Options {
     pub limits: Limits,
     /// What the volume of a head may measure.
     pub head: HeadLimits,
-    /// Threads that render.
+    /// Pictures, meshes and the like at work at a time.
     pub render_threads: usize,
-    /// Renders that may wait for a thread.
+    /// How many more may wait.
     pub max_queued_renders: usize,
     /// Memory for warm cases, in bytes.
     pub model_cache_bytes: u64,
@@ -65,9 +65,6 @@ pub enum StartError {
     /// The store cannot be opened.
     #[error("the store cannot be opened: {0}")]
     Store(#[from] StoreError),
-    /// The system gives no threads.
-    #[error("the render threads cannot be started: {0}")]
-    Threads(std::io::Error),
 }
 
 fn thousands(voxels: usize) -> u32 {
@@ -84,33 +81,47 @@ pub struct Cases {
     pub library: Library,
     /// Cases in memory.
     pub models: Models,
-    /// Threads for rendering, encoding and compressing.
-    pub pool: RenderPool,
+    /// The one queue for pictures, meshes and whatever else keeps a processor busy for a client.
+    pub queue: ConcurrencyLimit,
     /// The graphics device, if there is one.
     pub graphics: Graphics,
     /// Where DICOM files are read.
     pub dicom: Arc<DicomReader>,
-    /// Work that the store does for a request.
-    pub turnstile: Arc<Turnstile>,
     head: HeadLimits,
     /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
     checking: Arc<Semaphore>,
     ready: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
+    forget_hooks: Arc<ForgetHooks>,
+}
+
+type ForgetHook = Box<dyn Fn(&CaseId) + Send + Sync>;
+
+/// Who else remembers something of cases. Held for moments.
+#[derive(Default)]
+struct ForgetHooks(Mutex<Vec<ForgetHook>>);
+
+impl ForgetHooks {
+    fn lock(&self) -> MutexGuard<'_, Vec<ForgetHook>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl fmt::Debug for ForgetHooks {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "ForgetHooks({})", self.lock().len())
+    }
 }
 
 impl Cases {
-    /// Opens the store and starts the render threads. No case is prepared until workers are started on the library.
+    /// Opens the store. No case is prepared until workers are started on the library.
     ///
     /// # Errors
-    /// When the store or the network cannot be opened, or there are no threads.
+    /// When the store or the network cannot be opened.
     pub async fn open(options: Options) -> Result<Self, StartError> {
         let extractor = Extractor::open(options.network.as_deref())?;
         tracing::info!("brains are extracted {}", extractor.words());
         let store = Store::open_with(&options.data, options.store).await?;
         let library = Library::new(store, Pipeline::new(extractor).into(), options.limits);
-        let turnstile = Turnstile::new(options.render_threads, options.max_queued_renders);
-        let pool = RenderPool::start(options.render_threads, options.max_queued_renders)
-            .map_err(StartError::Threads)?;
         let dicom = DicomReader::new(
             options.dicom_program,
             options.limits,
@@ -119,13 +130,13 @@ impl Cases {
         Ok(Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
             library,
-            pool,
+            queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
-            turnstile: Arc::new(turnstile),
             head: options.head,
             checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
             ready: Arc::new(Cache::new(REMEMBERED_CASES)),
+            forget_hooks: Arc::default(),
         })
     }
 
@@ -149,6 +160,14 @@ impl Cases {
         }
     }
 
+    /// A case.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchCase`], or the store's.
+    pub async fn case(&self, id: &CaseId) -> Result<Case, Error> {
+        self.store().case(id).await?.ok_or(Error::NoSuchCase)
+    }
+
     /// The facts of a case that is ready.
     ///
     /// # Errors
@@ -159,7 +178,7 @@ impl Cases {
         {
             return Ok(facts);
         }
-        let case = self.store().case(id).await?.ok_or(Error::NoSuchCase)?;
+        let case = self.case(id).await?;
         match (case.state, case.facts, case.failure) {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);
@@ -203,15 +222,32 @@ impl Cases {
         Err(Error::Unavailable)
     }
 
-    /// Forgets what is remembered of a case.
-    pub fn forget(&self, id: &CaseId) {
-        self.ready.remove(id);
-    }
-
-    /// Gets everything ready that a picture needs.
+    /// Removes a case and what no other case needs; `false` if there was none.
     ///
     /// # Errors
-    /// When the mesh cannot be had, or too much work waits.
+    /// As [`Store::delete`].
+    pub async fn delete(&self, id: &CaseId) -> Result<bool, Error> {
+        let deleted = self.store().delete(id).await;
+        self.forget(id);
+        Ok(deleted?)
+    }
+
+    /// Calls `hook` whenever a case turns out to be gone, or is removed by this process.
+    pub fn on_forget(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
+        self.forget_hooks.lock().push(Box::new(hook));
+    }
+
+    fn forget(&self, id: &CaseId) {
+        self.ready.remove(id);
+        for hook in self.forget_hooks.lock().iter() {
+            hook(id);
+        }
+    }
+
+    /// Gets everything ready that a picture needs. Call it in a turn of [`Cases::queue`]: a mesh may have to be walked first.
+    ///
+    /// # Errors
+    /// When the mesh cannot be had.
     pub async fn picture_job(
         &self,
         warm: &WarmModel,
@@ -220,13 +256,8 @@ impl Cases {
     ) -> Result<PictureJob, Error> {
         let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
         let mesh = if backend.needs_mesh() {
-            let (size, kind) = (request.mesh_size()?, request.paths);
-            let shrunk = warm.shrink(size, kind, depth_mm);
-            let mesh = if warm.has_at_hand(size, kind) {
-                shrunk.await?
-            } else {
-                self.turnstile.pass(shrunk).await??
-            };
+            let size = request.mesh_size()?;
+            let mesh = warm.shrink(size, request.paths, depth_mm).await?;
             Some(SizedMesh { size, mesh })
         } else {
             None
@@ -237,6 +268,7 @@ impl Cases {
                 case: warm.keyed(),
                 request: request.at(depth_mm, window)?,
                 mesh,
+                layers: KeyedLayers::default(),
             },
             asked: request.renderer,
             backend,

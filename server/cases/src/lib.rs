@@ -7,6 +7,7 @@ pub mod dicom;
 mod error;
 pub mod jobs;
 pub mod library;
+mod limit;
 pub mod models;
 pub mod pictures;
 #[cfg(test)]
@@ -15,3 +16,4 @@ mod testing;
 pub use application::{Cases, Options, StartError};
 pub use error::Error;
 pub use library::{Library, Preparation};
+pub use limit::{ConcurrencyLimit, Queued, Turn};

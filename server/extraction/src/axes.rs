@@ -1,6 +1,6 @@
-//! Heads whose header names the axes wrongly: the network is shown them with others.
+//! Heads with wrong axes in the header: the network is tried with other axes.
 //!
-//! A mirrored head is never tried: no network can tell left from right, and a header that was right would become wrong.
+//! A mirrored head is never tried: no network can tell left from right, and a correct header would become wrong.
 
 use geometry::{BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
@@ -9,14 +9,14 @@ use crate::extract::{Extraction, Method, closed, predict};
 use crate::quality::Quality;
 use crate::{ExtractionError, Network, Observe};
 
-/// How well the network's two looks must agree with the axes that are offered.
+/// The least agreement of the two passes of the network for other axes to be offered.
 const LEAST_AGREEMENT: f64 = 0.97;
 
-/// The brain of a volume as the network finds it with the axes that it likes best, if it likes any others; at the place where the
-/// volume's own header says it is. What it would be with the other axes is offered in its quality.
+/// The brain that the network finds with its best alternative axes, if there are any; placed by the header of the
+/// volume. The quality of the result contains the alternative affine.
 ///
 /// # Errors
-/// When `observe` said stop.
+/// If `observe` stops the work.
 pub(crate) fn with_other_axes(
     volume: &Volume,
     network: &Network,
@@ -53,7 +53,7 @@ fn is_better(quality: &Quality) -> bool {
     agreement >= LEAST_AGREEMENT && !quality.doubts_axes()
 }
 
-/// The 23 rotations that bring axes to axes, but for the one that does nothing.
+/// The 23 rotations that map axes to axes, without the identity.
 fn turns() -> impl Iterator<Item = DMat3> {
     const ORDERS: [[usize; 3]; 6] = [
         [0, 1, 2],
@@ -81,7 +81,7 @@ fn middle(grid: &Grid) -> DVec3 {
     grid.patient_from_voxel().transform_point3(middle)
 }
 
-/// The same voxels elsewhere.
+/// The same voxels on another grid.
 fn turned(volume: &Volume, about: DAffine3) -> Result<Volume, ExtractionError> {
     let grid = Grid::new(
         volume.grid().size(),
@@ -91,7 +91,7 @@ fn turned(volume: &Volume, about: DAffine3) -> Result<Volume, ExtractionError> {
     Ok(Volume::new(grid, voxels, volume.rescale())?)
 }
 
-/// What was found in a turned volume, in the volume itself.
+/// Maps a result from the turned volume to the volume itself.
 fn turned_back(
     volume: &Volume,
     found: Extraction,

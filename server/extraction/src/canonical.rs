@@ -1,4 +1,4 @@
-//! A volume as the network and its training data have it: its axes nearest to right, anterior and superior.
+//! A volume with the axes of the training data: nearest to right, anterior and superior.
 
 use std::ops::Range;
 
@@ -6,12 +6,12 @@ use geometry::{GeometryError, Grid, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
-/// A volume seen with its axes in the order right, anterior, superior; nothing is resampled.
+/// A view of a volume with its axes in the order right, anterior, superior; nothing is resampled.
 #[derive(Debug)]
 pub(crate) struct Canonical<'a> {
     volume: &'a Volume,
     size: [usize; 3],
-    /// For each axis here, the one of the volume and whether it runs backwards.
+    /// For each axis, the axis of the volume and whether it is reversed.
     axes: [Axis; 3],
 }
 
@@ -25,7 +25,7 @@ struct Axis {
 pub(crate) type Box3 = [Range<usize>; 3];
 
 impl<'a> Canonical<'a> {
-    /// Orders the axes by where they point most.
+    /// Orders the axes by their main direction.
     pub(crate) fn new(volume: &'a Volume) -> Self {
         let axes = axes_of(volume.grid());
         let native_size = volume.grid().size();
@@ -44,7 +44,7 @@ impl<'a> Canonical<'a> {
     /// Its voxels in this order.
     ///
     /// # Errors
-    /// Never, for a grid that is one already.
+    /// Never: the grid is valid already.
     pub(crate) fn grid(&self) -> Result<Grid, GeometryError> {
         Grid::new(self.size, self.patient_from_canonical())
     }
@@ -54,10 +54,10 @@ impl<'a> Canonical<'a> {
         self.size.map(|side| 0..side)
     }
 
-    /// The grid of a cube of `side` voxels that divides a block: the places that [`Canonical::cube`] stands for.
+    /// The grid of a cube of `side` voxels over a block: the positions of the values of [`Canonical::cube`].
     ///
     /// # Errors
-    /// When its voxels are too small or too large for a scan.
+    /// If its voxels are too small or too large for a scan.
     pub(crate) fn cube_grid(&self, block: &Box3, side: usize) -> Result<Grid, GeometryError> {
         let scale = DVec3::from_array([0, 1, 2].map(|axis| block[axis].len() as f64 / side as f64));
         let first = DVec3::from_array([0, 1, 2].map(|axis| block[axis].start as f64));
@@ -83,7 +83,7 @@ impl<'a> Canonical<'a> {
         self.volume.grid().patient_from_voxel() * native_from_canonical
     }
 
-    /// The stored values of a block, brought to a cube of `side` voxels by taking the nearest; x-fastest.
+    /// The stored values of a block, resampled to a cube of `side` voxels by nearest neighbour; x-fastest.
     pub(crate) fn cube(&self, block: &Box3, side: usize) -> Vec<u16> {
         let size = self.volume.grid().size();
         let strides = [1, size[0], size[0] * size[1]];
@@ -114,14 +114,14 @@ impl<'a> Canonical<'a> {
     }
 }
 
-/// The voxel of a block that is nearest to a voxel of the cube that divides it, in single precision as where the network was trained.
+/// The voxel of a block that is nearest to a voxel of the cube, in single precision as in the training of the network.
 fn nearest(place: usize, side: usize, block: &Range<usize>) -> usize {
     let scale = block.len() as f32 / side as f32;
     let place = ((place as f32 + 0.5) * scale).floor() as usize;
     block.start + place.min(block.len() - 1)
 }
 
-/// Gives each axis of the grid, in turn, to the canonical axis that is still free and along which it points most.
+/// Assigns each axis of the grid, in turn, to the free canonical axis along which it points most.
 fn axes_of(grid: &Grid) -> [Axis; 3] {
     let matrix = grid.patient_from_voxel().matrix3;
     let mut axes = [None; 3];
@@ -151,8 +151,8 @@ mod tests {
         intercept: 0.0,
     };
 
-    /// A volume of 3×4×5 voxels whose axes are those of the patient in some order and sense, and whose values say where they
-    /// are: hundreds to the right, tens to the front, ones upwards.
+    /// A volume of 3×4×5 voxels with the patient axes in some order and direction. Its values encode the position:
+    /// hundreds to the right, tens to the front, ones upwards.
     fn turned(order: [usize; 3], signs: usize) -> Volume {
         let sense = |axis: usize| if signs >> axis & 1 == 0 { 1.0 } else { -1.0 };
         let axes = [0, 1, 2].map(|axis| DVec3::AXES[order[axis]] * sense(axis) * 2.0);
@@ -187,7 +187,7 @@ mod tests {
                 let volume = turned(order, signs);
                 let canonical = Canonical::new(&volume);
                 assert_eq!(canonical.size(), [3, 4, 5]);
-                // 60 voxels a side: each voxel appears as often as the others.
+                // 60 voxels per side: each voxel appears equally often.
                 let cube = canonical.cube(&canonical.whole(), 60);
                 let grid = canonical.cube_grid(&canonical.whole(), 60).unwrap();
                 for (index, &value) in cube.iter().enumerate().step_by(97) {
@@ -198,7 +198,7 @@ mod tests {
                         expected,
                         "{order:?} {signs} at {x} {y} {z}"
                     );
-                    // And the grid says where that is.
+                    // The grid has the matching position.
                     let place = DVec3::from_array([x, y, z].map(|place| place as f64));
                     let patient = grid.patient_from_voxel().transform_point3(place);
                     let native = volume.grid().voxel_from_patient().transform_point3(patient);

@@ -1,6 +1,6 @@
-//! Why no brain could be extracted.
+//! Errors of the extraction.
 
-/// Why an extraction, or what it needs, failed.
+/// Why an extraction, or loading its weights, failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExtractionError {
@@ -13,13 +13,13 @@ pub enum ExtractionError {
     /// Nothing in the volume looks like a brain.
     #[error("no brain was found in the volume: {what}")]
     NoBrain {
-        /// What there was instead.
+        /// What was found instead.
         what: &'static str,
     },
-    /// It was asked to stop.
+    /// The caller stopped it.
     #[error("the extraction was cancelled")]
     Cancelled,
-    /// A grid or a mask was refused.
+    /// A grid or a mask is invalid.
     #[error(transparent)]
     Geometry(#[from] geometry::GeometryError),
 }

@@ -1,4 +1,4 @@
-//! The two methods behind one function.
+//! Both extraction methods behind one function.
 
 use std::ops::ControlFlow;
 
@@ -11,7 +11,7 @@ use crate::{ExtractionError, Network, Observe, pruning};
 /// How a brain was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// By the network of deepbet.
+    /// By the network deepbet.
     Network,
     /// By tree pruning.
     TreePruning,
@@ -22,38 +22,38 @@ pub enum Method {
 pub struct Extraction {
     /// Its voxels on the working grid of the volume.
     pub brain: BrainMask,
-    /// The depth below the envelope of the brain, closed by [`CLOSING_RADIUS_MM`]: what it was judged by.
+    /// The depth below the envelope of the brain, closed by [`CLOSING_RADIUS_MM`], on which the rating is based.
     pub closed: DistanceMap,
-    /// How they were found.
+    /// The method that found it.
     pub method: Method,
-    /// Whether they can be believed.
+    /// Its rating.
     pub quality: Quality,
 }
 
-/// Radius of the closing by which a brain is judged, in mm: the usual one of envelopes.
+/// Radius of the closing for the rating, in mm: the default of envelopes.
 pub const CLOSING_RADIUS_MM: f64 = 10.0;
 
-/// The share of the work that the first method takes, in which the second is rarely needed.
+/// The fraction of the work for the first method; the second is rarely needed.
 const FIRST_SHARE: f32 = 0.9;
 
-/// The agreement of the network's looks below which a brain whose shape lets doubt the axes is looked for with others.
+/// If the two passes agree less than this and the shape of the mask does not match the axes, other axes are tried.
 const DOUBTFUL_AGREEMENT: f64 = 0.95;
 
 /// Finds the brain in a T1-weighted head, in any orientation and at any spacing.
 ///
-/// With the network, where there is one, as the places whose probability is above `threshold` (0.5 is the surface that it was
-/// trained for; less makes the brain larger); by [`prune`] where there is none, or where what the network found is
-/// [`Verdict::Failed`] and pruning does better. `observe` is told the share of the work that is done, several times a second,
-/// and can stop it. The result is the same bytes for any number of threads.
+/// With a network, the brain is where the probability exceeds `threshold` (0.5 is the surface of the training; less
+/// makes the brain larger). Without a network, or if its result is [`Verdict::Failed`] and pruning does better,
+/// [`prune`] is used. `observe` receives the finished fraction several times a second and can stop the work. The result
+/// is byte-identical for any number of threads.
 ///
-/// Where the network is unsure and the shape of what it found lets doubt the volume's axes, it is shown the volume with the 23 other
-/// axes that are no mirror images. If it finds a brain so, that is taken, at its place in the volume as it came, and
-/// [`Quality::other_patient_from_voxel`] holds what the header might have to say.
+/// If the network is uncertain and the shape of its result does not match the axes of the volume, the 23 other axes
+/// without mirroring are tried. If the network finds a brain with one of them, that brain is returned, placed by the
+/// header of the volume, and [`Quality::other_patient_from_voxel`] contains the corrected affine.
 ///
-/// An extraction whose quality is [`Verdict::Failed`] is returned as well: it is for the caller to say so.
+/// A result rated [`Verdict::Failed`] is returned too; the caller must report it.
 ///
 /// # Errors
-/// When nothing in the volume can be a brain, or when `observe` said stop.
+/// If nothing in the volume can be a brain, or if `observe` stops the work.
 pub fn extract(
     volume: &Volume,
     network: Option<&Network>,
@@ -117,9 +117,9 @@ pub fn predict(
     })
 }
 
-/// Finds the brain by tree pruning alone: it needs no weights, but a healthy contrast of grey and white matter.
+/// Finds the brain by tree pruning alone. It needs no weights, but a good contrast between grey and white matter.
 ///
-/// The verdict is [`Verdict::Review`] at best.
+/// The verdict is at best [`Verdict::Review`].
 ///
 /// # Errors
 /// As [`extract`].
@@ -146,17 +146,18 @@ fn pruned(
     })
 }
 
-/// The depth below the envelope of a brain, closed by [`CLOSING_RADIUS_MM`]; the faces of the volume are no dura.
+/// The depth below the envelope of a brain, closed by [`CLOSING_RADIUS_MM`]; the faces of the volume do not count as
+/// dura.
 ///
 /// # Errors
-/// When the voxels are too fine for that.
+/// If the voxels are too small for that radius.
 pub(crate) fn closed(brain: &BrainMask, volume: &Volume) -> Result<DistanceMap, ExtractionError> {
     let cuts = brain.cuts(volume.grid());
     let envelope = cut_envelope(brain, CLOSING_RADIUS_MM, &cuts)?;
     Ok(distance_map(&envelope))
 }
 
-/// Tells the share that is done and stops where that is wanted.
+/// Reports the finished fraction and returns an error if the caller stops the work.
 pub(crate) fn go_on(observe: Observe<'_>, done: f32) -> Result<(), ExtractionError> {
     match observe(done) {
         ControlFlow::Continue(()) => Ok(()),

@@ -1,11 +1,11 @@
-//! Finds the brain in a T1-weighted head, and says how far it can be believed.
+//! Finds the brain in a T1-weighted head, and rates how far the result can be trusted.
 //!
-//! [`extract`] is the one function that most want. There is no input or output here: who calls reads the network's weights
-//! and hands over their bytes.
+//! [`extract`] is the main function. There is no I/O here: the caller reads the weights of the network and passes their
+//! bytes.
 //!
-//! The network is that of deepbet 1.0.2 (Fisch et al., "deepbet: Fast brain extraction of T1-weighted MRI using
-//! Convolutional Neural Networks", Computers in Biology and Medicine 179:108845, 2024); its weights are its authors' and
-//! are not part of this crate, the code that runs them is.
+//! The network is deepbet 1.0.2 (Fisch et al., "deepbet: Fast brain extraction of T1-weighted MRI using
+//! Convolutional Neural Networks", Computers in Biology and Medicine 179:108845, 2024). This crate
+//! contains the code that runs the network, but not the weights, which belong to its authors.
 
 mod axes;
 mod canonical;
@@ -28,5 +28,5 @@ pub use quality::{Doubt, MaskNumbers, Quality, Reason, Verdict};
 pub use rim::Rim;
 pub use supplied::{Judgement, Supplied, judge};
 
-/// Is told the share of the work that is done, from 0 to 1, and says whether to go on.
+/// Receives the finished fraction of the work, 0 to 1, and returns whether to continue.
 pub type Observe<'a> = &'a dyn Fn(f32) -> ControlFlow<()>;

@@ -1,10 +1,10 @@
-//! From probabilities to the voxels of the brain on the working grid.
+//! From probabilities to the brain mask on the working grid.
 
 use geometry::{BrainMask, GeometryError, Grid, Mask};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// How likely places are to belong to the brain.
+/// The probability of belonging to the brain, on a grid.
 #[derive(Debug)]
 pub struct Probability {
     grid: Grid,
@@ -12,13 +12,13 @@ pub struct Probability {
 }
 
 impl Probability {
-    /// One value for each voxel of a grid.
+    /// A map with one value per voxel of a grid.
     pub(crate) fn new(grid: Grid, values: Vec<f32>) -> Self {
         assert_eq!(values.len(), grid.voxel_count(), "one value for each voxel");
         Self { grid, values }
     }
 
-    /// Where the values are.
+    /// The grid of the values.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -34,10 +34,10 @@ impl Probability {
         Mask::new(self.grid.clone(), voxels)
     }
 
-    /// The brain on the working grid of a volume: where the probability is above a threshold.
+    /// The brain on the working grid of a volume: the voxels with a probability above a threshold.
     ///
     /// # Errors
-    /// When it is nowhere.
+    /// If there are none.
     pub fn brain(&self, volume_grid: &Grid, threshold: f32) -> Result<BrainMask, GeometryError> {
         let working = self
             .above(threshold)?
@@ -46,7 +46,7 @@ impl Probability {
         BrainMask::from_mask(&self.above_on(&working, threshold)?, volume_grid)
     }
 
-    /// The voxels of another grid above a threshold: trilinear between the places, 0 outside.
+    /// The voxels of another grid with a probability above a threshold: trilinear between voxel centres, 0 outside.
     pub(crate) fn above_on(&self, grid: &Grid, threshold: f32) -> Result<Mask, GeometryError> {
         let [nx, ny, _] = grid.size();
         let here_from_there = self.grid.voxel_from_patient() * grid.patient_from_voxel();
@@ -63,7 +63,7 @@ impl Probability {
         Mask::new(grid.clone(), voxels)
     }
 
-    /// The value at a position in voxel coordinates, trilinear between centres; 0 outside of every voxel.
+    /// The value at a position in voxel coordinates, trilinear between centres; 0 outside every voxel.
     fn at(&self, position: DVec3) -> f32 {
         if !self.grid.contains(position) {
             return 0.0;
@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn a_surface_between_voxels_lands_where_it_is() {
-        // A half-space whose probability falls by a tenth each mm: half of it at x = 3.2 mm.
+        // A half-space with a probability that falls by 0.1 per mm and is ½ at x = 3.2 mm.
         let coarse = Grid::aligned([8, 3, 3], [1.0; 3], DVec3::ZERO).unwrap();
         let value = |index| 0.5 + 0.1 * (3.2 - coarse.voxel(index)[0] as f32);
         let values = (0..coarse.voxel_count()).map(value).collect();

@@ -1,4 +1,4 @@
-//! Whether a mask can be believed, in numbers and in words.
+//! Rates masks, in numbers and sentences.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -8,60 +8,61 @@ use glam::{DAffine3, DVec3};
 
 use crate::{ExtractionError, Prediction};
 
-/// How much trust a mask deserves. The greater one is the worse.
+/// The rating of a mask, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// Nothing speaks against it.
+    /// Nothing is unusual.
     Ok,
-    /// Something is unusual: a person should look before the case is read.
+    /// Something is unusual: a person should check the mask before the case is used.
     Review,
     /// This is not the mask of a brain.
     Failed,
 }
 
-/// What was measured of a mask, and what follows from it.
+/// The measurements of a mask and its rating.
 ///
-/// A number that could not be measured, or that has no meaning for the way in which the mask was made, is `None`.
+/// A number that could not be measured, or that does not apply to the origin of the mask, is `None`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// The worst of what the numbers say.
+    /// The worst verdict on any number.
     pub verdict: Verdict,
-    /// Each number that is not as it should be; empty when the verdict is [`Verdict::Ok`].
+    /// A reason for each unusual number; empty if the verdict is [`Verdict::Ok`].
     pub reasons: Vec<Reason>,
     /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
     pub volume_ml: f64,
     /// Size of the mask from left to right, front to back and bottom to top, in mm.
     pub extents_mm: [f64; 3],
-    /// Share of what was found that hangs together, 0 to 1: ok from 0.98.
+    /// Fraction of the found voxels in the largest component, 0 to 1: ok from 0.98.
     pub largest_component: f64,
-    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, of the inferior one
-    /// less than 15.
+    /// The area of the mask on each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, on the
+    /// inferior face below 15.
     pub cut_area_cm2: [f64; 6],
-    /// By how much of the mask's volume a closing by 10 mm makes it larger: ok up to 0.05.
+    /// The volume that a closing by 10 mm adds, as a fraction of the mask: ok up to 0.05.
     pub closing_added: f64,
-    /// How far the mask is its own mirror image (Dice) from left to right, front to back and bottom to top: ok where the
-    /// first is the greatest.
+    /// The overlap (Dice) of the mask with its mirror image from left to right, front to back and bottom to top: ok if
+    /// the first is the greatest.
     pub symmetry: [f64; 3],
-    /// Where between front (0) and back (1) the centre of the mask lies: ok from 0.5, for brains are wider behind.
+    /// The position of the centre between front (0) and back (1): ok from 0.5, because brains are wider at the back.
     pub centre_from_front: f64,
-    /// How much brighter the inside of the brain is than its rim, as a share of the range of intensities: ok from 0.05, and found by
-    /// tree pruning from 0.1.
+    /// How much brighter the inside of the brain is than its rim, as a fraction of the intensity range: ok from 0.05;
+    /// with tree pruning, from 0.1.
     pub contrast: Option<f64>,
-    /// How well the network's first, coarse look and the mask agree (Dice): ok from 0.97, failed below 0.90.
+    /// The agreement (Dice) of the coarse pass of the network with the mask: ok from 0.97, failed below 0.90.
     pub agreement: Option<f64>,
-    /// Voxels of which the network is unsure (0.05 < p < 0.95), as a share of those of the brain: ok up to 0.035, failed from 0.1.
+    /// Voxels of which the network is uncertain (0.05 < p < 0.95), as a fraction of the voxels of the brain: ok up to
+    /// 0.035, failed from 0.1.
     pub uncertain: Option<f64>,
-    /// Another affine from voxels to LPS mm, with which the network finds a brain that it does not find with the volume's own: its
-    /// axes may be named wrongly. For a person to confirm; nothing is turned.
+    /// An alternative affine from voxels to LPS mm, with which the network finds a brain although it does not with the
+    /// affine in the header: the header may be wrong. A person must confirm this; nothing is turned.
     pub other_patient_from_voxel: Option<DAffine3>,
 }
 
-/// Why a mask is not simply ok.
+/// A reason why a mask is not ok.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reason {
-    /// What it is called in every version of the program: `mask-cut-inferior` …
+    /// Its stable code: `mask-cut-inferior` …
     pub code: &'static str,
-    /// What it is, in a sentence without a full stop.
+    /// Its description, a sentence without a full stop.
     pub sentence: String,
 }
 
@@ -71,38 +72,38 @@ impl fmt::Display for Reason {
     }
 }
 
-/// What of a face may be touched, in cm².
+/// The greatest area that a mask may cover on a face, in cm².
 const MOST_ON_A_FACE_CM2: f64 = 1.0;
 
-/// What of the inferior face may be touched, in cm²: the brain stem and the cord leave there, with 10 cm² at most.
+/// The same for the inferior face, in cm²: the brain stem and the cord cover at most 10 cm² of it.
 const MOST_BELOW_CM2: f64 = 15.0;
 
-/// The least height of a brain, as a share of its length.
+/// The least height of a brain, as a fraction of its length.
 const LEAST_HEIGHT: f64 = 0.65;
 
-/// What every mask is judged by, wherever it came from.
+/// The measurements that apply to every mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MaskNumbers {
     /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
     pub volume_ml: f64,
-    /// Share of what was marked that hangs together and is kept, 0 to 1: ok from 0.98.
+    /// Fraction of the marked voxels in the largest component, which is kept, 0 to 1: ok from 0.98.
     pub largest_component: f64,
-    /// What the mask touches of each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, and less than
-    /// 15 of the inferior one, for there the brain stem leaves the volume.
+    /// The area of the mask on each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1; below 15 on
+    /// the inferior face, because the brain stem leaves the volume there.
     pub cut_area_cm2: [f64; 6],
 }
 
 /// Something unusual about a mask.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Doubt {
-    /// How bad it is; never [`Verdict::Ok`].
+    /// Its severity; never [`Verdict::Ok`].
     pub verdict: Verdict,
-    /// What it is.
+    /// Its code and sentence.
     pub reason: Reason,
 }
 
 impl MaskNumbers {
-    /// What is unusual about the mask; empty where nothing is.
+    /// Everything unusual about the mask.
     pub fn doubts(&self) -> Vec<Doubt> {
         let of_faces = Face::ALL.into_iter().zip(self.cut_area_cm2);
         [self.doubt_of_volume(), self.doubt_of_pieces()]
@@ -117,7 +118,7 @@ impl MaskNumbers {
         let lies_in = |least, most| (least..=most).contains(&volume_ml);
         let verdict = graded(!lies_in(900.0, 2200.0), !lies_in(700.0, 2500.0));
         doubt(verdict, "mask-volume", || {
-            format!("the mask has {volume_ml:.0} ml, where a brain has 900 to 2200 ml")
+            format!("the mask has {volume_ml:.0} ml; a brain has 900 to 2200 ml")
         })
     }
 
@@ -127,9 +128,7 @@ impl MaskNumbers {
             "mask-pieces",
             || {
                 let lost = 100.0 * (1.0 - self.largest_component);
-                format!(
-                    "{lost:.1} % of what was marked is apart from its largest piece and was left away"
-                )
+                format!("{lost:.1} % of the mask lay outside its largest component and was dropped")
             },
         )
     }
@@ -142,7 +141,7 @@ fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
     };
     doubt(review_if(is_cut), code_of_cut(face), || {
         format!(
-            "the mask reaches the {} face of the volume over {area_cm2:.0} cm²; is it cut there?",
+            "the mask covers {area_cm2:.0} cm² of the {} face of the volume; is the brain cut there?",
             face.name()
         )
     })
@@ -173,14 +172,14 @@ pub(crate) fn doubt(
     })
 }
 
-/// Why a brain was found by tree pruning.
+/// Why tree pruning was used.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Because {
-    /// That was asked for.
+    /// It was requested.
     Asked,
     /// There is no network.
     NoNetwork,
-    /// The network's mask cannot be believed, or there is none.
+    /// The network found no mask that can be trusted.
     NetworkFailed,
 }
 
@@ -188,20 +187,20 @@ impl Because {
     fn words(self) -> &'static str {
         match self {
             Self::Asked => "",
-            Self::NoNetwork => ", for the network's weights are missing",
-            Self::NetworkFailed => ", for the network found no mask that can be believed",
+            Self::NoNetwork => " because the network's weights are missing",
+            Self::NetworkFailed => " because the network found no mask that can be trusted",
         }
     }
 }
 
-/// Depths below the envelope that are the brain's rim, and that are its inside, in mm.
+/// The rim of the brain ends at this depth, and its inside begins at that one, in mm.
 const RIM_MM: f32 = 8.0;
 const INSIDE_MM: f32 = 18.0;
 
 impl Quality {
-    /// Judges a mask that was found in a volume by its size, its parts, its shape, and by what the volume shows in it.
+    /// Rates a mask that was found in a volume, by its size, components, shape and contrast.
     ///
-    /// `found` is what was marked, `brain` what became of it, `closed` the depth below its envelope.
+    /// `found` is the original mask, `brain` the result on the working grid, `closed` the depth below its envelope.
     pub(crate) fn of_found(
         found: &Mask,
         (brain, closed): (&BrainMask, &DistanceMap),
@@ -219,7 +218,7 @@ impl Quality {
         quality
     }
 
-    /// Judges a mask that the network found.
+    /// Rates a mask that the network found.
     pub(crate) fn of_predicted(
         prediction: &Prediction,
         (brain, closed): (&BrainMask, &DistanceMap),
@@ -268,7 +267,7 @@ impl Quality {
         let added = self.closing_added;
         self.say(review_if(added > 0.05), "mask-ragged", || {
             format!(
-                "closing the mask by 10 mm adds {:.1} % to it, where a mask up to the dura gains less than 5 %",
+                "closing the mask by 10 mm adds {:.1} % to it; a mask up to the dura gains less than 5 %",
                 added * 100.0
             )
         });
@@ -287,26 +286,26 @@ impl Quality {
         });
         self.say(review_if(height < LEAST_HEIGHT * length), "mask-flat", || {
             format!(
-                "the mask is {height:.0} mm high and {length:.0} mm long, where a brain is at least 0.65 times as high as long; is the \
-                 distance of the slices right?"
+                "the mask is {height:.0} mm high and {length:.0} mm long, but a brain is at least 0.65 times as high as long; is the \
+                 slice distance correct?"
             )
         });
         self.say(review_if(length < width || length < height), "axes-length", || {
             format!(
-                "from front to back the mask has {length:.0} mm, less than across ({width:.0} mm) or from bottom to top \
-                 ({height:.0} mm); do the axes of the volume tell the truth?"
+                "the mask is {length:.0} mm long, less than its width ({width:.0} mm) or its height ({height:.0} mm); are the axes in the \
+                 header correct?"
             )
         });
         let [across, along, upwards] = self.symmetry;
         self.say(review_if(across < along || across < upwards), "axes-symmetry", || {
-            "the mask is not most symmetric from left to right; do the axes of the volume tell the truth?"
+            "the mask is more symmetric along another axis than from left to right; are the axes in the header correct?"
                 .to_owned()
         });
         self.say(
             review_if(self.centre_from_front < 0.5),
             "axes-front",
             || {
-                "the mask is wider in front than behind; do the axes of the volume tell the truth?"
+                "the mask is wider at the front than at the back; are the axes in the header correct?"
                     .to_owned()
             },
         );
@@ -323,7 +322,7 @@ impl Quality {
             let verdict = graded(agreement < 0.97, agreement < 0.90);
             self.say(verdict, "network-agreement", || {
                 format!(
-                    "the network's coarse and fine looks agree to {agreement:.3}, where sound heads reach 0.97"
+                    "the coarse and the fine pass of the network agree by {agreement:.3} (Dice); sound heads reach 0.97"
                 )
             });
         }
@@ -331,18 +330,18 @@ impl Quality {
             let verdict = graded(uncertain > 0.035, uncertain > 0.1);
             self.say(verdict, "network-uncertain", || {
                 format!(
-                    "the network is unsure of {:.1} % of the voxels, where it is of 2 % in sound heads",
+                    "the network is uncertain of {:.1} % of the voxels; in sound heads, of 2 %",
                     uncertain * 100.0
                 )
             });
         }
     }
 
-    /// What was found without a network is never simply ok: nothing says how sure the method was.
+    /// A mask found without the network is never ok, because tree pruning does not measure its certainty.
     pub(crate) fn put_to_review(&mut self, because: Because) {
         self.say(Verdict::Review, "tree-pruning", || {
             format!(
-                "the brain was found by tree pruning{}, which does not know how sure it is",
+                "the brain was found by tree pruning{}; this method does not measure its certainty",
                 because.words()
             )
         });
@@ -350,8 +349,8 @@ impl Quality {
         let is_low = (LEAST_CONTRAST..LEAST_CONTRAST_OF_PRUNING).contains(&contrast);
         self.say(review_if(is_low), "contrast-low", || {
             format!(
-                "the inside of the brain is brighter than its rim by {contrast:.3} of the range of intensities only, where it is by \
-                 0.147 in sound heads: tree pruning may be wrong by a quarter of the brain"
+                "the inside of the brain is brighter than its rim by only {contrast:.3} of the intensity range; in sound heads, by 0.147. \
+                 Tree pruning may be wrong by a quarter of the brain"
             )
         });
     }
@@ -367,7 +366,7 @@ impl Quality {
         self.verdict = self.verdict.max(doubt.verdict);
     }
 
-    /// Whether the network is sure enough of what it found to judge another mask by it.
+    /// Whether the network is certain enough for its mask to be compared with a supplied one.
     pub(crate) fn is_sure_of_itself(&self) -> bool {
         let is_sure = |value: Option<f64>, range: RangeInclusive<f64>| {
             value.is_some_and(|value| range.contains(&value))
@@ -375,29 +374,29 @@ impl Quality {
         is_sure(self.agreement, 0.95..=1.0) && is_sure(self.uncertain, 0.0..=0.05)
     }
 
-    /// Whether the shape of the mask lets doubt the volume's axes.
+    /// Whether the shape of the mask contradicts the axes of the volume.
     pub(crate) fn doubts_axes(&self) -> bool {
         self.reasons
             .iter()
             .any(|reason| reason.code.starts_with("axes-"))
     }
 
-    /// Says that the network finds the brain with other axes, and with which affine.
+    /// Adds that the network finds the brain with other axes, and their affine.
     pub(crate) fn offer_axes(&mut self, patient_from_voxel: DAffine3) {
         self.other_patient_from_voxel = Some(patient_from_voxel);
         self.say(Verdict::Review, "axes-other", || {
-            "the network finds the brain with other axes than the header names; compare the corrected header and the letters on the \
-             picture, and upload the volume again if they are right"
+            "the network finds the brain only with other axes than those in the header; check the letters on the picture, and if they are \
+             wrong, correct the header (see `corrected_header`) and upload the volume again"
                 .to_owned()
         });
     }
 }
 
-/// The least contrast of inside and rim of a T1-weighted brain, and the least with which tree pruning is right.
+/// The least contrast between inside and rim of a T1-weighted brain, and the least for which tree pruning is reliable.
 const LEAST_CONTRAST: f64 = 0.05;
 const LEAST_CONTRAST_OF_PRUNING: f64 = 0.1;
 
-/// What the contrast of inside and rim lets doubt.
+/// The doubt that follows from the contrast between inside and rim.
 pub(crate) fn doubt_of_contrast(contrast: Option<f64>) -> Option<Doubt> {
     match contrast {
         None => doubt(Verdict::Review, "mask-thin", || {
@@ -426,7 +425,7 @@ fn graded(is_unusual: bool, is_impossible: bool) -> Verdict {
     }
 }
 
-/// The voxel in which a position in voxel coordinates lies.
+/// The voxel that contains a position in voxel coordinates.
 fn nearest_voxel(grid: &Grid, position: DVec3) -> Option<usize> {
     let place = position.round();
     let last = as_position(grid.size().map(|side| side - 1));
@@ -438,7 +437,7 @@ fn as_position(voxel: [usize; 3]) -> DVec3 {
     DVec3::from_array(voxel.map(|place| place as f64))
 }
 
-/// The mean of a set's places, in voxels.
+/// The centroid of a set, in voxels.
 fn centre(mask: &Mask) -> DVec3 {
     let [nx, ny, _] = mask.grid().size();
     let (mut sum, mut count) = ([0usize; 3], 0usize);
@@ -455,7 +454,8 @@ fn centre(mask: &Mask) -> DVec3 {
     DVec3::from_array(sum.map(|sum| sum as f64)) / count.max(1) as f64
 }
 
-/// The Dice coefficients of a set and its mirror images in the planes through its centre, which is rounded to half a voxel.
+/// The Dice coefficients of a set with its mirror images at the planes through its centre, which is rounded to half a
+/// voxel.
 fn symmetry(mask: &Mask, centre: DVec3) -> [f64; 3] {
     let grid = mask.grid();
     let size = grid.size();
@@ -479,8 +479,8 @@ fn symmetry(mask: &Mask, centre: DVec3) -> [f64; 3] {
     mirrored.map(|mirrored| mirrored as f64 / marked.max(1) as f64)
 }
 
-/// How much brighter the inside of the brain is than its rim: the difference of medians, as a share of the range from the
-/// fifth to the ninety-fifth percentile of both. `None` where there is no inside.
+/// How much brighter the inside of the brain is than its rim: the difference of medians, as a fraction of the range
+/// from the 5th to the 95th percentile of both. `None` if there is no inside.
 pub(crate) fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
     let grid = distance.grid();
     let native_from_working = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
@@ -514,7 +514,7 @@ fn quantile(values: &mut [f32], fraction: f64) -> Option<f32> {
     Some(*values.select_nth_unstable_by(rank, f32::total_cmp).1)
 }
 
-/// The Dice coefficient of the coarse look's largest part and the mask.
+/// The Dice coefficient of the largest component of the coarse pass with the mask.
 fn agreement(prediction: &Prediction, brain: &BrainMask) -> Result<f64, ExtractionError> {
     let mask = brain.mask();
     let coarse_ml = prediction

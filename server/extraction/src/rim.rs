@@ -1,41 +1,41 @@
-//! Whether the border of a mask is that of a brain: brain within it, and around it what is darker.
+//! Checks whether the border of a mask is the border of a brain: brain inside, something darker outside.
 
 use geometry::{DistanceMap, Grid, Volume};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
-/// How far within the border the brain is looked at, and how far outside what surrounds it, in mm.
+/// The distances inside and outside the border at which intensities are sampled, in mm.
 const WITHIN_MM: [f32; 4] = [3.0, 4.5, 6.0, 7.5];
 const AROUND_MM: [f32; 3] = [2.0, 3.5, 5.0];
 
-/// About how many places of the border are looked at.
+/// The approximate number of sampled border points.
 const PLACES: usize = 10_000;
 
-/// The depth from which intensities are the brain's own, in mm.
+/// The depth below which the inside of the brain begins, in mm.
 const INSIDE_MM: f32 = 18.0;
 
-/// What is as bright as a brain's rim, as a share of the brain's own median above the darkest.
+/// The intensities of the rim of a brain, where 0 is the darkest value and 1 the median of the inside.
 const LIKE_BRAIN: std::ops::RangeInclusive<f32> = 0.4..=1.3;
 
-/// By how much what surrounds a brain is darker, on the same scale.
+/// How much darker the surroundings of a brain are, on the same scale.
 const DARKER: f32 = 0.1;
 
-/// How far from a voxel depths are compared to find the direction to the inside, in voxels.
+/// The step for the gradient of the depth, in voxels.
 const STEP: isize = 2;
 
-/// By how much a mask is moved to see whether its border fits better elsewhere, in mm and in radians.
+/// How far a mask is moved to test whether its border fits better elsewhere, in mm and in radians.
 const SHIFT_MM: f64 = 4.0;
 const TURN_RAD: f64 = 0.08;
 
-/// How well the border of a mask fits to what the volume shows: shares of the places of the border on whose inner side there is brain,
-/// and on whose outer side something darker.
+/// How well the border of a mask fits the volume: fractions of border points with brain on the inner side and something
+/// darker on the outer side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rim {
-    /// Where the mask is.
+    /// With the mask in place.
     pub here: f64,
-    /// The greatest with the mask moved by a few millimetres or degrees: less, if the mask is where the brain is.
+    /// The greatest with the mask moved by a few millimetres or degrees; it is less if the mask is in the right place.
     pub elsewhere: f64,
-    /// The greatest with the mask turned over, end for end along an axis of the volume: as a program leaves it that gets an axis wrong.
+    /// The greatest with the mask flipped along an axis of the volume, as by a program that reverses an axis.
     pub flipped: f64,
 }
 
@@ -54,7 +54,7 @@ pub(crate) fn rim(volume: &Volume, distance: &DistanceMap) -> Option<Rim> {
     })
 }
 
-/// The mirror images of a grid's voxels along its axes.
+/// The affines that flip the voxels of a grid along its axes.
 fn flips(grid: &Grid) -> Vec<DAffine3> {
     let flip = |axis: usize| {
         let along = DVec3::AXES[axis];
@@ -67,7 +67,7 @@ fn flips(grid: &Grid) -> Vec<DAffine3> {
     [0, 1, 2].map(flip).to_vec()
 }
 
-/// A place of the border, LPS mm, and the direction to the inside.
+/// A border point, in LPS mm, and the direction to the inside.
 struct Place {
     position: DVec3,
     inwards: DVec3,
@@ -90,7 +90,7 @@ fn border(distance: &DistanceMap) -> Vec<Place> {
     border.iter().step_by(stride).filter_map(place).collect()
 }
 
-/// Shifts along the patient's axes, and turns about them and a middle.
+/// Shifts along the patient axes, and turns about them through a centre.
 fn moves(middle: DVec3) -> Vec<DAffine3> {
     let both = |axis: DVec3| [axis, -axis];
     let axes = DVec3::AXES.into_iter().flat_map(both);
@@ -103,7 +103,7 @@ fn moves(middle: DVec3) -> Vec<DAffine3> {
         .collect()
 }
 
-/// The share of the places of a border that look like that of a brain once it is moved.
+/// The fraction of border points that look like the border of a brain after a movement.
 fn share(volume: &Volume, scale: &Scale, border: &[Place], how: DAffine3) -> Option<f64> {
     let native_from_patient = volume.grid().voxel_from_patient() * how;
     let looks_like_a_brain = |place: &Place| {
@@ -121,7 +121,7 @@ fn share(volume: &Volume, scale: &Scale, border: &[Place], how: DAffine3) -> Opt
     (!looks.is_empty()).then(|| like_a_brain as f64 / looks.len() as f64)
 }
 
-/// Stored values on a scale on which the darkest of a volume is 0 and the median of the brain's inside 1.
+/// Stored values on a scale with 0 for the darkest value of the volume and 1 for the median of the inside of the brain.
 struct Scale {
     dark: f32,
     per_stored: f32,
@@ -161,7 +161,7 @@ impl Scale {
     }
 }
 
-/// The unit vector from a border voxel to the inside; `None` if depths around it do not tell.
+/// The unit vector from a border voxel to the inside; `None` if the depth has no gradient there.
 fn inwards(distance: &DistanceMap, index: usize) -> Option<Vec3> {
     let grid = distance.grid();
     let [nx, ny, _] = grid.size();

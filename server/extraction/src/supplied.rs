@@ -1,7 +1,7 @@
-//! Whether a mask that somebody supplied is that of the volume's brain.
+//! Rates supplied masks.
 //!
-//! It is judged by its size, its parts and the faces it touches, by what the volume shows across its border, and by how much of it is
-//! head at all. Where these let doubt, the network is asked, and what it finds decides.
+//! A mask is rated by its size, its components, the faces it touches, the contrast across its border, and its share of
+//! the head. If these leave a doubt, the network extracts the brain too, and the overlap decides.
 
 use geometry::{BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
@@ -11,50 +11,50 @@ use crate::extract::{Extraction, closed};
 use crate::quality::{Doubt, MaskNumbers, Verdict, contrast, doubt, review_if};
 use crate::rim::{Rim, rim};
 
-/// A supplied mask, and what became of it.
+/// A supplied mask, in both forms.
 #[derive(Debug, Clone, Copy)]
 pub struct Supplied<'a> {
-    /// As it was supplied, on a grid of its own.
+    /// The supplied mask, on its own grid.
     pub mask: &'a Mask,
-    /// On the working grid.
+    /// The mask on the working grid.
     pub brain: &'a BrainMask,
-    /// The head that it is said to be the brain of.
+    /// The volume it was supplied with.
     pub volume: &'a Volume,
 }
 
-/// What is thought of a supplied mask.
+/// The rating of a supplied mask.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Judgement {
     /// The worst of the doubts.
     pub verdict: Verdict,
-    /// What lets doubt; empty when the verdict is [`Verdict::Ok`].
+    /// The doubts; empty if the verdict is [`Verdict::Ok`].
     pub doubts: Vec<Doubt>,
     /// As [`crate::Quality::contrast`].
     pub contrast: Option<f64>,
-    /// How well its border fits to what the volume shows.
+    /// How well its border fits the volume.
     pub rim: Option<Rim>,
-    /// How far the mask agrees with the network's (Dice of their envelopes), if the network was asked.
+    /// The overlap with the mask from the network (Dice of their envelopes), if the network was used.
     pub overlap: Option<f64>,
 }
 
-/// How well the border must fit for the mask to be believed without asking the network, and by how much better than elsewhere.
+/// The least fit of the border for which the network is not used, and the least gain over other positions.
 const LEAST_RIM: f64 = 0.65;
 const LEAST_GAIN: f64 = 0.0;
 
-/// How far a mask must agree with the network's to be believed, and below which agreement it is that of something else.
+/// The least overlap for a mask to be ok, and the overlap below which it is the mask of something else.
 const SURE_OVERLAP: f64 = 0.94;
 const LEAST_OVERLAP: f64 = 0.7;
 
-/// How far voxel centres of two grids may lie apart and still be the same, in voxels.
+/// The greatest distance between voxel centres of two grids that still coincide, in voxels.
 const SAME_PLACE: f64 = 0.05;
 
-/// Judges a mask that was supplied.
+/// Rates a supplied mask.
 ///
-/// `ask` is called only if something lets doubt, for what the network finds in the volume. If there is no network, or if what it finds
-/// cannot be believed, doubt remains.
+/// Only if there is a doubt, `ask` is called to extract the brain with the network. Without a network, or if its result
+/// cannot be trusted, the doubt remains.
 ///
 /// # Errors
-/// Those of `ask`, but for [`ExtractionError::NoBrain`]; and when the voxels are too fine for the usual closing.
+/// The errors of `ask`, except [`ExtractionError::NoBrain`]; and if the voxels are too small for the default closing.
 pub fn judge(
     supplied: Supplied<'_>,
     ask: impl FnOnce() -> Result<Option<Extraction>, ExtractionError>,
@@ -106,8 +106,8 @@ fn doubt_of_rim(rim: Option<Rim>) -> Option<Doubt> {
         rim.is_some_and(|rim| rim.here >= LEAST_RIM && rim.here - rim.elsewhere >= LEAST_GAIN);
     doubt(review_if(!is_sure), "mask-rim", || {
         format!(
-            "across {:.0} % of the mask's border there is no brain within or nothing darker around, or it fits as well elsewhere; is it \
-             the mask of this head?",
+            "{:.0} % of the border of the mask lack brain inside or something darker outside, or the border fits as well elsewhere; is \
+             this the mask of this head?",
             100.0 * (1.0 - here)
         )
     })
@@ -115,14 +115,15 @@ fn doubt_of_rim(rim: Option<Rim>) -> Option<Doubt> {
 
 fn doubt_of_side(rim: Rim) -> Option<Doubt> {
     doubt(review_if(rim.flipped > rim.here), "mask-flipped", || {
-        "the mask fits the volume better turned over along an axis; was it stored with other axes?"
+        "the mask fits the volume better when flipped along an axis; was it stored with other axes?"
             .to_owned()
     })
 }
 
 fn doubt_of_grid(mask: &Grid, volume: &Grid) -> Option<Doubt> {
     doubt(review_if(!share_places(mask, volume)), "mask-grid", || {
-        "the mask's voxels lie elsewhere than the volume's; is it the mask of this head?".to_owned()
+        "the voxels of the mask and of the volume do not coincide; is this the mask of this head?"
+            .to_owned()
     })
 }
 
@@ -134,12 +135,12 @@ fn doubt_of_overlap(overlap: f64) -> Option<Doubt> {
     };
     doubt(verdict, "mask-overlap", || {
         format!(
-            "the mask and what the network takes for the brain overlap to {overlap:.3} (Dice), where they do to 0.97 if the mask is right"
+            "the mask and the brain found by the network overlap by {overlap:.3} (Dice); a correct mask reaches 0.97"
         )
     })
 }
 
-/// The Dice coefficient of two sets on isotropic grids along the patient axes, by the voxels of the first.
+/// The Dice coefficient of two sets on isotropic grids along the patient axes, at the voxels of the first.
 fn dice(a: &Mask, b: &Mask) -> f64 {
     let b_from_a = b.grid().voxel_from_patient() * a.grid().patient_from_voxel();
     let size = b.grid().size();
@@ -155,7 +156,7 @@ fn dice(a: &Mask, b: &Mask) -> f64 {
     2.0 * both_ml / (a.volume_ml() + b.volume_ml())
 }
 
-/// Whether the voxel centres of one grid are among those of another, or on the working grid that belongs to it.
+/// Whether the voxel centres of one grid are among those of another grid or of its working grid.
 fn share_places(mask: &Grid, volume: &Grid) -> bool {
     let finest = volume
         .spacing_mm()
@@ -168,13 +169,13 @@ fn share_places(mask: &Grid, volume: &Grid) -> bool {
     is_working && is_oblique_or_thick(volume) || is_whole(volume_from_mask, mask.size())
 }
 
-/// Whether a volume's working grid is another than its own.
+/// Whether the working grid of a volume differs from its own grid.
 fn is_oblique_or_thick(volume: &Grid) -> bool {
     let own = volume.reordered_to_patient_axes();
     own.is_none_or(|grid| !grid.is_isotropic())
 }
 
-/// Whether an affine brings the corners of a grid to whole coordinates, by steps of one voxel.
+/// Whether an affine maps the corners of a grid to integer coordinates, in steps of one voxel.
 fn is_whole(affine: DAffine3, size: [usize; 3]) -> bool {
     let steps = affine.matrix3.to_cols_array();
     let are_steps = steps

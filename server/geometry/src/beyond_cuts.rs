@@ -1,8 +1,8 @@
-//! A brain that faces of the volume cut, continued beyond them.
+//! Continues a brain beyond the faces of the volume that cut it.
 //!
-//! On each face the outline of the cut is found, without the sulci that it opens, and once more a little deeper in the brain. Between
-//! the two the outline moves by so much a millimetre, and beyond the face it goes on so: a straight wall stays straight, a cone
-//! stays a cone, and the closing finds no corner at the face that it would fill.
+//! On each face the outline of the cut is found, without the sulci that it opens, and a second outline slightly deeper
+//! in the brain. Beyond the face the outline is extrapolated linearly from the two: a straight wall stays straight, a
+//! cone stays a cone, and there is no corner at the face for the closing to fill.
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -11,37 +11,38 @@ use crate::runs::fill_holes;
 use crate::transform::{MAX_DISTANCE, transformed};
 use crate::{BrainMask, Cut, GeometryError, Grid, Mask};
 
-/// How far beyond a face the brain is continued at most, in mm; else by twice the closing's radius, beyond which no ball sees it.
+/// The greatest distance by which a brain is continued beyond a face, in mm; otherwise twice the radius of the closing,
+/// which no ball exceeds.
 const MOST_MM: f64 = 60.0;
 
-/// How much deeper than the face the second outline is taken, in mm and in voxels: the greater of both.
+/// The depth of the second outline below the face, in mm and in voxels: the greater applies.
 const DEEPER_MM: f64 = 5.0;
 const DEEPER_VOXELS: f64 = 4.0;
 
-/// How deep below the face the first outline is taken, in voxels.
+/// The depth of the first outline below the face, in voxels.
 const AT_FACE_VOXELS: f64 = 0.75;
 
-/// The farthest from an outline that matters, in mm.
+/// The greatest distance from an outline that matters, in mm.
 const FARTHEST_MM: f64 = 40.0;
 
-/// How far within its outline the brain goes on, in voxels: the outline's own steps must not stand out, or the closing would fill
-/// the corners beside them.
+/// The inset of the continued brain from its outline, in voxels: steps of the outline must not protrude, or the closing
+/// would fill the corners beside them.
 const WITHIN_VOXELS: f64 = 1.0;
 
-/// How much an outline may widen for each millimetre beyond the face.
+/// The greatest widening of an outline per millimetre beyond the face.
 const STEEPEST_WIDENING: f64 = 1.0;
 
-/// A brain on a grid with room beyond the cuts, where it goes on.
+/// A brain on a grid with room beyond the cuts.
 #[derive(Debug)]
 pub(crate) struct Extended {
     mask: Mask,
-    /// The working grid's first voxel in this one.
+    /// The first voxel of the working grid in this one.
     first: [usize; 3],
     working: Grid,
 }
 
 impl Extended {
-    /// Continues a brain beyond its cuts as far as a closing sees.
+    /// Continues a brain beyond its cuts, as far as the closing reaches.
     pub(crate) fn new(
         brain: &BrainMask,
         closing_radius_mm: f64,
@@ -67,12 +68,12 @@ impl Extended {
         Ok(extended)
     }
 
-    /// The brain and what it may be beyond the cuts.
+    /// The brain, with its continuation beyond the cuts.
     pub(crate) fn mask(&self) -> &Mask {
         &self.mask
     }
 
-    /// What of a set on this grid lies on the working grid, not on its faces, and before all cuts.
+    /// The part of a set on this grid that lies on the working grid, not on its faces, and before all cuts.
     pub(crate) fn cropped(&self, set: &Mask, cuts: &[Cut]) -> Vec<bool> {
         let size = self.working.size();
         let patient_from_voxel = self.working.patient_from_voxel();
@@ -92,7 +93,7 @@ impl Extended {
     }
 }
 
-/// How many voxels are added before and after the working grid along each axis.
+/// The number of voxels added before and after the working grid along each axis.
 fn room(working: &Grid, reach_mm: f64, cuts: &[Cut]) -> [[usize; 3]; 2] {
     let mut room = [[0; 3]; 2];
     for cut in cuts {
@@ -100,26 +101,26 @@ fn room(working: &Grid, reach_mm: f64, cuts: &[Cut]) -> [[usize; 3]; 2] {
             let outward = -inward;
             let voxels = (outward.abs() * reach_mm / working.spacing_mm()[0]).ceil() as usize;
             let side = &mut room[usize::from(outward > 0.0)][axis];
-            // An oblique face leans over the grid's sides by less than this.
+            // An oblique face extends beyond the sides of the grid by less than this.
             *side = voxels.max(*side);
         }
     }
     room
 }
 
-/// The outlines of a brain on a face that cuts it, and deeper, as signed distances in voxels: positive within.
+/// The outlines of a brain on a face that cuts it and deeper, as signed distances in voxels: positive inside.
 struct Outlines<'a> {
     cut: &'a Cut,
     plane: Plane,
     at_face: Vec<f32>,
     deeper: Vec<f32>,
-    /// How deep below the face they are taken, in mm.
+    /// Their depths below the face, in mm.
     depths_mm: [f64; 2],
 }
 
 /// A lattice along a face.
 struct Plane {
-    /// On the face, LPS mm.
+    /// A point on the face, LPS mm.
     origin: DVec3,
     across: [DVec3; 2],
     size: [usize; 2],
@@ -127,7 +128,8 @@ struct Plane {
 }
 
 impl Plane {
-    /// A lattice that covers a grid's shadow on a face, with a margin. On a face along the grid's own axes it meets voxel centres.
+    /// A lattice that covers the projection of a grid onto a face, with a margin. On a face along the axes of the grid,
+    /// it meets voxel centres.
     fn new(grid: &Grid, cut: &Cut, margin: usize) -> Self {
         let pitch_mm = grid.spacing_mm()[0];
         let normal = cut.inward.abs().max_position();
@@ -161,7 +163,7 @@ impl Plane {
         }
     }
 
-    /// What of a set lies at a depth below the face.
+    /// The section of a set at a depth below the face.
     fn section(&self, set: &Mask, inward: DVec3, depth_mm: f64) -> Vec<bool> {
         let [width, height] = self.size;
         let voxel_from_patient = set.grid().voxel_from_patient();
@@ -174,7 +176,7 @@ impl Plane {
         (0..width * height).into_par_iter().map(at).collect()
     }
 
-    /// The place of a position in the lattice.
+    /// The lattice coordinates of a position.
     fn place(&self, position: DVec3) -> DVec2 {
         let from_origin = position - self.origin;
         DVec2::from_array(self.across.map(|axis| from_origin.dot(axis))) / self.pitch_mm
@@ -223,7 +225,7 @@ impl<'a> Outlines<'a> {
         })
     }
 
-    /// The set, and what goes on beyond the face.
+    /// The set, continued beyond the face.
     fn continued(&self, set: &Mask, reach_mm: f64) -> Result<Mask, GeometryError> {
         let grid = set.grid();
         let patient_from_voxel = grid.patient_from_voxel();
@@ -250,7 +252,7 @@ impl<'a> Outlines<'a> {
     }
 }
 
-/// A section closed by a disc, without holes: the outline of what a sulcus only notches.
+/// A section closed by a disc, without holes: its outline without sulci.
 fn outline([width, height]: [usize; 2], section: &[bool], radius: f64) -> Vec<bool> {
     let bound = radius.floor() as u8 + 1;
     let within = (radius * radius).floor() as u16;
@@ -260,14 +262,14 @@ fn outline([width, height]: [usize; 2], section: &[bool], radius: f64) -> Vec<bo
         if squared <= within { bound } else { 0 }
     });
     let closed = transformed(size, &mut to_rest, 0, |squared| squared > within);
-    // Between two full planes a hole of the section is one of the block.
+    // Between two full planes, a hole of the section is a hole of the block.
     let full = vec![true; closed.len()];
     let mut block = [&full[..], &closed, &full].concat();
     fill_holes([width, height, 3], &mut block);
     block[closed.len()..2 * closed.len()].to_vec()
 }
 
-/// Distances to the border of a section between its voxels, up to `farthest` voxels: positive within.
+/// Distances to the border of a section, which lies between its voxels, up to `farthest` voxels: positive inside.
 fn signed_distance([width, height]: [usize; 2], section: &[bool], farthest: u8) -> Vec<f32> {
     let size = [width, height, 1];
     let distance = |value: bool| {
@@ -286,7 +288,7 @@ fn signed_distance([width, height]: [usize; 2], section: &[bool], farthest: u8) 
         .collect()
 }
 
-/// Bounds of the distances to the places of a section that are `value`.
+/// Bounds of the distances to the pixels of a section that equal `value`.
 fn bounds(section: &[bool], value: bool, bound: u8) -> Vec<u8> {
     let bound = |&is_set: &bool| if is_set == value { 0 } else { bound };
     section.iter().map(bound).collect()
@@ -311,7 +313,7 @@ mod tests {
     use super::*;
     use crate::{Cut, DistanceMap, Face, cut_envelope, distance_map, envelope, phantom};
 
-    /// A head's grid of which only a block is in the field of view, and its brain cut accordingly.
+    /// A head with only a block of its grid in the field of view, and its brain cut accordingly.
     fn cut_brain(mask: &Mask, field: &Grid) -> (BrainMask, Vec<Cut>) {
         let field_from_voxel = field.voxel_from_patient() * mask.grid().patient_from_voxel();
         let is_seen = |index: usize| {
@@ -324,7 +326,7 @@ mod tests {
         (brain, cuts)
     }
 
-    /// A grid without what is within `mm` of the bounds of a mask at a face.
+    /// A grid without the part within `mm` of the bounds of a mask at a face.
     fn without(mask: &Mask, face: Face, mm: f64) -> Grid {
         let grid = mask.grid();
         let number = Face::ALL.iter().position(|&other| other == face).unwrap();
@@ -342,7 +344,8 @@ mod tests {
         grid.block(start, size).unwrap()
     }
 
-    /// Compares the depths of a cut brain with those of the whole one: how many are known, and the differences of these in mm.
+    /// Compares the depths of a cut brain with those of the whole one: the number of known depths, and their
+    /// differences in mm.
     fn differences(whole: &DistanceMap, cut: &DistanceMap, cuts: &[Cut]) -> Vec<f64> {
         let voxel_mm = whole.grid().spacing_mm()[0];
         let whole_from_cut = whole.grid().voxel_from_patient() * cut.grid().patient_from_voxel();

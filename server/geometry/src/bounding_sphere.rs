@@ -4,20 +4,20 @@ use glam::DVec3;
 
 use crate::{ShellIndex, ShellVoxel};
 
-/// The sphere around an envelope: a camera at zoom 1 fits it into the picture.
+/// The sphere around an envelope, which a camera at zoom 1 fits into the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundingSphere {
     /// Centre of the box around the envelope, LPS mm.
     pub centre_in_patient: DVec3,
-    /// Distance of the envelope's farthest point from the centre, in mm.
+    /// Distance of the farthest point of the envelope from the centre, in mm.
     pub radius_mm: f64,
 }
 
 impl BoundingSphere {
-    /// The sphere around the envelope whose voxels `shell` holds.
+    /// The sphere around the envelope of a shell index.
     ///
-    /// Its centre is that of the box around the border voxels' centres; its radius reaches half a voxel beyond the
-    /// farthest of them. An empty index gives a sphere of half a voxel at the grid's origin.
+    /// Its centre is the centre of the box around the centres of the border voxels; its radius extends half a voxel
+    /// beyond the farthest one. An empty index gives a sphere of half a voxel at the origin of the grid.
     pub fn of_envelope(shell: &ShellIndex) -> Self {
         let patient_from_voxel = shell.grid().patient_from_voxel();
         let spacing_mm = shell.grid().spacing_mm()[0];

@@ -1,16 +1,16 @@
-//! From a closed brain to its model, step by step.
+//! Builds the model of a closed brain, step by step.
 
 use crate::{
     DeformableModel, DepthField, DepthMaps, DistanceMap, Envelope, Forest, GeometryError, Paths,
     ShellIndex, Volume, core, distance_map, envelope_mesh, forest, path_table,
 };
 
-/// A brain that was closed.
+/// A closed brain.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ClosedBrain {
-    /// Its envelope.
+    /// Its envelope alone.
     Envelope(Envelope),
-    /// Its envelope with the depth below it, which extracting a brain measures anyway.
+    /// Its envelope and the depth below it, which the extraction of a brain computes anyway.
     Measured(DistanceMap),
 }
 
@@ -34,7 +34,7 @@ impl ClosedBrain {
 /// A step of [`DeformableModel::build`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BuildStep {
-    /// The exact distance map, unless it was measured before.
+    /// The exact distance map, unless it is known already.
     Distance,
     /// The regional maxima of the depth.
     Core,
@@ -63,7 +63,7 @@ impl BuildStep {
     ];
 }
 
-/// A model, and the maps that it was made from: to be stored, and for the paths of other meshes.
+/// A model, with the maps it was made from. They are stored, and used for the paths of other meshes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BuiltModel {
     /// The model.
@@ -75,12 +75,12 @@ pub struct BuiltModel {
 }
 
 impl DeformableModel {
-    /// Builds the model of a closed brain. `volume` is what [`DeformableModel::crop`] left of it.
+    /// Builds the model of a closed brain. `volume` is the result of [`DeformableModel::crop`].
     ///
-    /// `observe` is called as each step begins. If it fails, the step is not begun.
+    /// `observe` is called before each step. If it returns an error, the step does not begin.
     ///
     /// # Errors
-    /// When the envelope is too small to be cut, and whatever `observe` fails with.
+    /// If the envelope is too small for the default mesh; and the errors of `observe`.
     pub fn build<E: From<GeometryError>>(
         volume: Volume,
         closed: ClosedBrain,

@@ -4,11 +4,11 @@ use glam::Vec2;
 
 use crate::DepthField;
 
-/// A closed polygon in a sagittal plane, in voxel coordinates (y, z), counter-clockwise when y points right and z up.
+/// A closed polygon in a sagittal plane, in voxel coordinates (y, z); counter-clockwise if y points right and z up.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Contour {
     points: Vec<Vec2>,
-    /// Length along the polygon from its first point to each point, and at last back to the first.
+    /// The length along the polygon from its first point to each point, and finally back to the first.
     lengths: Vec<f32>,
 }
 
@@ -24,11 +24,11 @@ impl Contour {
         Self { points, lengths }
     }
 
-    /// The contour of depth 0 with the greatest area on the plane at `x` voxels; `None` where there is none with an area.
+    /// The contour of depth 0 with the greatest area on the plane at `x` voxels; `None` if there is none with an area.
     ///
-    /// The cross-section is the trilinear depth on that plane; the contour crosses its grid lines where the depth
-    /// is 0 (marching squares; Lorensen and Cline, 1987, in two dimensions). Where two corners that lie across
-    /// from each other are inside, the mean of the cell decides whether they are joined.
+    /// The cross-section is the trilinear depth on that plane. The contour crosses the grid lines where the depth is 0
+    /// (marching squares; Lorensen and Cline, 1987, in two dimensions). If two opposite corners of a cell are inside,
+    /// the mean of the cell decides whether they are connected.
     pub(crate) fn largest(field: &DepthField, x: f32) -> Option<Self> {
         let section = Section::new(field, x);
         let mut is_traced = vec![false; section.depths.len()];
@@ -50,7 +50,7 @@ impl Contour {
         self.lengths[self.points.len()]
     }
 
-    /// The centre of the area that it encloses.
+    /// The centroid of the enclosed area.
     pub(crate) fn centre(&self) -> Vec2 {
         let mut moment = glam::DVec2::ZERO;
         let mut twice_area = 0.0;
@@ -64,13 +64,13 @@ impl Contour {
         (origin + moment / (3.0 * twice_area)).as_vec2()
     }
 
-    /// `count` points equally spaced along it, the first at `start` of its length (any number of turns).
+    /// `count` equally spaced points, the first at the fraction `start` of its length (any number of turns).
     pub(crate) fn sample(&self, count: usize, start: f32) -> Vec<Vec2> {
         let total = self.length();
         let mut edge = 0;
         let mut points = Vec::with_capacity(count);
         let start = start.rem_euclid(1.0);
-        // Two turns at most: from the start to the end, and from there back to the start.
+        // At most two turns: from the start to the end, and back to the start.
         let mut turn = 0.0;
         for i in 0..count {
             let mut along = (start + i as f32 / count as f32) * total;
@@ -108,13 +108,13 @@ fn signed_area(points: &[Vec2]) -> f32 {
     twice / 2.0
 }
 
-/// Depths on a sagittal plane, y-fastest. Its border is outside of the envelope.
+/// Depths on a sagittal plane, y-fastest. Its border is outside the envelope.
 struct Section {
     depths: Vec<f32>,
     width: usize,
 }
 
-/// An edge of the grid between two neighbouring nodes, one inside and one outside, and where the contour goes on.
+/// A grid edge between two neighbouring nodes, one inside and one outside, which the contour crosses.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Crossing {
     inside: usize,

@@ -2,7 +2,7 @@
 
 use crate::DistanceMap;
 
-/// The deepest places of the envelope, where its shrinking ends.
+/// The deepest voxels of the envelope, at which the shrinking ends.
 ///
 /// Invariants: at least one voxel; indices ascend.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,10 +24,10 @@ impl Core {
 
 /// The regional maxima of a distance map (26-neighbourhood) that are at least half as deep as its deepest voxel.
 ///
-/// Where the envelope was closed by little or nothing, each bump and each notch of its surface makes maxima of its
-/// own. As seeds they would stop the vertices near them at a shallow depth. The brain's own maxima lie far below
-/// half of its depth (for one head: the two deepest at 58 mm, and with no closing some fifty, none but these below
-/// 10 mm), so that the rule removes the spurious ones and keeps both hemispheres.
+/// With little or no closing, each bump and each notch of the surface has its own maxima. As seeds they would stop the
+/// vertices near them at a shallow depth. The true maxima of a brain are much deeper than half of its depth (in one
+/// head: the two deepest at 58 mm; without closing about fifty more, all shallower than 10 mm), so this rule removes
+/// the spurious ones and keeps both hemispheres.
 pub fn core(distance: &DistanceMap) -> Core {
     let squared = distance.squared();
     let least = squared[distance.deepest()].div_ceil(4);
@@ -74,7 +74,7 @@ impl Maxima<'_> {
         if is_maximal { plateau } else { Vec::new() }
     }
 
-    /// The 26 neighbours that are inside; none of a voxel inside is beyond the grid.
+    /// The 26 neighbours that are inside. No neighbour of a voxel inside is beyond the grid.
     fn inside_neighbours(&self, index: usize) -> impl Iterator<Item = usize> {
         let neighbours = self
             .neighbours
@@ -84,7 +84,7 @@ impl Maxima<'_> {
     }
 }
 
-/// Distances in the x-fastest order from a voxel to its 26 neighbours, in the order of that index.
+/// The offsets in the x-fastest order from a voxel to its 26 neighbours, ascending.
 pub(crate) fn neighbour_offsets([nx, ny, _]: [usize; 3]) -> [isize; 26] {
     let [nx, plane] = [nx as isize, (nx * ny) as isize];
     let offset = |code: isize| (code % 3 - 1) + nx * (code / 3 % 3 - 1) + plane * (code / 9 - 1);
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn shallow_maxima_of_a_bumpy_surface_are_no_core() {
-        // A ball with pits of a few voxels: without a closing each leaves maxima beside it.
+        // A ball with pits of a few voxels: without a closing, each pit has maxima beside it.
         let ball = phantom::ball(24.0);
         let grid = ball.mask().grid().clone();
         let centre = grid.size().map(|side| (side / 2) as f64);

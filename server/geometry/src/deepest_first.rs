@@ -1,4 +1,4 @@
-//! The exact search for the nearest voxel that is deep enough.
+//! Exact search for the nearest voxel that is deep enough.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use crate::DistanceMap;
 
-/// Greatest squared depths over ever larger blocks of voxels, to skip those that are too shallow.
+/// A pyramid of the greatest squared depths over blocks of voxels, to skip blocks that are too shallow.
 pub(crate) struct DepthPyramid<'a> {
     distance: &'a DistanceMap,
     levels: Vec<Level>,
@@ -54,9 +54,9 @@ impl<'a> DepthPyramid<'a> {
         Self { distance, levels }
     }
 
-    /// The centre nearest to a position among the voxels that are at least `depth_mm` deep, in voxel coordinates.
+    /// The centre of the voxel nearest to a position that is at least `depth_mm` deep, in voxel coordinates.
     ///
-    /// Blocks are opened in the order of their distance; the first voxel to come out is the nearest.
+    /// Blocks are opened in the order of their distance; the first voxel is the nearest.
     pub(crate) fn nearest_deeper(&self, position: Vec3, depth_mm: f32) -> Option<Vec3> {
         let spacing = self.distance.grid().spacing_mm()[0];
         let least = (f64::from(depth_mm) / spacing).max(0.0).powi(2);

@@ -6,34 +6,34 @@ use rayon::prelude::*;
 
 use crate::{Cut, DistanceMap, Grid};
 
-/// How far before the last voxel's centre the last sampled position lies, so that a voxel follows it.
+/// The distance of the last sampled position before the centre of the last voxel, so that a voxel follows it.
 const LAST_CELL: f32 = 1e-3;
 
-/// Signed depth on the working grid, to be sampled between voxel centres: positive inside, negative outside.
+/// Signed depth on the working grid, sampled between voxel centres: positive inside, negative outside.
 ///
-/// Stored in 1/128 of a voxel, so that a case takes two bytes a voxel; rounding is at most 1/256 voxel.
-/// Since the working grid lies along the patient axes, directions in voxel and patient space are the same.
+/// Stored in units of 1/128 voxel, two bytes per voxel; the rounding error is at most 1/256 voxel. The working grid is
+/// along the patient axes, so directions in voxel space and patient space are the same.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthField {
     grid: Grid,
     spacing_mm: f32,
     mm_per_step: f32,
-    /// Distance in `values` from a voxel to the next along y and z.
+    /// The distance in `values` to the next voxel along y and z.
     strides: [usize; 2],
-    /// The last position that is sampled, a hair before the last voxel's centre.
+    /// The last sampled position, just before the centre of the last voxel.
     last: Vec3,
     values: Vec<i16>,
     cuts: Vec<Cut>,
 }
 
 impl DepthField {
-    /// Steps of the stored values in a voxel.
+    /// Steps of the stored values per voxel.
     pub const STEPS_PER_VOXEL: f32 = 128.0;
 
     /// The greatest `sigma_voxels` of [`DepthField::smoothed`].
     pub const MAX_SIGMA_VOXELS: f32 = 1.87;
 
-    /// The field of a distance map: exact at voxel centres but for rounding.
+    /// The field of a distance map: exact at voxel centres, except for rounding.
     pub fn new(distance: &DistanceMap) -> Self {
         let steps =
             |squared: u16| (f32::from(squared).sqrt() * Self::STEPS_PER_VOXEL).round() as i16;
@@ -65,10 +65,10 @@ impl DepthField {
         }
     }
 
-    /// The field smoothed by about a Gaussian of `sigma_voxels`, for normals in which the voxel staircase does not show.
+    /// The field smoothed by approximately a Gaussian of `sigma_voxels`, for normals without the voxel staircase.
     ///
-    /// The kernel is the binomial one of nearest variance, n/2 for 2n + 1 taps, up to
-    /// [`DepthField::MAX_SIGMA_VOXELS`]; in whole numbers, so that every machine gets the same values.
+    /// The kernel is the binomial one with the nearest variance, n/2 for 2n + 1 taps, up to
+    /// [`DepthField::MAX_SIGMA_VOXELS`]. It uses integers, so the result is the same on every machine.
     pub fn smoothed(&self, sigma_voxels: f32) -> Self {
         let sigma = sigma_voxels.clamp(0.0, Self::MAX_SIGMA_VOXELS);
         let kernel = binomial_kernel((2.0 * sigma * sigma).round() as usize);
@@ -88,7 +88,7 @@ impl DepthField {
         &self.grid
     }
 
-    /// The faces of the volume that cut the brain: beside them the values are distances to a cut, and no depths.
+    /// The faces of the volume that cut the brain. Near them the values are distances to a cut, not depths.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
     }
@@ -103,7 +103,8 @@ impl DepthField {
         &self.values
     }
 
-    /// Signed depth in mm at a position in voxel coordinates, trilinear; beyond the grid, that of its nearest face.
+    /// Signed depth in mm at a position in voxel coordinates, trilinear; beyond the grid, the value at its nearest
+    /// face.
     #[inline]
     pub fn depth_mm(&self, position_in_voxel: Vec3) -> f32 {
         let [y_stride, z_stride] = self.strides;
@@ -117,12 +118,13 @@ impl DepthField {
         z.between(slice(start), slice(start + z_stride)) * self.mm_per_step
     }
 
-    /// Gradient of the depth at a position in voxel coordinates: trilinear between central differences at voxel centres.
+    /// Gradient of the depth at a position in voxel coordinates: trilinear between central differences at voxel
+    /// centres.
     ///
-    /// Without unit (mm per mm), along L, P and S, pointing inwards; its length is near 1 but on ridges.
+    /// Dimensionless (mm per mm), along L, P and S, pointing inwards; its length is close to 1, except on ridges.
     pub fn gradient(&self, position_in_voxel: Vec3) -> Vec3 {
         let [y_stride, z_stride] = self.strides;
-        // A little more than a voxel, since a whole coordinate may be taken for the end of the cell before it.
+        // Slightly more than a voxel, because an integer coordinate may count as the end of the cell before it.
         let (x, y, z) = self.cell(position_in_voxel, 1.0 + 1.0 / 1024.0);
         let start = x.first + y_stride * y.first + z_stride * z.first;
         let value = |index: usize| f32::from(self.values[index]);
@@ -138,10 +140,10 @@ impl DepthField {
         slice(start).lerp(slice(start + z_stride), z.fraction) / (2.0 * Self::STEPS_PER_VOXEL)
     }
 
-    /// Where a position lies along each axis, moved to at least `margin` voxels from the faces.
+    /// The cell of a position along each axis, at least `margin` voxels from the faces.
     #[inline]
     fn cell(&self, position_in_voxel: Vec3, margin: f32) -> (Place, Place, Place) {
-        // A position that is not a number goes to the first cell.
+        // NaN goes to the first cell.
         let position = position_in_voxel
             .max(Vec3::splat(margin))
             .min(self.last - margin);
@@ -153,7 +155,7 @@ impl DepthField {
     }
 }
 
-/// The voxel before a coordinate, and how far past it that lies: a fraction of 0 to 1.
+/// The voxel before a coordinate, and the fraction of a voxel beyond it, 0 to 1.
 #[derive(Clone, Copy)]
 struct Place {
     first: usize,
@@ -161,11 +163,11 @@ struct Place {
 }
 
 impl Place {
-    /// Finds them for a coordinate of 0 to 2²¹.
+    /// Splits a coordinate of 0 to 2²¹.
     ///
-    /// Added to a number of this size, a coordinate less a half is rounded to a whole number, which then stands in the
-    /// lowest bits: three instructions, where a conversion that saturates takes many. A whole coordinate may
-    /// be taken for the end of the cell before it, which makes no difference.
+    /// Adding a large number to the coordinate minus ½ rounds it to an integer, which is then in the lowest bits. This
+    /// takes three instructions; a saturating conversion takes many. An integer coordinate may count as the end of the
+    /// cell before it, which makes no difference.
     #[inline]
     fn of(coordinate: f32) -> Self {
         const ROUNDING: f32 = (3u32 << 22) as f32;
@@ -183,7 +185,7 @@ impl Place {
     }
 }
 
-/// The 2n + 1 binomial coefficients of order 2n; their sum is 4ⁿ, their variance n/2.
+/// The 2n + 1 binomial coefficients of order 2n, with the sum 4ⁿ and the variance n/2.
 fn binomial_kernel(n: usize) -> Vec<i32> {
     let mut kernel = vec![1];
     for _ in 0..2 * n {
@@ -196,7 +198,7 @@ fn binomial_kernel(n: usize) -> Vec<i32> {
     kernel
 }
 
-/// Values convolved along one axis, given by its stride and side; beyond a face, values are those of the face.
+/// Values convolved along one axis, given by its stride and side; beyond a face, the values of the face are repeated.
 fn convolved(values: &[i16], kernel: &[i32], nx: usize, stride: usize, side: usize) -> Vec<i16> {
     let reach = kernel.len() / 2;
     let mut out = vec![0; values.len()];
@@ -231,7 +233,7 @@ fn pad_row(row: &[i16], reach: usize, padded: &mut Vec<i16>) {
     padded.extend(std::iter::repeat_n(row[row.len() - 1], reach));
 }
 
-/// The mean of rows, weighted by a kernel whose sum is a power of two, to the nearest whole number.
+/// The weighted mean of rows, rounded to an integer; the sum of the kernel is a power of two.
 #[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
 fn weighted_sum(rows: &[&[i16]], kernel: &[i32], out: &mut [i16]) {
     const LANES: usize = 32;
@@ -248,7 +250,7 @@ fn weighted_sum(rows: &[&[i16]], kernel: &[i32], out: &mut [i16]) {
         return;
     };
     for start in (0..out.len()).step_by(LANES) {
-        // The last lanes may be done twice. Their number is fixed, so that the sums stay in registers.
+        // The last lanes may be computed twice. Their number is fixed, so the sums stay in registers.
         let start = start.min(last);
         let mut sums = [total / 2; LANES];
         for (row, &weight) in taps() {
@@ -282,7 +284,7 @@ mod tests {
     fn depth_falls_from_the_centre_of_a_ball_to_below_zero_outside() {
         let field = ball_field(20.0);
         let at = |radius: f32| field.depth_mm(centre(&field) + Vec3::X * radius);
-        // Depth counts from the border voxels' centres, which lie up to a voxel within the ball.
+        // Depth counts from the centres of border voxels, which lie up to a voxel inside the ball.
         assert!((19.0..=20.0).contains(&at(0.0)), "{}", at(0.0));
         assert!((8.5..=9.5).contains(&at(10.5)), "{}", at(10.5));
         assert!(at(22.0) < -1.5);

@@ -1,4 +1,4 @@
-//! How deep each voxel lies below the envelope.
+//! The depth of each voxel below the envelope.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,16 +6,16 @@ use rayon::prelude::*;
 use crate::transform::{MAX_DISTANCE, transformed};
 use crate::{Envelope, Grid};
 
-/// How far outside of the envelope distances are followed, in voxels; further out they are this.
+/// The limit of distances outside the envelope, in voxels; further out they stay at this value.
 const OUTSIDE_REACH: u8 = 6;
 
 /// Exact Euclidean distances of voxel centres to the nearest centre of a border voxel, squared, in voxels.
 ///
-/// A border voxel is one of the envelope with a 6-neighbour outside; its depth is 0. This is the paper's
-/// first Euclidean image foresting transform, whose propagation over 26 neighbours is not always exact;
-/// the separable transform used here is.
+/// A border voxel is a voxel of the envelope with a 6-neighbour outside; its depth is 0. This corresponds to the first
+/// Euclidean image foresting transform of the paper. Its propagation over 26 neighbours is not always exact; the
+/// separable transform used here is.
 ///
-/// Where the volume cuts the brain, the distance to that cut is not a depth: [`DistanceMap::is_known`] tells.
+/// If the volume cuts the brain, the distance to that cut is not a depth: see [`DistanceMap::is_known`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceMap {
     envelope: Envelope,
@@ -29,25 +29,25 @@ impl DistanceMap {
         self.envelope.grid()
     }
 
-    /// The envelope below which depth is counted.
+    /// The envelope.
     pub fn envelope(&self) -> &Envelope {
         &self.envelope
     }
 
     /// Squared distances to the nearest border voxel, in voxels, x-fastest.
     ///
-    /// Exact inside of the envelope, and outside of it up to 6 voxels away; beyond, 36.
+    /// Exact inside the envelope, and outside up to a distance of 6 voxels; beyond, 36.
     pub fn squared(&self) -> &[u16] {
         &self.squared
     }
 
-    /// Whether each voxel is inside of the envelope, x-fastest.
+    /// Whether each voxel is inside the envelope, x-fastest.
     pub fn inside(&self) -> &[bool] {
         self.envelope.mask().voxels()
     }
 
-    /// Whether the depth of a voxel is that below the dura: `false` where a face of the volume that cuts the brain is nearer
-    /// than any dura, so that what is measured is no depth.
+    /// Whether the depth of a voxel is known: `false` if a face of the volume that cuts the brain is nearer than any
+    /// dura, so that the distance is not a depth.
     pub fn is_known(&self, index: usize) -> bool {
         let cuts = self.envelope.cuts();
         if cuts.is_empty() {
@@ -61,12 +61,12 @@ impl DistanceMap {
             .all(|cut| cut.leaves(position, depth_mm, self.envelope.spacing_mm()))
     }
 
-    /// Depth of a voxel in mm, be it known or not; `None` outside of the envelope.
+    /// Depth of a voxel in mm, whether known or not; `None` outside the envelope.
     pub fn depth_mm(&self, index: usize) -> Option<f32> {
         self.inside()[index].then(|| self.depth_mm_of(self.squared[index]))
     }
 
-    /// Index of the deepest voxel; of several, the first.
+    /// Index of the deepest voxel; among equals, the first.
     pub fn deepest(&self) -> usize {
         self.deepest as usize
     }
@@ -76,7 +76,7 @@ impl DistanceMap {
         self.depth_mm_of(self.squared[self.deepest()])
     }
 
-    /// The depth that a squared distance stands for: the one place where voxels become millimetres.
+    /// Converts a squared distance to a depth: the only place where voxels become millimetres.
     pub fn depth_mm_of(&self, squared: u16) -> f32 {
         f32::from(squared).sqrt() * self.envelope.spacing_mm() as f32
     }
@@ -98,10 +98,10 @@ pub fn distance_map(envelope: &Envelope) -> DistanceMap {
     }
 }
 
-/// Bounds of the distances: 0 at a border voxel, and what they are followed to elsewhere. Their axes are x, z, y.
+/// Bounds of the distances: 0 at a border voxel, and the limits elsewhere. Their axes are x, z, y.
 ///
-/// Between a voxel inside and one outside lies a border voxel, so that the two bounds do not mix. The mask does not
-/// reach the faces of the grid.
+/// There is a border voxel between each voxel inside and each one outside, so the two bounds do not mix. The mask does
+/// not touch the faces of the grid.
 fn bounds([nx, ny, nz]: [usize; 3], inside: &[bool]) -> Vec<u8> {
     let mut bounds = vec![OUTSIDE_REACH; inside.len()];
     bounds
@@ -116,7 +116,7 @@ fn bounds([nx, ny, nz]: [usize; 3], inside: &[bool]) -> Vec<u8> {
     bounds
 }
 
-/// The bounds of a row, which begins a plane after the first of `inside`.
+/// The bounds of a row, which begins one plane after the start of `inside`.
 fn bound_row(inside: &[bool], [nx, plane]: [usize; 2], bounds: &mut [u8]) {
     let shifted = |offset: isize| inside[plane.wrapping_add_signed(offset)..].iter();
     let (nx, plane) = (nx as isize, plane as isize);
@@ -136,7 +136,7 @@ fn bound_row(inside: &[bool], [nx, plane]: [usize; 2], bounds: &mut [u8]) {
     }
 }
 
-/// The first of the deepest voxels; 0 where nothing is inside.
+/// The first of the deepest voxels; 0 if nothing is inside.
 fn deepest_inside(inside: &[bool], squared: &[u16]) -> u32 {
     let depth = |(&inside, &squared): (&bool, &u16)| if inside { squared } else { 0 };
     let deepest = inside
@@ -257,7 +257,7 @@ mod tests {
             let nearest = f64::from(border.iter().map(squared).min().unwrap()).sqrt();
             let depth = f64::from(distance.depth_mm(index).unwrap());
             assert!((depth - nearest).abs() < 0.01);
-            // The border voxels' centres lie on the sphere or up to a voxel within it, and not on every radius.
+            // The centres of border voxels lie on the sphere or up to a voxel inside it, and not on every radius.
             let from_centre = (0..3)
                 .map(|i| (f64::from(voxel[i]) - middle[i]).powi(2))
                 .sum::<f64>();

@@ -8,7 +8,7 @@ use crate::{BrainMask, Cut, GeometryError, Grid, Mask};
 /// The largest radius of the closing, in mm.
 const MAX_CLOSING_RADIUS_MM: f64 = 50.0;
 
-/// How many voxels the mask with room for the ball around it may have: each takes five bytes.
+/// The greatest number of voxels of the padded mask, at five bytes each.
 const MAX_PADDED_VOXELS: f64 = 3e8;
 
 /// The Euclidean closing of a brain mask: its surface bridges the sulci and follows the dura.
@@ -21,11 +21,11 @@ pub struct Envelope {
 }
 
 impl Envelope {
-    /// An envelope from a mask that [`envelope`] made before and that was stored.
+    /// An envelope from a stored mask that [`envelope`] made before.
     ///
     /// # Errors
-    /// When the mask is empty, when its grid is not isotropic along the patient axes, or when the mask reaches
-    /// a face of its grid.
+    /// If the mask is empty, if its grid is not isotropic along the patient axes, or if the mask touches a face of its
+    /// grid.
     pub fn from_stored(mask: Mask) -> Result<Self, GeometryError> {
         mask.check_working()?;
         Ok(Self {
@@ -34,7 +34,7 @@ impl Envelope {
         })
     }
 
-    /// The same envelope, known to be cut.
+    /// The same envelope with the cuts of the volume.
     pub fn with_cuts(self, cuts: Vec<Cut>) -> Self {
         Self { cuts, ..self }
     }
@@ -49,7 +49,7 @@ impl Envelope {
         &self.mask
     }
 
-    /// The faces of the volume that cut it, where its border is no dura.
+    /// The faces of the volume that cut it; its border there is not dura.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
     }
@@ -59,7 +59,7 @@ impl Envelope {
         self.grid().spacing_mm()[0]
     }
 
-    /// Volume enclosed, in millilitres.
+    /// Its volume, in millilitres.
     pub fn volume_ml(&self) -> f64 {
         self.mask.volume_ml()
     }
@@ -67,11 +67,11 @@ impl Envelope {
 
 /// Closes a brain mask by a ball of `closing_radius_mm`, fills the holes and keeps the largest component.
 ///
-/// The closing is exact: a dilation and an erosion by thresholds of two exact distance transforms. It is
-/// computed with room for the whole ball around the brain, so that no face of a volume cuts it.
+/// The closing is exact: a dilation and an erosion by thresholds of two exact distance transforms. It is computed with
+/// padding for the whole ball, so that no face of a volume cuts it.
 ///
 /// # Errors
-/// When the radius is not within 0 to 50 mm, or too large for voxels so fine.
+/// If the radius is not within 0 to 50 mm, or is too large for voxels of this size.
 pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, GeometryError> {
     check_closing(brain.mask().grid(), closing_radius_mm)?;
     Ok(Envelope {
@@ -80,10 +80,10 @@ pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, G
     })
 }
 
-/// The envelope of a brain that faces of the volume cut: as [`envelope`], but no face is taken for dura.
+/// The envelope of a brain that faces of the volume cut: like [`envelope`], but the faces do not count as dura.
 ///
-/// The closing must bridge a sulcus that a face cuts open as it does elsewhere. So the brain is continued beyond the faces as its
-/// outline goes, closed, and cut again.
+/// The closing must also bridge sulci that a face cuts open. So the brain is continued beyond the faces along its
+/// outline, closed, and cut again.
 ///
 /// # Errors
 /// As [`envelope`].
@@ -135,7 +135,7 @@ pub fn check_closing(grid: &Grid, closing_radius_mm: f64) -> Result<(), Geometry
         return Err(GeometryError::Parameter {
             name: "closing_radius_mm",
             value: closing_radius_mm,
-            range: "smaller for voxels as fine as these",
+            range: "smaller for voxels of this size",
         });
     }
     Ok(())
@@ -143,12 +143,12 @@ pub fn check_closing(grid: &Grid, closing_radius_mm: f64) -> Result<(), Geometry
 
 /// The closing of a set of voxels by a ball of `radius` voxels.
 ///
-/// A closing stays within the convex hull of the set, so that the result needs no more room than the set.
+/// A closing stays within the convex hull of the set, so the result needs no more padding than the set.
 pub(crate) fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
     if radius < 1.0 {
         return voxels.to_vec();
     }
-    // Distances matter up to the radius alone; the bound is past it.
+    // Only distances up to the radius matter; the bound exceeds it.
     let bound = radius.floor() as u8 + 1;
     let within = (radius * radius).floor() as u16;
     let pad = usize::from(bound);
@@ -161,7 +161,7 @@ pub(crate) fn close(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool>
     transformed([px, pz, py], &mut to_rest, pad, |squared| squared > within)
 }
 
-/// The bounds of distances to a set, with `pad` voxels outside of it on all sides.
+/// The bounds of distances to a set, with a padding of `pad` voxels on all sides.
 fn padded([nx, ny, nz]: [usize; 3], set: &[bool], pad: usize, bound: u8) -> Vec<u8> {
     let [px, py, pz] = [nx, ny, nz].map(|side| side + 2 * pad);
     let mut block = vec![bound; px * py * pz];
@@ -179,7 +179,7 @@ mod tests {
     use super::*;
     use crate::phantom;
 
-    /// The closing by its definition: a voxel is in it when every ball that holds the voxel touches the set.
+    /// The closing by definition: a voxel is in it if every ball that contains the voxel touches the set.
     fn closed_by_definition(size: [usize; 3], voxels: &[bool], radius: f64) -> Vec<bool> {
         let reach = radius.floor() as isize;
         let [nx, ny, nz] = size.map(|side| side as isize);

@@ -6,15 +6,15 @@ use rayon::prelude::*;
 use crate::contour::Contour;
 use crate::{DepthField, GeometryError};
 
-/// Points of a contour that are compared with its neighbour's to find its start.
+/// The number of points of a contour that are compared with its neighbour to find its start.
 const MATCHED_POINTS: usize = 64;
-/// Starts that are tried for each of these points.
+/// The number of starts that are tried per such point.
 const STARTS_PER_POINT: usize = 4;
 
-/// How exactly the mesh lies on depth 0, in mm.
+/// The depth tolerance of the vertices of the mesh, in mm.
 const SETTLED_MM: f32 = 0.01;
 
-/// How fine a mesh is.
+/// The size of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct MeshSize {
     contour_count: u16,
@@ -22,7 +22,7 @@ pub struct MeshSize {
 }
 
 impl MeshSize {
-    /// The paper's case of reasonable quality: 30 contours of 30 points, 1,800 triangles.
+    /// The size that the paper considers of reasonable quality: 30 contours of 30 points, 1,800 triangles.
     pub const STANDARD: Self = Self {
         contour_count: 30,
         points_per_contour: 30,
@@ -31,7 +31,7 @@ impl MeshSize {
     /// A mesh of `contour_count` sagittal contours (the paper's N_F) of `points_per_contour` points (its N_P).
     ///
     /// # Errors
-    /// When `contour_count` is not in 3..=512 or `points_per_contour` not in 3..=1024.
+    /// If `contour_count` is not in 3..=512 or `points_per_contour` not in 3..=1024.
     pub fn new(contour_count: usize, points_per_contour: usize) -> Result<Self, GeometryError> {
         let error = |name, value: usize, range| GeometryError::Parameter {
             name,
@@ -60,8 +60,8 @@ impl MeshSize {
         usize::from(self.points_per_contour)
     }
 
-    /// `contour_count * points_per_contour + 2`: the contours' points, contour by contour from the patient's right to
-    /// the left, then the centres of the first and the last cap.
+    /// `contour_count * points_per_contour + 2`: the points of the contours, contour by contour from the patient's
+    /// right to the left, then the centres of the first and the last cap.
     pub fn vertex_count(self) -> usize {
         self.contour_count() * self.points_per_contour() + 2
     }
@@ -99,10 +99,10 @@ impl MeshSize {
     }
 }
 
-/// The vertices of the envelope's mesh: depth 0 of every shrunk mesh.
+/// The mesh of the envelope: depth 0 of every shrunk mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnvelopeMesh {
-    /// How fine it is.
+    /// Its size.
     pub size: MeshSize,
     /// Vertices in voxel coordinates of the working grid, in the order of [`MeshSize::vertex_count`].
     pub positions_in_voxel: Vec<Vec3>,
@@ -110,15 +110,15 @@ pub struct EnvelopeMesh {
 
 /// Cuts the envelope into equally spaced sagittal contours and joins their points to a closed mesh.
 ///
-/// On each plane the largest contour of depth 0 is sampled at equal distances. The outermost planes lie half a
-/// voxel inside of the envelope's extent, where the contour has an area; the centres of the two caps are put
-/// on the envelope itself. Each contour starts where its points come nearest to those of the contour before, from
-/// the middle outwards, so that the strips between them do not twist.
+/// On each plane the largest contour of depth 0 is sampled at equal distances. The outermost planes are half a voxel
+/// inside the extent of the envelope, so that the contour has an area there; the centres of the two caps are on the
+/// envelope itself. Each contour, from the middle outwards, starts where its points are nearest to those of the contour
+/// before, so that the strips do not twist.
 ///
 /// Source: the paper, section 3.1.
 ///
 /// # Errors
-/// When the envelope is too small to be cut.
+/// If the envelope is too small.
 pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh, GeometryError> {
     let planes = planes(field, size.contour_count())?;
     let contours: Vec<Contour> = planes
@@ -152,9 +152,10 @@ pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh,
     })
 }
 
-/// The x of equally spaced sagittal planes, each with a contour, in voxels: the middles of `count` slabs of one thickness.
+/// The x of equally spaced sagittal planes, each with a contour, in voxels: the middles of `count` slabs of one
+/// thickness.
 ///
-/// The outer ones lie half a voxel inside of the extent or, where a tip is too thin for a contour there, more.
+/// The outer ones are half a voxel inside the extent, or more if the tip is too thin for a contour there.
 fn planes(field: &DepthField, count: usize) -> Result<Vec<f32>, GeometryError> {
     let [first, last] = extent_along_x(field).map(|x| x as f32);
     let half_slab = (last - first) / (2 * count) as f32;
@@ -168,11 +169,11 @@ fn planes(field: &DepthField, count: usize) -> Result<Vec<f32>, GeometryError> {
         }
     }
     Err(GeometryError::TooSmall {
-        what: "it has no two sagittal planes with a contour",
+        what: "it does not have two sagittal planes with a contour",
     })
 }
 
-/// First and last x at which a voxel lies inside.
+/// First and last x with a voxel inside.
 fn extent_along_x(field: &DepthField) -> [usize; 2] {
     let nx = field.grid().size()[0];
     let mut deepest = vec![i16::MIN; nx];
@@ -189,10 +190,10 @@ fn extent_along_x(field: &DepthField) -> [usize; 2] {
     ]
 }
 
-/// Where each contour starts, as a fraction of its length.
+/// The start of each contour, as a fraction of its length.
 ///
-/// The middle contour starts at its uppermost point. Each other one starts where the sum of squared distances
-/// between its points and those of its neighbour towards the middle is least.
+/// The middle contour starts at its uppermost point. Each other one starts so that the sum of squared distances between
+/// its points and those of its neighbour towards the middle is least.
 fn matching_starts(contours: &[Contour]) -> Vec<f32> {
     let mut starts = vec![0.0; contours.len()];
     let middle = contours.len() / 2;
@@ -232,7 +233,7 @@ fn matching_start(contour: &Contour, neighbour: &[Vec2]) -> f32 {
     best as f32 / tried as f32
 }
 
-/// A contour's point moved along the gradient to depth 0, from which the polygon's edges are a little off.
+/// A point of a contour, moved along the gradient to depth 0, because the edges of the polygon are slightly off.
 fn settled(field: &DepthField, point: Vec3) -> Vec3 {
     let mut here = point;
     for _ in 0..4 {
@@ -251,7 +252,8 @@ fn settled(field: &DepthField, point: Vec3) -> Vec3 {
     here
 }
 
-/// The point of depth 0 beside a cap's centre: outwards along x, or inwards where a hollow contour leaves its centre outside.
+/// The point of depth 0 near the centre of a cap: outwards along x, or inwards if the contour is hollow and its centre
+/// is outside.
 fn on_envelope(field: &DepthField, centre: Vec3, outward: f32) -> Vec3 {
     let is_inside = |along: f32| field.depth_mm(centre + Vec3::X * along) >= 0.0;
     let towards = if is_inside(0.0) { outward } else { -outward };
@@ -312,7 +314,7 @@ mod tests {
                         .or_default() += 1;
                 }
             }
-            // Each edge is run through once in each direction: closed, of two sides, and of one orientation.
+            // Each edge occurs once in each direction: the mesh is closed, two-sided and consistently oriented.
             assert!(
                 edges
                     .iter()
@@ -361,7 +363,7 @@ mod tests {
         }
     }
 
-    /// How far the points of neighbouring contours are apart when one is turned by a number of points.
+    /// The distance between the points of neighbouring contours if one is rotated by a number of points.
     fn mismatch(mesh: &EnvelopeMesh, contour: usize, turn: usize) -> f32 {
         let points = mesh.size.points_per_contour();
         let at = |contour: usize, point: usize| {

@@ -1,6 +1,6 @@
-//! What can be wrong with the input of the geometry.
+//! Errors of the geometry.
 
-/// Why a geometric step was refused.
+/// Why a step of the geometry failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GeometryError {
@@ -10,53 +10,53 @@ pub enum GeometryError {
         /// Voxels along each axis.
         size: [usize; 3],
     },
-    /// The grid has more voxels than are accepted.
+    /// The grid has too many voxels.
     #[error("the grid has {}×{}×{} voxels, more than the limit of {limit}", .size[0], .size[1], .size[2])]
     TooManyVoxels {
         /// Voxels along each axis.
         size: [usize; 3],
-        /// The largest accepted number of voxels.
+        /// The limit.
         limit: usize,
     },
-    /// The affine has an entry that is not a number, or cannot be inverted.
+    /// The affine is not finite or not invertible.
     #[error("the affine from voxels to the patient is {what}")]
     BadAffine {
         /// What is wrong with it.
         what: &'static str,
     },
-    /// The number of values is not that of the grid's voxels.
-    #[error("{values} values were given for a grid of {voxels} voxels")]
+    /// The number of values differs from the number of voxels.
+    #[error("there are {values} values for a grid of {voxels} voxels")]
     ValueCount {
-        /// How many values there are.
+        /// Number of values.
         values: usize,
-        /// How many there should be.
+        /// Number of voxels.
         voxels: usize,
     },
-    /// The mask marks no voxel.
+    /// The mask is empty.
     #[error("the mask is empty: no voxel belongs to the brain")]
     EmptyMask,
-    /// The mask lies largely outside of the volume.
+    /// Most of the mask lies outside the volume.
     #[error(
         "only {percent:.0} % of the mask lies inside the volume; is it the mask of another head?"
     )]
     MaskOutsideVolume {
-        /// How much of the mask's voxels lie inside the volume.
+        /// The percentage of its voxels inside the volume.
         percent: f64,
     },
-    /// A stored envelope reaches a face of its grid.
+    /// A stored envelope touches a face of its grid.
     #[error("the envelope is cut by a face of its grid")]
     CutEnvelope,
     /// A parameter is out of its range.
     #[error("{name} is {value}; it must be {range}")]
     Parameter {
-        /// The parameter's name as in the interfaces.
+        /// The name of the parameter in the interfaces.
         name: &'static str,
-        /// What was given.
+        /// The given value.
         value: f64,
-        /// What is accepted, in words.
+        /// The accepted range, in words.
         range: &'static str,
     },
-    /// Too small to be cut into contours.
+    /// The envelope is too small for contours.
     #[error("the envelope is too small for a mesh: {what}")]
     TooSmall {
         /// What is too small.

@@ -9,15 +9,14 @@ use crate::core_voxels::neighbour_offsets;
 use crate::nearest_core::NearestCore;
 use crate::{Core, DistanceMap, Grid};
 
-/// For each voxel of the envelope its predecessor on an optimal path from the core.
+/// The predecessor of each voxel of the envelope on an optimal path from the core.
 ///
-/// The paper's second Euclidean image foresting transform: seeds are the core's voxels, neighbours are 26, and
-/// the cost of a path is the Euclidean distance from its root to its end. That cost depends on the root
-/// alone, so that of all paths to the nearest root any is optimal. This forest takes the one that keeps to
-/// the straight line, and needs no queue where that line lies in the envelope; elsewhere the transform's
-/// ordered propagation leads round the bay.
+/// This is the second Euclidean image foresting transform of the paper: the seeds are the voxels of the core, there are
+/// 26 neighbours, and the cost of a path is the Euclidean distance from its root to its end. That cost depends on the
+/// root alone, so every path to the nearest root is optimal. This forest uses the path closest to the straight line,
+/// and needs no queue if that line lies in the envelope; otherwise ordered propagation leads around the bay.
 ///
-/// Invariant: every path ends at a root after finitely many steps, all inside of the envelope.
+/// Invariant: every path ends at a root after finitely many steps, all inside the envelope.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Forest {
     size: [usize; 3],
@@ -25,12 +24,12 @@ pub struct Forest {
 }
 
 impl Forest {
-    /// Code of a voxel outside of the envelope.
+    /// Code of a voxel outside the envelope.
     pub const OUTSIDE: u8 = 255;
     /// Code of a root. The others, 0 to 26, are neighbours: `(dx + 1) + 3 (dy + 1) + 9 (dz + 1)`.
     pub const ROOT: u8 = 13;
 
-    /// A forest from codes that were stored before; `None` unless every path ends at a root.
+    /// A forest from stored codes; `None` unless every path ends at a root.
     pub fn from_stored(grid: &Grid, predecessor: Vec<u8>) -> Option<Self> {
         let size = grid.size();
         let forest =
@@ -43,7 +42,7 @@ impl Forest {
         &self.predecessor
     }
 
-    /// The voxel before `index` on its path; `None` for a root and outside of the envelope.
+    /// The voxel before `index` on its path; `None` for a root and outside the envelope.
     #[inline]
     pub fn step(&self, index: usize) -> Option<usize> {
         match self.predecessor[index] {
@@ -52,7 +51,7 @@ impl Forest {
         }
     }
 
-    /// The voxels from `index` to its root, both included.
+    /// The voxels from `index` to its root, inclusive.
     pub fn path(&self, index: usize) -> impl Iterator<Item = usize> {
         std::iter::successors(Some(index), |&voxel| self.step(voxel))
     }
@@ -62,14 +61,14 @@ impl Forest {
         self.path(index).last().unwrap_or(index)
     }
 
-    /// Follows each voxel until it meets a root or a voxel that is known to lead to one.
+    /// Follows each voxel to a root, or to a voxel that is known to lead to one.
     fn every_path_ends(&self) -> bool {
         let mut ends = vec![false; self.predecessor.len()];
         let mut path = Vec::new();
         for start in 0..ends.len() {
             let mut voxel = start;
             while self.predecessor[voxel] != Self::OUTSIDE && !ends[voxel] {
-                // Marked at once: a path that comes back to itself is told by its length below.
+                // Marked at once: a cycle is detected by its length below.
                 path.push(voxel);
                 if self.predecessor[voxel] == Self::ROOT {
                     break;
@@ -86,7 +85,7 @@ impl Forest {
         true
     }
 
-    /// As [`Forest::step`], for codes that are not trusted: `None` where the step leaves the grid or the envelope.
+    /// Like [`Forest::step`], for untrusted codes: `None` if the step leaves the grid or the envelope.
     fn checked_step(&self, index: usize) -> Option<usize> {
         let [nx, ny, nz] = self.size;
         let code = usize::from(self.predecessor[index]);
@@ -101,7 +100,7 @@ impl Forest {
     }
 }
 
-/// Distance in the x-fastest order that a predecessor code stands for.
+/// The offset in the x-fastest order for a predecessor code.
 #[inline]
 fn offset_of(code: u8, [nx, ny, _]: [usize; 3]) -> isize {
     let code = isize::from(code);
@@ -116,9 +115,9 @@ fn code_of([dx, dy, dz]: [i32; 3]) -> u8 {
 
 /// The second Euclidean transform: every voxel of the envelope joined to its nearest core voxel.
 ///
-/// The distance to the root that a path ends at is the exact distance to the nearest core voxel, but for
-/// voxels at the border of two roots' regions, where 26 neighbours can not always follow it, and for those
-/// that do not see their nearest root.
+/// The distance to the root of a path is the exact distance to the nearest core voxel, except for voxels at the border
+/// between the regions of two roots, where 26 neighbours cannot always follow it, and for voxels without a straight
+/// line to their nearest root inside the envelope.
 pub fn forest(distance: &DistanceMap, core: &Core) -> Forest {
     let nearest = NearestCore::new(distance.grid().size(), core, distance.inside());
     let mut forest = straight_forest(distance, &nearest);
@@ -127,10 +126,10 @@ pub fn forest(distance: &DistanceMap, core: &Core) -> Forest {
     forest
 }
 
-/// Code of a voxel whose straight way to its root leaves the envelope.
+/// Code of a voxel if the straight line to its root leaves the envelope.
 const STRANDED: u8 = 254;
 
-/// Each voxel's step towards its nearest root, or [`STRANDED`].
+/// The step of each voxel towards its nearest root, or [`STRANDED`].
 fn straight_forest(distance: &DistanceMap, nearest: &NearestCore) -> Forest {
     let size = distance.grid().size();
     let [nx, ny, _] = size;
@@ -174,9 +173,9 @@ fn straight_step(
     best_step(nearest, distance, voxel, index).unwrap_or(STRANDED)
 }
 
-/// The neighbour inside with the same root that is nearest to it, if it is nearer than the voxel itself.
+/// The neighbour inside with the same root that is nearest to that root, if it is nearer than the voxel itself.
 ///
-/// With none of the same root, one of another root that is strictly nearer to that.
+/// Without one, a neighbour with another root that is strictly nearer to its own root.
 fn best_step(
     nearest: &NearestCore,
     distance: &DistanceMap,
@@ -205,7 +204,7 @@ fn squared_length([x, y, z]: [i32; 3]) -> u32 {
     (x * x + y * y + z * z) as u32
 }
 
-/// Marks the voxels whose path ends at a stranded one as stranded too, and lists them all.
+/// Also marks voxels as stranded if their path ends at a stranded one, and lists all of them.
 fn take_stranded(forest: &mut Forest, distance: &DistanceMap) -> Vec<u32> {
     let codes = forest.predecessor.par_iter().enumerate();
     let mut stranded: Vec<u32> = codes
@@ -230,10 +229,10 @@ fn take_stranded(forest: &mut Forest, distance: &DistanceMap) -> Vec<u32> {
     stranded
 }
 
-/// Lets the transform's ordered propagation reach the stranded voxels from the others.
+/// Reaches the stranded voxels from the others by ordered propagation.
 ///
-/// A path's cost is the distance to its root, but not less than that of the path that it extends, so that the
-/// order of the queue is the order of reaching.
+/// The cost of a path is the distance to its root, but not less than the cost of the path it extends, so that the order
+/// of the queue is the order of reaching.
 fn reach_stranded(forest: &mut Forest, nearest: &NearestCore, stranded: &[u32]) {
     let offsets = neighbour_offsets(forest.size);
     let mut queue = BinaryHeap::new();
@@ -278,7 +277,7 @@ mod tests {
 
     fn cases() -> Vec<(&'static str, DistanceMap, Core)> {
         let banana = || {
-            // Three quarters of a ring: most voxels do not see their nearest core voxel.
+            // Three quarters of a ring: most voxels have no straight line to their nearest core voxel.
             let ring = phantom::ball(24.0);
             let grid = ring.mask().grid().clone();
             let middle = grid.size().map(|side| (side / 2) as f64);
@@ -332,7 +331,7 @@ mod tests {
                         length(distance.grid(), here, next) < 1.8,
                         "{name}: a step of a voxel"
                     );
-                    // Depth changes by no more than the step, so that none is passed over.
+                    // Depth changes by at most the length of the step, so no depth is skipped.
                     let change =
                         distance.depth_mm(next).unwrap() - distance.depth_mm(here).unwrap();
                     assert!(f64::from(change.abs()) <= length(distance.grid(), here, next) + 1e-4);
@@ -349,7 +348,7 @@ mod tests {
         }
     }
 
-    /// The image foresting transform by its definition: an ordered queue over 26 neighbours.
+    /// The image foresting transform by definition: an ordered queue over 26 neighbours.
     fn reference_costs(distance: &DistanceMap, core: &Core) -> Vec<f64> {
         let grid = distance.grid();
         let mut costs = vec![f64::INFINITY; grid.voxel_count()];
@@ -391,7 +390,7 @@ mod tests {
                     .map(|&root| length(distance.grid(), index, root as usize));
                 let exact = nearest.fold(f64::INFINITY, f64::min);
                 assert!(cost >= exact - 1e-9, "{name}");
-                // The queue's own tolerance, a tenth of a voxel, is that of 26 neighbours (0.081 is known for distances).
+                // The tolerance of the queue, 0.1 voxel, is that of 26 neighbours (0.081 is known for distances).
                 if reference[index] <= exact + 0.1 {
                     free += 1;
                     assert!(cost <= exact + 0.1, "{name}: {cost} for {exact}");
@@ -417,7 +416,7 @@ mod tests {
             .unwrap();
         for damage in [Forest::OUTSIDE - 1, 27, Forest::OUTSIDE] {
             let mut codes = sound.clone();
-            // The voxel before: its follower then leads out of the envelope, or to a code that is none.
+            // The voxel before: its successor then leads out of the envelope, or to an invalid code.
             let next = inside.wrapping_add_signed(offset_of(codes[inside], grid.size()));
             codes[next] = damage;
             assert_eq!(Forest::from_stored(grid, codes), None, "{damage}");

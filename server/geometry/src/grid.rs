@@ -1,4 +1,4 @@
-//! Where voxels are in the patient.
+//! The positions of voxels in the patient.
 
 use glam::{BVec3, DAffine3, DMat3, DVec3};
 
@@ -10,10 +10,11 @@ pub const MAX_VOXELS: usize = 1 << 30;
 /// The largest side of a working grid, in voxels.
 pub const MAX_WORKING_SIZE: usize = 512;
 
-/// How far from the scanner's origin a volume may begin, in mm; single precision still tells hundredths there.
+/// The greatest distance of a volume from the origin of the scanner, in mm; single precision still resolves 0.01 mm
+/// there.
 const MAX_OFFSET_MM: f64 = 1e5;
 
-/// How far from isotropic, or from the patient axes, a grid may be and still count as a working grid.
+/// The tolerance for a working grid to be isotropic and along the patient axes.
 const ALIGNMENT_TOLERANCE: f64 = 1e-4;
 
 /// The placement of voxels in the patient: a size and an affine to LPS millimetres.
@@ -34,8 +35,8 @@ impl Grid {
     /// A grid of `size` voxels, placed by an affine from voxel indices to LPS millimetres.
     ///
     /// # Errors
-    /// When a side is zero, when there are more than [`MAX_VOXELS`] voxels, or when the affine is not
-    /// finite or not invertible (nor when a voxel is shorter than a micrometre or longer than a metre, or lies 100 m away).
+    /// If a side is zero, if there are more than [`MAX_VOXELS`] voxels, or if the affine is not finite, not invertible,
+    /// or not that of a scan: with voxels shorter than a micrometre or longer than a metre, or more than 100 m away.
     pub fn new(size: [usize; 3], patient_from_voxel: DAffine3) -> Result<Self, GeometryError> {
         if size.contains(&0) {
             return Err(GeometryError::EmptyGrid { size });
@@ -82,7 +83,7 @@ impl Grid {
         })
     }
 
-    /// A grid along the patient axes L, P and S, whose voxel `[0, 0, 0]` is centred at `origin` (LPS mm).
+    /// A grid along the patient axes L, P and S with voxel `[0, 0, 0]` centred at `origin` (LPS mm).
     ///
     /// # Errors
     /// As [`Grid::new`].
@@ -131,12 +132,12 @@ impl Grid {
         self.voxel_from_patient
     }
 
-    /// Position of a voxel in the x-fastest order of values.
+    /// Index of a voxel in the x-fastest order.
     pub fn index(&self, [x, y, z]: [usize; 3]) -> usize {
         x + self.size[0] * (y + self.size[1] * z)
     }
 
-    /// The voxel at a position of the x-fastest order: the inverse of [`Grid::index`].
+    /// The voxel at an index: the inverse of [`Grid::index`].
     pub fn voxel(&self, index: usize) -> [usize; 3] {
         let [nx, ny, _] = self.size;
         [index % nx, index / nx % ny, index / (nx * ny)]
@@ -148,7 +149,7 @@ impl Grid {
         (0..3).all(|axis| inside(position_in_voxel[axis], self.size[axis]))
     }
 
-    /// The block of `size` voxels that starts at voxel `first` (which may be negative), as a grid of its own.
+    /// The block of `size` voxels that starts at voxel `first` (which may be negative), as a separate grid.
     ///
     /// # Errors
     /// As [`Grid::new`].
@@ -188,7 +189,7 @@ impl Grid {
         .ok()
     }
 
-    /// Whether the edges of a voxel have one length.
+    /// Whether all edges of a voxel have the same length.
     pub fn is_isotropic(&self) -> bool {
         let [x, y, z] = self.spacing_mm();
         let tolerance = ALIGNMENT_TOLERANCE * x;
@@ -196,7 +197,7 @@ impl Grid {
     }
 }
 
-/// The smallest block along the axes of another space that holds a block of this one, as its lowest and highest corner.
+/// The bounding box of a block in another space, as its lowest and highest corner.
 pub(crate) fn bounds_through(other_from_this: DAffine3, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
     let corners = (0..8).map(|corner| {
         let is_high = BVec3::new(corner & 1 > 0, corner & 2 > 0, corner & 4 > 0);

@@ -1,4 +1,4 @@
-//! Which voxels belong to the brain.
+//! Masks, and the brain mask on the working grid.
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
@@ -10,10 +10,10 @@ use crate::{GeometryError, Grid, MAX_WORKING_SIZE};
 /// Voxels between the brain and the faces of the working grid, so that depth can be sampled outside too.
 pub(crate) const MARGIN: i64 = 4;
 
-/// More than any voxel coordinate that occurs, and a power of two so that adding it to a whole number is exact.
+/// Greater than every voxel coordinate, and a power of two, so that adding it to an integer is exact.
 const FLOOR_SHIFT: f64 = (1u64 << 32) as f64;
 
-/// A set of voxels of a grid, as it was supplied: on any grid, in any orientation.
+/// A set of voxels on any grid, in any orientation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mask {
     grid: Grid,
@@ -24,7 +24,7 @@ impl Mask {
     /// A mask of the voxels that are `true`, x-fastest.
     ///
     /// # Errors
-    /// When the number of values is not that of the grid's voxels.
+    /// If the number of values differs from the number of voxels.
     pub fn new(grid: Grid, voxels: Vec<bool>) -> Result<Self, GeometryError> {
         if voxels.len() != grid.voxel_count() {
             return Err(GeometryError::ValueCount {
@@ -35,7 +35,7 @@ impl Mask {
         Ok(Self { grid, voxels })
     }
 
-    /// Where the voxels are.
+    /// The grid of the voxels.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -52,7 +52,8 @@ impl Mask {
         voxels as f64 * voxel_mm3 / 1000.0
     }
 
-    /// Whether the set can be one on a working grid: not empty, on an isotropic grid along the patient axes, not on its faces.
+    /// Checks that the set is valid on a working grid: not empty, on an isotropic grid along the patient axes, not on
+    /// its faces.
     pub(crate) fn check_working(&self) -> Result<(), GeometryError> {
         let [first, last] = self.bounds().ok_or(GeometryError::EmptyMask)?;
         let is_aligned = self.grid.is_isotropic()
@@ -69,7 +70,7 @@ impl Mask {
         Ok(())
     }
 
-    /// How much of the set lies inside of another grid, 0 to 1; 1 for an empty set.
+    /// The fraction of the set inside another grid, 0 to 1; 1 for an empty set.
     pub fn fraction_inside(&self, grid: &Grid) -> f64 {
         let other_from_voxel = grid.voxel_from_patient() * self.grid.patient_from_voxel();
         let centres = [
@@ -99,11 +100,11 @@ impl Mask {
         }
     }
 
-    /// The component (6-neighbourhood) that holds most voxels of another set on the same grid; of two equal ones, the first.
-    /// Empty where none holds any.
+    /// The component (6-neighbourhood) with the most voxels of another set on the same grid; among equals, the first.
+    /// Empty if none contains any.
     ///
     /// # Errors
-    /// When the other set has another number of voxels.
+    /// If the other set has another number of voxels.
     pub fn component_with_most_of(mut self, other: &Self) -> Result<Self, GeometryError> {
         if other.voxels.len() != self.voxels.len() {
             return Err(GeometryError::ValueCount {
@@ -116,27 +117,27 @@ impl Mask {
         Ok(self)
     }
 
-    /// The component with most voxels (26-neighbourhood); of two equal ones, the first.
+    /// The largest component (26-neighbourhood); among equals, the first.
     pub fn largest_component(mut self) -> Self {
         keep_largest_component(self.grid.size(), &mut self.voxels, Connectivity::Corners);
         self
     }
 
-    /// The set with its holes: what it keeps from the faces of the grid (6-neighbourhood).
+    /// The set with its holes filled: voxels that it separates from the faces of the grid (6-neighbourhood).
     pub fn filled(mut self) -> Self {
         fill_holes(self.grid.size(), &mut self.voxels);
         self
     }
 
-    /// The working grid of a volume around this set: that of [`BrainMask::from_mask`].
+    /// The working grid of a volume around this set, as in [`BrainMask::from_mask`].
     ///
     /// # Errors
-    /// When the set is empty.
+    /// If the set is empty.
     pub fn working_grid(&self, volume_grid: &Grid) -> Result<Grid, GeometryError> {
         working_grid(self, volume_grid)
     }
 
-    /// The set inside of a block of `size` voxels that starts at voxel `first`, which may lie outside of the grid.
+    /// The set inside a block of `size` voxels that starts at voxel `first`, which may lie outside the grid.
     pub(crate) fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
         let grid = self.grid.block(first, size)?;
         let marked = |index| {
@@ -150,7 +151,7 @@ impl Mask {
         Ok(Self { grid, voxels })
     }
 
-    /// First and last voxel of the smallest block around the set; `None` when it is empty.
+    /// First and last voxel of the bounding box of the set; `None` if it is empty.
     pub fn bounds(&self) -> Option<[[usize; 3]; 2]> {
         let [nx, ny, _] = self.grid.size();
         let mut first = [usize::MAX; 3];
@@ -174,9 +175,10 @@ impl Mask {
         Some([first, last])
     }
 
-    /// Whether at least half of the set is at a position, trilinear between voxel centres; outside of the grid is none of it.
+    /// Whether the set, interpolated trilinearly between voxel centres, is at least ½ at a position; it is 0 outside
+    /// the grid.
     fn is_half_marked(&self, position_in_voxel: DVec3) -> bool {
-        // Truncation after a shift is a floor that needs no library call.
+        // Truncation after a shift is a floor without a library call.
         let base = position_in_voxel
             .to_array()
             .map(|along| (along + FLOOR_SHIFT) as i64 - FLOOR_SHIFT as i64);
@@ -193,7 +195,7 @@ impl Mask {
         share >= 0.5
     }
 
-    /// Whether each corner of the cell that begins at a voxel is marked.
+    /// The values at the corners of the cell that begins at a voxel.
     fn corners(&self, base: [i64; 3]) -> [bool; 8] {
         let [nx, ny, nz] = self.grid.size();
         let is_within = |axis: usize, side: usize| (0..side as i64 - 1).contains(&base[axis]);
@@ -217,7 +219,7 @@ impl Mask {
         is_inside && self.voxels[self.grid.index(voxel.map(|place| place as usize))]
     }
 
-    /// This set on another grid: voxels of which at least half lies in it, trilinear between centres.
+    /// This set on another grid: voxels with an interpolated value of at least ½, trilinear between centres.
     fn resampled(&self, grid: Grid) -> Self {
         let [nx, ny, _] = grid.size();
         let source_from_target = self.grid.voxel_from_patient() * grid.patient_from_voxel();
@@ -238,7 +240,8 @@ impl Mask {
     }
 }
 
-/// The same affine with entries a hair from an integer moved onto it, so that voxel centres that coincide do so exactly.
+/// The same affine with entries rounded that are very close to an integer, so that coinciding voxel centres coincide
+/// exactly.
 fn snapped_to_integers(affine: DAffine3) -> DAffine3 {
     let entries = affine.to_cols_array();
     let whole = entries.map(f64::round);
@@ -253,7 +256,7 @@ fn snapped_to_integers(affine: DAffine3) -> DAffine3 {
     }
 }
 
-/// The way from a cell's first voxel to its others.
+/// The offsets from the first voxel of a cell to the others.
 fn corner_offset(corner: usize) -> [i64; 3] {
     [corner & 1, corner >> 1 & 1, corner >> 2].map(|place| place as i64)
 }
@@ -264,20 +267,20 @@ fn as_position(voxel: [usize; 3]) -> DVec3 {
 
 /// The voxels of the brain on the working grid: one component without holes.
 ///
-/// The working grid is isotropic, lies along the patient axes and surrounds the brain with a margin.
+/// The working grid is isotropic, along the patient axes, and surrounds the brain with a margin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrainMask(Mask);
 
 impl BrainMask {
-    /// Brings a mask from its own grid to the working grid of a volume, through the affines.
+    /// Resamples a mask from its own grid to the working grid of a volume, through the affines.
     ///
-    /// The working grid has the volume's smallest spacing, or what brings its longest side down to
-    /// [`MAX_WORKING_SIZE`]. Where the volume's grid is isotropic and lies along the patient axes, its voxel
-    /// centres are the volume's own. The largest component (26-neighbourhood) is kept and its holes are
-    /// filled. A mask on a coarser grid is interpolated, so that its surface is right within half a voxel.
+    /// The working grid has the smallest spacing of the volume, or the spacing that limits its longest side to
+    /// [`MAX_WORKING_SIZE`]. If the grid of the volume is isotropic and along the patient axes, the voxel centres
+    /// coincide. The largest component (26-neighbourhood) is kept and its holes are filled. A mask on a coarser grid is
+    /// interpolated; its surface is correct within half a voxel.
     ///
     /// # Errors
-    /// When the mask is empty, or when less than half of it lies inside of the volume.
+    /// If the mask is empty, or if less than half of it lies inside the volume.
     pub fn from_mask(mask: &Mask, volume_grid: &Grid) -> Result<Self, GeometryError> {
         if mask.bounds().is_none() {
             return Err(GeometryError::EmptyMask);
@@ -299,11 +302,11 @@ impl BrainMask {
         }
     }
 
-    /// A brain mask that [`BrainMask::from_mask`] made before and that was stored.
+    /// A stored brain mask that [`BrainMask::from_mask`] made before.
     ///
     /// # Errors
-    /// When the mask is empty, when its grid is not isotropic along the patient axes, or when the mask reaches
-    /// a face of its grid.
+    /// If the mask is empty, if its grid is not isotropic along the patient axes, or if the mask touches a face of its
+    /// grid.
     pub fn from_stored(mask: Mask) -> Result<Self, GeometryError> {
         mask.check_working()?;
         Ok(Self(mask))
@@ -320,7 +323,7 @@ impl BrainMask {
     }
 }
 
-/// The grid around a mask on which all later steps work.
+/// The working grid around a mask.
 fn working_grid(mask: &Mask, volume_grid: &Grid) -> Result<Grid, GeometryError> {
     let [low, high] = patient_bounds(mask)?;
     let native = volume_grid
@@ -336,7 +339,7 @@ fn working_grid(mask: &Mask, volume_grid: &Grid) -> Result<Grid, GeometryError> 
         Some(native) if spacing == finest => native,
         _ => Grid::aligned([1; 3], [spacing; 3], low + spacing / 2.0)?,
     };
-    // The bounds lie half-way between centres, where rounding alone could go either way.
+    // The bounds lie half-way between centres, where rounding errors would decide.
     let first = (lattice.voxel_from_patient().transform_point3(low) - 0.25)
         .ceil()
         .to_array();
@@ -351,7 +354,7 @@ fn working_grid(mask: &Mask, volume_grid: &Grid) -> Result<Grid, GeometryError> 
     )
 }
 
-/// The corners of the block along the patient axes that holds the marked voxels, in LPS mm.
+/// The bounding box of the marked voxels along the patient axes, in LPS mm.
 fn patient_bounds(mask: &Mask) -> Result<[DVec3; 2], GeometryError> {
     let [first, last] = mask.bounds().ok_or(GeometryError::EmptyMask)?;
     let (first, last) = (as_position(first) - 0.5, as_position(last) + 0.5);
@@ -446,7 +449,7 @@ mod tests {
                 let voxel = as_position(working.voxel(index));
                 let position = working.patient_from_voxel().transform_point3(voxel);
                 let truth = radius - position.distance(centre);
-                // Half a native voxel for the mask's own staircase, and the border voxel's half.
+                // Half a native voxel for the staircase of the mask, and half a voxel for the border voxel.
                 let error = (f64::from(depth) - truth).abs();
                 assert!(error <= coarsest / 2.0 + finest, "{error} at depth {truth}");
             }

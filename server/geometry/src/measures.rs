@@ -1,24 +1,24 @@
-//! What can be measured of a mask, to tell whether it is that of a brain.
+//! Measurements of a mask.
 
 use glam::DVec3;
 
 use crate::runs::{Connectivity, largest_component_share};
 use crate::{BrainMask, Grid, Mask};
 
-/// A side of the patient, and the face of a volume that lies there.
+/// A side of the patient, and the face of a volume at that side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Face {
-    /// At the patient's left.
+    /// The left side.
     Left,
-    /// At the patient's right.
+    /// The right side.
     Right,
-    /// Behind.
+    /// The back.
     Posterior,
-    /// In front.
+    /// The front.
     Anterior,
-    /// Above.
+    /// The top.
     Superior,
-    /// Below.
+    /// The bottom.
     Inferior,
 }
 
@@ -33,7 +33,7 @@ impl Face {
         Self::Inferior,
     ];
 
-    /// The name in the interfaces: `left` …
+    /// Its name in the interfaces: `left` …
     pub fn name(self) -> &'static str {
         match self {
             Self::Left => "left",
@@ -45,12 +45,12 @@ impl Face {
         }
     }
 
-    /// The face that lies nearest to a direction.
+    /// The face nearest to a direction.
     pub(crate) fn towards(direction: DVec3) -> Self {
         Self::ALL[Self::number_towards(direction)]
     }
 
-    /// The number in [`Face::ALL`] of the face that lies nearest to a direction.
+    /// The index in [`Face::ALL`] of the face nearest to a direction.
     fn number_towards(direction: DVec3) -> usize {
         let axis = direction.abs().max_position();
         2 * axis + usize::from(direction[axis] < 0.0)
@@ -58,7 +58,7 @@ impl Face {
 }
 
 impl Mask {
-    /// Share of the set that is in its largest component (26-neighbourhood), 0 to 1; 1 for an empty set.
+    /// The fraction of the set in its largest component (26-neighbourhood), 0 to 1; 1 for an empty set.
     pub fn largest_component_share(&self) -> f64 {
         largest_component_share(self.grid().size(), self.voxels(), Connectivity::Corners)
     }
@@ -76,8 +76,8 @@ impl BrainMask {
 
     /// The area over which the brain touches the faces of a volume, in cm², in the order of [`Face::ALL`].
     ///
-    /// It is the volume of the brain within the outermost voxels there, over their thickness; of an oblique volume each face
-    /// counts for the patient's side to which it points most.
+    /// It is the volume of the brain within the outermost voxels, divided by their thickness. Each face of an oblique
+    /// volume counts for the side of the patient to which it points most.
     pub fn cut_area_cm2(&self, volume_grid: &Grid) -> [f64; 6] {
         let voxels = self.touched_voxels(volume_grid);
         let voxel_mm3 = self.mask().grid().spacing_mm()[0].powi(3);
@@ -91,7 +91,7 @@ impl BrainMask {
         areas
     }
 
-    /// How many of the brain's voxels lie within the first and the last voxels of a volume along each of its axes.
+    /// The number of brain voxels within the first and the last voxels of a volume along each axis.
     pub(crate) fn touched_voxels(&self, volume_grid: &Grid) -> [[u64; 2]; 3] {
         let grid = self.mask().grid();
         let volume_from_brain = volume_grid.voxel_from_patient() * grid.patient_from_voxel();
@@ -116,7 +116,7 @@ mod tests {
 
     use super::*;
 
-    /// A block of voxels in a volume of 20 × 24 × 28 voxels of 2 mm, whose x runs to the right and whose y runs to the head.
+    /// A block of voxels in a volume of 20 × 24 × 28 voxels of 2 mm; x points to the right and y to the head.
     fn block(first: [usize; 3], last: [usize; 3]) -> (BrainMask, Grid) {
         let axes = DMat3::from_cols(DVec3::X * -2.0, DVec3::Z * 2.0, DVec3::Y * 2.0);
         let grid = Grid::new([20, 24, 28], DAffine3::from_mat3(axes)).unwrap();
@@ -142,7 +142,7 @@ mod tests {
         assert_eq!(inside.cut_area_cm2(&grid), [0.0; 6]);
         let (cut, grid) = block([0, 0, 5], [9, 9, 14]);
         let areas = cut.cut_area_cm2(&grid);
-        // The first x is at the left, the first y below: 10 × 10 voxels of 4 mm² each.
+        // The first x is at the left, the first y at the bottom: 10 × 10 voxels of 4 mm² each.
         for (face, area) in Face::ALL.into_iter().zip(areas) {
             let touched = matches!(face, Face::Left | Face::Inferior);
             let expected = if touched { 4.0 } else { 0.0 };

@@ -1,4 +1,4 @@
-//! Everything that pictures and meshes of one surface are made from.
+//! The model: the input of pictures and meshes of one surface.
 
 use std::sync::{Arc, OnceLock};
 
@@ -7,14 +7,15 @@ use crate::{
     ShellIndex, ShrunkMesh, Volume, envelope_mesh, path_table, shrink_once,
 };
 
-/// How much the field is smoothed for normals, in voxels: at 1.5 they are on average 2° off those of a smooth surface, at 0
-/// they are 13° off and show the staircase of the voxels.
+/// The smoothing of the field for normals, in voxels. At 1.5, normals are on average 2° off those of a smooth surface;
+/// at 0 they are 13° off and show the staircase of the voxels.
 const NORMAL_SIGMA_VOXELS: f32 = 1.5;
 
-/// Voxels of the volume kept around the working grid, which itself surrounds the brain by 4: what trilinear sampling needs.
+/// The margin of the cropped volume around the working grid, in voxels, for trilinear sampling. The working grid itself
+/// has a margin of 4 voxels around the brain.
 const CROP_MARGIN_VOXELS: usize = 1;
 
-/// What pictures need from a distance map: some 5 bytes for each voxel of its grid.
+/// The maps of depth that pictures need: about 5 bytes per voxel of the working grid.
 #[derive(Debug, Clone)]
 pub struct DepthMaps {
     field: DepthField,
@@ -23,7 +24,7 @@ pub struct DepthMaps {
     bounds: BoundingSphere,
 }
 
-/// Two are equal if they are of the same depths, whether or not the smoothed field was computed.
+/// Equality compares the depths, whether or not the smoothed field was computed.
 impl PartialEq for DepthMaps {
     fn eq(&self, other: &Self) -> bool {
         (&self.field, &self.shell, self.bounds) == (&other.field, &other.shell, other.bounds)
@@ -58,7 +59,7 @@ impl DepthMaps {
             .get_or_init(|| self.field.smoothed(NORMAL_SIGMA_VOXELS))
     }
 
-    /// The envelope's voxels by depth.
+    /// The voxels of the envelope, sorted by depth.
     pub fn shell(&self) -> &ShellIndex {
         &self.shell
     }
@@ -69,10 +70,10 @@ impl DepthMaps {
     }
 }
 
-/// The model of one surface: a volume, depth below the envelope, and the paths that the vertices of a mesh follow.
+/// The model of one surface: a volume, the depth below the envelope, and the paths of the vertices of a mesh.
 ///
-/// [`DeformableModel::build`] makes it from a volume and a closed brain, [`DeformableModel::new`] from stored parts. The
-/// distance map and the forest are not among its parts: only the paths of other meshes need them.
+/// [`DeformableModel::build`] makes it from a volume and a closed brain, [`DeformableModel::new`] from stored parts. It
+/// does not contain the distance map and the forest, which only the paths of other meshes need.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeformableModel {
     volume: Volume,
@@ -84,8 +85,8 @@ impl DeformableModel {
     /// The mesh of [`DeformableModel::default_paths`]: 30 × 30.
     pub const DEFAULT_MESH: MeshSize = MeshSize::STANDARD;
 
-    /// A model from its parts: the volume as [`DeformableModel::crop`] cuts it, the maps of its envelope, and the table of the
-    /// forest's paths for a mesh of [`DeformableModel::DEFAULT_MESH`].
+    /// A model from its parts: the volume from [`DeformableModel::crop`], the maps of its envelope, and the table of
+    /// forest paths for a mesh of [`DeformableModel::DEFAULT_MESH`].
     pub fn new(volume: Volume, depth: DepthMaps, default_paths: PathTable) -> Self {
         Self {
             volume,
@@ -94,7 +95,7 @@ impl DeformableModel {
         }
     }
 
-    /// The part of a volume that pictures of an envelope show; `None` if the two do not overlap.
+    /// The part of a volume that pictures of an envelope can show; `None` if the two do not overlap.
     pub fn crop(volume: &Volume, envelope: &Envelope) -> Option<Volume> {
         volume.crop_to(envelope.grid(), CROP_MARGIN_VOXELS)
     }
@@ -104,7 +105,7 @@ impl DeformableModel {
         &self.volume
     }
 
-    /// Depth below the envelope, in the forms that pictures need.
+    /// The maps of the depth below the envelope.
     pub fn depth(&self) -> &DepthMaps {
         &self.depth
     }
@@ -119,7 +120,7 @@ impl DeformableModel {
         self.depth.normals()
     }
 
-    /// The envelope's voxels by depth.
+    /// The voxels of the envelope, sorted by depth.
     pub fn shell(&self) -> &ShellIndex {
         self.depth.shell()
     }
@@ -129,20 +130,20 @@ impl DeformableModel {
         self.depth.bounds()
     }
 
-    /// The table of the forest's paths for a mesh of [`DeformableModel::DEFAULT_MESH`].
+    /// The table of forest paths for a mesh of [`DeformableModel::DEFAULT_MESH`].
     pub fn default_paths(&self) -> &Arc<PathTable> {
         &self.default_paths
     }
 
-    /// The volume and the table of paths, for storing. What can be computed again is dropped.
+    /// The volume and the table of paths, to be stored. Parts that can be computed again are dropped.
     pub fn into_stored(self) -> (Volume, Arc<PathTable>) {
         (self.volume, self.default_paths)
     }
 
-    /// The table of all depths of a mesh. `distance` is the map that this model was made from.
+    /// The table of all depths of a mesh. `distance` must be the map that this model was made from.
     ///
     /// # Errors
-    /// When the envelope is too small to be cut.
+    /// If the envelope is too small for the mesh.
     pub fn path_table(
         &self,
         size: MeshSize,
@@ -153,10 +154,10 @@ impl DeformableModel {
         Ok(path_table(&mesh, distance, self.field(), paths))
     }
 
-    /// A mesh at one depth, without a table. `distance` is the map that this model was made from.
+    /// A mesh at one depth, without a table. `distance` must be the map that this model was made from.
     ///
     /// # Errors
-    /// When the envelope is too small to be cut.
+    /// If the envelope is too small for the mesh.
     pub fn shrink_once(
         &self,
         size: MeshSize,
@@ -168,7 +169,7 @@ impl DeformableModel {
         Ok(shrink_once(&mesh, distance, self.field(), paths, depth_mm))
     }
 
-    /// Memory held, in bytes, with the smoothed field.
+    /// Its memory in bytes, including the smoothed field.
     pub fn bytes(&self) -> usize {
         let volume = 2 * self.volume.voxels().len();
         let fields = 4 * self.field().values().len();

@@ -12,13 +12,14 @@ impl Mask {
     /// The voxels of the grid within `radius_mm` of the set.
     ///
     /// # Errors
-    /// When the grid is not isotropic, or when the radius is negative or as long as 255 voxels.
+    /// If the grid is not isotropic, or if the radius is negative or at least 255 voxels.
     pub fn dilated(&self, radius_mm: f64) -> Result<Self, GeometryError> {
         let radius = self.radius_in_voxels(radius_mm)?;
         self.with_voxels(within(self.grid().size(), self.voxels(), radius))
     }
 
-    /// The voxels of the set further than `radius_mm` from what is not in it; outside of the grid nothing is.
+    /// The voxels of the set further than `radius_mm` from every voxel outside it; everything beyond the grid is
+    /// outside.
     ///
     /// # Errors
     /// As [`Mask::dilated`].
@@ -31,7 +32,7 @@ impl Mask {
         let [nx, ny, nz] = size.map(|side| side as f64);
         far.par_iter_mut().enumerate().for_each(|(index, voxel)| {
             let place = self.grid().voxel(index).map(|along| along as f64);
-            // The first voxel outside of a face is one more away than the face.
+            // The first voxel outside a face is one voxel further away than the face.
             let to_face = [(place[0], nx), (place[1], ny), (place[2], nz)]
                 .map(|(along, side)| (along + 1.0).min(side - along));
             *voxel = !*voxel && to_face.into_iter().fold(f64::INFINITY, f64::min) > radius;
@@ -39,7 +40,8 @@ impl Mask {
         self.with_voxels(far)
     }
 
-    /// The closing by a ball: what no ball of `radius_mm` outside of the set can reach. It is not cut by the faces of the grid.
+    /// The closing by a ball: the voxels that no ball of `radius_mm` outside the set can reach. The faces of the grid
+    /// do not cut it.
     ///
     /// # Errors
     /// As [`Mask::dilated`].
@@ -48,7 +50,7 @@ impl Mask {
         self.with_voxels(close(self.grid().size(), self.voxels(), radius))
     }
 
-    /// The opening by a ball: what balls of `radius_mm` in the set can reach.
+    /// The opening by a ball: the voxels that balls of `radius_mm` inside the set can reach.
     ///
     /// # Errors
     /// As [`Mask::dilated`].
@@ -80,7 +82,7 @@ fn within(size @ [nx, ny, nz]: [usize; 3], voxels: &[bool], radius: f64) -> Vec<
     if radius < 1.0 {
         return voxels.to_vec();
     }
-    // Distances matter up to the radius alone; the bound is past it.
+    // Only distances up to the radius matter; the bound exceeds it.
     let bound = radius.floor() as u8 + 1;
     let mut bounds = exchanged(size, voxels, |voxel| if voxel { 0 } else { bound });
     let square = (radius * radius).floor() as u16;
@@ -106,7 +108,7 @@ mod tests {
         Mask::new(grid, voxels.collect()).unwrap()
     }
 
-    /// Whether a voxel within the radius is marked as asked; what lies outside of the grid is not marked.
+    /// Whether a voxel within the radius equals the given value; voxels outside the grid are not marked.
     fn any_near(mask: &Mask, index: usize, radius: f64, value: bool) -> bool {
         let centre = mask.grid().voxel(index).map(|along| along as isize);
         let reach = radius as isize;

@@ -4,18 +4,18 @@ use rayon::prelude::*;
 
 use crate::Core;
 
-/// For each voxel the nearest voxel of the core, exactly; of several, the first that lies lowest along x.
+/// The exact nearest core voxel of each voxel; among equals, the first one with the lowest x.
 pub(crate) struct NearestCore {
     size: [usize; 3],
-    /// Coordinates of the core's voxels, by x.
+    /// Coordinates of the core voxels, by x.
     voxels: Vec<[i32; 3]>,
-    /// For each voxel the number of its nearest core voxel.
+    /// The number of the nearest core voxel of each voxel.
     nearest: Vec<u32>,
 }
 
 impl NearestCore {
-    /// Finds them row by row: along x, the squared distances to the core's voxels are parabolas of one shape, and the
-    /// nearest core voxels are those of their lower envelope. Rows without a voxel inside are left out.
+    /// Finds them row by row: along x, the squared distances to the core voxels are parabolas of the same shape, and
+    /// their lower envelope gives the nearest ones. Rows without a voxel inside are skipped.
     pub(crate) fn new(size: [usize; 3], core: &Core, inside: &[bool]) -> Self {
         let [nx, ny, _] = size;
         let voxel = |index: u32| voxel_at(index as usize, size).map(|place| place as i32);
@@ -44,13 +44,13 @@ impl NearestCore {
         self.size
     }
 
-    /// The number of the core voxel nearest to a voxel that shares its row with one inside.
+    /// The number of the core voxel nearest to a voxel in a row with a voxel inside.
     #[inline]
     pub(crate) fn core_of(&self, index: usize) -> u32 {
         self.nearest[index]
     }
 
-    /// The way from a voxel to a core voxel.
+    /// The offset from a voxel to a core voxel.
     #[inline]
     pub(crate) fn way(&self, voxel: [usize; 3], core: u32) -> [i32; 3] {
         let root = self.voxels[core as usize];
@@ -67,7 +67,7 @@ fn voxel_at(index: usize, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
     [index % nx, index / nx % ny, index / (nx * ny)]
 }
 
-/// A core voxel's parabola on a row, and the first x at which it is the lowest.
+/// The parabola of a core voxel on a row, and the first x at which it is the lowest.
 struct Parabola {
     core: u32,
     vertex: i32,
@@ -77,7 +77,7 @@ struct Parabola {
 
 /// The parabolas that are lowest somewhere on the row at `[y, z]`, by x.
 ///
-/// Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions", 2012, in whole numbers.
+/// Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions", 2012, in integers.
 fn lower_envelope(voxels: &[[i32; 3]], [y, z]: [i32; 2], envelope: &mut Vec<Parabola>) {
     envelope.clear();
     for (core, &[vertex, core_y, core_z]) in voxels.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! A brain mask made larger or smaller by a distance.
+//! Grows or shrinks a brain mask by a distance.
 
 use crate::mask::MARGIN;
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
@@ -7,15 +7,16 @@ use crate::{BrainMask, GeometryError, MAX_WORKING_SIZE, Mask};
 /// The largest offset either way, in mm.
 const MAX_OFFSET_MM: f64 = 20.0;
 
-/// Moves the surface of a brain mask outwards by `offset_mm`, or inwards where it is negative.
+/// Moves the surface of a brain mask outwards by `offset_mm`, or inwards if it is negative.
 ///
-/// The offset is exact: outwards, a voxel belongs when its centre is at most so far from that of a voxel of the mask;
-/// inwards, when it is further than that from that of every voxel outside. The largest component is kept and its holes are
-/// filled, and the grid is the working grid of the new mask. Less than a voxel changes nothing.
+/// The offset is exact: outwards, a voxel belongs to the result if its centre is at most this far from the centre of a
+/// voxel of the mask; inwards, if it is further than this from the centre of every voxel outside. The largest component
+/// is kept and its holes are filled. The result is on its own working grid. An offset of less than a voxel changes
+/// nothing.
 ///
 /// # Errors
-/// When the offset is not within −20 to 20 mm, when nothing is left of the mask, or when the new mask needs a working grid
-/// of more than [`MAX_WORKING_SIZE`] voxels.
+/// If the offset is not within −20 to 20 mm, if nothing is left of the mask, or if the new mask needs a working grid of
+/// more than [`MAX_WORKING_SIZE`] voxels along a side.
 pub fn offset(brain: &BrainMask, offset_mm: f64) -> Result<BrainMask, GeometryError> {
     let refused = |range| GeometryError::Parameter {
         name: "offset_mm",
@@ -30,7 +31,7 @@ pub fn offset(brain: &BrainMask, offset_mm: f64) -> Result<BrainMask, GeometryEr
     if radius < 1.0 {
         return Ok(brain.clone());
     }
-    // The working grid is wide enough for what is within this bound: twice it has at most 0.3 billion voxels.
+    // A bound on memory: the padded grid has at most 0.3 billion voxels.
     let pad = if offset_mm > 0.0 {
         radius.floor() as usize
     } else {
@@ -38,7 +39,7 @@ pub fn offset(brain: &BrainMask, offset_mm: f64) -> Result<BrainMask, GeometryEr
     };
     let size = mask.grid().size().map(|side| side + 2 * pad);
     if radius >= 100.0 || size.iter().product::<usize>() > 300_000_000 {
-        return Err(refused("smaller for voxels as fine as these"));
+        return Err(refused("smaller for voxels of this size"));
     }
     let wide = mask.block([-(pad as i64); 3], size)?;
     let moved = if offset_mm > 0.0 {
@@ -54,7 +55,7 @@ pub fn offset(brain: &BrainMask, offset_mm: f64) -> Result<BrainMask, GeometryEr
     let first_kept = first.map(|voxel| voxel as i64 - MARGIN);
     let size = [0, 1, 2].map(|axis| last[axis] - first[axis] + 1 + 2 * MARGIN as usize);
     if size.iter().any(|&side| side > MAX_WORKING_SIZE) {
-        return Err(refused("smaller for a brain as large as this"));
+        return Err(refused("smaller for a brain of this size"));
     }
     BrainMask::from_stored(moved.block(first_kept, size)?)
 }
@@ -64,7 +65,7 @@ mod tests {
     use super::*;
     use crate::phantom;
 
-    /// The offset by its definition, for every voxel of the result's grid.
+    /// The offset by definition, for every voxel of the grid of the result.
     fn by_definition(brain: &BrainMask, result: &Mask, offset_mm: f64) -> Vec<bool> {
         let mask = brain.mask();
         let spacing = mask.grid().spacing_mm()[0];

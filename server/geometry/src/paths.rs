@@ -1,4 +1,4 @@
-//! Every depth of every vertex, tabulated.
+//! The table of the positions of all vertices at all depths.
 
 use glam::Vec3;
 use multiversion::multiversion;
@@ -8,56 +8,56 @@ use crate::segment::{Corner, Segment};
 use crate::walk::Walker;
 use crate::{DepthField, DistanceMap, EnvelopeMesh, MeshSize, Paths};
 
-/// Depth from a row of a table to the next, in voxels.
+/// The depth between two rows of a table, in voxels.
 const ROW_VOXELS: f32 = 0.5;
 
-/// How far the depth of a position between two rows may be off, in mm, before the table holds it more finely.
+/// The greatest depth error of a position between two rows, in mm; beyond it the table stores finer pieces.
 const ROW_TOLERANCE_MM: f32 = 0.025;
 
-/// Depths closer than this are not told apart, in mm.
+/// Depths closer than this count as equal, in mm.
 const FINEST_STEP_MM: f32 = 0.01;
 
-/// The positions of a mesh's vertices at every depth: depth-major, 16 bits a coordinate.
+/// The positions of the vertices of a mesh at every depth: depth-major, 16 bits per coordinate.
 ///
-/// A depth between two rows is interpolated between them. Where a vertex's way bends or jumps so much between two
-/// rows that this would be off by more than 0.025 mm, finer pieces of it are kept beside the rows.
+/// Positions at a depth between two rows are interpolated. If the path of a vertex bends or jumps so much between two
+/// rows that the depth would be off by more than 0.025 mm, finer pieces of the path are stored beside the rows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathTable {
-    /// How fine the mesh is.
+    /// The size of the mesh.
     pub size: MeshSize,
-    /// LPS mm of the stored position `[0, 0, 0]`.
+    /// The position of the stored coordinates `[0, 0, 0]`, LPS mm.
     pub origin_in_patient: [f32; 3],
-    /// Millimetres in a step of a stored coordinate.
+    /// The length of a step of a stored coordinate, in mm.
     pub step_mm: f32,
-    /// Depth from a row to the next, in mm. Row 0 is depth 0.
+    /// The depth between two rows, in mm. Row 0 is depth 0.
     pub row_mm: f32,
-    /// Depth of the deepest voxel of the case, in mm; the last row is the first that is at least as deep.
+    /// The depth of the deepest voxel, in mm; the last row is the first one at least as deep.
     pub max_depth_mm: f32,
     /// Rows of `size.vertex_count()` stored positions.
     pub rows: Vec<[u16; 3]>,
-    /// Finer pieces of some ways, by the row that they follow.
+    /// Finer pieces of some paths, sorted by the row before them.
     pub pieces: Vec<Piece>,
-    /// Number of the first piece after each row, and at last the number of pieces.
+    /// The index of the first piece after each row, and finally the number of pieces.
     pub first_piece: Vec<u32>,
 }
 
-/// A straight piece of one vertex's way between two rows.
+/// A straight piece of the path of a vertex between two rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
-    /// Whose way it is.
+    /// The vertex.
     pub vertex: u32,
-    /// Depths at its ends, in mm; it holds for depths above the first, up to the second.
+    /// The depths at its ends, in mm; it applies to depths above the first, up to and including the second.
     pub depths_mm: [f32; 2],
-    /// Stored positions of its ends.
+    /// The stored positions of its ends.
     pub ends: [[u16; 3]; 2],
 }
 
 /// A mesh at a depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShrunkMesh {
-    /// Its depth: what was asked for, within 0 and the case's greatest depth.
+    /// Its depth: the requested depth, clamped to 0 and the greatest depth.
     pub depth_mm: f32,
-    /// Vertices in LPS mm, in the order of [`MeshSize::vertex_count`].
+    /// The vertices in LPS mm, in the order of [`MeshSize::vertex_count`].
     pub positions_in_patient: Vec<[f32; 3]>,
 }
 
@@ -67,15 +67,15 @@ impl PathTable {
         self.rows.len() / self.size.vertex_count()
     }
 
-    /// Memory held, in bytes.
+    /// Its memory in bytes.
     pub fn bytes(&self) -> usize {
         6 * self.rows.len() + size_of_val(&self.pieces[..]) + 4 * self.first_piece.len()
     }
 
-    /// The mesh of the isosurface `depth_mm` below the envelope, clamped to 0 and the case's greatest depth.
+    /// The mesh of the isosurface `depth_mm` below the envelope, clamped to 0 and the greatest depth.
     ///
-    /// Each vertex is at the first point of its path that is deep enough; where no point is, at the path's end. Two
-    /// rows of the table are read, and nothing else but for the few finer pieces.
+    /// Each vertex is at the first point of its path that is deep enough; if there is none, at the end of the path.
+    /// This reads two rows of the table and the few finer pieces.
     ///
     /// Source: the paper, section 3.2.
     pub fn shrink(&self, depth_mm: f32) -> ShrunkMesh {
@@ -113,7 +113,7 @@ impl PathTable {
     }
 }
 
-/// How two rows of stored positions become one of positions in LPS mm.
+/// The mapping from two rows of stored positions to positions in LPS mm.
 #[derive(Clone, Copy)]
 struct Scale {
     origin: [f32; 3],
@@ -121,10 +121,10 @@ struct Scale {
     fraction: f32,
 }
 
-/// Positions between those of two rows, all as x, y, z, x, y, z and so on.
+/// Interpolates between the positions of two rows; all as x, y, z, x, y, z and so on.
 #[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
 fn interpolate(near: &[u16], far: &[u16], scale: &Scale, out: &mut [f32]) {
-    // Eight vertices at a time, so that the pattern of axes repeats with the registers.
+    // Eight vertices at a time, so that the pattern of axes fits the registers.
     const LANES: usize = 24;
     let origin: [f32; LANES] = std::array::from_fn(|lane| scale.origin[lane % 3]);
     let chunks = near
@@ -139,7 +139,7 @@ fn interpolate(near: &[u16], far: &[u16], scale: &Scale, out: &mut [f32]) {
     }
 }
 
-/// Follows the way of every vertex and tabulates its position at every depth.
+/// Follows the path of every vertex and tabulates its position at every depth.
 pub fn path_table(
     mesh: &EnvelopeMesh,
     distance: &DistanceMap,
@@ -178,7 +178,7 @@ pub fn path_table(
     }
 }
 
-/// The mesh at one depth, without a table: for meshes so fine that their table would be too large.
+/// The mesh at one depth, without a table, for meshes with too large a table.
 pub fn shrink_once(
     mesh: &EnvelopeMesh,
     distance: &DistanceMap,
@@ -203,7 +203,7 @@ pub fn shrink_once(
     }
 }
 
-/// The first point of a vertex's way that is at least `depth_mm` deep, or the way's end.
+/// The first point of the path of a vertex that is at least `depth_mm` deep, or the end of the path.
 fn first_deep_enough(walker: &Walker, start: Vec3, depth_mm: f32) -> Vec3 {
     if depth_mm == 0.0 {
         return start;
@@ -221,9 +221,9 @@ fn first_deep_enough(walker: &Walker, start: Vec3, depth_mm: f32) -> Vec3 {
     previous.map_or(start, |end| end.position)
 }
 
-/// How the positions and depths of one case are stored.
+/// The encoding of positions and depths.
 struct Frame {
-    /// Stored steps in a voxel.
+    /// Stored steps per voxel.
     steps_per_voxel: f32,
     origin_in_patient: [f32; 3],
     step_mm: f32,
@@ -262,7 +262,7 @@ impl Frame {
             .map(|coordinate| coordinate as u16)
     }
 
-    /// Walks one vertex's way and notes where it first reaches each row's depth.
+    /// Follows the path of one vertex and notes where it first reaches the depth of each row.
     fn tabulate(&self, walker: &Walker, vertex: u32, start: Vec3) -> Column {
         let mut way = walker.way(start);
         let first = way.next().unwrap_or(Corner {
@@ -289,12 +289,12 @@ impl Frame {
     }
 }
 
-/// A vertex's column in the making.
+/// The column of a vertex under construction.
 struct Tabulation<'a> {
     frame: &'a Frame,
     field: &'a DepthField,
     vertex: u32,
-    /// What was walked since the last row was reached.
+    /// The path since the last row was reached.
     trail: Vec<Corner>,
     column: Column,
 }
@@ -320,7 +320,7 @@ impl Tabulation<'_> {
             }
             let place = segment.reaching(self.field, far);
             let reached = segment.at(place);
-            // Between two rows on one segment the depth is a known cubic; across a bend it must be looked up.
+            // Between two rows on one segment the depth is a known cubic; across a bend it must be sampled.
             if !(is_within_segment && segment.is_straight(place, [near, far], ROW_TOLERANCE_MM)) {
                 self.refine([near, far], [self.trail[0].position, reached], true);
             }
@@ -338,7 +338,7 @@ impl Tabulation<'_> {
         }
     }
 
-    /// Lets the vertex rest at the end of the way, at every row that it did not reach.
+    /// Places the vertex at the end of the path for every row that it did not reach.
     fn rest(mut self) -> Column {
         if self.row() + 1 < self.frame.row_count {
             let [near, far] = [self.row(), self.row() + 1].map(|row| self.depth_of_row(row));
@@ -370,7 +370,8 @@ impl Tabulation<'_> {
         segment.at(place)
     }
 
-    /// Splits the way between two depths until straight pieces keep to its depth; one piece for a whole row is none.
+    /// Splits the path between two depths until straight pieces match its depth; a single piece for a whole row is not
+    /// stored.
     fn refine(&mut self, depths_mm: [f32; 2], ends: [Vec3; 2], is_whole_row: bool) {
         let [near, far] = depths_mm;
         if self.is_straight(depths_mm, ends) {
@@ -378,7 +379,7 @@ impl Tabulation<'_> {
                 self.keep(depths_mm, ends);
             }
         } else if far - near <= FINEST_STEP_MM {
-            // The way jumps: it dips, and goes on where it comes back to this depth.
+            // The path jumps: it gets shallower, and continues where it reaches this depth again.
             self.keep(depths_mm, [ends[1]; 2]);
         } else {
             let middle = (near + far) / 2.0;
@@ -390,7 +391,7 @@ impl Tabulation<'_> {
 
     /// Whether the depth along the straight line between two points is linear to within the tolerance.
     ///
-    /// The longer the line is than it is deep, the more closely it is looked at.
+    /// The longer the line relative to its depth range, the more samples are compared.
     fn is_straight(&self, [near, far]: [f32; 2], [start, end]: [Vec3; 2]) -> bool {
         let detour = start.distance(end) * self.field.spacing_mm() / (far - near);
         let samples = if detour < 4.0 { 3 } else { 15 };
@@ -505,7 +506,7 @@ mod tests {
                     let apart: Vec<f32> = pairs
                         .map(|(a, b)| Vec3::from_array(*a).distance(Vec3::from_array(*b)))
                         .collect();
-                    // Where a way runs along a ridge or the surface, a hundredth of depth is a long way.
+                    // Along a ridge or the surface, 0.01 mm of depth is a long distance.
                     let close = apart.iter().filter(|&&apart| apart < 0.1).count();
                     assert!(
                         close * 100 >= apart.len() * 85,
@@ -575,7 +576,7 @@ mod tests {
             way_to(Paths::Flow, 6.0),
             way_to(Paths::Forest(&case.forest), 6.0),
         );
-        // A vertex must go at least as far as it goes down.
+        // A vertex moves at least as far as its depth grows.
         assert!(
             (5.99..6.8).contains(&flow) && flow < forest,
             "{flow} {forest}"

@@ -1,4 +1,4 @@
-//! Shapes whose answers are known on paper, and a head with folded gyri, for tests, benches and the demonstration.
+//! Shapes with known answers, and a synthetic head with folded gyri, for tests, benches and the demo.
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -8,20 +8,20 @@ use crate::{
     Rescale, Volume,
 };
 
-/// Half of the side of the head's volume, in mm: left to right, front to back, top to bottom.
+/// Half of the sides of the volume, in mm: left to right, front to back, top to bottom.
 const HEAD_HALF_EXTENT_MM: DVec3 = DVec3::new(92.0, 108.0, 92.0);
-/// Half-axes of the brain's outline, in mm.
+/// Half-axes of the outline of the brain, in mm.
 const BRAIN_HALF_AXES_MM: DVec3 = DVec3::new(70.0, 86.0, 66.0);
 /// Thickness of the cortical ribbon, in mm.
 const CORTEX_MM: f64 = 3.0;
-/// How deep the sulci reach below the outline, in mm.
+/// Depth of the sulci below the outline, in mm.
 const SULCUS_DEPTH_MM: f64 = 16.0;
 /// Centre of the blurred lesion in LPS mm: in the right frontal lobe, at the bottom of sulci.
 pub const LESION_IN_PATIENT: DVec3 = DVec3::new(-34.0, -46.0, 26.0);
-/// Radius within which grey and white matter are blurred into one another, in mm.
+/// Radius of the blur between grey and white matter, in mm.
 const LESION_RADIUS_MM: f64 = 8.0;
 
-/// A made-up head and its brain mask.
+/// A synthetic head and its brain mask.
 #[derive(Debug, Clone)]
 pub struct PhantomHead {
     /// T1-like intensities with skull and scalp.
@@ -30,17 +30,17 @@ pub struct PhantomHead {
     pub brain: Mask,
 }
 
-/// The envelope whose voxels are those of `grid` at which `is_inside` holds, by their centres in LPS mm.
+/// The envelope of the voxels of `grid` with `is_inside` true at their centres (LPS mm).
 ///
 /// # Panics
-/// When that is no envelope: it is empty or reaches a face of the grid, or the grid is not a working grid.
+/// If that is not a valid envelope: empty, touching a face of the grid, or not on a working grid.
 pub fn envelope(grid: &Grid, is_inside: impl Fn(DVec3) -> bool) -> Envelope {
     let voxels = centres(grid).map(is_inside).collect();
     let mask = Mask::new(grid.clone(), voxels).expect("one value for each voxel");
-    Envelope::from_stored(mask).expect("an envelope inside of its grid")
+    Envelope::from_stored(mask).expect("an envelope inside its grid")
 }
 
-/// A volume that is `intensity` of the centres of its voxels in LPS mm.
+/// A volume with the values of `intensity` at the centres of its voxels (LPS mm).
 pub fn volume(grid: Grid, intensity: impl Fn(DVec3) -> u16) -> Volume {
     let voxels = centres(&grid).map(intensity).collect();
     Volume::new(grid, voxels, UNSCALED).expect("one value for each voxel")
@@ -49,7 +49,7 @@ pub fn volume(grid: Grid, intensity: impl Fn(DVec3) -> u16) -> Volume {
 /// The model of a volume and an envelope, whether or not the volume is cropped to it.
 ///
 /// # Panics
-/// When the envelope is too small for a mesh.
+/// If the envelope is too small for a mesh.
 pub fn model(volume: Volume, envelope: Envelope) -> BuiltModel {
     let closed = ClosedBrain::Envelope(envelope);
     let built = DeformableModel::build(volume, closed, |_| Ok::<_, GeometryError>(()));
@@ -61,7 +61,7 @@ const UNSCALED: Rescale = Rescale {
     intercept: 0.0,
 };
 
-/// The centres of a grid's voxels in LPS mm, x-fastest.
+/// The centres of the voxels of a grid in LPS mm, x-fastest.
 fn centres(grid: &Grid) -> impl Iterator<Item = DVec3> {
     let voxels = (0..grid.voxel_count()).map(|index| grid.voxel(index));
     voxels.map(|voxel| {
@@ -73,7 +73,7 @@ fn centres(grid: &Grid) -> impl Iterator<Item = DVec3> {
 /// A ball of `radius_voxels` around a voxel centre, at 1 mm.
 ///
 /// # Panics
-/// When the radius is not within 0 to 200.
+/// If the radius is not within 0 to 200.
 pub fn ball(radius_voxels: f64) -> BrainMask {
     ellipsoid([radius_voxels; 3], 1.0)
 }
@@ -81,7 +81,7 @@ pub fn ball(radius_voxels: f64) -> BrainMask {
 /// An ellipsoid along the patient axes, around a voxel centre.
 ///
 /// # Panics
-/// When a half-axis is not within 0 to 200 voxels, or the spacing is not positive.
+/// If a half-axis is not within 0 to 200 voxels, or the spacing is not positive.
 pub fn ellipsoid(half_axes_voxels: [f64; 3], spacing_mm: f64) -> BrainMask {
     let axes = DVec3::from_array(half_axes_voxels);
     shape(axes.ceil(), spacing_mm, |position| {
@@ -89,10 +89,11 @@ pub fn ellipsoid(half_axes_voxels: [f64; 3], spacing_mm: f64) -> BrainMask {
     })
 }
 
-/// Two balls of the given radii, joined by a bar between their centres, which lie `apart_voxels` from each other along x.
+/// Two balls of the given radii, joined by a bar between their centres, which are `apart_voxels` from each other along
+/// x.
 ///
 /// # Panics
-/// When a length is not within 0 to 200 voxels.
+/// If a length is not within 0 to 200 voxels.
 pub fn two_lobes(radii_voxels: [f64; 2], apart_voxels: f64, bar_radius_voxels: f64) -> BrainMask {
     let [left, right] = [-apart_voxels / 2.0, apart_voxels / 2.0];
     let widest = radii_voxels[0].max(radii_voxels[1]);
@@ -105,7 +106,7 @@ pub fn two_lobes(radii_voxels: [f64; 2], apart_voxels: f64, bar_radius_voxels: f
     })
 }
 
-/// The voxels at which a predicate of the position relative to the central voxel holds, in voxels.
+/// The voxels that satisfy a predicate of the position relative to the central voxel, in voxels.
 fn shape(half_size: DVec3, spacing_mm: f64, is_inside: impl Fn(DVec3) -> bool) -> BrainMask {
     let half = half_size.to_array().map(|side| side as usize);
     assert!(
@@ -128,7 +129,7 @@ fn shape(half_size: DVec3, spacing_mm: f64, is_inside: impl Fn(DVec3) -> bool) -
 /// `spacing_mm` is the edge of a voxel. Axes run along L, P and S.
 ///
 /// # Panics
-/// When `spacing_mm` is not within 0.5 to 4.
+/// If `spacing_mm` is not within 0.5 to 4.
 pub fn head(spacing_mm: f64) -> PhantomHead {
     assert!(
         (0.5..=4.0).contains(&spacing_mm),
@@ -183,14 +184,14 @@ fn tissue_at(patient: DVec3) -> Tissue {
     if to_fluid < 0.6 {
         return tissue(FLUID, false);
     }
-    // Grey turns to white over half a millimetre, and over many in the lesion.
+    // Grey changes to white over half a millimetre, and over several in the lesion.
     let into_lesion = 1.0 - patient.distance(LESION_IN_PATIENT) / LESION_RADIUS_MM;
     let blur = 0.5 + 6.0 * into_lesion.max(0.0);
     let white = ((to_fluid - 0.6 - CORTEX_MM) / blur + 0.5).clamp(0.0, 1.0);
     tissue(GREY + (WHITE - GREY) * white, true)
 }
 
-/// What surrounds the brain, by the distance from its outline: fluid, skull, scalp, air.
+/// The intensity around the brain, by the distance from its outline: fluid, skull, scalp, air.
 fn shell_intensity(outwards_mm: f64) -> f64 {
     match outwards_mm {
         distance if distance < 2.0 => FLUID,
@@ -200,11 +201,11 @@ fn shell_intensity(outwards_mm: f64) -> f64 {
     }
 }
 
-/// About how far inside of an ellipsoid a position is, in mm; negative outside.
+/// The approximate depth of a position inside an ellipsoid, in mm; negative outside.
 fn depth_in_ellipsoid(position: DVec3, half_axes: DVec3) -> f64 {
     let scaled = position / half_axes;
     let radius = scaled.length();
-    // The first-order distance: the value over the length of its gradient.
+    // The first-order distance: the value divided by the length of its gradient.
     let slope = (scaled / half_axes).length() / radius.max(1e-9);
     (1.0 - radius) / slope.max(1e-9)
 }
@@ -214,10 +215,10 @@ fn is_in_ventricle(patient: DVec3) -> bool {
     depth_in_ellipsoid(from_centre, DVec3::new(6.0, 30.0, 9.0)) > 0.0
 }
 
-/// About how far a position is from the nearest fissure or sulcus, in mm.
+/// The approximate distance of a position from the nearest fissure or sulcus, in mm.
 ///
-/// Sulci are sheets that stand on the outline: where a wavy function of the direction is zero. They end
-/// [`SULCUS_DEPTH_MM`] below the outline; the fissure between the hemispheres goes deeper.
+/// Sulci are sheets perpendicular to the outline: the zeros of a wavy function of the direction. They end
+/// [`SULCUS_DEPTH_MM`] below the outline; the fissure between the hemispheres is deeper.
 fn distance_to_sulcus(patient: DVec3, below_outline: f64) -> f64 {
     let fissure = patient.x.abs().hypot((below_outline - 34.0).max(0.0));
     let direction = (patient / BRAIN_HALF_AXES_MM).normalize_or_zero() * BRAIN_HALF_AXES_MM;

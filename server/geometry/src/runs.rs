@@ -2,16 +2,16 @@
 
 use memchr::memchr;
 
-/// Which voxels count as neighbours.
+/// The voxels that count as neighbours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Connectivity {
-    /// Those that share a face.
+    /// Voxels that share a face.
     Faces,
-    /// Those that share a face, an edge or a corner.
+    /// Voxels that share a face, an edge or a corner.
     Corners,
 }
 
-/// A stretch of voxels along x: `start..end` in the x-fastest order.
+/// Consecutive voxels along x: `start..end` in the x-fastest order.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     start: u32,
@@ -52,7 +52,7 @@ impl Components {
         components
     }
 
-    /// Joins the touching runs of two rows; both are sorted, so that one walk over them is enough.
+    /// Joins the touching runs of two rows; both are sorted, so one pass is enough.
     fn join_rows(&mut self, row_starts: &[u32], row: usize, other: usize, nx: usize, slack: u32) {
         let (mut a, mut b) = (row_starts[row], row_starts[other]);
         let shift = ((row - other) * nx) as u32;
@@ -78,13 +78,13 @@ impl Components {
         run
     }
 
-    /// The smaller number becomes the root, so that the outcome does not depend on the order of joining.
+    /// The smaller number becomes the root, so that the result does not depend on the order.
     fn union(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parents[a.max(b) as usize] = a.min(b);
     }
 
-    /// For each run that is a root, how many voxels its component has; 0 for the others.
+    /// The number of voxels in the component of each root run; 0 for the other runs.
     fn voxels(&mut self) -> Vec<u64> {
         let mut voxels = vec![0; self.runs.len()];
         for run in 0..self.runs.len() {
@@ -100,7 +100,7 @@ impl Components {
     }
 }
 
-/// The runs of `value`, and for each row the number of its first run (one more entry ends the last row).
+/// The runs of `value`, and the number of the first run of each row (plus a final entry).
 fn runs_by_row(nx: usize, mask: &[bool], value: bool) -> (Vec<Run>, Vec<u32>) {
     let mut runs = Vec::new();
     let mut row_starts = Vec::with_capacity(mask.len() / nx + 1);
@@ -123,7 +123,7 @@ fn runs_by_row(nx: usize, mask: &[bool], value: bool) -> (Vec<Run>, Vec<u32>) {
     (runs, row_starts)
 }
 
-/// Keeps the component with most voxels and clears the others; of two equal ones, the first.
+/// Keeps the largest component and clears the others; among equals, the first.
 pub(crate) fn keep_largest_component(
     size: [usize; 3],
     mask: &mut [bool],
@@ -141,8 +141,8 @@ pub(crate) fn keep_largest_component(
     }
 }
 
-/// Keeps the component that holds most voxels of another mask and clears the others; of two equal ones, the first. Where none
-/// holds any, nothing is left.
+/// Keeps the component with the most voxels of another mask and clears the others; among equals, the first. If none
+/// contains any, nothing is left.
 pub(crate) fn keep_component_with_most_of(
     size: [usize; 3],
     mask: &mut [bool],
@@ -166,7 +166,7 @@ pub(crate) fn keep_component_with_most_of(
     }
 }
 
-/// How much of a mask is in the component with most voxels; 1 where it is empty.
+/// The fraction of a mask in its largest component; 1 if the mask is empty.
 pub(crate) fn largest_component_share(
     size: [usize; 3],
     mask: &[bool],
@@ -179,7 +179,7 @@ pub(crate) fn largest_component_share(
     }
 }
 
-/// Fills what of the background cannot be reached from the faces of the grid by steps through voxel faces.
+/// Fills the background that cannot be reached from the faces of the grid through voxel faces.
 pub(crate) fn fill_holes(size: [usize; 3], mask: &mut [bool]) {
     let [nx, ny, nz] = size;
     let mut components = Components::find(size, mask, false, Connectivity::Faces);

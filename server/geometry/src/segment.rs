@@ -1,23 +1,23 @@
-//! Depth along a straight piece of a vertex's way.
+//! Depth along a straight segment of the path of a vertex.
 
 use glam::Vec3;
 
 use crate::DepthField;
 
-/// How exactly a depth is met on a way, in mm.
+/// The tolerance of depths on a segment, in mm.
 const TOLERANCE_MM: f32 = 0.004;
 
-/// A point of a vertex's way, in voxel coordinates, and its depth in mm.
+/// A point of a path in voxel coordinates, and its depth in mm.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Corner {
     pub(crate) position: Vec3,
     pub(crate) depth_mm: f32,
 }
 
-/// The way from one corner to the next, or what of it lies after a place on it.
+/// The segment from one corner of a path to the next, or the rest of it after a point.
 ///
-/// Places are fractions of the way. Within one cell of the grid the trilinear depth is a cubic of the place; that
-/// is found once, and then no voxel need be read.
+/// Points are fractions of the segment. Within one cell of the grid the trilinear depth is a cubic of the fraction; it
+/// is computed once, and then no voxel is read.
 #[derive(Debug, Clone)]
 pub(crate) struct Segment {
     from: Corner,
@@ -45,17 +45,17 @@ impl Segment {
         }
     }
 
-    /// The position at a place.
+    /// The position at a fraction.
     pub(crate) fn at(&self, place: f32) -> Vec3 {
         self.from.position.lerp(self.to.position, place)
     }
 
-    /// Leaves out what lies before a place.
+    /// Drops the part before a fraction.
     pub(crate) fn start_at(&mut self, place: f32, depth_mm: f32) {
         (self.start, self.depth_at_start) = (place, depth_mm);
     }
 
-    /// The place whose depth is `depth_mm`, which lies between those of the start and of the end.
+    /// The fraction with the depth `depth_mm`, which must be between the depths of start and end.
     pub(crate) fn reaching(&mut self, field: &DepthField, depth_mm: f32) -> f32 {
         let excesses = [self.depth_at_start - depth_mm, self.to.depth_mm - depth_mm];
         if excesses[1] <= TOLERANCE_MM {
@@ -75,7 +75,7 @@ impl Segment {
         }
     }
 
-    /// Whether the depth from the start to a place is linear to within a tolerance; not if the cubic is not known.
+    /// Whether the depth from the start to a fraction is linear within a tolerance; `false` if the cubic is unknown.
     pub(crate) fn is_straight(&self, place: f32, depths_mm: [f32; 2], tolerance_mm: f32) -> bool {
         let [near, far] = depths_mm;
         self.cubic.is_some_and(|cubic| {
@@ -87,7 +87,7 @@ impl Segment {
     }
 }
 
-/// The cubic of the depth between two corners of one cell, lowest power first: through four of its values.
+/// The cubic of the depth between two points of one cell, lowest power first, from four values.
 fn cubic_along(field: &DepthField, from: &Corner, to: &Corner) -> [f32; 4] {
     let depth_at = |place: f32| field.depth_mm(from.position.lerp(to.position, place));
     let (a, b) = (from.depth_mm, depth_at(1.0 / 3.0));
@@ -105,7 +105,7 @@ fn evaluate([a, b, c, d]: [f32; 4], place: f32) -> f32 {
     a + place * (b + place * (c + place * d))
 }
 
-/// Where between `start` and 1 a function is zero that is negative at the one and positive at the other.
+/// The zero between `start` and 1 of a function that is negative at the former and positive at the latter.
 ///
 /// Regula falsi in its Illinois form (Dowell and Jarratt, 1971).
 #[inline]

@@ -1,4 +1,4 @@
-//! The envelope's voxels in the order of their depth.
+//! The voxels of the envelope, sorted by depth.
 
 use crate::{DistanceMap, Grid};
 
@@ -18,17 +18,18 @@ impl ShellVoxel {
     }
 }
 
-/// The voxels of an envelope sorted by depth, so that a shell is a slice found by binary search (the paper's section 3.3).
+/// The voxels of an envelope sorted by depth, so that a shell is a slice found by binary search (the paper's section
+/// 3.3).
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellIndex {
     grid: Grid,
     voxels: Vec<ShellVoxel>,
-    /// The squared depths that occur, ascending, each with the number of shallower voxels.
+    /// The distinct squared depths, ascending, each with the number of shallower voxels.
     depths: Vec<(u16, u32)>,
 }
 
 impl ShellIndex {
-    /// Sorts the envelope's voxels by depth; voxels of one depth stay in the order of the grid.
+    /// Sorts the voxels of an envelope by depth; voxels of equal depth stay in the order of the grid.
     pub fn new(distance: &DistanceMap) -> Self {
         let (squared, inside) = (distance.squared(), distance.inside());
         let mut next = vec![0u32; 1 << 16];
@@ -69,21 +70,21 @@ impl ShellIndex {
         &self.grid
     }
 
-    /// All voxels of the envelope, the shallowest first.
+    /// All voxels of the envelope, shallowest first.
     pub fn voxels(&self) -> &[ShellVoxel] {
         &self.voxels
     }
 
-    /// The voxels whose depth is in `[depth_mm, depth_mm + thickness_mm)`.
+    /// The voxels with a depth in `[depth_mm, depth_mm + thickness_mm)`.
     pub fn shell(&self, depth_mm: f32, thickness_mm: f32) -> &[ShellVoxel] {
         let start = self.shallower_than(depth_mm);
         let end = self.shallower_than(depth_mm + thickness_mm).max(start);
         &self.voxels[start..end]
     }
 
-    /// Number of voxels whose depth is less than `depth_mm`.
+    /// The number of voxels with a depth less than `depth_mm`.
     fn shallower_than(&self, depth_mm: f32) -> usize {
-        // In the same arithmetic as the distance map's, so that both agree on every voxel.
+        // In the same arithmetic as the distance map, so that both agree on every voxel.
         let spacing_mm = self.grid.spacing_mm()[0] as f32;
         let is_shallower =
             |&(squared, _): &(u16, u32)| f32::from(squared).sqrt() * spacing_mm < depth_mm;

@@ -1,33 +1,32 @@
 //! The exact Euclidean distance transform, separable, many voxels at a time.
 //!
-//! Distances are linear along y, found by two sweeps, and squared after that; along z and x each value
-//! becomes the least of its neighbours' at distance k plus k², for k growing until k² alone is too much:
-//! the lower envelope of parabolas (Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled
-//! Functions", 2012) by brute force. The cost grows with the greatest distance, but many voxels go at once in
-//! few bits, which beats the linear-time algorithm on every grid that is accepted here.
+//! Two sweeps along y find linear distances, which are then squared. Along z and x, each value becomes the minimum over
+//! k of the neighbours at distance k plus k², for growing k until k² alone exceeds it: the lower envelope of parabolas
+//! (Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions", 2012) by brute force. The cost grows
+//! with the greatest distance, but many voxels are processed at once in few bits, which is faster than the linear-time
+//! algorithm on every accepted grid.
 //!
-//! The sweeps are done in place, plane by plane; z and x together, in a slab of one y that stays in the
-//! cache. So the slabs follow each other in the result: its axes are x, z, y, and those of a second transform
-//! x, y, z again.
+//! The sweeps work in place, plane by plane; z and x together, in a slab of constant y that stays in the cache. The
+//! slabs are consecutive in the result, so its axes are x, z, y; after a second transform they are x, y, z again.
 
 use std::ops::{BitOr, Range};
 
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Voxels that are worked on at once.
+/// The number of voxels processed at once.
 const LANES: usize = 64;
 
-/// One lane of squares for each voxel.
+/// Squared distances, one lane per voxel.
 type Lanes<Square> = [Square; LANES];
 
 /// The largest distance that is represented, in voxels: 255² is the last square below 2¹⁶.
 pub(crate) const MAX_DISTANCE: u8 = 255;
 
-/// The largest distance whose square fits in eight bits.
+/// The largest distance with a square that fits in eight bits.
 const MAX_SMALL_DISTANCE: u8 = 15;
 
-/// The values of a grid with the axes x, y, z in the order of x, z, y, each converted: what [`transformed`] turns back.
+/// The converted values of a grid with the axes x, y, z, in the order x, z, y, which [`transformed`] reverses.
 pub(crate) fn exchanged<T: Copy + Sync, U: Copy + Default + Send>(
     [nx, ny, nz]: [usize; 3],
     values: &[T],
@@ -48,16 +47,16 @@ pub(crate) fn exchanged<T: Copy + Sync, U: Copy + Default + Send>(
     exchanged
 }
 
-/// What `convert` makes of the squared distance of each voxel to the nearest seed, which is at most the square of its bound.
+/// `convert` of the squared distance from each voxel to the nearest seed, which is at most the square of its bound.
 ///
-/// `bounds` holds for each voxel, x-fastest, an upper bound of its distance in voxels; a seed's is 0. It is
-/// written to. A bound below the true distance must not be passed on to a voxel with a larger one: either all
-/// bounds are the same, or a seed lies on every straight way between the two.
+/// `bounds` contains an upper bound of the distance of each voxel, x-fastest, in voxels; it is 0 for a seed. It is
+/// overwritten. A bound below the true distance must not propagate to a voxel with a larger bound: either all bounds
+/// are equal, or a seed lies on every straight line between the two.
 ///
-/// The axes of the result are x, z, y. The voxels nearer than `margin` to a face of the grid are left out.
+/// The axes of the result are x, z, y. Voxels nearer than `margin` to a face of the grid are omitted.
 ///
 /// # Panics
-/// When the number of bounds is not that of the voxels, or the margin leaves none.
+/// If the number of bounds differs from the number of voxels, or the margin leaves none.
 pub(crate) fn transformed<T: Copy + Default + Send>(
     size: [usize; 3],
     bounds: &mut [u8],
@@ -105,16 +104,16 @@ fn sweep_along_y(distance: &mut [u8], nx: usize) {
     }
 }
 
-/// The distances along y, of which slabs of one y are taken.
+/// The distances along y, from which slabs of constant y are taken.
 struct Slabs<'a> {
     size: [usize; 3],
-    /// What is wanted of each axis.
+    /// The wanted range along each axis.
     kept: [Range<usize>; 3],
     distances: &'a [u8],
 }
 
 impl Slabs<'_> {
-    /// The slabs that are wanted, each minimised along z and x by `minimise`.
+    /// The wanted slabs, each minimised along z and x by `minimise`.
     fn minimised<S: Square, T: Copy + Default + Send>(
         &self,
         minimise: impl Fn(&mut Slab<S>, &[u8], usize) + Sync,
@@ -140,22 +139,22 @@ impl Slabs<'_> {
     }
 }
 
-/// The squares of one y, and the memory to work on them.
+/// The squares of one y, with scratch memory.
 struct Slab<S> {
-    /// How many voxels a row has, and how many squares lie from one row to the next.
+    /// The number of voxels in a row, and the distance from one row to the next in squares.
     nx: usize,
     width: usize,
     kept_x: Range<usize>,
     kept_z: Range<usize>,
     /// The squares of the distances along y, a row for each z.
     squares: Vec<S>,
-    /// Distance from each z to the nearest where a lane differs.
+    /// The distance from each z to the nearest z with a different lane.
     to_varied: Vec<u32>,
-    /// The rows that are wanted, minimised along z.
+    /// The wanted rows, minimised along z.
     rows: Vec<S>,
     /// One of these rows with a margin on both sides.
     row: Vec<S>,
-    /// What is wanted, minimised along z and x.
+    /// The wanted values, minimised along z and x.
     least: Vec<S>,
 }
 
@@ -171,13 +170,13 @@ impl<S: Square> Slab<S> {
             squares: vec![S::default(); width * nz],
             to_varied: vec![0; nz],
             rows: vec![S::default(); width * kept_z.len()],
-            // Beyond the ends of a row there is no seed, however far one looks.
+            // There is no seed beyond the ends of a row.
             row: vec![S::MAX; margin + nx + LANES + margin],
             least: vec![S::default(); kept_x.len() * kept_z.len()],
         }
     }
 
-    /// The least squares from the distances along y, of which a row begins every `stride`.
+    /// The least squares from the distances along y, with a row every `stride` values.
     #[inline(always)]
     fn minimise(&mut self, distances: &[u8], stride: usize) {
         let rows = self.squares.chunks_exact_mut(self.width);
@@ -243,7 +242,7 @@ impl<S: Square> Slab<S> {
     }
 }
 
-/// Where lanes begin so that they cover a range: the last may overlap those before, rather than leave the range.
+/// The starts of lanes that cover a range; the last one may overlap the one before, but not leave the range.
 #[inline(always)]
 fn starts(range: &Range<usize>) -> impl Iterator<Item = usize> + use<> {
     let last = range.end.saturating_sub(LANES).max(range.start);
@@ -253,7 +252,7 @@ fn starts(range: &Range<usize>) -> impl Iterator<Item = usize> + use<> {
         .map(move |first| first.min(last))
 }
 
-/// Minimises a slab whose squares fit in eight bits.
+/// Minimises a slab with squares that fit in eight bits.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.1"))]
 fn minimise_small(slab: &mut Slab<u8>, distances: &[u8], stride: usize) {
     slab.minimise(distances, stride);
@@ -265,7 +264,7 @@ fn minimise_large(slab: &mut Slab<u16>, distances: &[u8], stride: usize) {
     slab.minimise(distances, stride);
 }
 
-/// A squared distance in as few bits as will do; sums stop at the greatest.
+/// A squared distance in as few bits as possible; sums saturate.
 trait Square: Copy + Default + Ord + Into<u32> + BitOr<Output = Self> + Send {
     const MAX: Self;
     /// The largest distance with a square.
@@ -273,7 +272,7 @@ trait Square: Copy + Default + Ord + Into<u32> + BitOr<Output = Self> + Send {
 
     fn of(distance: u8) -> Self;
     fn plus(self, other: Self) -> Self;
-    /// The difference, or zero.
+    /// The saturating difference.
     fn minus(self, other: Self) -> Self;
 }
 
@@ -317,7 +316,7 @@ impl Square for u16 {
     }
 }
 
-/// Lanes that stand above each other in rows of `width`.
+/// Lanes above each other in rows of `width`.
 struct Column<'a, S> {
     squares: &'a [S],
     width: usize,
@@ -346,9 +345,9 @@ impl<S: Square> Column<'_, S> {
         greatest.into_iter().fold(S::default(), S::max)
     }
 
-    /// Distance from each place to the nearest with a lane below `ceiling`, the column's greatest value.
+    /// The distance from each place to the nearest one with a lane below `ceiling`, the greatest value of the column.
     ///
-    /// Where that is far, the value stays the ceiling: so are most places when distances are followed only so far.
+    /// Far from it the value stays the ceiling. If distances are followed only a short way, most places are like that.
     #[inline(always)]
     fn measure_varied(&self, ceiling: S, to_varied: &mut [u32]) {
         let mut distance = 1 << 9;
@@ -365,7 +364,7 @@ impl<S: Square> Column<'_, S> {
         }
     }
 
-    /// The least of the column's values, each raised by the square of its distance from `z`.
+    /// The least value of the column, each raised by its squared distance from `z`.
     #[inline(always)]
     fn least(&self, z: usize) -> Lanes<S> {
         let mut least = *self.at(z);
@@ -386,7 +385,7 @@ impl<S: Square> Column<'_, S> {
     }
 }
 
-/// The least of a row's values at a place and up to `reach` voxels away, each raised by the square of its distance.
+/// The least value of a row up to `reach` voxels from a place, each raised by its squared distance.
 #[inline(always)]
 fn least_of_row<S: Square>(row: &[S], place: usize, reach: usize) -> Lanes<S> {
     let mut least = *lanes(row, place);
@@ -416,9 +415,9 @@ fn is_all<S: Square>(lanes: &[S], value: S) -> bool {
         .fold(false, |differs, &lane| differs | (lane != value))
 }
 
-/// Whether a neighbour whose distance has this square could still lower a lane.
+/// Whether a neighbour at this squared distance could still lower a lane.
 ///
-/// As a disjunction of differences, because that is one instruction for each register and a test.
+/// A disjunction of differences, because it takes one instruction per register and a test.
 #[inline(always)]
 fn any_above<S: Square>(lanes: &Lanes<S>, square: S) -> bool {
     lanes

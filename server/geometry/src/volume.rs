@@ -14,10 +14,10 @@ pub struct Rescale {
     pub intercept: f32,
 }
 
-/// MR intensities on the grid on which they were acquired, 16 bits each.
+/// MR intensities on the grid of the acquisition, 16 bits each.
 ///
-/// Intensities are never resampled: interpolation blurs, and blur is the sign that is looked for. Every
-/// picture samples these voxels once, through the affine.
+/// Intensities are never resampled: interpolation blurs, and blur is the sign that readers look for. Every picture
+/// samples these voxels once, through the affine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
     grid: Grid,
@@ -29,7 +29,7 @@ impl Volume {
     /// A volume of stored values, x-fastest, and their rescaling to intensities.
     ///
     /// # Errors
-    /// When the number of values is not that of the grid's voxels.
+    /// If the number of values differs from the number of voxels.
     pub fn new(grid: Grid, voxels: Vec<u16>, rescale: Rescale) -> Result<Self, GeometryError> {
         if voxels.len() != grid.voxel_count() {
             return Err(GeometryError::ValueCount {
@@ -44,7 +44,7 @@ impl Volume {
         })
     }
 
-    /// Where the voxels are.
+    /// The grid of the voxels.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -54,7 +54,7 @@ impl Volume {
         &self.voxels
     }
 
-    /// How stored values become intensities.
+    /// The mapping from stored values to intensities.
     pub fn rescale(&self) -> Rescale {
         self.rescale
     }
@@ -78,8 +78,7 @@ impl Volume {
 
     /// The stored value at a position in voxel coordinates, trilinear between voxel centres.
     ///
-    /// Outside of every voxel there is nothing: `None`. In the outer half of a border voxel it is that
-    /// voxel's own value.
+    /// `None` outside every voxel. In the outer half of a border voxel, it is the value of that voxel.
     #[inline]
     pub fn sample(&self, position_in_voxel: Vec3) -> Option<f32> {
         let size = self.grid.size();
@@ -96,10 +95,10 @@ impl Volume {
         Some(z.between(slice(z.low), slice(z.high)))
     }
 
-    /// The intensities below which the given fractions of the volume's voxels inside `envelope` lie.
+    /// The quantiles of the intensities inside `envelope`.
     ///
-    /// `fractions` are in 0..=1. A voxel is inside when its centre is in a voxel of the envelope. `None` when
-    /// no voxel is inside.
+    /// `fractions` are in 0..=1. A voxel is inside if its centre is in a voxel of the envelope. `None` if no voxel is
+    /// inside.
     pub fn percentiles_inside<const N: usize>(
         &self,
         envelope: &Envelope,
@@ -142,7 +141,7 @@ impl Volume {
             return None;
         }
         Some(fractions.map(|fraction| {
-            // A falling rescale turns the order of the stored values round.
+            // A negative slope reverses the order of the stored values.
             let fraction = if self.rescale.slope < 0.0 {
                 1.0 - fraction
             } else {
@@ -158,9 +157,9 @@ impl Volume {
         }))
     }
 
-    /// The smallest block of voxels that surrounds `region` with `margin_voxels` to spare, as a volume of its own.
+    /// The smallest block of voxels that surrounds `region` with a margin of `margin_voxels`, as a separate volume.
     ///
-    /// What of the block lies outside of this volume is left out. `None` when nothing of it is inside.
+    /// The block is clipped to this volume. `None` if nothing of it is inside.
     pub fn crop_to(&self, region: &Grid, margin_voxels: usize) -> Option<Self> {
         let [first, last] = self.block_around(region, margin_voxels)?;
         let size = [0, 1, 2].map(|axis| last[axis] - first[axis] + 1);
@@ -202,7 +201,7 @@ impl Volume {
     }
 }
 
-/// Where a position lies between two voxel centres of one axis.
+/// A position between two voxel centres of one axis.
 #[derive(Clone, Copy)]
 struct Cell {
     low: usize,
@@ -211,7 +210,7 @@ struct Cell {
 }
 
 impl Cell {
-    /// `None` outside of every voxel; in the outer half of the first and the last, those voxels alone.
+    /// `None` outside every voxel; in the outer half of the first and the last voxel, only that voxel.
     #[inline]
     fn of(position: f32, side: usize) -> Option<Self> {
         let last = (side - 1) as f32;
@@ -247,7 +246,7 @@ mod tests {
         intercept: 0.0,
     };
 
-    /// A volume whose stored values are `100 + 2x + 10y + 30z`.
+    /// A volume with the stored values `100 + 2x + 10y + 30z`.
     fn ramp(size: [usize; 3], rescale: Rescale) -> Volume {
         let grid = Grid::aligned(size, [1.0; 3], DVec3::ZERO).unwrap();
         let value = |index| {

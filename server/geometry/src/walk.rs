@@ -1,4 +1,4 @@
-//! The ways that vertices take inwards.
+//! The paths of vertices inwards.
 
 use glam::Vec3;
 
@@ -7,21 +7,21 @@ use crate::deepest_first::DepthPyramid;
 use crate::segment::Corner;
 use crate::{DepthField, DistanceMap, Forest};
 
-/// What a vertex follows as the mesh shrinks.
+/// The kind of path that vertices follow.
 #[derive(Debug, Clone, Copy)]
 pub enum Paths<'a> {
     /// The optimal paths of the second transform, as in the paper.
     Forest(&'a Forest),
-    /// Up the gradient of the distance map: the nearest way to a depth.
+    /// The gradient of the distance map: the shortest way to a depth.
     Flow,
 }
 
 /// Length of a step up the gradient, in voxels.
 const FLOW_STEP: f32 = 0.5;
-/// Least gain of depth in such a step that does not count as standing still, in voxels.
+/// The least gain of depth of such a step that counts as progress, in voxels.
 const LEAST_GAIN: f32 = 0.05;
 
-/// Finds the ways of vertices through one case.
+/// Finds the paths of vertices through one case.
 pub(crate) struct Walker<'a> {
     distance: &'a DistanceMap,
     field: &'a DepthField,
@@ -46,7 +46,7 @@ impl<'a> Walker<'a> {
         self.field
     }
 
-    /// The corners of a vertex's way, `start` first: its last is where the vertex rests.
+    /// The corners of the path of a vertex, from `start` to its end.
     pub(crate) fn way(&self, start: Vec3) -> Box<dyn Iterator<Item = Corner> + '_> {
         let corner = |position| Corner {
             position,
@@ -64,7 +64,7 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// A voxel's centre, whose depth needs no interpolation.
+    /// The centre of a voxel, with its depth, which needs no interpolation.
     fn centre_corner(&self, index: usize) -> Corner {
         let millimetres = self.field.spacing_mm() / DepthField::STEPS_PER_VOXEL;
         let depth_mm = f32::from(self.field.values()[index]) * millimetres;
@@ -74,7 +74,8 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// The next point up the gradient: half a voxel along it, else the steepest neighbour, else the nearest deeper voxel.
+    /// The next point along the gradient: half a voxel further, otherwise the steepest neighbour, otherwise the nearest
+    /// deeper voxel.
     fn flow_on(&self, here: Vec3) -> Option<Vec3> {
         let depth = self.field.depth_mm(here);
         let least = depth + LEAST_GAIN * self.field.spacing_mm();
@@ -91,7 +92,7 @@ impl<'a> Walker<'a> {
         self.field.gradient(position).normalize_or_zero()
     }
 
-    /// The centre, among those around a position, that gains most depth for its distance and is at least `least` deep.
+    /// The voxel centre around a position with the greatest gain of depth per distance that is at least `least` deep.
     fn steepest_neighbour(&self, here: Vec3, least: f32) -> Option<Vec3> {
         let depth = self.field.depth_mm(here);
         let nearest = self.nearest_inside(here);
@@ -117,7 +118,7 @@ impl<'a> Walker<'a> {
         Vec3::from_array(self.distance.grid().voxel(index).map(|place| place as f32))
     }
 
-    /// The voxel inside of the envelope nearest to a point of its surface or its inside.
+    /// The voxel inside the envelope nearest to a point on its surface or inside.
     fn nearest_inside(&self, position: Vec3) -> usize {
         let grid = self.distance.grid();
         let base = position.floor();

@@ -2,18 +2,18 @@
 
 use geometry::GeometryError;
 
-/// Why a file was refused, or could not be written.
+/// Why a file was rejected or could not be written.
 ///
-/// Messages carry numbers of the header and names of the standard, never texts of the file.
+/// Messages contain numbers from the header and names from the standard, never texts from the file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImagingError {
-    /// Neither a NIfTI-1 nor a NIfTI-2 header, packed or not.
+    /// Neither a NIfTI-1 nor a NIfTI-2 header, gzipped or not.
     #[error("this is not a NIfTI file: it does not begin with a header of 348 or 540 bytes")]
     NotNifti,
-    /// An Analyze 7.5 header, which does not say which side is left.
+    /// An Analyze 7.5 header, which does not state which side is left.
     #[error(
-        "this is an Analyze 7.5 image, which does not say which side of the head is left; convert the original images to NIfTI"
+        "this is an Analyze 7.5 image, which does not state which side of the head is left; convert the original images to NIfTI"
     )]
     Analyze,
     /// The header of a pair of files, `.hdr` and `.img`.
@@ -21,42 +21,42 @@ pub enum ImagingError {
         "this is the header of a .hdr/.img pair without its voxels; save it as a single .nii file"
     )]
     NiftiHeaderOnly,
-    /// A header of the right size without NIfTI's magic word, or the reverse.
+    /// A header of the right size without the magic word of NIfTI, or the reverse.
     #[error("the NIfTI header is damaged: {what}")]
     NiftiHeader {
         /// What is wrong with it.
         what: &'static str,
     },
     /// The file ends early.
-    #[error("the NIfTI file is truncated: {found} of its {expected} bytes are there")]
+    #[error("the NIfTI file is truncated: it has {found} of {expected} bytes")]
     NiftiTruncated {
-        /// Bytes that header and voxels take.
+        /// Bytes of header and voxels.
         expected: u64,
-        /// Bytes, unpacked, that there are.
+        /// Bytes of the unpacked file.
         found: u64,
     },
     /// Bytes follow the last voxel.
-    #[error("the NIfTI file goes on after the {expected} bytes that its header describes")]
+    #[error("the NIfTI file is longer than the {expected} bytes that its header describes")]
     NiftiTrailingData {
-        /// Bytes that header and voxels take.
+        /// Bytes of header and voxels.
         expected: u64,
     },
-    /// A packed header promises more than so short a gzip stream can hold.
-    #[error("the header promises {promised} bytes, more than {packed} bytes of gzip can hold")]
+    /// The header describes more bytes than the gzip stream can contain.
+    #[error("the header describes {promised} bytes, more than {packed} bytes of gzip can contain")]
     NiftiPromise {
-        /// Bytes that header and voxels take.
+        /// Bytes of header and voxels.
         promised: u64,
         /// Bytes of the gzip stream.
         packed: u64,
     },
-    /// A size in the header is not that of an image.
+    /// An impossible size in the header.
     #[error("dim[{axis}] of the NIfTI header is {value}; it must be {range}")]
     NiftiDimension {
-        /// Which entry of `dim`; 0 is the number of dimensions.
+        /// The index in `dim`; 0 is the number of dimensions.
         axis: usize,
-        /// What it holds.
+        /// Its value.
         value: i64,
-        /// What it may hold, in words.
+        /// The accepted values, in words.
         range: &'static str,
     },
     /// An image of fewer than three dimensions.
@@ -68,14 +68,14 @@ pub enum ImagingError {
         size: [usize; 3],
     },
     /// More than one volume.
-    #[error("the file holds {count} volumes; supply one of them")]
+    #[error("the file contains {count} volumes; send a single one")]
     NiftiSeveralVolumes {
-        /// How many there are.
+        /// Number of volumes.
         count: u64,
     },
-    /// A data type that is not of integers or real numbers, or that is not known.
+    /// An unsupported or unknown data type.
     #[error(
-        "voxels of NIfTI data type {code} ({name}) cannot be read; integers and real numbers of up to 64 bits can"
+        "NIfTI data type {code} ({name}) is not supported; use integers or floating-point numbers of up to 64 bits"
     )]
     NiftiDataType {
         /// The code in the header.
@@ -95,21 +95,21 @@ pub enum ImagingError {
         /// Bits per voxel of that type.
         expected: i16,
     },
-    /// The voxels do not start behind the header.
+    /// The voxels do not start after the header.
     #[error(
         "vox_offset of the NIfTI header is {value}; it must be a whole number from {least} to {most}"
     )]
     NiftiVoxOffset {
-        /// What the header holds.
+        /// The value in the header.
         value: f64,
-        /// Where voxels can start at the earliest.
+        /// The smallest possible value.
         least: u64,
-        /// Where they may start at the latest.
+        /// The greatest accepted value.
         most: u64,
     },
     /// An unknown unit of length.
     #[error(
-        "the NIfTI header gives lengths in the unknown unit {code}; metres, millimetres and micrometres can be read"
+        "the NIfTI header has the unknown unit of length {code}; use metres, millimetres or micrometres"
     )]
     NiftiUnits {
         /// The code of the unit.
@@ -117,15 +117,15 @@ pub enum ImagingError {
     },
     /// Neither an sform nor a qform.
     #[error(
-        "the NIfTI header does not say which side of the head is left: it has neither a qform nor an sform"
+        "the NIfTI header does not state which side of the head is left: it has neither a qform nor an sform"
     )]
     NiftiOrientationUnknown,
-    /// Sform and qform put left on opposite sides.
+    /// The sform and the qform place left on opposite sides.
     #[error(
-        "sform and qform of the NIfTI header contradict each other about which side of the head is left"
+        "the sform and the qform of the NIfTI header disagree about which side of the head is left"
     )]
     NiftiLeftRight,
-    /// The affine from voxels to the patient is not one.
+    /// The affine from voxels to the patient is not invertible.
     #[error("the {form} of the NIfTI header is unusable: {what}")]
     NiftiAffine {
         /// `sform`, `qform` or `pixdim`.
@@ -135,7 +135,7 @@ pub enum ImagingError {
     },
     /// Slope or intercept is not a number.
     #[error(
-        "the NIfTI header scales intensities by {slope} and adds {intercept}, which is no scaling"
+        "the NIfTI header has the scaling slope {slope} and intercept {intercept}; both must be finite"
     )]
     NiftiScaling {
         /// `scl_slope`.
@@ -151,12 +151,12 @@ pub enum ImagingError {
         /// Greatest intensity.
         max: f64,
     },
-    /// Voxels that are not a number, or infinite.
+    /// Voxels that are NaN or infinite.
     #[error("{count} of {voxels} voxels are not finite numbers")]
     NiftiNonFinite {
-        /// How many.
+        /// Number of such voxels.
         count: u64,
-        /// Out of how many.
+        /// Number of all voxels.
         voxels: u64,
     },
     /// The gzip stream ends early.
@@ -165,32 +165,32 @@ pub enum ImagingError {
     /// The gzip stream is damaged, or its checksum is wrong.
     #[error("the gzip file is damaged: its data or its checksum is wrong")]
     GzipCorrupt,
-    /// More voxels than accepted.
+    /// More voxels than the limit.
     #[error("the image has {voxels} voxels, more than the limit of {limit}")]
     TooManyVoxels {
-        /// How many there are (at most `u64::MAX` is said).
+        /// Number of voxels, saturated at `u64::MAX`.
         voxels: u64,
-        /// How many are accepted.
+        /// The limit.
         limit: u64,
     },
-    /// More bytes than accepted.
+    /// More bytes than the limit.
     #[error("the image takes {bytes} bytes unpacked, more than the limit of {limit}")]
     TooManyBytes {
         /// Bytes of all voxels.
         bytes: u64,
-        /// How many are accepted.
+        /// The limit.
         limit: u64,
     },
-    /// The machine has no memory left.
-    #[error("there is no memory left for {bytes} bytes of the image")]
+    /// Memory is short.
+    #[error("there is not enough memory for {bytes} bytes of the image")]
     OutOfMemory {
-        /// How many bytes were asked for.
+        /// Number of bytes requested.
         bytes: u64,
     },
-    /// Too long a side to be written as NIfTI-1.
-    #[error("a side of {side} voxels cannot be written as NIfTI-1, whose longest is 32767")]
+    /// A side is too long for NIfTI-1.
+    #[error("a side of {side} voxels cannot be written as NIfTI-1; the limit is 32767")]
     SideTooLong {
-        /// Its voxels.
+        /// Number of voxels along it.
         side: usize,
     },
     /// A volume that NIfTI cannot express.
@@ -203,7 +203,7 @@ pub enum ImagingError {
         /// Intensity of the stored value 0.
         intercept: f32,
     },
-    /// What was read is no valid grid.
+    /// The header has no valid grid.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
 }
@@ -243,7 +243,7 @@ impl ImagingError {
         }
     }
 
-    /// Whether the file is refused for its size alone: another server, or another limit, might take it.
+    /// Whether the file is rejected because of its size alone; with a higher limit it might be accepted.
     pub fn is_too_large(&self) -> bool {
         matches!(self, Self::TooManyVoxels { .. } | Self::TooManyBytes { .. })
     }

@@ -1,11 +1,12 @@
-//! NIfTI bytes and DICOM files to a [`Volume`](geometry::Volume) or a [`Mask`](geometry::Mask), and back.
+//! From NIfTI and DICOM bytes to a [`Volume`](geometry::Volume) or a [`Mask`](geometry::Mask), and back.
 //!
-//! The one crate that knows file formats, and the one that knows that NIfTI's space is RAS: what leaves it is in
-//! DICOM's patient space, LPS, in millimetres. Bytes come in and values go out; files are opened elsewhere.
+//! This is the only crate that knows file formats, and the only one that knows that NIfTI uses RAS coordinates: its
+//! results are in the patient space of DICOM, LPS in millimetres. Bytes come in and values go out; other crates open
+//! files.
 //!
-//! Every input is taken for hostile. A length that a file states is compared with the bytes at hand and with the
-//! [`Limits`] before memory is asked for; nothing here panics on any bytes, but for decoders of packed pixels that are
-//! others' (see [`dicom`]); and no message holds what a header says of the patient.
+//! Every input is treated as hostile. A length in a file is compared with the available bytes and with the [`Limits`]
+//! before memory is allocated. No input makes this crate panic, except in third-party decoders of compressed pixels
+//! (see [`dicom`]). No message contains patient data from a header.
 
 pub mod dicom;
 mod error;

@@ -1,13 +1,13 @@
-//! How much a file may ask for.
+//! Limits on the size of an image.
 
-/// What a file may ask for; one that asks for more is refused before anything of the kind is allocated.
+/// Limits on the size of an image. A file beyond them is rejected before memory is allocated for it.
 ///
-/// A reader never holds more than `max_bytes` of unpacked voxels and, beside them, two bytes for each voxel.
+/// A reader never holds more than `max_bytes` of unpacked voxels plus two bytes per voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// The largest number of voxels of an image.
+    /// The largest number of voxels.
     pub max_voxels: usize,
-    /// The largest size of an image's voxels in bytes, unpacked and in the data type of the file.
+    /// The largest size of all voxels in bytes, unpacked and in the data type of the file.
     pub max_bytes: u64,
 }
 

@@ -1,4 +1,4 @@
-//! What kind of file some bytes are, by their content.
+//! Recognises the kind of a file by its content.
 
 use std::io::Read;
 
@@ -6,12 +6,12 @@ use flate2::bufread::GzDecoder;
 
 use crate::nifti;
 
-/// A kind of file, told by its first bytes.
+/// A kind of file, recognised by its first bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// A NIfTI header, of a single file or a pair, or its forerunner Analyze's.
+    /// A NIfTI header of a single file or a pair, or an Analyze header.
     Nifti,
-    /// A gzip stream that holds a NIfTI header, or that is too damaged to tell.
+    /// A gzip stream that contains a NIfTI header, or that is too damaged to tell.
     NiftiGz,
     /// A zip archive.
     Zip,
@@ -21,9 +21,9 @@ pub enum Format {
     Unknown,
 }
 
-/// The kind of file that `bytes` begin, told by content alone.
+/// The kind of a file that starts with `bytes`.
 ///
-/// The first 540 bytes suffice; of a gzip file, some more. That the rest is sound is for the reader to find out.
+/// The first 540 bytes are enough; a gzip file needs some more. The reader checks the rest.
 pub fn sniff(bytes: &[u8]) -> Format {
     if bytes.starts_with(&nifti::GZIP_MAGIC) {
         sniff_gzip(bytes)
@@ -38,7 +38,8 @@ pub fn sniff(bytes: &[u8]) -> Format {
     }
 }
 
-/// A gzip stream of anything but NIfTI is unknown; one that does not unpack is left for the reader to explain.
+/// A gzip stream of anything but NIfTI is unknown. If it cannot be unpacked, it counts as NIfTI, so that the reader
+/// reports why.
 fn sniff_gzip(bytes: &[u8]) -> Format {
     let mut header = [0; nifti::LONGEST_HEADER];
     let mut filled = 0;
@@ -64,7 +65,7 @@ fn is_zip(bytes: &[u8]) -> bool {
         .any(|magic| bytes.starts_with(*magic))
 }
 
-/// The magic word behind the preamble (DICOM PS3.10 §7.1), or a first element of group 2 or 8.
+/// The magic word after the preamble (DICOM PS3.10 §7.1), or a first element of group 2 or 8.
 fn is_dicom(bytes: &[u8]) -> bool {
     let magic = bytes.get(128..132) == Some(b"DICM");
     magic || is_dicom_without_preamble(bytes)

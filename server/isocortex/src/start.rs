@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use cases::Cases;
-use service::state::{AppState, HttpOptions};
+use service::state::{AppState, HttpOptions, UploadLimits};
 
 use crate::config::{Config, ConfigError};
 
@@ -18,7 +18,7 @@ pub enum StartError {
     Cases(#[from] cases::StartError),
 }
 
-/// Opens the store and starts the render threads. No case is prepared until workers are started on the library.
+/// Opens the store. No case is prepared until workers are started on the library.
 ///
 /// # Errors
 /// When the configuration is not right, or the store cannot be opened.
@@ -26,12 +26,14 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
     config.check()?;
     let options = HttpOptions {
         access: config.access()?,
-        max_upload_bytes: config.limits.max_upload_bytes,
-        max_uploads: config.http.max_uploads,
+        uploads: UploadLimits {
+            max_bytes: config.limits.max_upload_bytes,
+            at_a_time: config.http.max_uploads,
+            idle: Duration::from_secs(config.http.upload_idle_secs),
+            whole: Duration::from_secs(config.http.upload_timeout_secs),
+        },
         body_cache_bytes: config.http.body_cache_bytes,
         answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
-        upload_idle: Duration::from_secs(config.http.upload_idle_secs),
-        upload_timeout: Duration::from_secs(config.http.upload_timeout_secs),
     };
     let cases = Cases::open(config.cases()).await?;
     Ok(AppState::new(cases, options))

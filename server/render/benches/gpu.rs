@@ -10,7 +10,9 @@ use common::head_sized;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use geometry::{MeshSize, Paths};
 use render::gpu::{CaseKey, GpuOptions, GpuPool, KeyedModel};
-use render::{RenderBackend, RenderJob, RenderParameters, RenderRequest, SizedMesh, Window};
+use render::{
+    KeyedLayers, RenderBackend, RenderJob, RenderParameters, RenderRequest, SizedMesh, Window,
+};
 
 fn pictures(criterion: &mut Criterion) {
     let pool = match GpuPool::start(GpuOptions::default()) {
@@ -35,6 +37,7 @@ fn pictures(criterion: &mut Criterion) {
         })
         .expect("a request"),
         mesh,
+        layers: KeyedLayers::default(),
     };
     let mut group = criterion.benchmark_group("gpu");
     group.sample_size(20);

@@ -4,12 +4,15 @@ use glam::{DQuat, DVec3};
 
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
-use crate::{Frame, Projection, RenderRequest, SlicePlane, SliceRequest, Window};
+use crate::{
+    Frame, FrameSize, Layer, Layers, Overlay, Projection, RenderRequest, SlicePlane, SliceRequest,
+    Window,
+};
 
 /// The smallest side of a picture that is written into, in pixels: the notice needs so much.
 pub const MIN_ANNOTATED_SIDE: u32 = 128;
 
-/// The letters of a day and of the first digits of an id, with what parts them: ` 2026-01-01 · 01234567`.
+/// The letters of a day and of the first digits of an id, with what separates them: ` 2026-01-01 · 01234567`.
 const DAY_AND_ID: usize = 22;
 
 /// What stands at the foot of a picture.
@@ -21,36 +24,40 @@ const BARS_MM: [f64; 9] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0]
 /// The patient's directions along +L, +P, +S and against them.
 const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];
 
+/// The grey under the colours of a legend: what lies between dark and bright tissue.
+const BAR_GREY: u8 = 96;
+
 /// A second letter is written where its axis is at least 30° off the perpendicular.
 const SECOND_LETTER: f64 = 0.5;
 
-/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture, below what
-/// `named` says of its case.
+/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture; with layers
+/// also the name of the texture, and the colours of the overlay with their values. `named` is the first line.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it.
 pub fn annotate(
     frame: Frame,
     request: &RenderRequest,
     projection: &Projection,
+    layers: &Layers<'_>,
     named: Option<&str>,
 ) -> Frame {
     let parameters = request.parameters();
     let mut canvas = canvas_of(frame);
     let lines = lines(
-        &canvas,
-        named,
-        [
-            format!("{} mm", short(parameters.depth_mm)),
-            window_line(parameters.window),
-        ],
+        format!("{} mm", short(parameters.depth_mm)),
+        parameters.window,
+        layers,
     );
+    let corner = Corner::new(&canvas, named, lines);
     let orientation = parameters.camera.orientation();
-    write_over(&mut canvas, &lines, (orientation, projection));
+    write_over(&mut canvas, &corner, (orientation, projection));
+    color_bar(&mut canvas, layers, projection.size());
     canvas.into_frame()
 }
 
 /// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the edges and the
-/// notice of research use into a slice, below what `named` says of its case.
+/// notice of research use into a slice; with layers also the name of the texture, and the colours of the overlay with their values.
+/// `named` is the first line.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it, and one with more contours than fit above its middle says how
 /// many more there are.
@@ -58,6 +65,7 @@ pub fn annotate_slice(
     frame: Frame,
     request: &SliceRequest,
     projection: &Projection,
+    layers: &Layers<'_>,
     named: Option<&str>,
 ) -> Frame {
     let parameters = request.parameters();
@@ -69,12 +77,14 @@ pub fn annotate_slice(
         short(position_mm.abs())
     );
     let mut canvas = canvas_of(frame);
-    let lines = lines(&canvas, named, [place, window_line(parameters.window)]);
+    let lines = lines(place, parameters.window, layers);
+    let corner = Corner::new(&canvas, named, lines);
     let orientation = request.camera().orientation();
-    write_over(&mut canvas, &lines, (orientation, projection));
+    write_over(&mut canvas, &corner, (orientation, projection));
     let size = projection.size();
-    let corner = [size.width() as i32, size.height() as i32 / 2];
-    legend(&mut canvas, &parameters.depths_mm, corner, lines.len());
+    let right = [size.width() as i32, size.height() as i32 / 2];
+    legend(&mut canvas, &parameters.depths_mm, &corner, right);
+    color_bar(&mut canvas, layers, size);
     canvas.into_frame()
 }
 
@@ -83,18 +93,33 @@ fn canvas_of(frame: Frame) -> Canvas {
     Canvas::new(frame, side)
 }
 
-fn window_line(window: Window) -> String {
-    format!("C {} W {}", short(window.centre()), short(window.width()))
+/// The lines in the corner of a picture: its place, its window, and the texture if that is a layer.
+fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
+    let window = format!("C {} W {}", short(window.centre()), short(window.width()));
+    let base = layers.base.map(Layer::title);
+    [place, window].into_iter().chain(base).collect()
 }
 
-/// The lines of the corner: the case, as far as it fits, then two more.
-fn lines(canvas: &Canvas, named: Option<&str>, others: [String; 2]) -> Vec<String> {
-    let room = canvas.size().width() as i32 - canvas.line_height();
-    let named = named.map(|words| fitting(canvas, words, room));
-    named.into_iter().chain(others).collect()
+/// What is written in the upper left corner.
+struct Corner {
+    lines: Vec<String>,
+    /// Whether the first line names the case; it may be as wide as the picture.
+    is_named: bool,
 }
 
-/// The text, or what of its beginning and of its last 22 letters, day and id, has room: letters that the font does not have are `?`.
+impl Corner {
+    /// The name of the case, as far as it fits, before the other lines.
+    fn new(canvas: &Canvas, named: Option<&str>, others: Vec<String>) -> Self {
+        let room = canvas.size().width() as i32 - canvas.line_height();
+        let first = named.map(|words| fitting(canvas, words, room));
+        Self {
+            is_named: first.is_some(),
+            lines: first.into_iter().chain(others).collect(),
+        }
+    }
+}
+
+/// The text, or its beginning and its last 22 letters, day and id, as far as they fit. Letters that the font lacks become `?`.
 fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
     let is_drawn = |letter: char| matches!(letter, ' '..='~' | '\u{a1}'..='\u{ff}');
     let known = |letter: char| if is_drawn(letter) { letter } else { '?' };
@@ -118,10 +143,57 @@ fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
     letters.split_off(end).into_iter().collect()
 }
 
-/// Writes what all pictures have: the lines in the corner, a scale bar, the patient's directions and the notice.
+/// The colours of an overlay on grey, with the values of their ends, its threshold, and its name, in the lower right quarter.
+fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
+    let Some(Overlay { layer, style }) = layers.overlay else {
+        return;
+    };
+    let parameters = style.parameters();
+    let [low, high] = parameters.window;
+    let [width, height] = [size.width() as i32, size.height() as i32];
+    let line = canvas.line_height();
+    let margin = line / 2;
+    let mut put = |text: &str, top: i32| {
+        let left = width - margin - canvas.text_width(text);
+        canvas.write(text, left, top);
+        left
+    };
+    let title = height / 2 + line;
+    put(&layer.title(), title);
+    // The notice has the last line.
+    let [top, bottom] = [title + line + margin, height - margin - line - margin];
+    if bottom - top < 2 * line {
+        return;
+    }
+    let ends = [put(&short(high), top), put(&short(low), bottom - line)];
+    let mut beside = ends.into_iter().min().unwrap_or(width);
+    if let Some(threshold) = parameters.threshold {
+        let text = if parameters.colormap.is_diverging() {
+            format!("± {}", short(threshold))
+        } else {
+            format!("> {}", short(threshold))
+        };
+        beside = beside.min(put(&text, (top + bottom - line) / 2));
+    }
+    let ramp = style.ramp();
+    let colors = parameters.colormap.table();
+    for y in top..bottom {
+        let part = (f64::from(bottom - y) - 0.5) / f64::from(bottom - top);
+        let value = (low + part * (high - low)) as f32;
+        let above = colors[usize::from((ramp.level(value) + 0.5) as u8)];
+        let share = ramp.share(value);
+        let color = above.map(|level| {
+            let below = f32::from(BAR_GREY);
+            (below + share * (f32::from(level) - below) + 0.5) as u8
+        });
+        canvas.swatch([beside - line - margin, y], [line, 1], color);
+    }
+}
+
+/// Writes what all pictures have: two or three lines in the corner, a scale bar, the patient's directions and the notice.
 fn write_over(
     canvas: &mut Canvas,
-    lines: &[String],
+    Corner { lines, is_named }: &Corner,
     (orientation, projection): (DQuat, &Projection),
 ) {
     let size = projection.size();
@@ -140,7 +212,7 @@ fn write_over(
     canvas.write(&right, end, middle);
     // The lines in the corner have the top to themselves where the picture is narrow.
     let at = centred(canvas, &up);
-    let top = if side < 320 || lines.len() > 2 {
+    let top = if side < 320 || *is_named {
         margin + lines.len() as i32 * line
     } else {
         margin
@@ -161,10 +233,10 @@ fn write_over(
 /// The depths of contours with their colours, down from the upper right corner as far as to the middle.
 ///
 /// They begin below the lines of the other corner, which may be as wide as the picture.
-fn legend(canvas: &mut Canvas, depths_mm: &[f64], [width, middle]: [i32; 2], lines_above: usize) {
+fn legend(canvas: &mut Canvas, depths_mm: &[f64], corner: &Corner, [width, middle]: [i32; 2]) {
     let line = canvas.line_height();
     let margin = line / 2;
-    let first = margin + lines_above as i32 * line;
+    let first = margin + if corner.is_named { 3 } else { 2 } * line;
     let room = ((middle - line - first) / line).max(1) as usize;
     let shown = if depths_mm.len() > room {
         room - 1
@@ -243,7 +315,7 @@ mod tests {
     use geometry::BoundingSphere;
 
     use super::*;
-    use crate::{Camera, FrameSize, NamedView, PixelFormat, RenderParameters, SliceParameters};
+    use crate::{Camera, NamedView, PixelFormat, RenderParameters, SliceParameters};
 
     fn annotated(view: NamedView, side: u32) -> Frame {
         let size = FrameSize::new(side, side).unwrap();
@@ -259,7 +331,7 @@ mod tests {
         };
         let projection = request.parameters().camera.projection(&sphere, size);
         let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
-        annotate(black, &request, &projection, None)
+        annotate(black, &request, &projection, &Layers::default(), None)
     }
 
     /// White pixels in the boxes at the left and right edge, halfway down.
@@ -315,7 +387,7 @@ mod tests {
         };
         let projection = request.projection(&sphere);
         let black = Frame::new(size, PixelFormat::Rgb8, vec![0; 3 * size.pixel_count()]);
-        annotate_slice(black, &request, &projection, None)
+        annotate_slice(black, &request, &projection, &Layers::default(), None)
     }
 
     #[test]
@@ -379,7 +451,13 @@ mod tests {
         };
         let projection = request.parameters().camera.projection(&sphere, size);
         let lit = |named| {
-            let frame = annotate(black.clone(), &request, &projection, named);
+            let frame = annotate(
+                black.clone(),
+                &request,
+                &projection,
+                &Layers::default(),
+                named,
+            );
             // The third line of the corner.
             let line = canvas.line_height() as u32;
             let rows = 5 * line / 2..7 * line / 2;

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use geometry::{MeshSize, ShrunkMesh};
 
 use crate::choice::Renderer;
-use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, KeyedModel};
+use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, GpuTicket, KeyedModel};
 use crate::mesh::{draw_mesh_while, mesh_hits};
 use crate::splat::{draw_splat_while, splat_hits};
 use crate::trace::{draw_trace_while, trace_hits};
-use crate::{Facets, Frame, Hits, RenderError, RenderRequest, Wanted};
+use crate::{Facets, Frame, Hits, KeyedLayers, RenderError, RenderRequest, Scene, Wanted};
 
 /// One way to draw the isosurface {depth = D}.
 ///
@@ -46,6 +46,8 @@ pub struct RenderJob {
     pub request: RenderRequest,
     /// The mesh, for a backend that needs one.
     pub mesh: Option<SizedMesh>,
+    /// What is seen beside or in place of the case's intensities.
+    pub layers: KeyedLayers,
 }
 
 /// A mesh at a depth, and how fine it is.
@@ -67,15 +69,15 @@ pub struct RenderedFrame {
 }
 
 impl RenderBackend {
-    /// The backend for a renderer: `auto`, `mesh` and `trace` take the graphics device if there is one.
+    /// The backend for a renderer. `auto` is `trace`; `mesh` and `trace` take the graphics device if there is one.
     pub fn choose(renderer: Renderer, device: Option<Arc<GpuPool>>) -> Self {
         match (renderer, device) {
             (Renderer::Mesh, Some(pool)) => Self::GpuMesh(pool),
             (Renderer::Auto | Renderer::Trace, Some(pool)) => Self::GpuTrace(pool),
             (Renderer::Mesh, None) => Self::Mesh,
-            (Renderer::Trace, None) => Self::Trace,
-            // As near to the exact picture as any on the CPU, and the fastest that is.
-            (Renderer::Splat, _) | (Renderer::Auto, None) => Self::Splat,
+            // The exact isosurface, with a device or without.
+            (Renderer::Auto | Renderer::Trace, None) => Self::Trace,
+            (Renderer::Splat, _) => Self::Splat,
         }
     }
 
@@ -117,7 +119,23 @@ impl RenderBackend {
         Ok(drawn.expect("a picture that stays wanted is drawn"))
     }
 
-    /// Draws a picture as long as it is wanted; `None` soon after it is not.
+    /// Hands a picture to the graphics device, to be awaited; `None` if the CPU draws with this backend.
+    ///
+    /// # Errors
+    /// As [`RenderBackend::draw`].
+    pub fn begin_on_device(
+        &self,
+        job: &RenderJob,
+    ) -> Result<Option<GpuTicket<RenderedFrame>>, RenderError> {
+        match self {
+            Self::Splat | Self::Mesh | Self::Trace => Ok(None),
+            Self::GpuMesh(pool) | Self::GpuTrace(pool) => {
+                Ok(Some(pool.begin_draw(self.gpu_job(job)?)?))
+            }
+        }
+    }
+
+    /// Draws a picture as long as it is wanted; `None` soon after it is not. A graphics device finishes what it was given.
     ///
     /// # Errors
     /// As [`RenderBackend::draw`].
@@ -126,14 +144,13 @@ impl RenderBackend {
         job: &RenderJob,
         is_wanted: &Wanted<'_>,
     ) -> Result<Option<RenderedFrame>, RenderError> {
-        let (scene, request) = (job.case.scene(), &job.request);
+        let (scene, request) = (job.scene(), &job.request);
         let frame = match self {
             Self::Splat => draw_splat_while(&scene, request, is_wanted),
             Self::Mesh => draw_mesh_while(&scene, request, job.facets()?, is_wanted),
             Self::Trace => draw_trace_while(&scene, request, is_wanted),
             Self::GpuMesh(pool) | Self::GpuTrace(pool) => {
-                let ticket = pool.begin_draw(self.gpu_job(job)?)?;
-                return Ok(ticket.wait_while(is_wanted).transpose()?);
+                return Ok(Some(pool.draw(self.gpu_job(job)?)?));
             }
         };
         Ok(frame.map(|frame| RenderedFrame {
@@ -166,12 +183,18 @@ impl RenderBackend {
         Ok(GpuJob {
             case: job.case.clone(),
             request: job.request,
+            layers: job.layers.clone(),
             surface,
         })
     }
 }
 
 impl RenderJob {
+    /// What is drawn.
+    pub fn scene(&self) -> Scene<'_> {
+        self.case.scene().with_layers(self.layers.layers())
+    }
+
     fn facets(&self) -> Result<Facets<'_>, RenderError> {
         let SizedMesh { size, mesh } = self.mesh.as_ref().ok_or(RenderError::MeshMissing)?;
         Ok(Facets::new(*size, mesh))
@@ -236,9 +259,9 @@ mod tests {
     }
 
     #[test]
-    fn without_a_device_each_renderer_draws_on_the_cpu_and_auto_splats() {
+    fn without_a_device_each_renderer_draws_on_the_cpu_and_auto_traces() {
         let chosen = |renderer| RenderBackend::choose(renderer, None).to_string();
-        assert_eq!(chosen(Renderer::Auto), "splat on cpu");
+        assert_eq!(chosen(Renderer::Auto), "trace on cpu");
         assert_eq!(chosen(Renderer::Splat), "splat on cpu");
         assert_eq!(chosen(Renderer::Mesh), "mesh on cpu");
         assert_eq!(chosen(Renderer::Trace), "trace on cpu");

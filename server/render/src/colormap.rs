@@ -9,7 +9,7 @@ use crate::RenderError;
 /// How brightness, 0 to 255, becomes a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "openapi", schema(as = Colors))]
 pub enum ColorMap {
@@ -24,19 +24,25 @@ pub enum ColorMap {
     Viridis,
     /// Grey with a tinge of blue, like an X-ray film.
     Bone,
+    /// Vermilion to yellow, for overlays of one side: it stands out on grey for all kinds of colour vision.
+    VermilionYellow,
+    /// Sky blue through grey to orange, for overlays of two signs: all kinds of colour vision tell the ends apart.
+    BlueOrange,
 }
 
 impl ColorMap {
     /// All of them.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 7] = [
         Self::Grey,
         Self::Inverted,
         Self::Hot,
         Self::Viridis,
         Self::Bone,
+        Self::VermilionYellow,
+        Self::BlueOrange,
     ];
 
-    /// The name in the interfaces: `grey`, `inverted`, `hot`, `viridis`, `bone`.
+    /// The name in the interfaces: `grey`, `inverted`, `hot`, `viridis`, `bone`, `vermilion-yellow`, `blue-orange`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Grey => "grey",
@@ -44,7 +50,14 @@ impl ColorMap {
             Self::Hot => "hot",
             Self::Viridis => "viridis",
             Self::Bone => "bone",
+            Self::VermilionYellow => "vermilion-yellow",
+            Self::BlueOrange => "blue-orange",
         }
+    }
+
+    /// Whether its middle means nothing and its ends are opposites: an overlay is then transparent in the middle.
+    pub fn is_diverging(self) -> bool {
+        matches!(self, Self::BlueOrange)
     }
 
     /// Whether red, green and blue are the same throughout, so that one byte a pixel is enough.
@@ -56,7 +69,8 @@ impl ColorMap {
     ///
     /// `hot` and `bone` are MATLAB's, in closed form: hot rises in red, then green, then blue over 3/8, 3/8 and 2/8 of the
     /// range; bone is 7 parts grey and 1 part hot with red and blue exchanged. `viridis` is by N. J. Smith, S. van der Walt and E. Firing,
-    /// given to the public domain (CC0), <https://bids.github.io/colormap/>.
+    /// given to the public domain (CC0), <https://bids.github.io/colormap/>. The ends of `vermilion-yellow` and `blue-orange` are of the
+    /// palette for all kinds of colour vision by M. Okabe and K. Ito, "Color Universal Design", 2002; between them lie straight lines.
     pub fn table(self) -> [[u8; 3]; 256] {
         match self {
             Self::Grey => table_of(|level| [level; 3]),
@@ -64,6 +78,8 @@ impl ColorMap {
             Self::Hot => table_of(hot),
             Self::Viridis => viridis::TABLE,
             Self::Bone => table_of(bone),
+            Self::VermilionYellow => table_of(|level| mixed(VERMILION, YELLOW, level)),
+            Self::BlueOrange => table_of(blue_orange),
         }
     }
 }
@@ -77,7 +93,7 @@ impl FromStr for ColorMap {
             .find(|map| map.name() == name)
             .ok_or(RenderError::UnknownName {
                 name: "colormap",
-                known: "grey, inverted, hot, viridis, bone",
+                known: "grey, inverted, hot, viridis, bone, vermilion-yellow, blue-orange",
             })
     }
 }
@@ -103,16 +119,36 @@ fn bone(level: f64) -> [f64; 3] {
     [blue, green, red].map(|tinge| (7.0 * level + tinge) / 8.0)
 }
 
+/// Four colours of Okabe and Ito, and the grey between two of them.
+const VERMILION: [f64; 3] = [213.0, 94.0, 0.0];
+const YELLOW: [f64; 3] = [240.0, 228.0, 66.0];
+const SKY_BLUE: [f64; 3] = [86.0, 180.0, 233.0];
+const ORANGE: [f64; 3] = [230.0, 159.0, 0.0];
+const MIDDLE_GREY: [f64; 3] = [160.0; 3];
+
+/// A colour on the straight line between two of 0 to 255, as shares.
+fn mixed(from: [f64; 3], to: [f64; 3], part: f64) -> [f64; 3] {
+    std::array::from_fn(|channel| (from[channel] + part * (to[channel] - from[channel])) / 255.0)
+}
+
+fn blue_orange(level: f64) -> [f64; 3] {
+    if level < 0.5 {
+        mixed(SKY_BLUE, MIDDLE_GREY, 2.0 * level)
+    } else {
+        mixed(MIDDLE_GREY, ORANGE, 2.0 * level - 1.0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn every_map_but_the_inverted_gets_brighter_all_the_way() {
+    fn every_map_but_the_inverted_and_the_diverging_gets_brighter_all_the_way() {
         let luma = |[red, green, blue]: [u8; 3]| {
             2126 * u32::from(red) + 7152 * u32::from(green) + 722 * u32::from(blue)
         };
-        for map in ColorMap::ALL {
+        for map in ColorMap::ALL.into_iter().filter(|map| !map.is_diverging()) {
             let mut table = map.table();
             if map == ColorMap::Inverted {
                 table.reverse();
@@ -146,6 +182,48 @@ mod tests {
             [bone[0], bone[51], bone[255]],
             [[0, 0, 0], [45, 45, 62], [255; 3]]
         );
+    }
+
+    /// What dichromats see of linear red, green and blue: F. Viénot, H. Brettel and J. D. Mollon, "Digital Video Colourmaps for Checking
+    /// the Legibility of Displays by Dichromats", Color Research and Application 24, 1999; for protanopes and deuteranopes.
+    const DICHROMATS: [[[f64; 3]; 3]; 2] = [
+        [
+            [0.11238, 0.88762, 0.0],
+            [0.11238, 0.88762, 0.0],
+            [0.00401, -0.00401, 1.0],
+        ],
+        [
+            [0.29275, 0.70725, 0.0],
+            [0.29275, 0.70725, 0.0],
+            [-0.02234, 0.02234, 1.0],
+        ],
+    ];
+
+    fn seen(by: [[f64; 3]; 3], color: [u8; 3]) -> [f64; 3] {
+        let linear = color.map(|share| (f64::from(share) / 255.0).powf(2.2));
+        by.map(|row| {
+            let sum: f64 = (0..3).map(|channel| row[channel] * linear[channel]).sum();
+            255.0 * sum.max(0.0).powf(1.0 / 2.2)
+        })
+    }
+
+    #[test]
+    fn dichromats_tell_the_overlays_from_grey_and_their_ends_from_one_another() {
+        let distance = |a: [f64; 3], b: [f64; 3]| {
+            (0..3)
+                .map(|channel| (a[channel] - b[channel]).abs())
+                .sum::<f64>()
+        };
+        for by in DICHROMATS {
+            for color in ColorMap::VermilionYellow.table() {
+                let color = seen(by, color);
+                let grey = [color.iter().sum::<f64>() / 3.0; 3];
+                assert!(distance(color, grey) > 90.0, "{color:?}");
+            }
+            let table = ColorMap::BlueOrange.table();
+            let [blue, orange] = [table[0], table[255]].map(|color| seen(by, color));
+            assert!(distance(blue, orange) > 200.0, "{blue:?} {orange:?}");
+        }
     }
 
     #[test]

@@ -2,6 +2,8 @@
 //!
 //! A renderer passes when [`check`] does not panic.
 
+mod layers;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
@@ -12,8 +14,8 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use crate::gpu::{CaseKey, KeyedModel};
 use crate::{
-    Background, Camera, ColorMap, Frame, FrameSize, Hits, Light, NamedView, PixelFormat,
-    RenderBackend, RenderJob, RenderParameters, RenderRequest, SizedMesh, Window,
+    Background, Camera, ColorMap, Frame, FrameSize, Hits, KeyedLayers, Light, NamedView,
+    PixelFormat, RenderBackend, RenderJob, RenderParameters, RenderRequest, SizedMesh, Window,
 };
 
 /// How much a renderer may differ from the truth.
@@ -92,9 +94,27 @@ struct Renderer {
     backend: RenderBackend,
     /// All phantoms have the same envelope and so the same mesh.
     table: OnceLock<PathTable>,
+    layers: KeyedLayers,
 }
 
 impl Renderer {
+    fn new(backend: RenderBackend) -> Self {
+        Self {
+            backend,
+            table: OnceLock::new(),
+            layers: KeyedLayers::default(),
+        }
+    }
+
+    /// The same with layers in every picture.
+    fn with_layers(&self, layers: KeyedLayers) -> Self {
+        Self {
+            backend: self.backend.clone(),
+            table: self.table.clone(),
+            layers,
+        }
+    }
+
     /// Contours and points of the mesh: fine, so that its facets do not show.
     const MESH: [usize; 2] = [200, 200];
 
@@ -111,6 +131,7 @@ impl Renderer {
             case: phantom.case.clone(),
             request: *request,
             mesh,
+            layers: self.layers.clone(),
         }
     }
 
@@ -157,6 +178,7 @@ pub(crate) fn job() -> RenderJob {
     RenderJob {
         mesh: Some(mesh),
         request: request(parameters()),
+        layers: KeyedLayers::default(),
         case,
     }
 }
@@ -193,10 +215,7 @@ fn cameras() -> Vec<Camera> {
 /// # Panics
 /// When a check fails: the message says which.
 pub fn check(backend: RenderBackend, limits: Limits) {
-    let renderer = &Renderer {
-        backend,
-        table: OnceLock::new(),
-    };
+    let renderer = &Renderer::new(backend);
     there_are_no_holes_inside_the_silhouette(renderer, &limits);
     hits_lie_on_the_isosurface(renderer, &limits);
     hits_are_those_of_the_ellipsoid_that_face_the_viewer(renderer);
@@ -211,16 +230,14 @@ pub fn check(backend: RenderBackend, limits: Limits) {
     a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer);
     one_pixel_and_extreme_zooms_are_drawn(renderer);
     pictures_agree_with_the_exact_ones(renderer, &limits);
+    layers::check(renderer, &limits);
 }
 
 fn pictures_agree_with_the_exact_ones(renderer: &Renderer, limits: &Limits) {
     let case = Phantom::new(aligned(), |position| {
         (3.0 * position.x - 2.0 * position.y + position.z + 300.0) as u16
     });
-    let judge = Renderer {
-        backend: RenderBackend::Trace,
-        table: OnceLock::new(),
-    };
+    let judge = Renderer::new(RenderBackend::Trace);
     for camera in cameras() {
         for depth_mm in [0.0, 5.0, 10.0, 20.0] {
             let request = request(RenderParameters {
@@ -497,10 +514,7 @@ fn beside_a_cut_nothing_is_shown(renderer: &Renderer) {
     let whole = bright();
     let part = Phantom::cut_by(cut);
     // Another envelope has another mesh.
-    let renderer = &Renderer {
-        backend: renderer.backend.clone(),
-        table: OnceLock::new(),
-    };
+    let renderer = &Renderer::new(renderer.backend.clone());
     let whole_depth_mm = |position: DVec3| {
         let grid = whole.distance.grid();
         let voxel = grid.voxel_from_patient().transform_point3(position).round();

@@ -35,6 +35,14 @@ pub enum RenderError {
     /// A backend that draws a mesh was given none.
     #[error("this renderer draws a mesh, and none was given")]
     MeshMissing,
+    /// A layer has not one value for each voxel.
+    #[error("the layer has {found} values for {expected} voxels")]
+    LayerSize {
+        /// Values.
+        found: usize,
+        /// Voxels.
+        expected: usize,
+    },
     /// The graphics device did not draw.
     #[error(transparent)]
     Gpu(#[from] GpuError),

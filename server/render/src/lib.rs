@@ -28,6 +28,7 @@ pub mod gpu;
 mod hits;
 mod isosurface;
 mod known;
+mod layer;
 mod lettering;
 mod light;
 mod mesh;
@@ -55,6 +56,10 @@ pub use colormap::ColorMap;
 pub use error::RenderError;
 pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
 pub use hits::Hits;
+pub use layer::{
+    KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues, Layers, Overlay, OverlayParameters,
+    OverlayStyle,
+};
 pub use light::Light;
 pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
 pub use png::{RESEARCH_USE_NOTICE, encode_png};

@@ -26,7 +26,16 @@ pub(crate) struct Ray {
 impl Rays {
     /// The lines of sight of a projection through `grid`.
     pub(crate) fn new(projection: &Projection, grid: &Grid, unit_mm: f64) -> Self {
-        let voxel_from_frame = grid.voxel_from_patient()
+        Self::through_voxels(projection, grid.voxel_from_patient(), unit_mm)
+    }
+
+    /// The lines of sight of a projection through voxels that lie in the patient so.
+    pub(crate) fn through_voxels(
+        projection: &Projection,
+        voxel_from_patient: DAffine3,
+        unit_mm: f64,
+    ) -> Self {
+        let voxel_from_frame = voxel_from_patient
             * projection.patient_from_frame()
             * DAffine3::from_scale(DVec3::new(1.0, 1.0, unit_mm));
         let axes = voxel_from_frame.matrix3;

@@ -3,7 +3,9 @@
 use geometry::{BoundingSphere, DeformableModel, DepthField, ShellIndex, Volume};
 
 use crate::error::checked;
-use crate::{Camera, ColorMap, FrameSize, Light, NamedView, Projection, RenderError, Window};
+use crate::{
+    Camera, ColorMap, FrameSize, Layers, Light, NamedView, Projection, RenderError, Window,
+};
 
 /// All that a renderer needs of a case. Cheap to make: it borrows everything.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +20,15 @@ pub struct Scene<'a> {
     pub shell: &'a ShellIndex,
     /// What the camera looks at.
     pub bounds: BoundingSphere,
+    /// What is seen beside or in place of the volume's intensities.
+    pub layers: Layers<'a>,
+}
+
+impl<'a> Scene<'a> {
+    /// The same scene with layers.
+    pub fn with_layers(self, layers: Layers<'a>) -> Self {
+        Self { layers, ..self }
+    }
 }
 
 impl<'a> From<&'a DeformableModel> for Scene<'a> {
@@ -28,6 +39,7 @@ impl<'a> From<&'a DeformableModel> for Scene<'a> {
             normals: model.normals(),
             shell: model.shell(),
             bounds: model.bounds(),
+            layers: Layers::default(),
         }
     }
 }

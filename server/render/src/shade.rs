@@ -1,14 +1,18 @@
 //! From a point of the surface to the bytes of its pixel.
 
-use geometry::Volume;
-use glam::DVec3;
+use geometry::{Rescale, Volume};
+use glam::{DAffine3, DVec3};
 use multiversion::multiversion;
 
+use crate::layer::{LayerSampler, OverlayRamp};
 use crate::rays::{Rays, single};
 use crate::sampler::{Sampler, trilinear, whole};
 use crate::surface::PointRow;
 use crate::window::WindowLine;
-use crate::{Background, Light, PixelFormat, Projection, RenderParameters, RenderRequest};
+use crate::{
+    Background, Layers, Light, Overlay, PixelFormat, Projection, RenderParameters, RenderRequest,
+    Scene,
+};
 
 /// The most samples to either side of the isosurface that a slab is averaged over.
 const MAX_SLAB_SAMPLES: f64 = 64.0;
@@ -19,13 +23,95 @@ const LANES: usize = 32;
 /// Intensity, window, colour map and light.
 #[derive(Debug)]
 pub(crate) struct Shade<'a> {
-    volume: Sampler<'a, u16>,
+    texture: Texture<'a>,
     rays: Rays,
     window: WindowLine,
     colors: [[u8; 3]; 256],
+    overlay: Option<OverlayPaint<'a>>,
     light: Light,
     format: PixelFormat,
     slab: Option<Slab>,
+}
+
+/// What the brightness of a surface is taken from: the case's intensities or a layer.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Texture<'a> {
+    Volume(Sampler<'a, u16>),
+    Layer(LayerSampler<'a>),
+}
+
+impl<'a> Texture<'a> {
+    pub(crate) fn of(scene: &Scene<'a>) -> Self {
+        match scene.layers.base {
+            Some(layer) => Self::Layer(layer.sampler()),
+            None => Self::Volume(Sampler::new(
+                scene.volume.voxels(),
+                scene.volume.grid().size(),
+            )),
+        }
+    }
+
+    /// The value at a position in voxel coordinates; `None` outside and where it is undefined.
+    #[inline]
+    pub(crate) fn at(&self, position: [f32; 3]) -> Option<f32> {
+        match self {
+            Self::Volume(volume) => volume.contains(position).then(|| volume.at(position)),
+            Self::Layer(layer) => layer.value_at(position),
+        }
+    }
+}
+
+/// Where the voxels of a scene's texture lie in the patient.
+pub(crate) fn texture_from_patient(scene: &Scene<'_>) -> DAffine3 {
+    match scene.layers.base {
+        Some(layer) => layer.voxel_from_case(),
+        None => scene.volume.grid().voxel_from_patient(),
+    }
+}
+
+/// How the stored values of a scene's texture become those of a window.
+pub(crate) fn texture_rescale(scene: &Scene<'_>) -> Rescale {
+    match scene.layers.base {
+        Some(_) => Rescale {
+            slope: 1.0,
+            intercept: 0.0,
+        },
+        None => scene.volume.rescale(),
+    }
+}
+
+/// Lays the colours of a layer over those of a texture.
+#[derive(Debug)]
+pub(crate) struct OverlayPaint<'a> {
+    layer: LayerSampler<'a>,
+    rays: Rays,
+    ramp: OverlayRamp,
+    colors: [[u8; 3]; 256],
+}
+
+impl<'a> OverlayPaint<'a> {
+    /// For the pixels of a picture; heights are in units of `unit_mm`.
+    pub(crate) fn new(overlay: Overlay<'a>, projection: &Projection, unit_mm: f64) -> Self {
+        let from_case = overlay.layer.voxel_from_case();
+        Self {
+            layer: overlay.layer.sampler(),
+            rays: Rays::through_voxels(projection, from_case, unit_mm),
+            ramp: overlay.style.ramp(),
+            colors: overlay.style.parameters().colormap.table(),
+        }
+    }
+
+    /// A colour at a height above a place of the picture, in pixels, with the overlay above it: levels of 0 to 255.
+    #[inline]
+    pub(crate) fn over(&self, color: [u8; 3], [x, y]: [f32; 2], height: f32) -> [f32; 3] {
+        let [value, defined] = self.layer.at(self.rays.through(x, y).at(height));
+        let share = defined * self.ramp.share(value);
+        let above = self.colors[usize::from(nearest(self.ramp.level(value)))];
+        std::array::from_fn(|channel| {
+            let [below, above] = [color[channel], above[channel]].map(f32::from);
+            below + share * (above - below)
+        })
+    }
 }
 
 /// Where a slab is sampled: offsets along the depth, in mm, and native voxels per mm along L, P and S.
@@ -36,9 +122,9 @@ struct Slab {
 }
 
 impl Slab {
-    fn new(slab_mm: f64, depth_mm: f64, volume: &Volume) -> Option<Self> {
-        let offsets_mm = slab_offsets(slab_mm, depth_mm, volume);
-        let voxel_from_patient = volume.grid().voxel_from_patient().matrix3;
+    fn new(parameters: &RenderParameters, scene: &Scene<'_>) -> Option<Self> {
+        let offsets_mm = slab_offsets(parameters.slab_mm, parameters.depth_mm, scene.volume);
+        let voxel_from_patient = texture_from_patient(scene).matrix3;
         (!offsets_mm.is_empty()).then(|| Self {
             offsets_mm,
             voxels_per_mm: DVec3::AXES.map(|axis| single(voxel_from_patient * axis)),
@@ -69,8 +155,9 @@ pub(crate) fn slab_offsets(slab_mm: f64, depth_mm: f64, volume: &Volume) -> Vec<
 }
 
 /// The format of a picture: grey as grey, alpha where the background is transparent.
-pub(crate) fn pixel_format(parameters: &RenderParameters) -> PixelFormat {
-    match (parameters.colormap.is_grey(), parameters.background) {
+pub(crate) fn pixel_format(parameters: &RenderParameters, layers: &Layers<'_>) -> PixelFormat {
+    let is_grey = parameters.colormap.is_grey() && layers.overlay.is_none();
+    match (is_grey, parameters.background) {
         (true, Background::Black) => PixelFormat::Grey8,
         (true, Background::Transparent) => PixelFormat::GreyAlpha8,
         (false, Background::Black) => PixelFormat::Rgb8,
@@ -81,20 +168,24 @@ pub(crate) fn pixel_format(parameters: &RenderParameters) -> PixelFormat {
 impl<'a> Shade<'a> {
     /// Shading for the pixels of a picture; surface heights are in units of `unit_mm`.
     pub(crate) fn new(
-        volume: &'a Volume,
+        scene: &Scene<'a>,
         projection: &Projection,
         request: &RenderRequest,
         unit_mm: f64,
     ) -> Self {
         let parameters = request.parameters();
         Self {
-            volume: Sampler::new(volume.voxels(), volume.grid().size()),
-            rays: Rays::new(projection, volume.grid(), unit_mm),
-            window: parameters.window.line(volume.rescale()),
+            texture: Texture::of(scene),
+            rays: Rays::through_voxels(projection, texture_from_patient(scene), unit_mm),
+            window: parameters.window.line(texture_rescale(scene)),
             colors: parameters.colormap.table(),
+            overlay: scene
+                .layers
+                .overlay
+                .map(|overlay| OverlayPaint::new(overlay, projection, unit_mm)),
             light: parameters.light,
-            format: pixel_format(parameters),
-            slab: Slab::new(parameters.slab_mm, parameters.depth_mm, volume),
+            format: pixel_format(parameters, &scene.layers),
+            slab: Slab::new(parameters, scene),
         }
     }
 
@@ -161,36 +252,52 @@ impl<'a> Shade<'a> {
             block.heights[..pixels.len()].copy_from_slice(&points.heights[columns.clone()]);
             block.heights[pixels.len()..].fill(f32::NEG_INFINITY);
             block.facing[..pixels.len()].copy_from_slice(&points.facing[columns]);
-            match &self.slab {
-                None => block.sample(&self.volume, &self.rays, [first, row]),
-                Some(slab) => self.sample_slab(slab, [first, row], points, &mut block),
+            match (&self.slab, &self.texture) {
+                (None, Texture::Volume(volume)) => block.sample(volume, &self.rays, [first, row]),
+                (None, Texture::Layer(_)) => {
+                    self.sample_each(&mut block, [first, row], |_, position| {
+                        self.texture.at(position)
+                    });
+                }
+                (Some(slab), _) => {
+                    self.sample_each(&mut block, [first, row], |column, position| {
+                        self.slab_mean(slab, position, points.inward[column])
+                    })
+                }
             }
             block.finish(self.window, self.light);
             for (lane, pixel) in pixels.iter_mut().enumerate() {
                 if block.inside[lane] {
-                    *pixel = encode(self.color(block.levels[lane], block.lights[lane]));
+                    let color = self.colors[usize::from(block.levels[lane])];
+                    let color = match &self.overlay {
+                        None => color.map(f32::from),
+                        Some(overlay) => {
+                            let place = [(first + lane) as f32 + 0.5, row as f32 + 0.5];
+                            overlay.over(color, place, block.heights[lane])
+                        }
+                    };
+                    *pixel = encode(color.map(|level| nearest(level * block.lights[lane])));
                 }
             }
         }
     }
 
-    /// The means over the slab at a block of pixels.
-    fn sample_slab(
+    /// The values at a block of pixels, each from its column and its position in voxel coordinates.
+    fn sample_each(
         &self,
-        slab: &Slab,
-        [first, row]: [usize; 2],
-        points: &PointRow,
         block: &mut Block,
+        [first, row]: [usize; 2],
+        value: impl Fn(usize, [f32; 3]) -> Option<f32>,
     ) {
         for lane in 0..LANES {
             let column = first + lane;
             let height = block.heights[lane];
             let ray = self.rays.through(column as f32 + 0.5, row as f32 + 0.5);
-            let mean = (height > f32::NEG_INFINITY)
-                .then(|| self.slab_mean(slab, ray.at(height), points.inward[column]))
+            let found = (height > f32::NEG_INFINITY)
+                .then(|| value(column, ray.at(height)))
                 .flatten();
-            block.inside[lane] = mean.is_some();
-            block.stored[lane] = mean.unwrap_or_default();
+            block.inside[lane] = found.is_some();
+            block.stored[lane] = found.unwrap_or_default();
         }
     }
 
@@ -206,26 +313,18 @@ impl<'a> Shade<'a> {
         let mut count = 0.0;
         for offset_mm in &slab.offsets_mm {
             let sample = std::array::from_fn(|axis| position[axis] + offset_mm * per_mm[axis]);
-            if self.volume.contains(sample) {
-                sum += self.volume.at(sample);
+            if let Some(value) = self.texture.at(sample) {
+                sum += value;
                 count += 1.0;
             }
         }
         (count > 0.0).then(|| sum / count)
     }
-
-    /// The colour of a brightness of 0 to 255 in a light of 0 to 1.
-    #[inline]
-    fn color(&self, level: u8, light: f32) -> [u8; 3] {
-        let [red, green, blue] = self.colors[usize::from(level)];
-        let lit = |share: u8| nearest(f32::from(share) * light);
-        [lit(red), lit(green), lit(blue)]
-    }
 }
 
 /// The nearest whole number to a level of 0 to 255.
 #[inline(always)]
-fn nearest(level: f32) -> u8 {
+pub(crate) fn nearest(level: f32) -> u8 {
     // In one instruction, where a checked conversion takes five.
     whole(level + 0.5) as u8
 }

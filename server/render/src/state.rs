@@ -3,7 +3,7 @@
 use glam::DQuat;
 
 use crate::annotate::edge_letters;
-use crate::{Background, Camera, RenderRequest, SliceRequest, Window};
+use crate::{Background, Camera, Layers, RenderRequest, SliceRequest, Window};
 
 /// The program, as every picture names its maker.
 const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
@@ -16,6 +16,7 @@ pub fn state_texts(
     case: &str,
     renderer: &str,
     request: &RenderRequest,
+    layers: &Layers<'_>,
 ) -> Vec<(&'static str, String)> {
     let parameters = request.parameters();
     let background = match parameters.background {
@@ -36,6 +37,7 @@ pub fn state_texts(
         ("ambient", parameters.light.ambient().to_string()),
         ("background", background.to_owned()),
     ]);
+    texts.extend(layer_texts(layers));
     texts
 }
 
@@ -43,7 +45,11 @@ pub fn state_texts(
 ///
 /// `position_mm` is the LPS coordinate across the `plane`, `depth_mm` the depths of the contours with commas (empty where there are none),
 /// and `convention` says which way the patient lies: `left R, right L, up A, down P`.
-pub fn slice_texts(case: &str, request: &SliceRequest) -> Vec<(&'static str, String)> {
+pub fn slice_texts(
+    case: &str,
+    request: &SliceRequest,
+    layers: &Layers<'_>,
+) -> Vec<(&'static str, String)> {
     let parameters = request.parameters();
     let depths: Vec<_> = parameters.depths_mm.iter().map(f64::to_string).collect();
     let mut texts = vec![
@@ -59,6 +65,28 @@ pub fn slice_texts(case: &str, request: &SliceRequest) -> Vec<(&'static str, Str
         ("window", window_text(parameters.window)),
         ("colormap", parameters.colormap.name().to_owned()),
     ]);
+    texts.extend(layer_texts(layers));
+    texts
+}
+
+/// The layers of a picture by the keys that ask for them; nothing of a picture without.
+fn layer_texts(layers: &Layers<'_>) -> Vec<(&'static str, String)> {
+    let mut texts = Vec::new();
+    if let Some(base) = layers.base {
+        texts.push(("layer", base.name().to_owned()));
+    }
+    if let Some(overlay) = layers.overlay {
+        let parameters = overlay.style.parameters();
+        let [low, high] = parameters.window;
+        let threshold = parameters.threshold.map(|threshold| threshold.to_string());
+        texts.extend([
+            ("overlay", overlay.layer.name().to_owned()),
+            ("overlay_window", format!("{low},{high}")),
+            ("overlay_colormap", parameters.colormap.name().to_owned()),
+            ("overlay_threshold", threshold.unwrap_or_default()),
+            ("overlay_opacity", parameters.opacity.to_string()),
+        ]);
+    }
     texts
 }
 
@@ -105,7 +133,12 @@ mod tests {
             camera,
             ..RenderParameters::new(Window::new(50.5, 81.0).unwrap())
         };
-        let texts = state_texts("abc", "trace", &RenderRequest::new(parameters).unwrap());
+        let texts = state_texts(
+            "abc",
+            "trace",
+            &RenderRequest::new(parameters).unwrap(),
+            &Layers::default(),
+        );
         let numbers = |keyword: &str| -> Vec<f64> {
             let (_, value) = texts.iter().find(|text| text.0 == keyword).unwrap();
             value
@@ -135,7 +168,11 @@ mod tests {
                 pan_mm: [1.5, -3.0],
                 ..SliceParameters::new(plane, -20.25, Window::new(50.5, 81.0).unwrap())
             };
-            let texts = slice_texts("abc", &SliceRequest::new(parameters).unwrap());
+            let texts = slice_texts(
+                "abc",
+                &SliceRequest::new(parameters).unwrap(),
+                &Layers::default(),
+            );
             for (keyword, value) in [
                 ("case", "abc"),
                 ("plane", plane.name()),

@@ -66,7 +66,7 @@ pub(crate) fn draw(
     request: &RenderRequest,
     projection: &Projection,
 ) -> Frame {
-    let shade = Shade::new(scene.volume, projection, request, voxel_mm(scene));
+    let shade = Shade::new(scene, projection, request, voxel_mm(scene));
     let size = projection.size();
     let row_bytes = size.width() as usize * shade.format().bytes_per_pixel();
     let mut bytes = vec![0; row_bytes * size.height() as usize];

@@ -1,17 +1,19 @@
 //! The whole service as one router.
 
-use cases::Error;
 use std::any::Any;
 
 use axum::Router;
+use axum::extract::FromRef as _;
 use axum::http::{HeaderName, HeaderValue, Response, header};
 use axum::middleware;
 use axum::response::IntoResponse;
+use cases::Error;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
 
-use crate::auth;
+use crate::auth::{self, Access};
 use crate::logs::{self, MakeId, REQUEST_ID};
+use crate::metrics::Metrics;
 use crate::problem::AppError;
 use crate::routes;
 use crate::state::AppState;
@@ -42,20 +44,15 @@ const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
 /// Builds the whole service. It can be served, or asked with `oneshot` and no socket.
 pub fn app(state: AppState) -> Router {
     let (routes, openapi) = routes::all(&state);
+    let (access, metrics) = (Access::from_ref(&state), Metrics::from_ref(&state));
     routes
         .merge(routes::documents::routes(&openapi))
         .fallback(|| async { AppError::NoSuchRoute })
         .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
-        .layer(middleware::from_fn_with_state(
-            state.access.clone(),
-            auth::guard_origin,
-        ))
+        .layer(middleware::from_fn_with_state(access, auth::guard_origin))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::map_response(add_security_headers))
-        .layer(middleware::from_fn_with_state(
-            state.metrics.clone(),
-            logs::observe,
-        ))
+        .layer(middleware::from_fn_with_state(metrics, logs::observe))
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeId))
         .layer(middleware::from_fn(logs::drop_bad_request_id))

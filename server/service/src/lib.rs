@@ -2,7 +2,7 @@
 
 pub mod app;
 pub mod auth;
-pub mod caching;
+pub mod conditional;
 mod form_body;
 mod guesses;
 pub mod listen;

@@ -1,11 +1,9 @@
-//! What every handler can reach.
+//! What handlers share, by concern: a route names what it needs of it.
 
-use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::CaseId;
-use cases::models::WarmModel;
+use axum::extract::FromRef;
 use cases::{Cases, Error};
 use tokio::sync::{Semaphore, SemaphorePermit, watch};
 
@@ -19,114 +17,111 @@ use crate::routes::bodies::Bodies;
 pub struct HttpOptions {
     /// Who may ask.
     pub access: Access,
-    /// The largest accepted upload, in bytes.
-    pub max_upload_bytes: u64,
-    /// Uploads at a time.
-    pub max_uploads: usize,
+    /// What uploads may take.
+    pub uploads: UploadLimits,
     /// Memory for compressed bodies, in bytes.
     pub body_cache_bytes: u64,
     /// Time for an answer.
     pub answer_timeout: Duration,
-    /// Time within which the next bytes of an upload must come.
-    pub upload_idle: Duration,
-    /// Time for a whole upload.
-    pub upload_timeout: Duration,
 }
 
-/// What handlers share. Cheap to clone: everything is behind one `Arc`.
+/// What uploads may take.
+#[derive(Debug, Clone, Copy)]
+pub struct UploadLimits {
+    /// The largest accepted upload, in bytes.
+    pub max_bytes: u64,
+    /// Uploads at a time.
+    pub at_a_time: usize,
+    /// Time within which the next bytes of an upload must come.
+    pub idle: Duration,
+    /// Time for a whole upload.
+    pub whole: Duration,
+}
+
+/// Everything that handlers share. Cheap to clone.
 ///
 /// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
-#[derive(Debug, Clone)]
-pub struct AppState(Arc<Shared>);
-
-/// The fields of [`AppState`].
-#[derive(Debug)]
-pub struct Shared {
+#[derive(Debug, Clone, FromRef)]
+pub struct AppState {
     /// The application.
     pub cases: Cases,
-    /// Bodies that are made once, compressed.
-    pub bodies: Bodies,
-    /// Counts for Prometheus.
-    pub metrics: Metrics,
-    /// Who may ask.
-    pub access: Access,
-    /// Room for uploads under way.
-    pub uploads: Semaphore,
-    /// The largest accepted upload, in bytes.
-    pub max_upload_bytes: u64,
-    /// Time for an answer.
-    pub answer_timeout: Duration,
-    /// Time within which the next bytes of an upload must come.
-    pub upload_idle: Duration,
-    /// Time for a whole upload.
-    pub upload_timeout: Duration,
-    stopping: watch::Sender<bool>,
-}
-
-impl Deref for AppState {
-    type Target = Shared;
-
-    fn deref(&self) -> &Shared {
-        &self.0
-    }
+    bodies: Bodies,
+    metrics: Metrics,
+    access: Access,
+    uploads: Uploads,
+    stopping: Stopping,
+    answer_timeout: AnswerTimeout,
 }
 
 impl AppState {
     /// What handlers share to answer for an application.
     pub fn new(cases: Cases, options: HttpOptions) -> Self {
-        Self(Arc::new(Shared {
-            bodies: Bodies::new(cases.pool.clone(), options.body_cache_bytes),
+        let metrics = Metrics::new();
+        Self {
+            bodies: Bodies::new(&cases, options.body_cache_bytes),
+            uploads: Uploads::new(options.uploads, metrics.clone()),
             cases,
-            metrics: Metrics::new(),
+            metrics,
             access: options.access,
-            uploads: Semaphore::new(options.max_uploads),
-            max_upload_bytes: options.max_upload_bytes,
-            answer_timeout: options.answer_timeout,
-            upload_idle: options.upload_idle,
-            upload_timeout: options.upload_timeout,
-            stopping: watch::Sender::new(false),
-        }))
+            stopping: Stopping::default(),
+            answer_timeout: AnswerTimeout(options.answer_timeout),
+        }
+    }
+
+    /// What tells endless answers to end.
+    pub fn stopping(&self) -> &Stopping {
+        &self.stopping
     }
 }
 
-impl Shared {
-    /// The model of a case that is ready.
-    ///
-    /// # Errors
-    /// As [`Cases::ready`].
-    pub async fn model(&self, id: &CaseId) -> Result<Arc<WarmModel>, AppError> {
-        let model = self.cases.model(id).await;
-        if model.is_err() {
-            self.bodies.forget(id);
+/// Room for uploads. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Uploads {
+    /// What each may take.
+    pub limits: UploadLimits,
+    /// Where their bytes are counted.
+    pub metrics: Metrics,
+    room: Arc<Semaphore>,
+}
+
+impl Uploads {
+    fn new(limits: UploadLimits, metrics: Metrics) -> Self {
+        Self {
+            room: Arc::new(Semaphore::new(limits.at_a_time)),
+            limits,
+            metrics,
         }
-        Ok(model?)
     }
 
     /// Room for one more upload, until it is dropped. They are fewer than connections: uploads leave room for everybody else.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn begin_upload(&self) -> Result<SemaphorePermit<'_>, AppError> {
-        self.uploads.try_acquire().map_err(|_| Error::Busy.into())
+    pub fn begin(&self) -> Result<SemaphorePermit<'_>, AppError> {
+        self.room.try_acquire().map_err(|_| Error::Busy.into())
     }
+}
 
-    /// Forgets what is remembered of a case.
-    pub fn forget(&self, id: &CaseId) {
-        self.cases.forget(id);
-        self.bodies.forget(id);
-    }
+/// Whether the server is about to stop. Cheap to clone.
+#[derive(Debug, Clone, Default)]
+pub struct Stopping(Arc<watch::Sender<bool>>);
 
+impl Stopping {
     /// Ends answers that would go on for ever, such as streams of events.
-    pub fn stop(&self) {
-        self.stopping.send_replace(true);
+    pub fn begin(&self) {
+        self.0.send_replace(true);
     }
 
     /// Resolves when the server stops.
-    pub fn stopped(&self) -> impl Future<Output = ()> + Send + use<> {
-        let mut stopping = self.stopping.subscribe();
+    pub fn begun(&self) -> impl Future<Output = ()> + Send + use<> {
+        let mut stopping = self.0.subscribe();
         async move {
             // An error means that the sender is gone, and the server with it.
             let _ = stopping.wait_for(|&stopping| stopping).await;
         }
     }
 }
+
+/// How long an answer may take.
+#[derive(Debug, Clone, Copy)]
+pub struct AnswerTimeout(pub Duration);

@@ -33,12 +33,20 @@ impl RowsSubject {
     }
 }
 
-/// Tests that rows do what they must: `rows_conformance! { a_name: make_subject }`.
+/// Tests that rows do what they must: `rows_conformance! { a_name: make_subject }` writes a test for each check;
+/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that take long to start.
 #[macro_export]
 macro_rules! rows_conformance {
     ($($implementation:ident: $make:path),+ $(,)?) => {$(
         mod $implementation {
-            $crate::rows_conformance! { @tests $make;
+            $crate::rows_conformance! { @list tests $make }
+        }
+    )+};
+    (in_turn $make:expr) => {
+        $crate::rows_conformance! { @list in_turn $make }
+    };
+    (@list $how:ident $make:tt) => {
+            $crate::rows_conformance! { @$how $make;
                 a_case_is_inserted_once
                 a_case_is_renamed
                 cases_are_listed_newest_first_in_pages
@@ -60,8 +68,13 @@ macro_rules! rows_conformance {
                 a_ready_case_gets_other_objects_or_fails
                 holders_that_are_dead_hold_nothing
             }
-        }
-    )+};
+    };
+    (@in_turn $make:expr; $($check:ident)+) => {{
+        $(
+            println!("{}", stringify!($check));
+            $crate::conformance::$check(&$make().await).await;
+        )+
+    }};
     (@tests $make:path; $($check:ident)+) => {$(
         #[tokio::test]
         async fn $check() {
@@ -499,9 +512,9 @@ mod tests {
     use super::*;
     use crate::frame::frame;
     use crate::objects::Unreadable;
-    use crate::{Objects, SqliteRows};
+    use crate::{Objects, SqlRows};
 
-    fn subject(rows: SqliteRows, keep: impl Send + Sync + 'static) -> RowsSubject {
+    fn subject(rows: SqlRows, keep: impl Send + Sync + 'static) -> RowsSubject {
         let clock = rows.clone();
         RowsSubject {
             rows: Arc::new(rows),
@@ -511,12 +524,12 @@ mod tests {
     }
 
     async fn rows_in_memory() -> RowsSubject {
-        subject(SqliteRows::in_memory().await.unwrap(), ())
+        subject(SqlRows::in_memory().await.unwrap(), ())
     }
 
     async fn rows_in_a_file() -> RowsSubject {
         let directory = tempfile::tempdir().unwrap();
-        let rows = SqliteRows::open(&directory.path().join("rows.sqlite")).await;
+        let rows = SqlRows::sqlite(&directory.path().join("rows.sqlite")).await;
         subject(rows.unwrap(), directory)
     }
 

@@ -5,8 +5,8 @@ use std::io::ErrorKind;
 
 use sqlx::error::DatabaseError;
 
-/// SQLite's result code for a full disk (sqlite.org/rescode.html).
-const SQLITE_FULL: &str = "13";
+/// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
+const FULL: [&str; 2] = ["13", "53100"];
 
 /// Why the store could not do what was asked. The sentences are fit for clients; the sources are for the log.
 #[derive(Debug, thiserror::Error)]
@@ -59,7 +59,9 @@ impl StoreError {
                 .downcast_ref::<sqlx::Error>()
                 .and_then(sqlx::Error::as_database_error);
             from_disk.is_some_and(is_full)
-                || from_rows.and_then(DatabaseError::code).as_deref() == Some(SQLITE_FULL)
+                || from_rows
+                    .and_then(DatabaseError::code)
+                    .is_some_and(|code| FULL.contains(&&*code))
         })
     }
 }

@@ -34,7 +34,7 @@ mod publish;
 pub mod rows;
 mod signals;
 mod spool;
-mod sqlite;
+mod sql;
 mod submit;
 #[cfg(any(test, feature = "conformance"))]
 pub mod testing;
@@ -43,10 +43,12 @@ mod watch;
 use std::fmt;
 use std::io::Write as _;
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
+use futures_util::StreamExt as _;
 use tempfile::TempDir;
+use tokio::task::JoinSet;
 
 use self::directory::Directory;
 use case::{Case, CaseId};
@@ -59,11 +61,11 @@ pub use self::page::{Cursor, Page};
 pub use self::private::keep_private;
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
-    CaseRows, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
+    CaseRows, Change, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
 };
 pub use self::signals::{Count, Counters, Signals};
 pub use self::spool::{Spool, Spooled, Upload};
-pub use self::sqlite::SqliteRows;
+pub use self::sql::SqlRows;
 pub use self::submit::{NewMask, Submitted, Version};
 pub use self::watch::Watch;
 
@@ -76,6 +78,9 @@ const SWEEP_LEASE: Duration = Duration::from_secs(60);
 /// How long a sweep deletes objects: far less than its lease, so that no deletion of its own comes after somebody else has taken the
 /// tombstones over and the objects were written again.
 const SWEEP_FOR: Duration = Duration::from_secs(30);
+
+/// How long to wait before the next attempt to hear of changes.
+const LISTEN_AGAIN_AFTER: Duration = Duration::from_secs(1);
 
 /// How a store behaves. [`Options::default`] suits one machine.
 #[derive(Debug, Clone)]
@@ -128,8 +133,10 @@ struct Inner {
     place: Place,
     options: Options,
     signals: Signals,
-    /// Called after a case was deleted by this process. Held for moments.
+    /// Called after a case was deleted. Held for moments.
     deletion_hooks: Mutex<Vec<DeletionHook>>,
+    /// Hears of the changes that other processes make; ends with the store.
+    _listener: JoinSet<()>,
 }
 
 impl fmt::Debug for Inner {
@@ -169,13 +176,13 @@ impl Store {
         let mut alone = false;
         let forget_dead_holders = async |root: &Path| {
             alone = true;
-            let rows = SqliteRows::open(&rows_file(root)).await?;
+            let rows = SqlRows::sqlite(&rows_file(root)).await?;
             rows.forget_holders().await?;
             rows.close().await;
             Ok(())
         };
         let place = Directory::open::<StoreError>(directory, forget_dead_holders).await?;
-        let rows = SqliteRows::open(&rows_file(directory)).await?;
+        let rows = SqlRows::sqlite(&rows_file(directory)).await?;
         let objects = Objects::in_directory(&directory.join("objects"))?;
         let store = Self::new(Arc::new(rows), objects, Place::Directory(place), options);
         store.collect().await?;
@@ -204,21 +211,24 @@ impl Store {
     /// When there is no memory or no temporary directory for it.
     pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        Self::on(Arc::new(SqliteRows::in_memory().await?), objects, options)
+        Self::on(Arc::new(SqlRows::in_memory().await?), objects, options)
     }
 
     fn new(rows: Arc<dyn CaseRows>, objects: Objects, place: Place, options: Options) -> Self {
-        let inner = Inner {
-            rows,
-            objects,
-            place,
-            options,
-            signals: Signals::default(),
-            deletion_hooks: Mutex::default(),
-        };
-        Self {
-            inner: Arc::new(inner),
-        }
+        let inner = Arc::new_cyclic(|store| {
+            let mut listener = JoinSet::new();
+            listener.spawn(listen(Arc::clone(&rows), Weak::clone(store)));
+            Inner {
+                rows,
+                objects,
+                place,
+                options,
+                signals: Signals::default(),
+                deletion_hooks: Mutex::default(),
+                _listener: listener,
+            }
+        });
+        Self { inner }
     }
 
     /// Begins an upload.
@@ -299,11 +309,7 @@ impl Store {
     async fn delete_now(&self, id: &CaseId) -> Result<bool, StoreError> {
         let deleted = self.rows().delete(id).await?;
         if deleted {
-            self.inner.signals.cancel(id);
-            self.inner.signals.changed(id);
-            for hook in lock(&self.inner.deletion_hooks).iter() {
-                hook(id);
-            }
+            self.inner.is_deleted(id);
             self.collect().await?;
         }
         Ok(deleted)
@@ -389,7 +395,7 @@ impl Store {
         self.rows().bury(&sweep.holder).await
     }
 
-    /// Calls `hook` after each deletion by this process.
+    /// Calls `hook` after each deletion by this process and, where the database tells them, by others.
     pub fn on_delete(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
         lock(&self.inner.deletion_hooks).push(Box::new(hook));
     }
@@ -412,6 +418,43 @@ impl Store {
     /// What is told inside of this process.
     pub fn signals(&self) -> &Signals {
         &self.inner.signals
+    }
+}
+
+impl Inner {
+    /// Tells this process that a case is gone.
+    fn is_deleted(&self, id: &CaseId) {
+        self.signals.cancel(id);
+        self.signals.changed(id);
+        for hook in lock(&self.deletion_hooks).iter() {
+            hook(id);
+        }
+    }
+
+    fn has_changed(&self, change: Change) {
+        match change {
+            Change::Queued => self.signals.queued(),
+            Change::Changed(id) => self.signals.changed(&id),
+            Change::Deleted(id) => self.is_deleted(&id),
+        }
+    }
+}
+
+/// Passes on what other processes do to the rows, where the database tells it.
+async fn listen(rows: Arc<dyn CaseRows>, store: Weak<Inner>) {
+    let mut changes = loop {
+        match rows.changes().await {
+            Ok(Some(changes)) => break changes,
+            Ok(None) => return,
+            Err(error) => tracing::warn!(%error, "changes of other processes are noticed late"),
+        }
+        tokio::time::sleep(LISTEN_AGAIN_AFTER).await;
+    };
+    while let Some(change) = changes.next().await {
+        let Some(store) = store.upgrade() else {
+            return;
+        };
+        store.has_changed(change);
     }
 }
 

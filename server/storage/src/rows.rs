@@ -11,6 +11,7 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
+use futures_util::stream::BoxStream;
 
 use super::{Cursor, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, Parameters, Progress};
@@ -107,6 +108,17 @@ pub struct Sweep {
     pub lease: Duration,
 }
 
+/// What some process, perhaps this one, has done to the rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// A job waits for a worker.
+    Queued,
+    /// A case is not as it was, or is new.
+    Changed(CaseId),
+    /// A case is gone.
+    Deleted(CaseId),
+}
+
 /// Cases, the objects they need, and jobs, in a database that several processes may share.
 #[async_trait]
 pub trait CaseRows: std::fmt::Debug + Send + Sync {
@@ -189,6 +201,12 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
 
     /// Whether the rows can be read and written. Changes nothing.
     async fn check(&self) -> Result<(), StoreError>;
+
+    /// The changes of all processes from now on, as they are committed; `None` where the database cannot tell them. Some may be
+    /// missed: whoever waits for one also looks from time to time.
+    async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
+        Ok(None)
+    }
 
     /// The process ends: leaves nothing unfinished. Nothing can be asked afterwards.
     async fn close(&self) {}

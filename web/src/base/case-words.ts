@@ -1,7 +1,7 @@
 // A case in words.
 
-import type { Case, ReadyCase } from "../model/case.ts";
-import { day, known, moment, number, t } from "./i18n.ts";
+import type { Case, Quality, ReadyCase } from "../model/case.ts";
+import { day, known, moment, number, spoken, t } from "./i18n.ts";
 import { sentence } from "./problem-words.ts";
 
 /** A case's name in the list. */
@@ -35,6 +35,13 @@ function failureWords(one: Case & { state: "failed" }): string {
   if (key) return t(key);
   return one.error?.detail ? sentence(one.error.detail) : t("case.failed");
 }
+
+/** Why a mask is doubtful: in the server's sentences, which have numbers, or in the page's own in another language. */
+export const reasonWords = ({ reasons, reason_codes }: Quality): readonly string[] =>
+  reasons.map((reason, at) => {
+    const key = spoken() === "en" ? null : known(`reason.${reason_codes?.[at] ?? ""}`);
+    return key ? t(key) : sentence(reason);
+  });
 
 /** What tells a case from its versions, which have its name. */
 export function versionOf(one: Case): string {

@@ -3,7 +3,7 @@
 import names from "../../shaders/names.json";
 import type { Fields } from "./uniforms.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import type { Colormap } from "../model/state.ts";
+import type { ColorName } from "./colors.ts";
 
 export type Gl = WebGL2RenderingContext;
 type BlockName = keyof typeof names.blocks;
@@ -22,7 +22,7 @@ export type ShaderTexts = Readonly<Record<ShaderName, string>>;
 /** What the painter draws with that is of no case: the shaders, and the tables of the colours. */
 export interface Equipment {
   readonly shaders: ShaderTexts;
-  readonly colors: Readonly<Record<Colormap, string>>;
+  readonly colors: Readonly<Record<ColorName, string>>;
 }
 
 export const SHADER_NAMES = Object.keys(names.shaders) as ShaderName[];
@@ -81,6 +81,7 @@ export const UNITS = {
   rows: 5,
   pieces: 6,
   depths: 7,
+  overlay: 8,
 } as const;
 
 /**

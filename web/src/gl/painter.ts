@@ -46,6 +46,9 @@ const TABLE_WIDTH = 1024;
 /** The fields of the blocks that are whole numbers. */
 const WHOLES: ReadonlySet<string> = new Set([
   "color_row",
+  "overlay_color_row",
+  "overlay_is_diverging",
+  "volume_has_gaps",
   "slab_count",
   "row",
   "vertex_count",
@@ -137,6 +140,9 @@ export class Painter {
     const table = colorTable(colors);
     gl.activeTexture(gl.TEXTURE0 + UNITS.colors);
     createTable(gl, { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE }, [256, table.length / 1024], table);
+    // Pictures without an overlay read nothing of it, but a texture must be there.
+    gl.activeTexture(gl.TEXTURE0 + UNITS.overlay);
+    createBlock(gl, { internal: gl.RG8, layout: gl.RG, type: gl.UNSIGNED_BYTE }, [1, 1, 1]);
   }
 
   /** The names of the texture formats, for the curious. */

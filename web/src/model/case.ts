@@ -61,6 +61,8 @@ export interface Quality {
   readonly numbers?: { readonly brain_ml: number };
   /** In the server's words. */
   readonly reasons: readonly string[];
+  /** What each of them is called; absent where the case is older than these names. */
+  readonly reason_codes?: readonly string[];
 }
 
 /** A case that can be shown. Lengths are in mm, positions in LPS. */

@@ -8,6 +8,8 @@ import type { MeshSize } from "./wire.ts";
 /** The mesh of the page: 8,000 triangles. */
 export const PAGE_MESH: MeshSize = { contour_count: 80, points_per_contour: 50 };
 /** The same in a query. */
+/** Vertices follow the gradient: deep down the paper's paths tear the mesh. */
+export const MESH_PATHS = "paths=flow";
 export const MESH_QUERY = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MESH.points_per_contour}`;
 
 const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));

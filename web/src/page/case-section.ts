@@ -1,10 +1,10 @@
 // What is known of the case and its mask, and what can be made of it: the mask's outline, its files, versions.
 
 import { getDicom, getFile, makeVersion } from "../base/api.ts";
-import { caseTitle, voxelWords } from "../base/case-words.ts";
+import { caseTitle, reasonWords, voxelWords } from "../base/case-words.ts";
 import { h, setText } from "../base/dom.ts";
 import { known, moment, number, t } from "../base/i18n.ts";
-import { problemWords, sentence } from "../base/problem-words.ts";
+import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
 import { type MaskBlock, decodeMask } from "../model/mask.ts";
 import { qualityOf } from "../model/quality.ts";
@@ -112,7 +112,7 @@ export class CaseSection {
       ],
       [
         t("case.verdict"),
-        [t(`quality.${quality?.state ?? "unknown"}`), ...(quality?.reasons.map(sentence) ?? [])].join("\n"),
+        [t(`quality.${quality?.state ?? "unknown"}`), ...(quality ? reasonWords(quality) : [])].join("\n"),
       ],
       [
         t("case.radius"),

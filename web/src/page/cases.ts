@@ -141,6 +141,13 @@ export class CaseList {
     return this.cases.length === 1 && !this.#next ? (this.cases[0]?.id ?? null) : null;
   }
 
+  /** Takes a case that was deleted away. */
+  forget(id: string): void {
+    this.#newest = this.#newest.filter((one) => one.id !== id);
+    this.#older = this.#older.filter((one) => one.id !== id);
+    this.#merge();
+  }
+
   /** Points out a case, until it is chosen. */
   flag(id: string, why: string): void {
     if (id === this.#marked) return;

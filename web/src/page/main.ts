@@ -2,7 +2,7 @@
 
 import { deleteCase, getCase, onReach, onTokenWanted } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
-import { caseIdentity, caseStatus, caseTitle } from "../base/case-words.ts";
+import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { CaseList } from "./cases.ts";
 import { commandOf } from "../model/controls.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
@@ -12,7 +12,7 @@ import { press } from "./fields.ts";
 import { later } from "./later.ts";
 import { resizer } from "./resizer.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
-import { problemWords, sentence } from "../base/problem-words.ts";
+import { problemWords } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { LAYOUTS } from "../model/state.ts";
@@ -218,7 +218,7 @@ class App {
         { type: "button", click: () => this.#open(({ maskDialog }) => maskDialog(ready.id)) },
         t("quality.look"),
       ),
-      h("ul", {}, ...quality.reasons.map((reason) => h("li", {}, sentence(reason)))),
+      h("ul", {}, ...reasonWords(quality).map((reason) => h("li", {}, reason))),
     );
   }
 
@@ -313,6 +313,7 @@ class App {
       await deleteCase(one.id);
       memory.forget(one.id);
       if (this.#chosen?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
+      this.#list.forget(one.id);
       await this.#list.refresh();
       this.#announce(t("delete.done"));
       // The button that had the focus is gone.

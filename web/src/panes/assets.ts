@@ -1,9 +1,9 @@
 // Fetches what the page draws with, and counts the bytes.
 
 import { send } from "../base/api.ts";
+import { COLOR_NAMES } from "../gl/colors.ts";
 import { SHADER_NAMES, type Equipment } from "../gl/gl.ts";
-import { COLORMAPS } from "../model/state.ts";
-import { MESH_QUERY, PAGE_MESH } from "../model/query.ts";
+import { MESH_PATHS, MESH_QUERY, PAGE_MESH } from "../model/query.ts";
 import type { LoadProgress } from "./surface.ts";
 import {
   byteLength,
@@ -82,7 +82,7 @@ export class Assets {
     };
     const hasAll = (part: keyof Equipment, names: readonly string[]): boolean =>
       names.every((name) => typeof sent[part]?.[name] === "string");
-    if (!hasAll("shaders", SHADER_NAMES) || !hasAll("colors", COLORMAPS))
+    if (!hasAll("shaders", SHADER_NAMES) || !hasAll("colors", COLOR_NAMES))
       throw new WireError("The server sent other shaders than this page's.");
     return sent as Equipment;
   }
@@ -95,14 +95,17 @@ export class Assets {
 
   /** The vertices of the page's mesh at one depth. */
   async positions(depth_mm: number): Promise<Float32Array<ArrayBuffer>> {
-    const { bytes } = await this.#get(`mesh?depth_mm=${depth_mm}&${MESH_QUERY}`, 12 * vertexCount(PAGE_MESH));
+    const { bytes } = await this.#get(
+      `mesh?depth_mm=${depth_mm}&${MESH_QUERY}&${MESH_PATHS}`,
+      12 * vertexCount(PAGE_MESH),
+    );
     return decodePositions(bytes, PAGE_MESH);
   }
 
   /** The same at every depth. */
   async paths(): Promise<PathsTable> {
     const guess = 1000 * vertexCount(PAGE_MESH);
-    const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}`, guess);
+    const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}&${MESH_PATHS}`, guess);
     const table = decodePaths(bytes);
     if (vertexCount(table.mesh) !== vertexCount(PAGE_MESH))
       throw new WireError("The server sent the paths of another mesh.");

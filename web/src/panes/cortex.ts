@@ -24,6 +24,8 @@ import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions, Su
 /** The most device pixels for a CSS pixel: where software draws, and where a device does. */
 const SOFTWARE_RATIO = 1;
 const DEVICE_RATIO = 2;
+/** So many pixels to a CSS pixel have soft edges in a picture that is saved. */
+const MOST_SOFT_RATIO = 2;
 
 /** See `surface.ts`. */
 export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
@@ -123,7 +125,9 @@ class Cortex implements Surface {
     const painter = this.#device?.painter;
     if (!way || !painter) return this.#standIn.picture(state, ratio) ?? this.#canvas;
     this.#fitCanvas(Math.min(ratio, this.#device?.mostPixels(this.#cssSize()) ?? ratio));
-    painter.draw(this.#panes(state), way, FULL_QUALITY);
+    // Edges of many pixels need not be softened, and the depths of all of them would be large.
+    const depths = ratio > MOST_SOFT_RATIO ? 1 : 2;
+    painter.draw(this.#panes(state), way, { ...FULL_QUALITY, depths });
     // In the same task, for what is drawn is gone with the next frame.
     const picture = createImageBitmap(this.#canvas);
     this.#paint();

@@ -1,29 +1,29 @@
-//! How like its mirror image an image is, and the plane that makes it so.
+//! Fits the plane at which an image is most like its mirror image.
 
 use glam::{DMat3, DVec3, Vec3};
 
 use super::image::Image;
 
-/// How far the plane may be turned from the patient's sagittal plane about either axis, as a tangent: 30°.
+/// The greatest turn of the plane from the patient's sagittal plane about either axis, as a tangent: 30°.
 const MAX_TANGENT: f64 = 0.577_350_269;
-/// How many turns to either side are tried first, and shifts.
+/// The number of initial turns and shifts to either side.
 const TURNS: i32 = 3;
 const SHIFTS: i32 = 1;
-/// Distance of the first shifts, in voxels of the coarsest image.
+/// Distance between initial shifts, in voxels of the coarsest image.
 const SHIFT_STEP: f64 = 0.75;
-/// How far the plane may be from the centroid, as a share of the image's width.
+/// The greatest distance of the plane from the centroid, as a fraction of the width of the image.
 const MAX_SHIFT: f64 = 0.2;
-/// The difference from which on more difference hardly counts (Geman and McClure's function).
+/// The scale of the robust cost: larger differences hardly count more (Geman and McClure).
 const MODERATE: f64 = 0.3;
-/// What a turn costs that the head does not ask for, by the squared tangent; a turn of a head costs it some hundred times.
+/// The prior cost of a turn, per squared tangent; a wrong turn costs about a hundred times as much.
 const TURN_COST: f64 = 0.01;
-/// The same of a shift, by the squared voxel.
+/// The prior cost of a shift, per squared voxel.
 const SHIFT_COST: f64 = 1e-6;
-/// The most steps on one image, and the step, in tangents and voxels, below which there is no further one.
+/// The greatest number of steps on one image, and the step, in tangents and voxels, at which the iteration ends.
 const MAX_STEPS: usize = 12;
 const LEAST_STEP: f64 = 3e-4;
 
-/// A plane: the tangents of its turns from the sagittal plane, towards y and z, and its shift from the centroid in mm.
+/// A plane: the tangents of its turns from the sagittal plane towards y and z, and its shift from the centroid in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pose(DVec3);
 
@@ -37,10 +37,10 @@ impl Pose {
     }
 }
 
-/// A plane as a search sees it: the two tangents, and the shift in voxels of an image.
+/// The parameters of a plane: the two tangents, and the shift in voxels of an image.
 type Parameters = DVec3;
 
-/// The cost of a plane, half of its gradient and the half of its curvature that Gauss and Newton take for the whole.
+/// The cost of a plane, half of its gradient, and half of its Gauss-Newton Hessian.
 struct Cost {
     value: f64,
     slope: DVec3,
@@ -48,30 +48,30 @@ struct Cost {
 }
 
 impl Cost {
-    /// The step to the least cost that this one lets expect, shortened by damping.
+    /// The damped step to the expected minimum.
     fn step(&self, damping: f64) -> DVec3 {
         let diagonal = DVec3::new(
             self.curvature.x_axis.x,
             self.curvature.y_axis.y,
             self.curvature.z_axis.z,
         );
-        // What each parameter costs by itself keeps the matrix invertible.
+        // The prior cost of each parameter keeps the matrix invertible.
         let damped = self.curvature + DMat3::from_diagonal(diagonal * damping);
         -(damped.inverse() * self.slope)
     }
 }
 
-/// What a plane costs whatever the head, and the weight of each parameter in that.
+/// The prior cost of a plane, and the weight of each parameter in it.
 fn own_cost(parameters: Parameters) -> (f64, DVec3) {
     let weights = DVec3::new(TURN_COST, TURN_COST, SHIFT_COST);
     (weights.dot(parameters * parameters), weights)
 }
 
-/// A plane in the coordinates of a level's places.
+/// A plane in the coordinates of a level.
 struct Mirror {
     normal: Vec3,
     shift: f32,
-    /// How the normal turns with each tangent.
+    /// The derivatives of the normal by each tangent.
     turns: [Vec3; 2],
 }
 
@@ -95,7 +95,8 @@ impl Mirror {
         place - self.normal * (2.0 * self.distance(place))
     }
 
-    /// How the difference between a place and its mirror image changes with the parameters, the image's slope being given.
+    /// The derivatives of the difference between a point and its mirror image by the parameters, given the slope of the
+    /// image.
     fn slope_at(&self, place: Vec3, slope: Vec3) -> Vec3 {
         let across = slope.dot(self.normal);
         let lever = place * across + slope * self.distance(place);
@@ -104,14 +105,14 @@ impl Mirror {
     }
 }
 
-/// One image with the places that are compared.
+/// One image and the compared points.
 pub(super) struct Level {
     image: Image,
-    /// Relative to the centroid, in voxels, with their values.
+    /// The points relative to the centroid, in voxels, with their values.
     places: Vec<(Vec3, f32)>,
     /// The centroid, in voxels.
     centre: Vec3,
-    /// In voxels.
+    /// The greatest shift, in voxels.
     max_shift: f64,
 }
 
@@ -131,7 +132,7 @@ impl Level {
         }
     }
 
-    /// The best of planes that are 10° apart, some of them beside the centroid.
+    /// The best of planes 10° apart, some of them beside the centroid.
     pub(super) fn search(&self) -> Pose {
         let tangent = |turn: i32| (f64::from(turn) * MAX_TANGENT.atan() / f64::from(TURNS)).tan();
         let turns = || (-TURNS..=TURNS).map(tangent);
@@ -147,7 +148,7 @@ impl Level {
         Pose(parameters * DVec3::new(1.0, 1.0, self.image.step_mm))
     }
 
-    /// The pose after Gauss-Newton steps, damped so that each of them costs less than the one before (Levenberg, Marquardt).
+    /// The pose after Gauss-Newton steps, damped so that each one reduces the cost (Levenberg, Marquardt).
     pub(super) fn refined(&self, pose: Pose) -> Pose {
         let mut parameters = pose.0 / DVec3::new(1.0, 1.0, self.image.step_mm);
         let mut cost = self.cost(parameters);

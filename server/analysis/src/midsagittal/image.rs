@@ -1,18 +1,18 @@
-//! A head as a small picture of which mirror images are cheap to take.
+//! A head as a small image, which is cheap to mirror.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use geometry::{Envelope, Volume};
 
-/// Voxels along the longest side of the envelope, where the working grid has as many.
+/// The greatest number of voxels along the longest side of the envelope.
 const LONGEST_SIDE: f64 = 64.0;
-/// Empty voxels around the envelope: what smoothing spreads into.
+/// The margin of empty voxels around the envelope, for smoothing.
 const MARGIN: usize = 3;
-/// The share of intensities inside the envelope that is below 0 and that is below 1.
+/// The quantiles inside the envelope that become 0 and 1.
 const FRACTIONS: [f64; 2] = [0.02, 0.98];
 
-/// Values of 0 to 1 on an isotropic grid along the patient axes; 0 outside of the envelope, and outside of the grid.
+/// Values of 0 to 1 on an isotropic grid along the patient axes; 0 outside the envelope and outside the grid.
 #[derive(Debug, Clone)]
 pub(super) struct Image {
     size: [usize; 3],
@@ -23,13 +23,13 @@ pub(super) struct Image {
 }
 
 impl Image {
-    /// The intensities of a volume inside of the envelope, between the 2nd and the 98th percentile.
+    /// The intensities of a volume inside the envelope, between the 2nd and the 98th percentile.
     ///
-    /// A volume of one intensity leaves the envelope's shape.
+    /// For a volume of a single intensity, the image is the shape of the envelope.
     pub(super) fn new(envelope: &Envelope, volume: &Volume) -> Self {
         let mut image = Self::around(envelope);
         let volume_from_patient = volume.grid().voxel_from_patient();
-        // No number where there is nothing of the head.
+        // NaN outside the head.
         image.fill(|position_in_patient| {
             if !is_inside(envelope, position_in_patient) {
                 return f32::NAN;
@@ -71,7 +71,7 @@ impl Image {
         });
     }
 
-    /// The image convolved with 1 2 1 along each axis: a deviation of 0.7 voxels.
+    /// The image convolved with 1 2 1 along each axis: a standard deviation of 0.7 voxels.
     pub(super) fn smoothed(mut self) -> Self {
         let [nx, ny, nz] = self.size;
         for (stride, side) in [(1, nx), (nx, ny), (nx * ny, nz)] {
@@ -95,7 +95,7 @@ impl Image {
         self
     }
 
-    /// The image of half as many voxels along each axis: means of eight.
+    /// The image with half as many voxels along each axis: means of eight.
     pub(super) fn halved(&self) -> Self {
         let size = self.size.map(|side| side.div_ceil(2));
         let [nx, ny, _] = size;
@@ -127,7 +127,7 @@ impl Image {
         self.values[voxel[0] + nx * (voxel[1] + ny * voxel[2])]
     }
 
-    /// Where the values are that are not 0, each `stride`-th along each axis: positions in patient space, with their values.
+    /// The non-zero values at every `stride`-th voxel along each axis, with their positions in patient space.
     pub(super) fn points(&self, stride: usize) -> impl Iterator<Item = (DVec3, f32)> + '_ {
         let [nx, ny, _] = self.size;
         self.values
@@ -142,22 +142,22 @@ impl Image {
             })
     }
 
-    /// A position in patient space, in voxels of this image.
+    /// Converts a position in patient space to voxels of this image.
     pub(super) fn place_of(&self, position_in_patient: DVec3) -> Vec3 {
         ((position_in_patient - self.origin) / self.step_mm).as_vec3()
     }
 
-    /// The value at a place in voxels, trilinear, and its derivatives along the axes, per voxel.
+    /// The value at a position in voxels, trilinear, and its derivatives along the axes, per voxel.
     pub(super) fn sample(&self, place: Vec3) -> (f32, Vec3) {
         let [nx, ny, nz] = self.size;
         let last = Vec3::new(nx as f32 - 1.0, ny as f32 - 1.0, nz as f32 - 1.0);
-        // False for a place that is not a number, too.
+        // Also false for NaN.
         if !(place.cmpge(Vec3::ZERO).all() && place.cmplt(last).all()) {
             return (0.0, Vec3::ZERO);
         }
         let (base, part) = (place.floor(), place.fract());
         let start = base.x as usize + nx * (base.y as usize + ny * base.z as usize);
-        // Each pair of neighbours along x: the value between them, and their difference.
+        // For each pair of neighbours along x: the value between them, and their difference.
         let pair = |offset: usize| {
             let [low, high] = [self.values[start + offset], self.values[start + offset + 1]];
             (low + (high - low) * part.x, high - low)
@@ -179,7 +179,7 @@ impl Image {
     }
 }
 
-/// Whether the voxel of the working grid that is nearest to a position lies in the envelope.
+/// Whether the voxel of the working grid nearest to a position is in the envelope.
 fn is_inside(envelope: &Envelope, position_in_patient: DVec3) -> bool {
     let grid = envelope.grid();
     let nearest = grid
@@ -191,7 +191,7 @@ fn is_inside(envelope: &Envelope, position_in_patient: DVec3) -> bool {
         && envelope.mask().voxels()[grid.index(nearest.to_array().map(|place| place as usize))]
 }
 
-/// From intensities to values of 0 to 1, and from no number to 0.
+/// Maps intensities to values of 0 to 1, and NaN to 0.
 fn scale(values: &mut [f32]) {
     let mut inside: Vec<f32> = values
         .iter()

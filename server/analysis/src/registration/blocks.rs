@@ -1,4 +1,5 @@
-//! How well the parts of the head fit when each may shift by itself: what tells the same head, well placed, from others.
+//! How well the parts of the head fit if each may shift by itself, which distinguishes the same head at the correct
+//! placement.
 
 use glam::Vec3;
 
@@ -7,16 +8,16 @@ use super::pose::Pose;
 
 /// Edge of a block, in mm.
 const BLOCK_MM: f32 = 36.0;
-/// The least share of a whole block's places that a block must have, covered by the layer.
+/// The least fraction of the points of a whole block that a block must have, covered by the layer.
 const LEAST_FILLED: f64 = 0.35;
-/// How far each block is tried to either side, in mm, one round after the other.
+/// The trial shifts of each block to either side, in mm, one round after the other.
 const REACHES_MM: [f32; 3] = [4.0, 2.5, 1.5];
-/// The farthest that a block is shifted along an axis, in mm.
+/// The greatest shift of a block along an axis, in mm.
 const FARTHEST_MM: f32 = 8.0;
 
-/// How far off each part of the head is that the layer covers, in mm.
+/// The shift of each part of the head that the layer covers, in mm.
 ///
-/// Each part is shifted by itself to where its intensities fit best by the joint histogram of the whole.
+/// Each part is shifted by itself to where its intensities fit the joint histogram of the whole best.
 pub(super) fn shifts_of_parts_mm(comparison: &Comparison, pose: Pose, step_mm: f64) -> Vec<f32> {
     let fit = comparison.joint(pose).fit();
     let mut blocks = divided(comparison.places());
@@ -54,7 +55,7 @@ impl Blocks {
     }
 }
 
-/// Where a parabola through values at −1, 0 and 1 is greatest, within that stretch.
+/// The maximum in −1 to 1 of a parabola through values at −1, 0 and 1.
 fn summit([lower, here, upper]: [f64; 3]) -> f32 {
     let bend = lower - 2.0 * here + upper;
     let place = if bend < 0.0 {
@@ -67,7 +68,7 @@ fn summit([lower, here, upper]: [f64; 3]) -> f32 {
     place.clamp(-1.0, 1.0) as f32
 }
 
-/// Cubes about the centre.
+/// Cubes around the centre.
 fn divided(places: &[Vec3]) -> Blocks {
     const SIDE: u16 = 16;
     let number = |place: &Vec3| {

@@ -1,21 +1,21 @@
-//! To the pose of the greatest normalised mutual information nearby.
+//! Finds the pose with the greatest normalised mutual information nearby.
 
 use super::metric::{Comparison, Score};
 use super::pose::{Motion, Pose};
 use glam::DVec3;
 
-/// The most steps, and the step in mm below which there is no further one.
+/// The greatest number of steps, and the step in mm at which the iteration ends.
 const MAX_STEPS: usize = 30;
 const LEAST_STEP_MM: f64 = 0.003;
-/// How often a step is shortened before the climb ends.
+/// The number of times a step is shortened before the iteration ends.
 const MAX_SHORTENINGS: usize = 8;
-/// The share of the expected rise that a step must bring (Armijo).
+/// The fraction of the expected gain that a step must reach (Armijo).
 const LEAST_RISE: f64 = 1e-4;
 
 type Six = [f64; 6];
 
-/// Climbs in quasi-Newton steps (Broyden, Fletcher, Goldfarb, Shanno), none longer than `longest_mm`. Turns are measured by
-/// how far they move a point at `radius_mm`.
+/// Takes quasi-Newton steps (Broyden, Fletcher, Goldfarb, Shanno), none longer than `longest_mm`. Turns are measured by
+/// the movement of a point at `radius_mm`.
 pub(super) fn climb(
     comparison: &Comparison,
     begun: Pose,
@@ -34,7 +34,7 @@ pub(super) fn climb(
             None => scaled(&slope, longest_mm / 4.0 / length(&slope).max(1e-300)),
         };
         if dot(&step, &slope) <= 0.0 {
-            // Downhill: what was learnt of the curvature is of no use here.
+            // Downhill: the estimated curvature is useless here.
             curvature = None;
             step = scaled(&slope, longest_mm / 4.0 / length(&slope).max(1e-300));
         }
@@ -61,7 +61,7 @@ pub(super) fn climb(
     (pose, score)
 }
 
-/// The first of ever shorter steps that rises enough.
+/// The first of successively shorter steps with enough gain.
 fn first_rise(
     comparison: &Comparison,
     pose: Pose,
@@ -84,7 +84,7 @@ fn first_rise(
     None
 }
 
-/// The inverse curvature after a step that bent the slope.
+/// Updates the inverse curvature after a step.
 fn updated(inverse: Option<[Six; 6]>, step: &Six, bend: &Six) -> Option<[Six; 6]> {
     let along = dot(step, bend);
     if along <= 1e-12 * length(step) * length(bend) {

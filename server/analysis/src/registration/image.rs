@@ -3,25 +3,26 @@
 use geometry::Volume;
 use glam::{DAffine3, DVec3};
 
-/// How much blur an image of a step has: the deviation in steps. A full width at half maximum of one step is 0.42.
+/// The blur of an image, as a standard deviation in steps. A full width at half maximum of one step is 0.42.
 const BLUR: f64 = 0.45;
-/// How much longer than the step a voxel may become.
+/// The greatest length of a voxel, in steps.
 const EXCESS: f64 = 0.3;
-/// The fewest voxels along an axis that is made coarser.
+/// The fewest voxels along an axis that is coarsened.
 const LEAST_SIDE: usize = 8;
 
-/// Intensities on a grid of its own axes, smoothed for their distance.
+/// Intensities on a grid along the axes of the volume, smoothed to match the voxel size.
 #[derive(Debug, Clone)]
 pub(super) struct Image {
     pub(super) size: [usize; 3],
     pub(super) patient_from_voxel: DAffine3,
     pub(super) values: Vec<f32>,
-    /// The step for which each axis is smooth enough, in mm.
+    /// The step that the smoothing of each axis matches, in mm.
     smooth_for_mm: [f64; 3],
 }
 
 impl Image {
-    /// The intensities smoothed and thinned as by [`Image::coarser`], slice by slice, so that no more than a slice is copied whole.
+    /// The intensities, smoothed and subsampled as by [`Image::coarser`], slice by slice, so that only one slice is
+    /// copied at a time.
     pub(super) fn new(volume: &Volume, step_mm: f64) -> Self {
         let grid = volume.grid();
         let [nx, ny, nz] = grid.size();
@@ -44,7 +45,7 @@ impl Image {
         image.coarser_along(2, step_mm)
     }
 
-    /// The image smoothed and thinned to voxels of about `step_mm`; axes that are coarser already stay as they are.
+    /// The image, smoothed and subsampled to voxels of about `step_mm`; coarser axes stay unchanged.
     pub(super) fn coarser(&self, step_mm: f64) -> Self {
         let along_x = self.coarser_along(0, step_mm);
         along_x.coarser_along(1, step_mm).coarser_along(2, step_mm)
@@ -80,7 +81,7 @@ impl Image {
         self.patient_from_voxel.matrix3.col(axis).length()
     }
 
-    /// The value at a place in voxels, trilinear; `None` beyond the outermost voxel centres.
+    /// The value at a position in voxels, trilinear; `None` beyond the outermost voxel centres.
     pub(super) fn sample(&self, place: DVec3) -> Option<f32> {
         let [nx, ny, nz] = self.size;
         let last = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0);
@@ -104,14 +105,14 @@ impl Image {
         Some(low + (high - low) * part.z)
     }
 
-    /// The middle of the grid, LPS mm.
+    /// The centre of the grid, LPS mm.
     pub(super) fn middle(&self) -> DVec3 {
         let middle = self.size.map(|side| (side - 1) as f64 / 2.0);
         self.patient_from_voxel
             .transform_point3(DVec3::from_array(middle))
     }
 
-    /// The mean place of what is brighter than the mean, LPS mm.
+    /// The centroid of the voxels brighter than the mean, LPS mm.
     pub(super) fn centre_of_mass(&self) -> DVec3 {
         let mean = self
             .values
@@ -135,10 +136,10 @@ impl Image {
     }
 }
 
-/// A Gaussian that is taken at every `factor`-th voxel.
+/// A Gaussian, evaluated at every `factor`-th voxel.
 struct Kernel {
     weights: Vec<f32>,
-    /// Where the first result lies, in voxels of the source.
+    /// The position of the first result, in voxels of the source.
     centre: f64,
     /// The source voxel of the first weight of the first result.
     first: isize,
@@ -166,9 +167,10 @@ impl Kernel {
         }
     }
 
-    /// The values convolved along one axis, which gets `side` voxels. Beyond its ends the outermost voxels go on.
+    /// The values convolved along one axis, with `side` voxels in the result. Beyond its ends the outermost voxels are
+    /// repeated.
     fn applied(&self, values: &[f32], size: [usize; 3], axis: usize, side: usize) -> Vec<f32> {
-        // Lines of the axis, as rows of `inner` values that are neighbours in memory.
+        // Lines of the axis, as rows of `inner` values that are adjacent in memory.
         let inner: usize = size[..axis].iter().product();
         let along = size[axis];
         let outer: usize = size[axis + 1..].iter().product();

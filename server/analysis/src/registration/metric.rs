@@ -1,4 +1,4 @@
-//! Normalised mutual information of the case and the layer, and how it changes with the pose.
+//! Normalised mutual information of the case and the layer, and its gradient by the pose.
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 
@@ -7,29 +7,29 @@ use super::pose::{Motion, Pose};
 use super::samples::{Range, Samples};
 use crate::MidsagittalPlane;
 
-/// Bins of either intensity.
+/// Bins of each intensity.
 pub(super) const BINS: usize = 48;
-/// Bins at either end of the layer's intensities that only its Parzen window reaches.
+/// Bins at either end of the intensities of the layer that only its Parzen window reaches.
 const ENDS: f32 = 1.5;
-/// The fewest places from which a histogram says anything.
+/// The fewest points for a meaningful histogram.
 const LEAST_PLACES: usize = 500;
 
-/// The case's places and the layer's intensities, both at one resolution.
+/// The points of the case and the intensities of the layer, both at one resolution.
 pub(super) struct Comparison {
     samples: Samples,
     size: [usize; 3],
-    /// The layer's intensities in bins.
+    /// The intensities of the layer, in bins.
     values: Vec<f32>,
     voxel_from_layer: DAffine3,
     is_flat: bool,
 }
 
-/// How much two volumes tell of one another.
+/// The mutual information of two volumes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Score {
-    /// `(H(case) + H(layer)) / H(case, layer)`: 1 where nothing, 2 where everything.
+    /// `(H(case) + H(layer)) / H(case, layer)`: 1 for none, 2 for complete.
     pub(super) nmi: f64,
-    /// The share of the places that the layer covers.
+    /// The fraction of the points that the layer covers.
     pub(super) overlap: f64,
 }
 
@@ -40,17 +40,17 @@ impl Score {
     };
 }
 
-/// How often each pair of bins occurs.
+/// The frequency of each pair of bins.
 pub(super) struct Joint {
     counts: Vec<f64>,
     total: f64,
 }
 
-/// What is kept of a place between the histogram and the slope.
+/// The data of a point that the gradient needs after the histogram.
 struct Met {
     sample: u32,
     bin: f32,
-    /// How the bin changes with the voxel of the layer.
+    /// The derivative of the bin by the voxel coordinates of the layer.
     slope: Vec3,
 }
 
@@ -68,7 +68,7 @@ impl Comparison {
         }
     }
 
-    /// Whether one of the volumes has a single intensity where they meet.
+    /// Whether one of the volumes has a single intensity where both are defined.
     pub(super) fn is_flat(&self) -> bool {
         self.is_flat
     }
@@ -109,7 +109,7 @@ impl Comparison {
         joint
     }
 
-    /// The score, and the slope of the mutual information: by turns about the centre, and by shifts, of the case.
+    /// The score, and the gradient of the mutual information by turns of the case about the centre and by its shifts.
     pub(super) fn score_and_slope(&self, pose: Pose) -> (Score, Motion) {
         let (linear, target) = self.transform(pose);
         let mut joint = Joint::new();
@@ -172,7 +172,7 @@ impl Comparison {
         (score, slope)
     }
 
-    /// The layer's bin at a place in its voxels; `None` beyond the outermost voxel centres.
+    /// The bin of the layer at a position in its voxels; `None` beyond the outermost voxel centres.
     #[inline]
     pub(super) fn value(&self, place: Vec3) -> Option<f32> {
         self.value_and_slope(place).map(|(value, _)| value)
@@ -185,7 +185,7 @@ impl Comparison {
         if !(place.cmpge(Vec3::ZERO).all() && place.cmplt(last).all()) {
             return None;
         }
-        // What is not negative is cut off to its floor in one instruction.
+        // Truncation of a non-negative number is its floor, in one instruction.
         let [x, y, z] = [place.x as u32, place.y as u32, place.z as u32];
         let part = place - Vec3::new(x as f32, y as f32, z as f32);
         let start = x as usize + nx * (y as usize + ny * z as usize);
@@ -206,8 +206,8 @@ impl Comparison {
         Some((between(low, high, part.z), slope))
     }
 
-    /// How well each block of places fits when it alone is shifted, by the joint histogram of all; `None` for a place that is
-    /// not covered.
+    /// How well each block of points fits the joint histogram of all points if it alone is shifted. Points that are not
+    /// covered do not count.
     pub(super) fn fit_of_blocks(&self, fit: &Fit, pose: Pose, blocks: &Blocks) -> Vec<BlockFit> {
         let (linear, target) = self.transform(pose);
         let mut fits = vec![BlockFit::default(); blocks.shifts.len()];
@@ -224,17 +224,17 @@ impl Comparison {
     }
 }
 
-/// Of how many places one is taken for the fit of blocks.
+/// The stride of the points for the fit of blocks.
 pub(super) const PLACES_PASSED: usize = 2;
 
-/// Which block each place belongs to, and by how much (mm, in the case) each block is shifted.
+/// The block of each point, and the shift of each block (mm, in the case).
 pub(super) struct Blocks {
     pub(super) of_place: Vec<u16>,
     pub(super) shifts: Vec<Vec3>,
 }
 
 impl BlockFit {
-    /// What a place tells, on average.
+    /// The mean information of a point.
     pub(super) fn mean(self) -> f64 {
         if self.count > 0.0 {
             self.sum / self.count
@@ -244,14 +244,14 @@ impl BlockFit {
     }
 }
 
-/// The sum of what its places tell, and their number.
+/// The sum of the information of its points, and their number.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct BlockFit {
     pub(super) sum: f64,
     pub(super) count: f64,
 }
 
-/// What a pair of bins tells: the pointwise mutual information.
+/// The pointwise mutual information of a pair of bins.
 pub(super) struct Fit(Vec<f32>);
 
 impl Fit {
@@ -280,7 +280,7 @@ impl Joint {
         self.total += 1.0;
     }
 
-    /// The shares of the case's and of the layer's bins.
+    /// The marginal frequencies of the bins of the case and of the layer.
     fn margins(&self) -> [[f64; BINS]; 2] {
         let (mut case, mut layer) = ([0.0; BINS], [0.0; BINS]);
         for (row, case_share) in self.counts.chunks_exact(BINS).zip(&mut case) {
@@ -319,8 +319,8 @@ impl Joint {
         }
     }
 
-    /// By how much the normalised mutual information rises for each count that is added to a pair of bins, while the total
-    /// and the case's bins stay.
+    /// The derivative of the normalised mutual information by the count of each pair of bins, with the total and the
+    /// bins of the case fixed.
     fn worth_of_a_count(&self) -> Vec<f32> {
         let [case, layer, joint] = self.entropies();
         let [_, layer_shares] = self.margins();
@@ -332,7 +332,7 @@ impl Joint {
         self.counts.iter().enumerate().map(worth).collect()
     }
 
-    /// What each pair of bins tells. A pair that was never seen counts as seen a little.
+    /// The information of each pair of bins. A pair that never occurs gets a small frequency.
     pub(super) fn fit(&self) -> Fit {
         let [case, layer] = self.margins();
         let rare = 1.0 / self.total;
@@ -348,7 +348,7 @@ fn entropy(shares: impl Iterator<Item = f64>) -> f64 {
     -shares.map(|share| share * logarithm(share)).sum::<f64>()
 }
 
-/// Zero for zero: what does not occur adds nothing.
+/// Zero for zero: a pair that does not occur adds nothing.
 fn logarithm(share: f64) -> f64 {
     if share > 0.0 { share.ln() } else { 0.0 }
 }
@@ -368,7 +368,7 @@ fn parzen(bin: f32) -> (usize, [f32; 4]) {
     (first, weights)
 }
 
-/// How those weights change with the value.
+/// The derivatives of those weights by the value.
 #[inline]
 fn parzen_slopes(bin: f32) -> (usize, [f32; 4]) {
     let whole = bin as u32;

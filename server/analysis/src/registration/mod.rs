@@ -1,4 +1,4 @@
-//! Where another volume of the same head lies: rigid registration by normalised mutual information.
+//! Rigid registration of another volume of the same head, by normalised mutual information.
 
 mod blocks;
 mod climb;
@@ -22,18 +22,18 @@ use self::samples::{Range, Region, Samples};
 use self::search::{LEAST_OVERLAP, by_worth, offsets, summits, worth};
 use crate::{MidsagittalPlane, midsagittal_plane};
 
-/// How much of what surrounds the envelope is compared as well, in mm.
+/// The margin around the envelope that is compared too, in mm.
 const MARGIN_MM: f64 = 8.0;
-/// Distances of the places that are compared, in mm: coarse, middle, fine.
+/// The distances between compared points, in mm: coarse, medium, fine.
 const STEPS_MM: [f64; 3] = [8.0, 4.0, 2.0];
-/// The greatest middle shift of the parts of a head that is well placed, in mm.
+/// The greatest median shift of the parts of a correctly placed head, in mm.
 const GREATEST_RESIDUAL_MM: f64 = 1.5;
-/// A layer is taken for mirrored, whatever the parts, where mirroring multiplies the information by more than this: another
+/// A layer counts as mirrored if mirroring multiplies the information by more than this, whatever its parts. Another
 /// head fits its mirror image about as well as itself.
 const CLEAR_GAIN: f64 = 1.3;
-/// The fewest parts from which a middle shift can be told.
+/// The fewest parts for a median shift.
 const FEWEST_PARTS: usize = 5;
-/// A motion smaller than this changes nothing, in mm.
+/// A smaller motion counts as none, in mm.
 const LEAST_MOTION_MM: f64 = 0.25;
 
 /// Whether a placement can be trusted.
@@ -43,58 +43,59 @@ pub enum Verdict {
     Registered,
     /// The layer fits where its header places it.
     Unchanged,
-    /// No placement was found that can be trusted; the layer stays where its header places it.
+    /// No placement can be trusted; the layer stays where its header places it.
     Failed(Doubt),
 }
 
 /// Why a placement cannot be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Doubt {
-    /// One of the volumes has a single intensity where they are compared.
+    /// One of the volumes has a single intensity in the compared region.
     NoContrast,
     /// The layer covers too little of the head.
     Overlap,
-    /// The layer fits better when it is mirrored: its file or its header takes left for right.
+    /// The layer fits better when mirrored: its file or its header swaps left and right.
     Mirrored,
-    /// The parts of the head do not fit together: another head, or no placement within the range.
+    /// The parts of the head do not agree: this is another head, or no placement within the range fits.
     Parts,
 }
 
-/// Where a layer lies in the patient space of a case, and how sure that is.
+/// The placement of a layer in the patient space of a case, and its verdict.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Registration {
-    /// The rigid transform from the layer's patient space to the case's, LPS mm. The identity unless registered.
+    /// The rigid transform from the patient space of the layer to that of the case, LPS mm. The identity unless
+    /// registered.
     pub case_from_layer: DAffine3,
-    /// Normalised mutual information where the header places the layer: 1 for nothing, 2 for everything.
+    /// Normalised mutual information at the placement of the header: 1 for none, 2 for complete.
     pub nmi_before: f64,
-    /// The same at the best placement that was found.
+    /// The same at the best placement.
     pub nmi_after: f64,
-    /// The share of the places compared that the layer covers at that placement, 0 to 1.
+    /// The fraction of the compared points that the layer covers at that placement, 0 to 1.
     pub overlap: f64,
-    /// How far off the parts of the head are at that placement, each by itself: the median, in mm. `None` where the layer
-    /// covers too few parts.
+    /// The median shift at which the parts of the head fit best, each by itself, in mm. `None` if the layer covers too
+    /// few parts.
     pub residual_mm: Option<f64>,
     /// Whether the placement can be trusted.
     pub verdict: Verdict,
 }
 
-/// Finds the rigid placement of `layer` in the patient space of `case`, in which `envelope` lies.
+/// Finds the rigid placement of `layer` in the patient space of `case`, which contains `envelope`.
 ///
-/// The volumes are compared inside the envelope grown by 8 mm, at places 8, 4 and 2 mm apart, by normalised mutual
-/// information of 48 bins: the layer's side is a Parzen estimate with cubic B-splines, so that the slope is exact. Poses about
-/// the header's, and about two that lay the volumes on one another, are tried on the coarsest images; the best are climbed
-/// from in quasi-Newton steps. It finds motions of up to about 30° and any shift, in any contrast, with any orientation of
-/// the voxels and partial coverage.
+/// The volumes are compared inside the envelope, grown by 8 mm, at points 8, 4 and 2 mm apart, by normalised mutual
+/// information with 48 bins. The histogram of the layer is a Parzen estimate with cubic B-splines, so that the gradient
+/// is exact. On the coarsest images, poses around the header and around two alignments of the whole volumes are tried;
+/// quasi-Newton steps improve the best ones. This finds motions of up to about 30° and any shift, for any contrast,
+/// orientation of the voxels and partial coverage.
 ///
-/// The verdict rests on the parts of the head: cubes of 36 mm that are each shifted to where they fit best. In the same head,
-/// well placed, they stay; in another head, or at a wrong place, most of them move by millimetres. And the layer must fit better
-/// than its mirror image.
+/// The verdict depends on the parts of the head: cubes of 36 mm, each shifted to where it fits best. In the same head
+/// at the correct placement they stay; in another head, or at a wrong placement, most of them move by millimetres. The
+/// layer must also fit better than its mirror image.
 ///
-/// The same volumes give the same bytes. A call takes about a second of one processor.
+/// The same volumes give the same result on every machine. A call takes about one second of CPU time.
 ///
 /// Sources: Studholme, Hill and Hawkes, "An overlap invariant entropy measure of 3D medical image alignment", Pattern
-/// Recognition 32, 1999; Thévenaz and Unser, "Optimization of mutual information for multiresolution image registration",
-/// IEEE Trans. Image Processing 9, 2000 (Parzen windows, slopes).
+/// Recognition 32, 1999; Thévenaz and Unser, "Optimization of mutual information for multiresolution image
+/// registration", IEEE Trans. Image Processing 9, 2000 (Parzen windows, slopes).
 pub fn register(case: &Volume, envelope: &Envelope, layer: &Volume) -> Registration {
     let pair = Pair::new(case, envelope, layer);
     let identity = Pose::identity(pair.region.centre);
@@ -141,7 +142,7 @@ pub fn register(case: &Volume, envelope: &Envelope, layer: &Volume) -> Registrat
     }
 }
 
-/// What speaks against a placement, by the middle shift of the parts and by what mirroring gains.
+/// The doubt about a placement, from the median shift of the parts and the gain of mirroring.
 fn doubt(residual_mm: Option<f64>, gain_of_mirroring: f64) -> Option<Doubt> {
     let Some(residual_mm) = residual_mm else {
         return Some(Doubt::Overlap);
@@ -164,7 +165,7 @@ fn median(mut lengths_mm: Vec<f32>) -> Option<f64> {
     Some(f64::from(lengths_mm[lengths_mm.len() / 2]))
 }
 
-/// Two volumes at three resolutions, coarse to fine, and the places where they are compared.
+/// Two volumes at three resolutions, coarse to fine, and the compared points.
 struct Pair {
     region: Region,
     places: [Vec<Vec3>; 3],
@@ -183,7 +184,7 @@ impl Pair {
         }
     }
 
-    /// By how much the information rises when the case is mirrored, as a ratio.
+    /// The ratio by which the information grows when the case is mirrored.
     fn gain_of_mirroring(&self, plane: &MidsagittalPlane, pose: Pose) -> f64 {
         let plain = self.comparison(1, Some(pose));
         let known = plain.score(pose).nmi - 1.0;
@@ -192,7 +193,8 @@ impl Pair {
         (worth(score) - 1.0) / known.max(1e-9)
     }
 
-    /// The volumes at one resolution. The layer's intensities are told apart by those that are met at a pose, or by all.
+    /// The volumes at one resolution. The bins of the layer cover the intensities that occur at a pose, or all
+    /// intensities.
     fn comparison(&self, level: usize, pose: Option<Pose>) -> Comparison {
         let (centre, layer) = (self.region.centre, &self.layer[level]);
         let samples = Samples::new(&self.places[level], centre, &self.case[level], BINS);

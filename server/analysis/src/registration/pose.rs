@@ -2,11 +2,11 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-/// A rigid motion that carries positions of the case to positions of the layer, both LPS mm.
+/// A rigid motion from positions in the case to positions in the layer, both LPS mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pose {
     rotation: DQuat,
-    /// Where the centre goes, relative to the centre.
+    /// The image of the centre, relative to the centre.
     shift: DVec3,
     centre: DVec3,
 }
@@ -27,7 +27,7 @@ impl Pose {
         }
     }
 
-    /// The motion first, then this pose.
+    /// The composition: the motion first, then this pose.
     pub(super) fn after(self, motion: Motion) -> Self {
         Self {
             rotation: (self.rotation * quaternion(motion.turn)).normalize(),
@@ -36,7 +36,7 @@ impl Pose {
         }
     }
 
-    /// Linear part, and where the centre goes: `layer = linear * (case - centre) + target`.
+    /// Linear part and image of the centre: `layer = linear * (case - centre) + target`.
     pub(super) fn parts(self) -> (DMat3, DVec3) {
         (DMat3::from_quat(self.rotation), self.centre + self.shift)
     }
@@ -53,17 +53,19 @@ impl Pose {
         self.layer_from_case().inverse()
     }
 
-    /// How far apart two poses place the points of a ball of `radius_mm` around the centre, as a mean over its surface.
+    /// The mean distance between the images of the points of a sphere of `radius_mm` around the centre, under two
+    /// poses.
     pub(super) fn distance_mm(self, other: Self, radius_mm: f64) -> f64 {
         let apart = (self.rotation.inverse() * other.rotation).normalize();
         let half_sine = apart.xyz().length();
         let shift = self.shift.distance(other.shift);
-        // A turn by an angle moves a point of the ball by 2 sin(angle/2) times its distance from the axis: √(2/3) of the radius.
+        // A turn by an angle moves a point of the sphere by 2 sin(angle/2) times its distance from the axis: √(2/3) of
+        // the radius.
         shift.hypot(2.0 * half_sine * radius_mm * (2.0f64 / 3.0).sqrt())
     }
 }
 
-/// The rotation of a rotation vector, to the third order: Cayley's map, which takes no more than a square root.
+/// The rotation of a rotation vector, to third order: Cayley's map, which needs only a square root.
 fn quaternion(turn: DVec3) -> DQuat {
     let half = turn / 2.0;
     DQuat::from_xyzw(half.x, half.y, half.z, 1.0).normalize()

@@ -1,20 +1,20 @@
-//! Where in the case two volumes are compared.
+//! The points of the case at which two volumes are compared.
 
 use geometry::{BrainMask, Envelope, Mask, offset};
 use glam::{DVec3, Vec3};
 
 use super::image::Image;
 
-/// Places of the case with the bin of its intensity there.
+/// Points of the case with the bins of their intensities.
 pub(super) struct Samples {
-    /// Whether all intensities of the case are one.
+    /// Whether all intensities of the case are equal.
     pub(super) are_flat: bool,
-    /// Relative to the centre, in mm.
+    /// The positions relative to the centre, in mm.
     pub(super) places: Vec<Vec3>,
     pub(super) bins: Vec<u8>,
 }
 
-/// The region that is compared: the envelope with some of what surrounds it.
+/// The compared region: the envelope with a margin.
 pub(super) struct Region {
     mask: Mask,
     pub(super) centre: DVec3,
@@ -23,7 +23,7 @@ pub(super) struct Region {
 }
 
 impl Region {
-    /// The envelope grown by `margin_mm`, or the envelope itself where it cannot grow.
+    /// The envelope grown by `margin_mm`, or the envelope itself if it cannot grow.
     pub(super) fn around(envelope: &Envelope, margin_mm: f64) -> Self {
         let grown = BrainMask::from_stored(envelope.mask().clone())
             .and_then(|brain| offset(&brain, margin_mm));
@@ -48,8 +48,8 @@ impl Region {
         }
     }
 
-    /// Places inside, one for each cube of `step_mm`, somewhere in it: on a grid, places of two images that fall
-    /// together again and again would draw the images to one another.
+    /// Points inside, one at a pseudo-random position in each cube of `step_mm`. On a regular grid, repeated
+    /// coincidences of the points with voxels would attract the images to each other.
     pub(super) fn places(&self, step_mm: f64) -> Vec<Vec3> {
         let grid = self.mask.grid();
         let [nx, ny, nz] = grid
@@ -80,7 +80,7 @@ impl Region {
     }
 }
 
-/// A place in the unit cube that looks drawn by lot, the same for the same number.
+/// A pseudo-random point of the unit cube, determined by the number.
 fn jitter(number: u32) -> DVec3 {
     let mut state = number.wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
     let mut next = || {
@@ -95,7 +95,7 @@ fn jitter(number: u32) -> DVec3 {
 }
 
 impl Samples {
-    /// The case's intensities at the places that lie in it.
+    /// The intensities of the case at the points inside it.
     pub(super) fn new(places: &[Vec3], centre: DVec3, image: &Image, bin_count: usize) -> Self {
         let voxel_from_patient = image.patient_from_voxel.inverse();
         let (mut kept, mut values) = (Vec::new(), Vec::new());
@@ -119,7 +119,7 @@ impl Samples {
     }
 }
 
-/// The intensities that are told apart: below and above, all count as the ends.
+/// The range of intensities of the bins; values beyond it count as its ends.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Range {
     low: f32,
@@ -127,7 +127,7 @@ pub(super) struct Range {
 }
 
 impl Range {
-    /// From the 0.5th to the 99.5th percentile; what is beyond is seldom tissue.
+    /// From the 0.5th to the 99.5th percentile; values beyond are rarely tissue.
     pub(super) fn of(values: &[f32]) -> Self {
         let mut sorted: Vec<f32> = values.to_vec();
         let last = sorted.len().saturating_sub(1);
@@ -142,12 +142,12 @@ impl Range {
         Self { low, high }
     }
 
-    /// Whether there is no more than one intensity.
+    /// Whether there is at most one intensity.
     pub(super) fn is_flat(self) -> bool {
         self.high <= self.low
     }
 
-    /// Where a value lies between the ends, 0 to 1.
+    /// The position of a value between the ends, 0 to 1.
     pub(super) fn share(self, value: f32) -> f32 {
         if self.is_flat() {
             return 0.0;

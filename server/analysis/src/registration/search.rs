@@ -1,4 +1,4 @@
-//! Where a registration begins: poses all about, of which the most promising are climbed from.
+//! The start of a registration: many poses are tried, and the best ones are improved.
 
 use glam::DVec3;
 
@@ -7,24 +7,24 @@ use super::image::Image;
 use super::metric::{Comparison, Score};
 use super::pose::{Motion, Pose};
 
-/// The turns that are tried about each axis, in radians (17°), and the shifts along each, in mm.
+/// The turns about each axis, in radians (17°), and the shifts along each axis, in mm.
 const TURN: f64 = 0.3;
 const SHIFT_MM: f64 = 15.0;
-/// From how many poses the coarsest images are climbed, and how far apart these are, in mm.
+/// The number of poses to improve on the coarsest images, and the least distance between them, in mm.
 const CLIMBS: usize = 14;
 const APART_MM: f64 = 12.0;
-/// How many summits go on, and how far apart these are, in mm.
+/// The number of maxima to keep, and the least distance between them, in mm.
 const SUMMITS: usize = 4;
 const SUMMITS_APART_MM: f64 = 5.0;
-/// Offsets closer than this count as one, in mm.
+/// Closer offsets count as one, in mm.
 const SAME_OFFSET_MM: f64 = 3.0;
 /// The longest step on the coarsest images, in mm.
 const LONGEST_MM: f64 = 8.0;
 
-/// The share of the case that the layer must cover.
+/// The fraction of the case that the layer must cover.
 pub(super) const LEAST_OVERLAP: f64 = 0.2;
 
-/// What a score counts in a choice: where little is covered, nothing.
+/// The rank of a score; it counts as nothing if the layer covers too little.
 pub(super) fn worth(score: Score) -> f64 {
     if score.overlap < LEAST_OVERLAP {
         1.0
@@ -33,7 +33,7 @@ pub(super) fn worth(score: Score) -> f64 {
     }
 }
 
-/// The best summits of the coarsest images, the highest first: at least one.
+/// The best maxima on the coarsest images, highest first: at least one.
 pub(super) fn summits(
     comparison: &Comparison,
     offsets: &[DVec3],
@@ -55,8 +55,8 @@ pub(super) fn summits(
     apart(&by_worth(climbed), SUMMITS, SUMMITS_APART_MM, radius_mm)
 }
 
-/// Where the layer may lie as a whole, by how far its points are from those of the case: as the headers say, with the bright
-/// parts of both together, or with the middles of both together.
+/// Candidate offsets of the whole layer: as in the headers, with the bright parts of both aligned, or with the centres
+/// of both aligned.
 pub(super) fn offsets(case: &Image, layer: &Image, centre: DVec3) -> Vec<DVec3> {
     let candidates = [
         DVec3::ZERO,
@@ -104,14 +104,14 @@ fn starts(offsets: &[DVec3], identity: Pose) -> Vec<Pose> {
     starts
 }
 
-/// The greatest worth first; equal ones in the order given.
+/// Sorts by rank, greatest first; equal ones keep their order.
 pub(super) fn by_worth(poses: impl Iterator<Item = (f64, Pose)>) -> Vec<Pose> {
     let mut poses: Vec<(f64, Pose)> = poses.collect();
     poses.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     poses.into_iter().map(|(_, pose)| pose).collect()
 }
 
-/// The first poses of which none is near an earlier one.
+/// The first poses that are not near an earlier one.
 fn apart(poses: &[Pose], most: usize, apart_mm: f64, radius_mm: f64) -> Vec<Pose> {
     let mut kept: Vec<Pose> = Vec::new();
     for &pose in poses {

@@ -1,12 +1,14 @@
-//! Synthetic lesions in voxel space: what blurs, thickens or darkens a patch of the junction of a real scan.
+//! Synthetic lesions in voxel space, which blur, thicken or darken a patch of the junction of a real scan.
 //!
-//! A patch is a ball with an irregular edge: its radius varies by a fifth with the direction, and its effect fades over 2 mm. Inside of it
-//! * **blur** replaces the intensities by those smoothed by a Gaussian;
-//! * **thickening** moves intensities along the gradient of the smoothed tissue scale, so that grey matter reaches into white;
+//! A patch is a ball with an irregular edge: its radius varies by a fifth with the direction, and its effect fades over
+//! 2 mm. Inside it
+//! * **blur** smooths the intensities by a Gaussian;
+//! * **thickening** moves intensities along the gradient of the smoothed tissue scale, so that grey matter reaches into
+//!   white;
 //! * **intensity** lowers white matter.
 //!
-//! Smoothing and interpolation take noise away. What they take is put back: white Gaussian noise with the variance that is missing.
-//! A lesion of which all three effects are nil is a sham: it runs through the same code.
+//! Smoothing and interpolation remove noise, so white Gaussian noise with the missing variance is added again. A lesion
+//! without any effect is a sham: it runs through the same code.
 
 use geometry::Volume;
 use glam::DVec3;
@@ -15,21 +17,21 @@ use super::random::Random;
 use crate::TissueScale;
 use crate::block::{Block, Zone};
 
-/// How much the radius varies with the direction, as a share.
+/// The variation of the radius with the direction, as a fraction.
 const IRREGULARITY: f64 = 0.2;
-/// Over how many mm the effect fades.
+/// The distance over which the effect fades, in mm.
 const TAPER_MM: f64 = 2.0;
-/// The Gaussian of the tissue scale along the gradient of which intensities move, in mm.
+/// The Gaussian of the tissue scale for the direction in which intensities move, in mm.
 const DIRECTION_MM: f64 = 1.5;
 
-/// What a lesion does to the junction.
+/// The effects of a lesion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effect {
-    /// Deviation of the Gaussian, in mm.
+    /// Standard deviation of the Gaussian, in mm.
     pub blur_mm: f64,
-    /// By how much grey matter reaches further into white matter, in mm.
+    /// How far grey matter extends into white matter, in mm.
     pub thickening_mm: f64,
-    /// By how much white matter is darker, as a share of the contrast.
+    /// How much darker white matter is, as a fraction of the contrast.
     pub darkening: f64,
 }
 
@@ -45,24 +47,24 @@ impl Effect {
 /// A synthetic lesion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lesion {
-    /// LPS mm.
+    /// The centre, LPS mm.
     pub centre_in_patient: DVec3,
     /// Mean radius, in mm.
     pub radius_mm: f64,
-    /// What it does.
+    /// Its effects.
     pub effect: Effect,
-    /// Of its edge and its noise.
+    /// The seed of its edge and its noise.
     pub seed: u64,
 }
 
 impl Lesion {
-    /// How far from its centre it changes anything, in mm.
+    /// The greatest distance from its centre at which it changes anything, in mm.
     pub(crate) fn reach_mm(&self) -> f64 {
         self.radius_mm * (1.0 + 2.0 * IRREGULARITY) + TAPER_MM
     }
 }
 
-/// What a lesion is put into.
+/// The head that receives a lesion.
 pub(crate) struct Ground<'a> {
     pub(crate) volume: &'a Volume,
     pub(crate) block: &'a Block,
@@ -71,11 +73,11 @@ pub(crate) struct Ground<'a> {
     pub(crate) tissue: &'a TissueScale,
 }
 
-/// The share of a lesion's effect at each place.
+/// The strength of the effect of a lesion at each point.
 struct Patch {
     centre: DVec3,
     radius_mm: f64,
-    /// Three axes, along which the radius varies in one, two and three waves.
+    /// Three axes, along which the radius varies with one, two and three waves.
     axes: [DVec3; 3],
 }
 
@@ -101,7 +103,7 @@ impl Patch {
     }
 }
 
-/// A copy of a volume with a lesion in it.
+/// A copy of a volume with a lesion.
 pub(crate) fn with_lesion(ground: &Ground<'_>, lesion: &Lesion) -> Volume {
     let mut random = Random::new(lesion.seed);
     let patch = Patch::new(lesion, &mut random);
@@ -149,17 +151,17 @@ pub(crate) fn with_lesion(ground: &Ground<'_>, lesion: &Lesion) -> Volume {
     Volume::new(grid.clone(), voxels, rescale).expect("as many voxels as before")
 }
 
-/// An intensity under a Gaussian.
+/// A smoothed intensity.
 struct Smoothed {
     intensity: f64,
-    /// The share of the noise's variance that it keeps.
+    /// The remaining fraction of the variance of the noise.
     kept: f64,
-    /// The weight of the voxel in the middle.
+    /// The weight of the central voxel.
     own_weight: f64,
 }
 
 impl Smoothed {
-    /// The share of the noise's variance in a mixture with the voxel in the middle, which keeps a share of its own.
+    /// The remaining fraction of the variance of the noise in a mixture with the central voxel.
     fn kept_in_mixture(&self, own: f64, share: f64) -> f64 {
         let (a, b) = (1.0 - share, share);
         a * a * own + b * b * self.kept + 2.0 * a * b * self.own_weight * own
@@ -186,7 +188,7 @@ fn around(block: &Block, lesion: &Lesion) -> impl Iterator<Item = [usize; 3]> + 
     })
 }
 
-/// The direction towards white matter, of length 1, in the patient; 0 where there is none.
+/// The unit vector towards white matter in patient space; 0 if there is no gradient.
 fn direction(ground: &Ground<'_>, voxel: [usize; 3]) -> DVec3 {
     let block = ground.block;
     let sigma = block.in_voxels(DIRECTION_MM);
@@ -202,7 +204,7 @@ fn direction(ground: &Ground<'_>, voxel: [usize; 3]) -> DVec3 {
         let along = DVec3::from_array([0, 1, 2].map(|axis| scaled[axis] / sigma[axis]));
         slope += along * (value * (-0.5 * squared).exp());
     });
-    // A gradient per voxel turns into one per mm by the inverse transpose.
+    // The inverse transpose converts a gradient per voxel to one per mm.
     let axes = block.grid.patient_from_voxel().matrix3;
     (axes.inverse().transpose() * slope).normalize_or_zero()
 }
@@ -218,7 +220,7 @@ fn for_cube(reach: [i64; 3], mut visit: impl FnMut([i64; 3])) {
     }
 }
 
-/// Intensities between voxels, and what share of the noise's variance they keep.
+/// Intensities between voxels, and the remaining fraction of the variance of the noise.
 struct Sampler<'a> {
     volume: &'a Volume,
 }
@@ -231,7 +233,7 @@ impl Sampler<'_> {
         f64::from(self.volume.intensity(f32::from(stored)))
     }
 
-    /// Catmull and Rom's cubic, which blurs less than a line between two voxels.
+    /// The Catmull–Rom cubic, which blurs less than linear interpolation.
     fn at(&self, place: DVec3) -> (f64, f64) {
         let base = place.floor();
         let weights = (place - base).to_array().map(|part| {

@@ -1,4 +1,4 @@
-//! What is easier to find where: synthetic lesions in real heads, and model observers that look for them.
+//! A study of synthetic lesions in real heads, with model observers that look for them.
 
 mod lesion;
 mod observer;
@@ -26,7 +26,7 @@ use crate::block::Block;
 use crate::maps::tissue_of;
 use crate::{Head, MapsUndefined, TissueScale};
 
-/// A head that lesions are put into.
+/// A head that receives lesions.
 pub struct Ground<'a> {
     head: Head<'a>,
     block: Block,
@@ -56,7 +56,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Places without a lesion, by the same rule, however near to each other.
+    /// Places without a lesion, by the same rule, at any distance from each other.
     pub(crate) fn normal_places(&self, count: usize, seed: u64) -> Vec<Place> {
         self.drawn(Draw {
             count,
@@ -69,7 +69,7 @@ impl<'a> Ground<'a> {
         places::places(&offers(self.head, &self.block, &self.values), draw)
     }
 
-    /// The head's volume with a lesion in it.
+    /// The volume of the head with a lesion.
     pub fn with_lesion(&self, lesion: &Lesion) -> Volume {
         let ground = lesion::Ground {
             volume: self.head.volume,

@@ -1,4 +1,4 @@
-//! Model observers: what they see at each point of the junction, and the marks they make in a whole head.
+//! Model observers: their scores at each point of the junction, and their marks in a whole head.
 
 use std::ops::RangeInclusive;
 
@@ -13,19 +13,19 @@ use crate::maps::compare;
 use crate::sharpness::sharpness;
 use crate::{Head, MapParameters, TissueScale};
 
-/// Points of the junction are this near to the middle of grey and white.
+/// The greatest distance of a point of the junction from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.12;
-/// The depths in which lesions are looked for on slices, and those of the isosurfaces, in mm.
+/// The depths of the search on slices, and on isosurfaces, in mm.
 const SLICE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=28.0;
 const SURFACE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=24.0;
-/// The least distance between two marks, in mm, and the most marks of one head.
+/// The least distance between two marks, in mm, and the greatest number of marks per head.
 const APART_MM: f64 = 10.0;
 const MARKS: usize = 60;
 
-/// What an observer looks at.
+/// The view of an observer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum View {
-    /// V1 to V3: slices across one axis of the volume, by the axis of the patient that it is nearest to.
+    /// V1 to V3: slices across one axis of the volume, named by the nearest patient axis.
     Sagittal,
     /// Slices from front to back.
     Coronal,
@@ -35,7 +35,7 @@ pub enum View {
     ThreeStacks,
     /// V5: isosurfaces.
     Isosurfaces,
-    /// V7: isosurfaces beside their mirror image.
+    /// V7: isosurfaces compared with their mirror image.
     IsosurfacesMirrored,
     /// V8: sharpness on isosurfaces.
     Sharpness,
@@ -74,7 +74,7 @@ impl View {
         }
     }
 
-    /// Whether it shows a map rather than intensities.
+    /// Whether it shows a map instead of intensities.
     pub(crate) fn is_aided(self) -> bool {
         matches!(self, Self::Sharpness | Self::Blur | Self::BlurOnStacks)
     }
@@ -91,24 +91,24 @@ impl View {
     }
 }
 
-/// A point of the junction with what is seen there.
+/// A point of the junction with its scores.
 #[derive(Debug, Clone, Copy)]
 struct Point {
     position: DVec3,
     depth_mm: f32,
     cuts: Cuts,
-    /// In the isosurface at the mirrored point; NaN if there is none.
+    /// The score in the isosurface at the mirrored point; NaN if there is none.
     mirrored: f32,
 }
 
-/// All that the observers of cuts see in a head.
+/// The scores of the observers of cuts in a head.
 pub(crate) struct Seen {
     points: Vec<Point>,
-    /// Which axis of the volume is nearest to the patient's left, back and top.
+    /// The axes of the volume nearest to the patient's left, back and top.
     axes: [usize; 3],
 }
 
-/// What the observers of the maps see in a head.
+/// The scores of the observers of maps in a head.
 pub(crate) struct Aided {
     points: Vec<AidedPoint>,
 }
@@ -118,9 +118,9 @@ pub(crate) struct Aided {
 struct AidedPoint {
     position: DVec3,
     depth_mm: f32,
-    /// Per mm.
+    /// Sharpness, per mm.
     sharpness: f32,
-    /// Smoothed as for candidates.
+    /// `blur`, smoothed as for candidates.
     blur: f32,
 }
 
@@ -160,7 +160,7 @@ impl Seen {
         }
     }
 
-    /// The head with what a lesion has changed: what lies opposite is as it was.
+    /// The head with a lesion; the opposite side is unchanged.
     pub(crate) fn with(
         &self,
         head: Head<'_>,
@@ -172,7 +172,7 @@ impl Seen {
             .grid
             .voxel_from_patient()
             .transform_point3(changed.centre);
-        // What a template sees from afar, it sees 9 mm from its centre, which needs 9 mm around it and some for the gradient.
+        // A template reaches 9 mm from its centre, and the gradient needs some more.
         let seen_from_mm = changed.reach_mm + 9.0;
         let reach = block.in_voxels(seen_from_mm + 9.0 + 4.0);
         let ranges = [0, 1, 2].map(|axis| {
@@ -225,7 +225,7 @@ impl Seen {
         }))
     }
 
-    /// The score at the point nearest to a place.
+    /// The score at the point nearest to a position.
     pub(crate) fn at(&self, view: View, place: DVec3) -> f32 {
         let nearest = self.points.iter().min_by(|a, b| {
             let [a, b] = [a, b].map(|point| point.position.distance_squared(place));
@@ -235,14 +235,14 @@ impl Seen {
     }
 }
 
-/// What a lesion changes.
+/// The points that a lesion changes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Changed {
     pub(crate) centre: DVec3,
     pub(crate) reach_mm: f64,
 }
 
-/// Every second voxel along each axis that lies on the junction, with what is seen there.
+/// Every second voxel of the junction along each axis, with its scores.
 fn points(block: &Block, region: &Region) -> Vec<Point> {
     let is_point = |index: &usize| {
         let index = *index;
@@ -318,7 +318,7 @@ impl Aided {
         }))
     }
 
-    /// The score at the voxel of the junction nearest to a place.
+    /// The score at the voxel of the junction nearest to a position.
     pub(crate) fn at(&self, view: View, place: DVec3) -> f32 {
         let nearest = self.points.iter().min_by(|a, b| {
             let [a, b] = [a, b].map(|point| point.position.distance_squared(place));
@@ -328,7 +328,7 @@ impl Aided {
     }
 }
 
-/// Marks from the highest on, each at least 10 mm from every higher one.
+/// Marks, highest first, each at least 10 mm from every higher one.
 fn greedy(points: impl Iterator<Item = Mark>) -> Vec<Mark> {
     let mut points: Vec<Mark> = points.filter(|mark| !mark.score.is_nan()).collect();
     points.sort_by(|a, b| b.score.total_cmp(&a.score));

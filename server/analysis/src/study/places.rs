@@ -1,4 +1,4 @@
-//! Where lesions are put: drawn by seed from the volume alone, before any picture.
+//! Places for lesions: chosen at random from the volume alone, before any picture.
 
 use glam::DVec3;
 
@@ -6,35 +6,35 @@ use super::random::Random;
 use crate::Head;
 use crate::block::{Block, depth_at};
 
-/// Voxels count as junction whose tissue scale is this near to the middle of grey and white.
+/// The greatest distance of the tissue scale of a junction voxel from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.15;
 /// The least distance between the places of two lesions, in mm.
 pub(crate) const APART_MM: f64 = 25.0;
-/// Below this there is no cortex, in mm.
+/// The greatest depth of cortex, in mm.
 const DEEPEST_MM: f32 = 28.0;
-/// From this depth on a place is at the bottom of a sulcus, in mm.
+/// The least depth of the bottom of a sulcus, in mm.
 const BOTTOM_FROM_MM: f32 = 12.0;
-/// Above this a place is in a crown, in mm.
+/// The greatest depth of a crown, in mm.
 const CROWN_TO_MM: f32 = 7.0;
-/// How near to the midsagittal plane a place is mesial, in mm.
+/// The greatest distance of a mesial place from the midsagittal plane, in mm.
 const MESIAL_MM: f64 = 12.0;
-/// The shares of places at the bottom of sulci, in walls and in crowns, and of frontal places.
+/// The fractions of places at the bottom of sulci, in walls and in crowns, and of frontal places.
 const KINDS: [f64; 3] = [0.5, 0.25, 0.25];
 const FRONTAL: f64 = 0.6;
-/// The least share of mesial places and of basal ones.
+/// The least fraction of mesial places and of basal ones.
 const LEAST_MESIAL: f64 = 0.1;
 const LEAST_BASAL: f64 = 0.1;
 
 /// A place for a lesion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// LPS mm.
+    /// The position, LPS mm.
     pub position_in_patient: DVec3,
-    /// Below the envelope, in mm.
+    /// The depth below the envelope, in mm.
     pub depth_mm: f32,
 }
 
-/// What a place should be like.
+/// The wanted properties of a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Wish {
     /// 0 bottom of a sulcus, 1 wall, 2 crown.
@@ -44,7 +44,7 @@ struct Wish {
     is_basal: bool,
 }
 
-/// What the block's junction offers.
+/// The available places of a block.
 pub(crate) struct Offer {
     place: Place,
     kind: usize,
@@ -62,7 +62,7 @@ impl Offer {
     }
 }
 
-/// What is drawn.
+/// The places to choose.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Draw {
     pub(crate) count: usize,
@@ -71,8 +71,8 @@ pub(crate) struct Draw {
     pub(crate) apart_mm: f64,
 }
 
-/// Places by seed: half at the bottom of sulci, a quarter each in walls and crowns, six in ten frontal, a tenth each mesial
-/// and basal at least; if the head is too small for so many, they come nearer to each other.
+/// Random places by seed: half at the bottom of sulci, a quarter each in walls and crowns, 60 % frontal, at least 10 %
+/// each mesial and basal. If the head is too small, they are closer to each other.
 pub(crate) fn places(offers: &[Offer], draw: Draw) -> Vec<Place> {
     let mut random = Random::new(draw.seed);
     let mut found: Vec<Place> = Vec::new();
@@ -91,7 +91,7 @@ pub(crate) fn places(offers: &[Offer], draw: Draw) -> Vec<Place> {
             });
         match next {
             Some(offer) => found.push(offer.place),
-            // The wish may have no room left.
+            // There may be no such place left.
             None => apart_mm *= 0.97,
         }
     }
@@ -127,7 +127,7 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
     for (index, &value) in values.iter().enumerate() {
         let voxel = block.grid.voxel(index);
         let is_inner = (0..3).all(|axis| (4..block.size[axis] - 4).contains(&voxel[axis]));
-        // One in eight is enough, and no two neighbours.
+        // One voxel in eight is enough, and no two are neighbours.
         if !is_inner || voxel.iter().any(|along| along % 2 > 0) || (value - 0.5).abs() > NEAR_MIDDLE
         {
             continue;
@@ -145,7 +145,7 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
             continue;
         }
         let share = (position - low) / size;
-        // The cerebellum lies below and behind.
+        // The cerebellum is below and behind.
         if share.z < 0.35 && share.y > 0.45 {
             continue;
         }
@@ -168,7 +168,7 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
     offers
 }
 
-/// How steeply the tissue scale rises across two voxels to either side, per voxel: little in deep nuclei and noise.
+/// The gradient of the tissue scale over two voxels to either side, per voxel; it is small in deep nuclei and noise.
 fn steepness(block: &Block, values: &[f32], voxel: [usize; 3]) -> f32 {
     let squared = |axis: usize| {
         let at = |by: i64| {

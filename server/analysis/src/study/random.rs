@@ -1,6 +1,6 @@
-//! Numbers that look random and are the same for the same seed, on every machine.
+//! Pseudo-random numbers, the same for the same seed on every machine.
 
-/// A stream of numbers: Steele, Lea and Flood's SplitMix64.
+/// The generator SplitMix64 (Steele, Lea and Flood).
 #[derive(Debug, Clone)]
 pub(crate) struct Random(u64);
 
@@ -16,18 +16,18 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    /// From 0 to 1, without 1.
+    /// A number in [0, 1).
     pub(crate) fn uniform(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Mean 0, variance 1.
+    /// A normal deviate with mean 0 and variance 1.
     pub(crate) fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
 
-    /// A whole number below `count`.
+    /// An integer below `count`.
     pub(crate) fn below(&mut self, count: usize) -> usize {
         (self.uniform() * count as f64) as usize
     }

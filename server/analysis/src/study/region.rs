@@ -1,4 +1,4 @@
-//! A part of a head as an observer of cuts sees it.
+//! A part of a head, for the observers of cuts.
 
 use std::ops::RangeInclusive;
 
@@ -9,39 +9,40 @@ use crate::Head;
 use crate::block::{Block, depth_at};
 use crate::convolve::{Kernel, smooth};
 
-/// The Gaussian of an observer's gradient, in mm, and the width of its weight: those of the pilot, not those of the maps.
+/// The Gaussian of the gradient of an observer, in mm, and the width of its weight: from the pilot study, not from the
+/// maps.
 const GRADIENT_MM: f64 = 0.7;
 const WEIGHT_WIDTH: f32 = 0.2;
-/// Above this depth there is no junction to be seen, in mm.
+/// The least depth of visible junction, in mm.
 const FROM_MM: f32 = 2.5;
-/// Template of an observer: a Gaussian in the cut, a narrower one across it, in mm, and how far they are followed.
+/// The template of an observer: a Gaussian in the cut, a narrower one across it, in mm, and their extent.
 const TEMPLATE_MM: f32 = 3.0;
 const ACROSS_MM: f32 = 0.6;
 const REACH_MM: f64 = 9.0;
 const REACH_ACROSS_MM: f64 = 1.5;
 
-/// How sharp the junction is in cuts through a point, per mm.
+/// The sharpness of the junction in cuts through a point, per mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Cuts {
-    /// Across the first, the second and the third axis of the volume.
+    /// In slices across the first, the second and the third axis of the volume.
     pub(crate) planes: [f32; 3],
-    /// Along the isosurface of the point's own depth.
+    /// In the isosurface at the depth of the point.
     pub(crate) isosurface: f32,
 }
 
 /// Gradients, weights and depths of a part of a block.
 pub(crate) struct Region {
-    /// First voxel, in voxels of the block.
+    /// The first voxel, in voxels of the block.
     first: [usize; 3],
     size: [usize; 3],
     spacing_mm: [f64; 3],
-    /// Smoothed tissue scale.
+    /// The smoothed tissue scale.
     pub(crate) smooth: Vec<f32>,
-    /// Per mm along the axes of the volume.
+    /// The gradient, per mm along the axes of the volume.
     gradients: Vec<Vec3>,
     weights: Vec<f32>,
     pub(crate) depths_mm: Vec<f32>,
-    /// Of the isosurface, along the axes of the volume.
+    /// The normal of the isosurface, along the axes of the volume.
     normals: Vec<Vec3>,
 }
 
@@ -127,7 +128,7 @@ impl Region {
         self.smooth.len()
     }
 
-    /// Whether a voxel of the block lies so far within that the whole template fits.
+    /// Whether the whole template fits around a voxel of the block.
     pub(crate) fn has_room(&self, voxel: [usize; 3]) -> bool {
         let reach = self.reach();
         (0..3).all(|axis| {
@@ -141,7 +142,7 @@ impl Region {
             .map(|spacing| (REACH_MM / spacing).ceil() as usize)
     }
 
-    /// The sharpness in the cuts through a voxel of the block, which has room.
+    /// The sharpness in the cuts through a voxel of the block around which the template fits.
     pub(crate) fn cuts(&self, voxel: [usize; 3]) -> Cuts {
         let centre = [0, 1, 2].map(|axis| voxel[axis] - self.first[axis]);
         let own = centre[0] + self.size[0] * (centre[1] + self.size[1] * centre[2]);
@@ -202,7 +203,7 @@ impl Region {
 struct Depths<'a> {
     field: &'a DepthField,
     working_from_block: glam::DAffine3,
-    /// Of length 1, in the patient.
+    /// Unit vectors in patient space.
     axes: [Vec3; 3],
 }
 

@@ -1,4 +1,4 @@
-//! What the trials of all heads come to, and whether the criteria hold that were written before them.
+//! The results of all heads, and whether the criteria hold that were fixed beforehand.
 
 use std::fmt::Write;
 
@@ -8,24 +8,26 @@ use super::random::Random;
 use super::run::{HeadResult, Sign, Trial};
 use super::{Sighting, View};
 
-/// Rounds of the bootstrap.
+/// Number of bootstrap samples.
 const ROUNDS: usize = 1000;
 
-/// What the study must show. These numbers stand since before its first full run.
+/// The criteria of the study, fixed before its first full run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Criteria {
-    /// (a) By how much more lesions are found with fewer than one false mark on `blur` (V9) than on three stacks (V4).
+    /// (a) The least gain of `blur` (V9) over three stacks (V4) in the fraction of lesions found with fewer than one
+    /// false mark.
     pub least_gain: f64,
-    /// (a) In how many of the heads that nothing was chosen on, with an interval above 0: three of four.
+    /// (a) The number of untuned heads in which this must hold, with an interval above 0: three of four.
     pub least_heads: usize,
-    /// (b) How far isosurfaces (V5) may lie below the best stack (V1 to V3), in area under the curve, the place being known.
+    /// (b) The greatest deficit of isosurfaces (V5) below the best stack (V1 to V3), in area under the curve with a
+    /// known place.
     pub most_behind: f64,
-    /// How far from chance shams may come out.
+    /// The greatest distance of shams from chance.
     pub most_leak: f64,
 }
 
 impl Criteria {
-    /// Those of the study.
+    /// The criteria of the study.
     pub const STANDARD: Self = Self {
         least_gain: 0.2,
         least_heads: 3,
@@ -34,31 +36,31 @@ impl Criteria {
     };
 }
 
-/// Whether a criterion holds, and by which numbers.
+/// Whether a criterion holds, with its numbers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// Which criterion, in words.
+    /// The criterion, in words.
     pub criterion: String,
-    /// `None` if it is reported alone.
+    /// `None` if it is only reported.
     pub holds: Option<bool>,
     /// The numbers.
     pub figures: String,
 }
 
-/// All heads and what they come to.
+/// All heads and their results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// The version of the maps.
     pub map_format: u32,
-    /// Of all that was drawn.
+    /// The seed of all random choices.
     pub seed: u64,
-    /// The names of the views, in the order of every trial's sightings.
+    /// The names of the views, in the order of the sightings of a trial.
     pub views: Vec<String>,
-    /// In the order in which they were run.
+    /// The heads, in the order of the run.
     pub heads: Vec<HeadResult>,
 }
 
-/// A share of trials with its 95 % interval.
+/// A fraction of trials with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Interval {
     value: f64,
@@ -102,7 +104,7 @@ impl Report {
         let count = gains.iter().filter(|(_, gain)| holds(gain)).count();
         Verdict {
             criterion: format!(
-                "(a) V9 finds at least {} more than V4 with fewer than one false mark, interval above 0, in {} of the heads that nothing was chosen on",
+                "(a) V9 finds at least {} more than V4 with fewer than one false mark, interval above 0, in {} of the untuned heads",
                 criteria.least_gain, criteria.least_heads
             ),
             holds: Some(count >= criteria.least_heads),
@@ -117,7 +119,7 @@ impl Report {
         let own = area(View::Isosurfaces);
         Verdict {
             criterion: format!(
-                "(b) V5 lies at most {} below the best of V1 to V3, the place being known",
+                "(b) V5 is at most {} below the best of V1 to V3, with a known place",
                 criteria.most_behind
             ),
             holds: Some(own >= best - criteria.most_behind),
@@ -137,7 +139,7 @@ impl Report {
             .collect();
         Verdict {
             criterion:
-                "(c) V9 less V10 with fewer than one false mark: what the peel adds to the map"
+                "(c) V9 minus V10 with fewer than one false mark: what peeling adds to the map"
                     .to_owned(),
             holds: None,
             figures: figures(&gains),
@@ -170,7 +172,7 @@ impl Report {
         let most = criteria.most_leak.max(by_chance);
         Verdict {
             criterion: format!(
-                "shams come out at chance, within {} or, if they are few, two deviations: {most:.3}",
+                "shams are at chance, within {} or, if they are few, two standard errors: {most:.3}",
                 criteria.most_leak
             ),
             holds: Some(worst <= most),
@@ -182,7 +184,7 @@ impl Report {
         self.heads.iter().flat_map(lesions)
     }
 
-    /// The difference of two views' hits in one head, by a bootstrap over its lesions.
+    /// The difference between the hits of two views in one head, by bootstrap over its lesions.
     fn difference(
         &self,
         head: &HeadResult,
@@ -222,7 +224,7 @@ impl Report {
             );
         };
         for head in &self.heads {
-            let tuned = if head.is_tuned { ", tuned on" } else { "" };
+            let tuned = if head.is_tuned { ", tuned" } else { "" };
             add(
                 &format!("{}{tuned}", head.name),
                 &lesions(head).collect::<Vec<_>>(),
@@ -234,7 +236,7 @@ impl Report {
             .filter(|head| !head.is_tuned)
             .flat_map(lesions)
             .collect();
-        add("**not tuned on**", &untuned);
+        add("**untuned**", &untuned);
         for sign in Sign::DRAWN {
             add(sign.name(), &chosen(&all, |trial| trial.sign == sign));
         }
@@ -244,7 +246,7 @@ impl Report {
         }
         let blurred = |trial: &&Trial| trial.blur_mm >= 1.5;
         for radius_mm in [4.0, 6.0, 9.0] {
-            let name = format!("blur of 1.5 mm or more, radius {radius_mm} mm, not tuned on");
+            let name = format!("blur of 1.5 mm or more, radius {radius_mm} mm, untuned");
             add(
                 &name,
                 &chosen(&untuned, |trial| {
@@ -269,7 +271,7 @@ impl Report {
             );
         }
         format!(
-            "Hits with fewer than 1 / 5 / 20 false marks a head; in brackets the area under the curve, the place being known.\n\n{head}{text}\n{verdicts}"
+            "Hits with fewer than 1 / 5 / 20 false marks per head; in brackets the area under the curve with a known place.\n\n{head}{text}\n{verdicts}"
         )
     }
 }
@@ -341,7 +343,7 @@ fn figures(gains: &[(&str, Interval)]) -> String {
     text.join("; ")
 }
 
-/// The number of a view.
+/// The index of a view.
 fn short(view: View) -> &'static str {
     view.name().split(' ').next().unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! One head of the study: lesions one at a time, and what each observer makes of them.
+//! One head of the study: lesions one at a time, and the sightings of each observer.
 
 use std::ops::ControlFlow;
 
@@ -12,25 +12,25 @@ use super::{Effect, Ground, Lesion};
 use crate::maps::tissue_of;
 use crate::{Head, MapParameters, MapsUndefined};
 
-/// How much of a study is done, and with which numbers.
+/// The size and the parameters of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StudyParameters {
-    /// Lesions in each head; each is drawn alone.
+    /// Number of lesions in each head; each is alone in its trial.
     pub lesions: usize,
-    /// Shams in each head.
+    /// Number of shams in each head.
     pub shams: usize,
-    /// Normal places with which a known one is compared.
+    /// Number of normal places for comparison with a known place.
     pub normals: usize,
-    /// Of all that is drawn in a head: another one for each head, or all heads get the same lesions.
+    /// The seed of all random choices in a head. It must differ between heads, or they all get the same lesions.
     pub seed: u64,
-    /// Of the maps that are judged.
+    /// The parameters of the maps.
     pub maps: MapParameters,
 }
 
 impl StudyParameters {
-    /// The same with a seed of its own for a head of this name.
+    /// The same with a separate seed for a head with this name.
     pub fn for_head(self, name: &str) -> Self {
-        // Fowler, Noll and Vo's FNV-1a.
+        // FNV-1a (Fowler, Noll and Vo).
         let mixed = name.bytes().fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
         });
@@ -48,7 +48,7 @@ impl StudyParameters {
         seed: 20_061_122,
         maps: MapParameters::STANDARD,
     };
-    /// What fits into two minutes.
+    /// A run of two minutes.
     pub const QUICK: Self = Self {
         lesions: 12,
         shams: 4,
@@ -57,24 +57,24 @@ impl StudyParameters {
     };
 }
 
-/// Which of a lesion's signs is there.
+/// The sign of a lesion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sign {
     /// The junction is blurred.
     Blur,
-    /// Grey matter reaches into white.
+    /// Grey matter extends into white matter.
     Thickening,
     /// White matter below the junction is darker.
     Intensity,
-    /// All three.
+    /// All three signs.
     All,
-    /// None: a sham.
+    /// No sign: a sham.
     Sham,
 }
 
 impl Sign {
-    /// Those of which each lesion draws one.
+    /// The signs for a random choice.
     pub const DRAWN: [Self; 4] = [Self::Blur, Self::Thickening, Self::Intensity, Self::All];
 
     /// Its name.
@@ -89,31 +89,31 @@ impl Sign {
     }
 }
 
-/// Radii of which each lesion draws one, in mm, and the strengths of its signs.
+/// The radii for a random choice, in mm, and the strengths of the signs.
 const RADII_MM: [f64; 3] = [4.0, 6.0, 9.0];
 const BLURS_MM: [f64; 3] = [1.0, 1.5, 2.0];
 const THICKENINGS_MM: [f64; 2] = [1.0, 2.0];
 const DARKENINGS: [f64; 2] = [0.1, 0.2];
 
-/// What an observer of one view made of one lesion.
+/// The sighting of one lesion in one view.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sighting {
-    /// The share of normal places that are less suspicious than this place, if the place is known; half of it where they are equal.
+    /// With a known place: the fraction of normal places that are less suspicious; equal ones count half.
     pub known: f64,
-    /// How many false marks lie above the lesion's, if it is searched for; `None` if none of the marks hits it.
+    /// In a search: the number of false marks above the mark of the lesion; `None` if no mark hits it.
     pub false_marks: Option<usize>,
 }
 
-/// One lesion or sham and what was seen of it.
+/// One lesion or sham, with its sightings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// Which sign.
+    /// Its sign.
     pub sign: Sign,
     /// Mean radius, in mm.
     pub radius_mm: f64,
-    /// LPS mm.
+    /// Its centre, LPS mm.
     pub position_in_patient: [f64; 3],
-    /// In mm.
+    /// Its depth, in mm.
     pub depth_mm: f32,
     /// Strength of each sign, as in [`Effect`].
     pub blur_mm: f64,
@@ -121,14 +121,14 @@ pub struct Trial {
     pub thickening_mm: f64,
     /// As in [`Effect`].
     pub darkening: f64,
-    /// Of the lesion's edge and noise.
+    /// The seed of its edge and noise.
     pub seed: u64,
-    /// In the order of [`View::ALL`].
+    /// Its sightings, in the order of [`View::ALL`].
     pub sightings: Vec<Sighting>,
 }
 
 impl Trial {
-    /// The lesion, to be put into its head again.
+    /// The lesion, which can be put into its head again.
     pub fn lesion(&self) -> Lesion {
         Lesion {
             centre_in_patient: DVec3::from_array(self.position_in_patient),
@@ -143,18 +143,18 @@ impl Trial {
     }
 }
 
-/// A head with all of its trials.
+/// A head with all its trials.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HeadResult {
-    /// What the head is called.
+    /// The name of the head.
     pub name: String,
-    /// Whether parameters were chosen on this head.
+    /// Whether parameters were tuned on this head.
     pub is_tuned: bool,
-    /// Lesions, then shams.
+    /// The trials: lesions, then shams.
     pub trials: Vec<Trial>,
 }
 
-/// The trials of a head. `observe` hears of each trial that is done, out of how many, and may stop the run.
+/// The trials of a head. `observe` receives the number of finished trials and of all trials, and may stop the run.
 ///
 /// # Errors
 /// If the head has no maps.
@@ -192,7 +192,7 @@ pub fn run_head(
     Ok(trials)
 }
 
-/// A lesion at a place: its sign, its size and its strengths by chance.
+/// A lesion at a place, with random sign, size and strengths.
 fn drawn(centre: DVec3, is_sham: bool, random: &mut Random) -> (Sign, Lesion) {
     let sign = Sign::DRAWN[random.below(Sign::DRAWN.len())];
     let radius_mm = RADII_MM[random.below(RADII_MM.len())];
@@ -228,7 +228,7 @@ fn drawn(centre: DVec3, is_sham: bool, random: &mut Random) -> (Sign, Lesion) {
     (sign, lesion)
 }
 
-/// A head without a lesion, as all observers see it.
+/// A head without a lesion, with the scores of all observers.
 struct Pristine {
     seen: Seen,
     /// The scores at normal places, ascending, in the order of [`View::ALL`].
@@ -244,7 +244,7 @@ impl Pristine {
             (&ground.values, &ground.tissue),
             &parameters.maps,
         );
-        // Drawn by the same rule as the lesions' places, so that depth and lobe give nothing away.
+        // Chosen by the same rule as the places of lesions, so that depth and lobe give nothing away.
         let places = ground.normal_places(parameters.normals, parameters.seed ^ 0x0A11);
         let normals = View::ALL.map(|view| {
             let score = |place: &super::Place| match view.is_aided() {
@@ -261,7 +261,7 @@ impl Pristine {
         }
     }
 
-    /// What all observers make of one lesion; every map is computed from the volume that holds it.
+    /// The sightings of one lesion; every map is computed from the volume with the lesion.
     fn sightings(
         &self,
         ground: &Ground<'_>,
@@ -299,7 +299,7 @@ impl Pristine {
     }
 }
 
-/// The share of ascending values below one, and half of those equal to it.
+/// The fraction of ascending values below one; equal values count half.
 fn share_below(ascending: &[f32], value: f32) -> f64 {
     let below = ascending.partition_point(|other| *other < value);
     let not_above = ascending.partition_point(|other| *other <= value);

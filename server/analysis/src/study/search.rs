@@ -1,22 +1,22 @@
-//! A search through a whole head: marks, highest first, and how many false ones lie above a lesion.
+//! A search through a whole head: marks, highest first, and the number of false marks above a lesion.
 
 use glam::DVec3;
 
-/// A mark within this distance of a lesion's centre hits it, in mm.
+/// A mark within this distance of the centre of a lesion is a hit, in mm.
 pub const HIT_MM: f64 = 10.0;
 
 /// A mark of an observer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mark {
-    /// LPS mm.
+    /// The position, LPS mm.
     pub position_in_patient: DVec3,
-    /// Higher is more suspicious.
+    /// The score; higher is more suspicious.
     pub score: f32,
 }
 
-/// How many false marks lie above the highest mark that hits a lesion; `None` if no mark hits it.
+/// The number of false marks above the highest mark that hits a lesion; `None` if no mark hits it.
 ///
-/// Marks descend. Marks within the lesion's radius and a margin of it are none of the false ones.
+/// Marks are in descending order. Marks within the radius of the lesion plus a margin are not false.
 pub fn false_marks_above(marks: &[Mark], centre: DVec3, radius_mm: f64) -> Option<usize> {
     let hit = marks
         .iter()

@@ -8,7 +8,7 @@ use geometry::{
 
 use crate::head::{case, head, step};
 
-/// Depths that are looked up in a step.
+/// The number of depths per step.
 const DEPTHS: usize = 1000;
 
 const DEPTH_MM: f32 = 10.0;

@@ -1,14 +1,14 @@
-//! The head of the steps.
+//! The head for the steps.
 
 use std::sync::Arc;
 
 use bench::{Head, PreparedHead};
 
-/// Edge of its voxels, in mm: large, for counting takes fifty times as long as doing.
+/// Edge of its voxels, in mm: large, because counting takes fifty times as long as running.
 pub(crate) const SPACING_MM: f64 = 4.0;
 
 pub(crate) fn head() -> Head {
-    Head::phantom(SPACING_MM).expect("a head of the program's own")
+    Head::phantom(SPACING_MM).expect("the synthetic head")
 }
 
 pub(crate) fn case() -> Arc<PreparedHead> {
@@ -16,7 +16,7 @@ pub(crate) fn case() -> Arc<PreparedHead> {
     Arc::new(case)
 }
 
-/// A step that gives something, which is kept from being optimised away.
+/// A step with a result that must not be optimised away.
 pub(crate) fn step<T>(mut work: impl FnMut() -> T + 'static) -> Box<dyn FnMut()> {
     Box::new(move || drop(std::hint::black_box(work())))
 }

@@ -1,4 +1,4 @@
-//! The hot steps of every crate on a small head that is always the same: to be timed, or their instructions counted.
+//! The hot steps of every crate on a small fixed head, for timing and for counting instructions.
 //!
 //! `scripts/bench.sh` counts them and compares with the recorded base.
 

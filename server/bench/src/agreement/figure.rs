@@ -1,4 +1,4 @@
-//! Agreement for people to read: a table of ten meshes at five depths, and all backends side by side.
+//! A table of ten meshes at five depths, and a picture of all backends side by side.
 
 use std::fmt::Write as _;
 
@@ -12,7 +12,7 @@ use super::{MESH_SIZES, exact_pictures, mesh_against_exact};
 use crate::rotation::backend_label;
 use crate::{BenchError, Column, PreparedHead, Table, column};
 
-/// Depths of the table, in mm, and the keys of their means and 95th percentiles.
+/// The depths of the table, in mm, and the keys of their means and 95th percentiles.
 const DEPTHS_MM: [f64; 5] = [0.0, 5.0, 10.0, 20.0, 30.0];
 const COLUMNS: [[Column; 2]; 5] = [
     [column("mean_0mm", "0 mm"), column("p95_0mm", "95 %")],
@@ -22,10 +22,10 @@ const COLUMNS: [[Column; 2]; 5] = [
     [column("mean_30mm", "30 mm"), column("p95_30mm", "95 %")],
 ];
 
-/// Depths of the pictures that stand side by side, in mm, and the pixels of their sides.
+/// The depths of the pictures side by side, in mm, and the pixels of their sides.
 const SIDE_BY_SIDE_MM: [f64; 2] = [0.0, 8.0];
 const CELL: u32 = 224;
-/// Contours and points of the mesh in them: so fine that facets do not show.
+/// Contours and points of the mesh in them, fine enough to hide facets.
 const FINE_MESH: [usize; 2] = [200, 200];
 
 /// The columns of mean differences, each with its depth in mm.
@@ -34,14 +34,16 @@ pub(crate) fn means() -> impl Iterator<Item = (f64, &'static str)> {
     DEPTHS_MM.into_iter().zip(keys)
 }
 
-/// How far the pictures of the ten meshes are from the exact ones: mean and 95th percentile in levels of 255, from six sides.
+/// The difference between pictures of the ten meshes and exact ones: mean and 95th percentile in levels of 255, from
+/// six sides.
 ///
 /// # Errors
-/// When a mesh cannot be cut or drawn.
+/// If a mesh cannot be made or drawn.
 pub fn ten_meshes(head: &PreparedHead, size: FrameSize) -> Result<Table, BenchError> {
     let mut columns = vec![column("triangles", "triangles")];
     columns.extend(COLUMNS.as_flattened());
-    let title = "Pictures of meshes against exact ones: mean difference and 95 % in levels of 255";
+    let title =
+        "Pictures of meshes compared with exact ones: mean difference and 95 % in levels of 255";
     let mut table = Table::new("agreement", title, &columns);
     let exact = DEPTHS_MM.map(|depth_mm| exact_pictures(head, depth_mm, size));
     let exact = exact.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -61,7 +63,7 @@ pub fn ten_meshes(head: &PreparedHead, size: FrameSize) -> Result<Table, BenchEr
     Ok(table)
 }
 
-/// All depths of a mesh along the gradient: the meshes that are nearest to the isosurface.
+/// All depths of a mesh along the gradient, which are the meshes nearest to the isosurface.
 fn flow_table(head: &PreparedHead, size: [usize; 2]) -> Result<PathTable, BenchError> {
     let [contours, points] = size;
     let size = MeshSize::new(contours, points)?;
@@ -93,7 +95,7 @@ pub fn markdown(table: &Table) -> String {
 /// The left side at 0 and 8 mm, drawn by each backend, on one sheet.
 ///
 /// # Errors
-/// When a picture cannot be drawn.
+/// If a picture cannot be drawn.
 pub fn side_by_side(head: &PreparedHead, backends: &[RenderBackend]) -> Result<Frame, BenchError> {
     let table = flow_table(head, FINE_MESH)?;
     let cell = FrameSize::new(CELL, CELL)?;

@@ -1,4 +1,4 @@
-//! How far two renderers' pictures of the same request are apart.
+//! Compares pictures of the same request from two renderers.
 
 mod figure;
 
@@ -15,8 +15,8 @@ use crate::{BenchError, PreparedHead};
 pub(crate) use figure::means;
 pub use figure::{markdown, side_by_side, ten_meshes};
 
-/// Contours and points of the paper's ten meshes, of 200, 400, 600, 800, 1,800, 2,400, 3,200, 4,000, 6,000 and 8,000 triangles
-/// (its figure 7). It gives 30 × 30 alone; the others are ours.
+/// Contours and points of the ten meshes of the paper, with 200, 400, 600, 800, 1,800, 2,400, 3,200, 4,000, 6,000 and
+/// 8,000 triangles (Figure 7). The paper states only 30 × 30; the other pairs are our choice.
 pub const MESH_SIZES: [[usize; 2]; 10] = [
     [10, 10],
     [20, 10],
@@ -30,23 +30,24 @@ pub const MESH_SIZES: [[usize; 2]; 10] = [
     [80, 50],
 ];
 
-/// How far apart pictures are, pixel by pixel; those of several pairs of pictures add up.
+/// The differences between pictures, pixel by pixel; several pairs of pictures add up.
 ///
-/// Colours are compared in levels of 255, the one that differs most for each pixel. A pixel is covered where its alpha is not 0.
+/// The difference of a pixel is that of its most different channel, in levels of 255. A pixel is covered if its alpha
+/// is not 0.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Agreement {
-    /// Pixels that both pictures cover, by the levels between them.
+    /// Pixels that both pictures cover, by their difference in levels.
     differences: [u64; 256],
-    /// Pixels that one picture covers and not the other.
+    /// Pixels that only one picture covers.
     one_sided: u64,
-    /// Of those the ones with no edge of the second picture's silhouette within a pixel.
+    /// Those of them without an edge of the second silhouette within a pixel.
     beyond_edge: u64,
     /// Pixels that neither covers.
     neither: u64,
 }
 
 impl Default for Agreement {
-    /// Of no pictures.
+    /// An empty comparison.
     fn default() -> Self {
         Self {
             differences: [0; 256],
@@ -69,10 +70,10 @@ impl AddAssign<&Self> for Agreement {
 }
 
 impl Agreement {
-    /// Compares a picture with another, the judge.
+    /// Compares a picture with a reference.
     ///
     /// # Panics
-    /// When they differ in size or format, or have no alpha: without it nothing tells black from background.
+    /// If they differ in size or format, or have no alpha, which distinguishes black from background.
     pub fn of(found: &Frame, judge: &Frame) -> Self {
         assert_eq!(
             (found.size(), found.format()),
@@ -103,19 +104,19 @@ impl Agreement {
         agreement
     }
 
-    /// Pixels that both cover.
+    /// Number of pixels that both cover.
     pub fn covered_pixels(&self) -> u64 {
         self.differences.iter().sum()
     }
 
-    /// The mean difference over the pixels that both cover, in levels of 255; 0 where there are none.
+    /// The mean difference over the pixels that both cover, in levels of 255; 0 if there are none.
     pub fn mean_difference(&self) -> f64 {
         let levels = self.differences.iter().zip(0_u64..);
         let sum: u64 = levels.map(|(count, level)| count * level).sum();
         sum as f64 / self.covered_pixels().max(1) as f64
     }
 
-    /// The least number of levels that `share` (0 to 1) of the pixels that both cover differ by at most.
+    /// The quantile `share` (0 to 1) of the differences over the pixels that both cover, in levels.
     pub fn percentile(&self, share: f64) -> u8 {
         let wanted = share * self.covered_pixels() as f64;
         let mut counted = 0;
@@ -126,7 +127,8 @@ impl Agreement {
         enough.unwrap_or(255) as u8
     }
 
-    /// The share of the pixels covered by either picture that both cover and that differ by at most `levels`; 1 where there are none.
+    /// The fraction of the pixels covered by either picture that both cover with a difference of at most `levels`; 1 if
+    /// there are none.
     pub fn share_within(&self, levels: u8) -> f64 {
         let within: u64 = self.differences[..=usize::from(levels)].iter().sum();
         let either = self.covered_pixels() + self.one_sided;
@@ -137,13 +139,14 @@ impl Agreement {
         }
     }
 
-    /// Pixels that one picture covers and not the other, more than a pixel from the judge's silhouette.
+    /// Number of pixels that only one picture covers, more than a pixel from the silhouette of the reference.
     pub fn beyond_edge(&self) -> u64 {
         self.beyond_edge
     }
 }
 
-/// Whether some of the nine pixels around a pixel are covered and some are not; what lies outside of the picture is not.
+/// Whether some of the nine pixels around a pixel are covered and some are not; pixels outside the picture are not
+/// covered.
 fn is_at_edge(frame: &Frame, index: usize) -> bool {
     let width = frame.size().width();
     let [x, y] = [index as u32 % width, index as u32 / width];
@@ -163,10 +166,10 @@ fn is_at_edge(frame: &Frame, index: usize) -> bool {
     around.any(|other| Some(other) != first)
 }
 
-/// The exact pictures of a depth from all six sides, on nothing, by which other pictures are judged.
+/// The exact pictures of a depth from all six sides, on a transparent background, as a reference for other pictures.
 ///
 /// # Errors
-/// When the depth is out of range.
+/// If the depth is out of range.
 pub fn exact_pictures(
     head: &PreparedHead,
     depth_mm: f64,
@@ -186,13 +189,14 @@ pub fn exact_pictures(
     NamedView::ALL.into_iter().map(picture).collect()
 }
 
-/// The mesh of a table, drawn on the CPU, against exact pictures of the same requests; the pixels of all pictures count alike.
+/// Compares a mesh from a table, drawn on the CPU, with exact pictures of the same requests; all pixels have the same
+/// weight.
 ///
 /// # Errors
 /// None is known: the CPU can always draw.
 ///
 /// # Panics
-/// When a picture has no alpha.
+/// If a picture has no alpha.
 pub fn mesh_against_exact(
     head: &PreparedHead,
     table: &PathTable,
@@ -210,10 +214,10 @@ pub fn mesh_against_exact(
     Ok(sum)
 }
 
-/// The picture of where two pictures differ: black where they do not, white from 32 levels on.
+/// A picture of the differences between two pictures: black for none, white from 32 levels on.
 ///
 /// # Panics
-/// When they differ in size or format.
+/// If they differ in size or format.
 pub fn difference_picture(found: &Frame, expected: &Frame) -> Frame {
     assert_eq!(
         (found.size(), found.format()),

@@ -10,23 +10,23 @@ use render::{FrameSize, encode_png};
 use super::head::HeadArgs;
 use super::{OutputArgs, progress, unwritable, write};
 
-/// How far the pictures of meshes are from exact ones, at five depths
+/// Compare pictures of meshes with exact ones, at five depths
 ///
-/// Ten sizes of mesh are drawn on the CPU from six sides and held against the traced isosurface. The head is chosen as for
-/// `paper`.
+/// Ten sizes of mesh are drawn on the CPU from six sides and compared with the traced isosurface. The head is chosen as
+/// for `paper`.
 #[derive(Debug, Args)]
 pub(super) struct AgreementArgs {
     #[command(flatten)]
     head: HeadArgs,
     #[command(flatten)]
     output: OutputArgs,
-    /// Pixels along a side of a picture, 1 to 4096.
+    /// Side of a picture in pixels, 1 to 4096.
     #[arg(long, default_value_t = 512)]
     size: u32,
-    /// Print the table in Markdown.
+    /// Print the table as Markdown.
     #[arg(long, conflicts_with = "json")]
     markdown: bool,
-    /// Also write a PNG with a picture by each backend, side by side.
+    /// Also write a PNG with a picture from each backend, side by side.
     #[arg(long, value_name = "FILE")]
     side_by_side: Option<PathBuf>,
 }
@@ -47,7 +47,7 @@ pub(super) fn run(args: &AgreementArgs) -> Result<(), BenchError> {
         let png = encode_png(&sheet, &[]).map_err(|error| unwritable(path, &error))?;
         write(path, &png)?;
     }
-    progress("ten meshes against exact pictures");
+    progress("ten meshes compared with exact pictures");
     let table = ten_meshes(&prepared, size)?;
     if args.markdown {
         print!("{}", markdown(&table));

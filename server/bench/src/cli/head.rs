@@ -1,20 +1,20 @@
-//! The head that is measured on.
+//! The head for the measurements.
 
 use std::path::{Path, PathBuf};
 
 use bench::{BenchError, Head, HeadFacts, PreparedHead};
 use clap::Args;
 
-/// Colin27 and its brain, as Debian's package mricron-data installs them.
+/// Colin27 and its brain mask from the Debian package mricron-data.
 const COLIN27: [&str; 2] = [
     "/usr/share/mricron/templates/ch2.nii.gz",
     "/usr/share/mricron/templates/ch2bet.nii.gz",
 ];
 
-/// Edge of a voxel of the phantom head if no real one is found, in mm.
+/// Edge of a voxel of the synthetic head, which is used if no real one is found, in mm.
 const PHANTOM_MM: f64 = 1.0;
 
-/// Radii of the ball that can close a mask, in mm.
+/// The range of closing radii, in mm.
 const CLOSING_MM: std::ops::RangeInclusive<f64> = 0.0..=50.0;
 
 #[derive(Debug, Args)]
@@ -35,7 +35,7 @@ pub(super) struct HeadArgs {
         requires = "volume"
     )]
     mask: Option<PathBuf>,
-    /// Measure on the made-up head with voxels of this size, 0.5 to 4 mm.
+    /// Use the synthetic head with voxels of this size, 0.5 to 4 mm.
     #[arg(long, value_name = "MM", conflicts_with = "volume", value_parser = phantom_spacing)]
     phantom: Option<f64>,
     /// Radius of the ball that closes the brain mask to the envelope, 0 to 50 mm.
@@ -60,15 +60,15 @@ fn number_within(
 }
 
 fn phantom_spacing(text: &str) -> Result<f64, String> {
-    number_within(text, 0.5..=4.0, "not within 0.5 to 4 mm")
+    number_within(text, 0.5..=4.0, "must be within 0.5 to 4 mm")
 }
 
 fn closing_radius(text: &str) -> Result<f64, String> {
-    number_within(text, CLOSING_MM, "not within 0 to 50 mm")
+    number_within(text, CLOSING_MM, "must be within 0 to 50 mm")
 }
 
 impl HeadArgs {
-    /// Limits the threads, and reads the head that was asked for, or the best that there is.
+    /// Limits the threads and selects the requested head, or the best available one.
     pub(super) fn read(&self) -> Result<Head, BenchError> {
         if let Some(threads) = self.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
@@ -87,7 +87,7 @@ impl HeadArgs {
         }
     }
 
-    /// What a report says of the head.
+    /// The facts about the head in a report.
     pub(super) fn facts(&self, head: &Head, prepared: &PreparedHead) -> HeadFacts {
         HeadFacts::of(&head.name, prepared, self.closing_radius_mm)
     }

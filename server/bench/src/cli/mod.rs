@@ -12,7 +12,7 @@ use std::process::ExitCode;
 use bench::{BenchError, Report, plots};
 use clap::{Args, Parser, Subcommand};
 
-/// Measure this machine by the experiments of the paper, and hold the pictures of its renderers against each other
+/// Repeat the experiments of the paper on this machine, and compare the pictures of the renderers
 ///
 /// For research use only, not for diagnosis.
 #[derive(Debug, Parser)]
@@ -30,18 +30,18 @@ enum Command {
     Study(study::StudyArgs),
 }
 
-/// How a report is given.
+/// The output of a report.
 #[derive(Debug, Args)]
 struct OutputArgs {
     /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
-    /// Also write the figures as SVG files into this directory, which is made if it is missing.
+    /// Also write the figures as SVG files into this directory; it is created if missing.
     #[arg(long, value_name = "DIR")]
     plot: Option<std::path::PathBuf>,
 }
 
-/// Runs the program by its arguments.
+/// Runs the program.
 pub(crate) fn run() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Paper(args) => paper::run(&args),
@@ -58,13 +58,13 @@ pub(crate) fn run() -> ExitCode {
     }
 }
 
-/// Tells whoever waits what is measured next.
+/// Reports the next measurement on standard error.
 fn progress(what: &str) {
     eprintln!("{what}");
 }
 
 impl OutputArgs {
-    /// Makes the directory of the plots: before all work, which may take minutes.
+    /// Creates the directory of the plots before the work, which may take minutes.
     fn check(&self) -> Result<(), BenchError> {
         let Some(directory) = &self.plot else {
             return Ok(());

@@ -9,38 +9,39 @@ use render::FrameSize;
 use super::head::HeadArgs;
 use super::{OutputArgs, progress};
 
-/// Depth at which meshes are held against the isosurface, in mm.
+/// Depth at which meshes are compared with the isosurface, in mm.
 const DEPTH_MM: f32 = 10.0;
 
-/// The paper's Tables 2 and 3 and its Figures 5, 6 and 7 as numbers, with the paper's own beside them
+/// Measure Tables 2 and 3 and Figures 5, 6 and 7 of the paper, and print them beside the published numbers
 ///
-/// What each step of the setup takes, how fast the head turns in every renderer, how long a new depth takes, and how far the
-/// meshes are from the isosurface. Wall and processor times are medians; spreads are given.
+/// The cost of each step of the setup, the frame rate of every renderer while the head turns, the time for a new depth,
+/// and the distance of the meshes from the isosurface. Wall-clock and CPU times are medians with their spreads.
 ///
-/// The head is VOLUME with its mask; else Colin27 from Debian's package mricron-data if that is installed; else a made-up one.
-/// This takes some minutes; --quick gives rough figures in seconds. Measure on a quiet machine, in a release build.
+/// The head is VOLUME with its mask; otherwise Colin27 from Debian's package mricron-data if it is installed; otherwise
+/// a synthetic one. This takes some minutes; --quick gives rough figures in seconds. Measure a release build on a quiet
+/// machine.
 #[derive(Debug, Args)]
 pub(super) struct PaperArgs {
     #[command(flatten)]
     head: HeadArgs,
     #[command(flatten)]
     output: OutputArgs,
-    /// Who draws; may be given several times. [default: all that this machine has]
+    /// A renderer; may be given several times. [default: all that this machine has]
     #[arg(long, value_enum)]
     renderer: Vec<Renderer>,
-    /// Do not look for a graphics device.
+    /// Do not use a graphics device.
     #[arg(long)]
     cpu_only: bool,
-    /// Pixels along a side of a frame, 1 to 4096.
+    /// Side of a frame in pixels, 1 to 4096.
     #[arg(long, default_value_t = 512)]
     size: u32,
-    /// Depth of the inner isosurface, on which no sulci are left; at most seven tenths of the greatest depth.
+    /// Depth of the inner isosurface, which has no sulci; at most 0.7 of the greatest depth.
     #[arg(long, value_name = "MM", default_value_t = 40.0)]
     inner_depth_mm: f32,
-    /// Seconds at most for a frame rate; four turns end it before.
+    /// The longest time for a frame rate, in seconds; it ends earlier after four turns.
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     seconds: f64,
-    /// How often what is not a frame is measured.
+    /// The number of repetitions of everything but frames.
     #[arg(long, value_name = "N", default_value_t = 5)]
     repeat: usize,
     /// Rough figures in seconds: short frame rates, one repetition.
@@ -89,7 +90,7 @@ pub(super) fn run(args: &PaperArgs) -> Result<(), BenchError> {
         progress: &progress,
     };
     let mut tables = experiment.tables()?;
-    progress("Figure 7: meshes against the isosurface");
+    progress("Figure 7: meshes compared with the isosurface");
     let judgement = Judgement {
         depth_mm: DEPTH_MM.min(0.5 * prepared.distance.max_depth_mm()),
         size: protocol.size,

@@ -12,53 +12,54 @@ use serde_json::json;
 use super::head::HeadArgs;
 use super::{unwritable, write};
 
-/// Depths that are looked up together, so that a clock sees them.
+/// The number of depths that are timed together, because one takes only microseconds.
 const LOOK_UPS: usize = 1000;
 
 /// Depth of pictures, in mm.
 const DEPTH_MM: f32 = 10.0;
 
-/// Take one step of the preparation or draw one picture, for a script that measures other programs beside it
+/// Time one step of the preparation or one picture, for a script that also measures other programs
 ///
-/// Prints one JSON object: the step, its wall and processor time in seconds, and a number that other programs must find, too.
+/// Prints one JSON object: the step, its wall-clock and CPU time in seconds, and a number for comparing results with
+/// other programs.
 #[derive(Debug, Args)]
 pub(super) struct StepArgs {
-    /// The step to take.
+    /// The step to time.
     #[arg(value_enum)]
     step: SingleStep,
     #[command(flatten)]
     head: HeadArgs,
-    /// Also write the envelope into this file, NIfTI.
+    /// Also write the envelope to this file as NIfTI.
     #[arg(long, value_name = "FILE")]
     envelope: Option<PathBuf>,
 }
 
-/// A step that can be taken alone.
+/// A step that can be timed separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SingleStep {
-    /// The volume's file to its voxels.
+    /// Reading the file of the volume.
     Decode,
-    /// The brain to the envelope.
+    /// The closing of the brain to the envelope.
     Closing,
     /// The exact distance map.
     Distance,
-    /// Its regional maxima.
+    /// The regional maxima of the distance map.
     Core,
     /// The optimal paths.
     Forest,
-    /// The envelope's mesh of 1,800 triangles.
+    /// The mesh of the envelope with 1,800 triangles.
     Mesh,
     /// That mesh at another depth.
     Depth,
     /// A picture of 512 × 512 pixels by splatting.
     Picture,
-    /// The same by tracing.
+    /// The same picture by tracing.
     Traced,
-    /// Its PNG.
+    /// Encoding it as PNG.
     Png,
 }
 
-/// Takes the step and prints what it took.
+/// Performs the step and prints its cost.
 pub(super) fn run(args: &StepArgs) -> Result<(), BenchError> {
     let head = args.head.read()?;
     let closing_mm = args.head.closing_radius_mm;
@@ -79,7 +80,7 @@ pub(super) fn run(args: &StepArgs) -> Result<(), BenchError> {
 }
 
 impl SingleStep {
-    /// Does the step once; what it took, and a number of its result: of voxels or triangles, or in mm.
+    /// Performs the step once; returns its cost and a number from its result: of voxels or triangles, or in mm.
     fn once(
         self,
         head: &Head,

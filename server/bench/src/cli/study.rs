@@ -10,30 +10,31 @@ use serde_json::json;
 
 use super::{progress, unwritable};
 
-/// Put synthetic lesions into heads, and count which model observers find them where
+/// Put synthetic lesions into heads, and count which model observers find them
 ///
-/// An observer is a program and no radiologist: "easier for a model observer" is all that can be said. The table has the hits with
-/// fewer than 1, 5 and 20 false marks a head for slices, isosurfaces and maps; below it stand the criteria that were written before.
-/// Without --head the made-up head is taken, which shows that the program works and nothing else.
+/// The observers are programs, not radiologists: the result only shows what is easier for a model observer. The table
+/// contains the hits with fewer than 1, 5 and 20 false marks per head for slices, isosurfaces and maps, followed by the
+/// criteria that were fixed beforehand. Without --head, the synthetic head is used; this only shows that the program
+/// works.
 #[derive(Debug, Args)]
 pub(super) struct StudyArgs {
-    /// A head: NAME=VOLUME,MASK, or NAME=VOLUME,MASK,tuned if parameters were chosen on it. A volume is a NIfTI file or a folder with
-    /// one DICOM series, a mask is NIfTI. May be given several times.
+    /// A head: NAME=VOLUME,MASK, or NAME=VOLUME,MASK,tuned if parameters were chosen on it. A volume is a NIfTI file or
+    /// a folder with one DICOM series, a mask is NIfTI. May be given several times.
     #[arg(long, value_name = "HEAD", value_parser = head)]
     head: Vec<StudyHead>,
-    /// Twelve lesions and four shams a head.
+    /// Twelve lesions and four shams per head.
     #[arg(long, conflicts_with = "lesions")]
     quick: bool,
-    /// Lesions and shams of each head. [default: 60]
+    /// Number of lesions and of shams in each head. [default: 60]
     #[arg(long, value_name = "N")]
     lesions: Option<usize>,
-    /// Of all that is drawn by chance. [default: the study's own]
+    /// The seed of all random choices. [default: the seed of the study]
     #[arg(long)]
     seed: Option<u64>,
-    /// Directory for the results of each head; a head that has them is not run again.
+    /// Directory for the results of each head; a head with results is not run again.
     #[arg(long, value_name = "DIR", default_value = "study")]
     results: PathBuf,
-    /// Also write each head with each of its lesions into this directory, as NIfTI.
+    /// Also write each head with each of its lesions into this directory as NIfTI.
     #[arg(long, value_name = "DIR")]
     write: Option<PathBuf>,
     /// Print JSON instead of a table.
@@ -46,7 +47,9 @@ fn head(text: &str) -> Result<StudyHead, String> {
     let (name, files) = text.split_once('=').ok_or_else(wrong)?;
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
     if name.is_empty() || !name.chars().all(is_plain) {
-        return Err(format!("{name:?} is no name: use letters, digits, - _ ."));
+        return Err(format!(
+            "{name:?} is not a valid name; use letters, digits, - _ ."
+        ));
     }
     let (files, is_tuned) = match files.strip_suffix(",tuned") {
         Some(files) => (files, true),

@@ -7,27 +7,27 @@ use super::Experiment;
 use super::published::{FIGURE_6_MACHINE, TABLE_2, TABLE_2_TRIANGLES};
 use crate::{BenchError, Cell, Costs, PowerLaw, PreparedHead, Table, column, readable, timed};
 
-/// Meshes whose average is a derivation time: one voxel deep, two, and so on.
+/// The number of meshes per derivation time: one voxel deep, two, and so on.
 const DEPTHS: usize = 50;
 
-/// A row of the table is read in microseconds: the depths are gone through until a clock sees them.
+/// The number of rounds through all depths, because a single look-up takes only microseconds.
 const LEAST_MEASURED_S: f64 = 0.02;
 
-/// How long a mesh of one size takes to another depth.
+/// The derivation times of a mesh of one size.
 #[derive(Debug)]
 pub(super) struct Derivation {
     pub(super) size: MeshSize,
-    /// The envelope's mesh, once.
+    /// Making the mesh of the envelope, once.
     mesh: Costs,
-    /// The table of all depths, once.
+    /// Making the table of all depths, once.
     table: Costs,
-    /// A depth out of the table.
+    /// A depth from the table.
     pub(super) looked_up: Costs,
     /// A depth without a table, along the paths, as in the paper.
     pub(super) walked: Costs,
 }
 
-/// Of each of the ten sizes.
+/// The derivation times of all ten sizes.
 pub(super) fn measure(experiment: &Experiment<'_>) -> Result<Vec<Derivation>, BenchError> {
     let of = |[contours, points]: [usize; 2]| {
         let size = MeshSize::new(contours, points)?;
@@ -36,7 +36,7 @@ pub(super) fn measure(experiment: &Experiment<'_>) -> Result<Vec<Derivation>, Be
     MESH_SIZES.into_iter().map(of).collect()
 }
 
-/// The depths of the 50 meshes, in mm; those beyond the deepest voxel are that deep.
+/// The depths of the 50 meshes, in mm, limited to the deepest voxel.
 fn depths(case: &PreparedHead) -> impl Iterator<Item = f32> + Clone {
     let (spacing_mm, deepest) = (
         case.model().field().spacing_mm(),
@@ -125,15 +125,17 @@ pub(super) fn figure_6(derivations: &[Derivation]) -> Table {
             paper.map(|row| row.derivation_s).into(),
         ]);
     }
-    table.note("New depth: two rows of a table that is made once for a mesh size. Along the paths: without it, as in the paper.");
-    table.note("The paper's figure is a plot of machine F; its text gives the number of 1,800 triangles alone, and says: linear.");
+    table.note("New depth: from two rows of a table that is made once per mesh size. Along the paths: without the table, as in the paper.");
+    table.note("The paper plots machine F; its text states only the number for 1,800 triangles, and that growth is linear.");
     for (key, what) in [
         ("derivation_s", "New depth"),
         ("walked_s", "Along the paths"),
     ] {
         if let Some(law) = PowerLaw::fit(&table.pairs("triangles", key)) {
             let exponent = readable(law.exponent);
-            table.note(format!("{what}: grows as triangles to the {exponent}."));
+            table.note(format!(
+                "{what}: grows with the triangles to the power of {exponent}."
+            ));
         }
     }
     table

@@ -1,7 +1,7 @@
-//! The paper's experiments on this machine, by its protocol (sections 4.1 and 4.2), with its own figures beside them.
+//! The experiments of the paper on this machine, by its protocol (sections 4.1 and 4.2), beside the published figures.
 //!
-//! A rotation frame rate is that of four turns or ten seconds, whichever ends first, a degree from frame to frame; of one turn for
-//! voxel projection. A mesh derivation time is the average over 50 meshes, from one voxel deep to 50.
+//! A rotation frame rate is measured over four turns or ten seconds, whichever ends first, at one degree per frame;
+//! over one turn for voxel projection. A mesh derivation time is the mean over 50 meshes, from one voxel deep to 50.
 
 mod derivation;
 pub mod published;
@@ -12,21 +12,21 @@ use render::{FrameSize, RenderBackend};
 
 use crate::{BenchError, PreparedHead, StepCosts, Table};
 
-/// How long and how large it is measured.
+/// The durations and sizes of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Protocol {
-    /// Seconds at most for a frame rate; the paper's are 10.
+    /// The longest time for a frame rate, in seconds; 10 in the paper.
     pub seconds: f64,
-    /// How often what is not a frame is measured.
+    /// The number of repetitions of everything but frames.
     pub repeat: usize,
-    /// Size of a frame. The paper does not name its own.
+    /// Size of a frame. The paper does not state its own.
     pub size: FrameSize,
-    /// Depth of the deep isosurface, on which no sulci are left, in mm; no deeper than [`Protocol::inner_depth_mm`] says.
+    /// Depth of the deep isosurface, without sulci, in mm; limited by [`Protocol::inner_depth_mm`].
     pub inner_depth_mm: f32,
 }
 
 impl Protocol {
-    /// The paper's.
+    /// The protocol of the paper.
     pub fn paper() -> Self {
         Self {
             seconds: 10.0,
@@ -36,23 +36,23 @@ impl Protocol {
         }
     }
 
-    /// The inner depth on a case: at most seven tenths of its greatest depth.
+    /// The inner depth of a case: at most 0.7 of its greatest depth.
     pub fn inner_depth_mm(&self, head: &PreparedHead) -> f32 {
         self.inner_depth_mm.min(0.7 * head.distance.max_depth_mm())
     }
 }
 
-/// What is measured, and on what.
+/// An experiment.
 pub struct Experiment<'a> {
     /// The prepared head.
     pub head: &'a PreparedHead,
-    /// What each preparation took.
+    /// The costs of each preparation.
     pub runs: &'a [StepCosts],
-    /// Who draws.
+    /// The backends.
     pub backends: &'a [RenderBackend],
-    /// For how long.
+    /// The protocol.
     pub protocol: Protocol,
-    /// Is called with what is measured next.
+    /// Receives the name of the next measurement.
     pub progress: &'a dyn Fn(&str),
 }
 
@@ -60,7 +60,7 @@ impl Experiment<'_> {
     /// The steps of the setup; Tables 2 and 3; Figures 5 and 6.
     ///
     /// # Errors
-    /// When a picture cannot be drawn or a mesh not be cut.
+    /// If a picture cannot be drawn or a mesh cannot be made.
     pub fn tables(&self) -> Result<Vec<Table>, BenchError> {
         let steps = setup::table(self);
         (self.progress)("Figure 6: mesh derivation times");

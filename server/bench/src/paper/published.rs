@@ -1,5 +1,5 @@
-//! The paper's own figures, from its Tables 2 and 3. Its Figures 5 and 6 are plots whose numbers the text does not give, but for the
-//! mesh of 1,800 triangles.
+//! The published figures, from Tables 2 and 3 of the paper. Figures 5 and 6 are plots; the text states only the numbers
+//! for the mesh of 1,800 triangles.
 
 /// A row of Table 2: a mesh of 1,800 triangles, drawn by graphics hardware.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,16 +80,16 @@ pub const TABLE_2_TRIANGLES: usize = 1800;
 /// The machine of Figure 6.
 pub const FIGURE_6_MACHINE: char = 'F';
 
-/// The worst and the best of some of the paper's figures.
+/// The range of some published figures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// The figure that a user likes least.
+    /// The worst figure for a user.
     pub worst: f64,
-    /// And most.
+    /// The best figure for a user.
     pub best: f64,
 }
 
-/// The range of times, of which less is better.
+/// The range of times; less is better.
 pub fn times(figures: impl Iterator<Item = f64> + Clone) -> Range {
     Range {
         worst: figures.clone().fold(0.0, f64::max),
@@ -97,7 +97,7 @@ pub fn times(figures: impl Iterator<Item = f64> + Clone) -> Range {
     }
 }
 
-/// The range of rates, of which more is better.
+/// The range of rates; more is better.
 pub fn rates(figures: impl Iterator<Item = f64> + Clone) -> Range {
     let Range { worst, best } = times(figures);
     Range {

@@ -10,12 +10,12 @@ use super::{Experiment, setup};
 use crate::rotation::backend_label;
 use crate::{BenchError, Cell, Costs, Rate, Spin, Summary, Table, column};
 
-/// Frames of four turns, for facets.
+/// The frames of four turns, for facets.
 const FOUR_TURNS: usize = 1440;
-/// Frames of one turn, for voxels.
+/// The frames of one turn, for voxels.
 const ONE_TURN: usize = 360;
 
-/// The rates of one backend, at depth 0 and deep inside.
+/// The rates of one backend, at depth 0 and at the inner depth.
 #[derive(Debug)]
 pub(super) struct Spun {
     /// Its name.
@@ -27,7 +27,7 @@ pub(super) struct Spun {
     inner: Rate,
 }
 
-/// Every backend; those that draw meshes with each of the ten sizes.
+/// The rates of every backend; backends that draw meshes use each of the ten sizes.
 pub(super) fn measure(experiment: &Experiment<'_>) -> Result<Vec<Spun>, BenchError> {
     let mut spins = Vec::new();
     for backend in experiment.backends {
@@ -77,11 +77,11 @@ fn spun(
     })
 }
 
-/// One line of a table beside the paper's.
+/// One line of a table, with the published figures.
 struct Line {
     name: String,
     here: Option<f64>,
-    /// Worse and better ends of the spread here.
+    /// The worse and the better end of the measured spread.
     spread: Option<[f64; 2]>,
     cpu: Option<f64>,
     paper: Range,
@@ -189,17 +189,15 @@ pub(super) fn table_2(
         Line::time("new depth (MDT), s", looked_up, mdt),
         Line::time("new depth without table, s", walked, mdt),
     ];
-    let painter = experiment
-        .mesh_backend()
-        .map_or("drawn by nobody", backend_label);
+    let painter = experiment.mesh_backend().map_or("not drawn", backend_label);
     let title = format!("Table 2: a mesh of 1,800 triangles (30 × 30), {painter}");
     let mut table = beside_paper("table_2", title, lines);
     match spun {
         Some(spun) => table.note(format!(
-            "The first picture, with the textures' way to the device: {:.3} s. A frame here is drawn and read back.",
+            "The first picture, including the upload of the textures: {:.3} s. A frame here is drawn and read back.",
             spun.envelope.first_s
         )),
-        None => table.note("Frame rates of meshes were not asked for."),
+        None => table.note("Frame rates of meshes were not requested."),
     }
     table.note(frames_note(experiment));
     table
@@ -240,11 +238,11 @@ fn frames_note(experiment: &Experiment<'_>) -> String {
     let (width, height) = (protocol.size.width(), protocol.size.height());
     let inner = protocol.inner_depth_mm(experiment.head);
     format!(
-        "Frames of {width} × {height} pixels, lit; inner is {inner:.1} mm deep. The paper names neither its size nor its depth."
+        "Frames of {width} × {height} pixels, lit; inner is {inner:.1} mm deep. The paper states neither."
     )
 }
 
-/// Figure 5: frame rates by mesh size, and the renderers without a mesh beside them.
+/// Figure 5: frame rates by mesh size, and those of the renderers without a mesh.
 pub(super) fn figure_5(experiment: &Experiment<'_>, spins: &[Spun]) -> Table {
     let columns = [
         column("painter", "drawn by"),
@@ -258,7 +256,7 @@ pub(super) fn figure_5(experiment: &Experiment<'_>, spins: &[Spun]) -> Table {
         column("inner_frame_p95_ms", "95 %"),
         column("inner_cpu_ms", "CPU, ms"),
     ];
-    let title = "Figure 5: rotation frame rate by mesh size; one frame as the median";
+    let title = "Figure 5: rotation frame rate by mesh size; median time of one frame";
     let mut table = Table::new("figure_5", title, &columns);
     for spun in spins {
         let Spun {
@@ -278,7 +276,7 @@ pub(super) fn figure_5(experiment: &Experiment<'_>, spins: &[Spun]) -> Table {
             inner.cpu_s.map(|s| s * 1e3).into(),
         ]);
     }
-    table.note("The paper's figure is a plot; of its numbers the text gives those of 1,800 triangles (Table 2): 15 to 1,172 and 70 to 1,172 frames/s.");
+    table.note("The paper's figure is a plot; its text states the numbers for 1,800 triangles (Table 2): 15 to 1,172 and 70 to 1,172 frames/s.");
     table.note(frames_note(experiment));
     table
 }

@@ -1,10 +1,10 @@
-//! What each step of the preparation takes.
+//! The cost of each step of the preparation.
 
 use super::Experiment;
 use crate::steps::sums;
 use crate::{Costs, Step, Table, column};
 
-/// The steps, and their sums for facets and for voxels.
+/// The table of the steps and their sums for facets and for voxels.
 pub(super) fn table(experiment: &Experiment<'_>) -> Table {
     let columns = [
         column("step", "step"),
@@ -34,7 +34,7 @@ pub(super) fn table(experiment: &Experiment<'_>) -> Table {
     }
     push("all, for meshes".to_owned(), &mesh_setup(experiment));
     push("all, for voxels".to_owned(), &voxel_setup(experiment));
-    table.note("Voxels need no core, forest, mesh and table; pictures need no plane between the hemispheres. Each step is measured once in every \
+    table.note("Voxels need no core, forest, mesh or table; pictures need no plane between the hemispheres. Each step is measured once in every \
          preparation.");
     table
 }

@@ -1,4 +1,4 @@
-//! Points of the isosurface itself.
+//! Points on the isosurface.
 
 use geometry::DepthField;
 use glam::Vec3;
@@ -6,15 +6,15 @@ use rayon::prelude::*;
 
 use crate::PreparedHead;
 
-/// A point is on the isosurface when its depth is right to this, in mm.
+/// The depth tolerance of a point on the isosurface, in mm.
 const SETTLED_MM: f32 = 0.005;
-/// Steps along the gradient after which a point that did not settle is left out.
+/// The number of steps along the gradient after which a point is dropped.
 const STEPS: usize = 20;
 
 /// At most about `count` points of the isosurface {depth = `depth_mm`}, in voxel coordinates, spread evenly.
 pub(super) fn points(case: &PreparedHead, depth_mm: f32, count: usize) -> Vec<Vec3> {
     let spacing_mm = case.model().field().spacing_mm();
-    // A voxel nearer than half of one to the isosurface stands for each piece of it.
+    // Each piece of the isosurface has a voxel nearer than half a voxel.
     let shell = case
         .model()
         .shell()
@@ -29,7 +29,8 @@ pub(super) fn points(case: &PreparedHead, depth_mm: f32, count: usize) -> Vec<Ve
         .collect()
 }
 
-/// The point at the depth along the gradient from `start`, if it is found; in the ridges of the depth there may be none.
+/// The point at the depth along the gradient from `start`; `None` if it is not found, as can happen on ridges of the
+/// depth.
 fn settle(field: &DepthField, start: Vec3, depth_mm: f32) -> Option<Vec3> {
     let mut at = start;
     for _ in 0..STEPS {
@@ -42,7 +43,7 @@ fn settle(field: &DepthField, start: Vec3, depth_mm: f32) -> Option<Vec3> {
         if steepness < 0.04 {
             return None;
         }
-        // The trilinear depth bends within a voxel: small steps keep from leaping over it.
+        // The trilinear depth is curved within a voxel; small steps avoid overshooting.
         let step = gradient * (off_mm / field.spacing_mm() / steepness);
         at += step.clamp_length_max(0.5);
     }

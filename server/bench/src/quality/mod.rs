@@ -1,4 +1,4 @@
-//! How good the meshes are: the paper's Figure 7 in numbers.
+//! The accuracy of the meshes: Figure 7 of the paper in numbers.
 
 mod isosurface;
 mod nearest;
@@ -12,22 +12,22 @@ use self::nearest::Nearest;
 use crate::agreement::{MESH_SIZES, exact_pictures, mesh_against_exact};
 use crate::{BenchError, PreparedHead, Summary, Table, column};
 
-/// Points of the isosurface whose distance from the mesh is looked at.
+/// The number of points of the isosurface for the distance to the mesh.
 const ISOSURFACE_POINTS: usize = 20_000;
 
-/// Points of a facet whose depth is looked at: weights of its second and third corner.
+/// The points of a facet for the depth error: weights of its second and third corner.
 const FACET_POINTS: [[f32; 2]; 4] = [[1.0 / 3.0, 1.0 / 3.0], [0.6, 0.2], [0.2, 0.6], [0.2, 0.2]];
 
-/// How far a mesh at a depth is from the isosurface of that depth.
+/// The deviation of a mesh at a depth from the isosurface of that depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
-    /// How much the depth of four points of each facet is off, in mm.
+    /// The depth error at four points of each facet, in mm.
     pub facet_depth_mm: Summary,
-    /// Distance of points of the isosurface from the nearest facet, in mm.
+    /// The distance from points of the isosurface to the nearest facet, in mm.
     pub isosurface_mm: Summary,
 }
 
-/// The quality of a mesh at a depth; `None` where there is no isosurface.
+/// The accuracy of a mesh at a depth; `None` if there is no isosurface.
 pub fn quality(
     case: &PreparedHead,
     (mesh, table): (&EnvelopeMesh, &PathTable),
@@ -64,35 +64,36 @@ pub fn quality(
     })
 }
 
-/// How the meshes are judged.
+/// The settings of the comparison.
 #[derive(Debug, Clone, Copy)]
 pub struct Judgement {
     /// Depth of the meshes, in mm.
     pub depth_mm: f32,
-    /// Size of the pictures that are compared.
+    /// Size of the compared pictures.
     pub size: FrameSize,
 }
 
 /// Figure 7 in numbers: each of the ten mesh sizes at a depth.
 ///
 /// # Errors
-/// When a mesh cannot be cut or drawn.
+/// If a mesh cannot be made or drawn.
 pub fn figure_7(case: &PreparedHead, judgement: &Judgement) -> Result<Table, BenchError> {
     let columns = [
         column("contours", "N_F"),
         column("points", "N_P"),
         column("triangles", "triangles"),
-        column("facet_depth_mean_mm", "facets' depth off, mm: mean"),
+        column("facet_depth_mean_mm", "depth error of facets, mm: mean"),
         column("facet_depth_p95_mm", "95 %"),
         column("facet_depth_max_mm", "max"),
         column("isosurface_mean_mm", "isosurface to mesh, mm: mean"),
         column("isosurface_p95_mm", "95 %"),
         column("isosurface_max_mm", "max"),
-        column("pixels_mean_levels", "picture off, of 255: mean"),
+        column("pixels_mean_levels", "picture difference, of 255: mean"),
         column("pixels_p95_levels", "95 %"),
     ];
     let depth_mm = judgement.depth_mm;
-    let title = format!("Figure 7 in numbers: meshes {depth_mm} mm deep against the isosurface");
+    let title =
+        format!("Figure 7 in numbers: meshes {depth_mm} mm deep, compared with the isosurface");
     let mut table = Table::new("figure_7", title, &columns);
     let exact = exact_pictures(case, depth_mm.into(), judgement.size)?;
     for [contours, points] in MESH_SIZES {
@@ -116,9 +117,9 @@ pub fn figure_7(case: &PreparedHead, judgement: &Judgement) -> Result<Table, Ben
             u64::from(pictures.percentile(0.95)).into(),
         ]);
     }
-    table.note("The paper shows pictures and no numbers here.");
+    table.note("The paper shows only pictures here, no numbers.");
     table.note(
-        "Picture off: grey levels between the drawn mesh and the traced isosurface, over the pixels that both cover, from all six \
+        "Picture difference: grey levels between the drawn mesh and the traced isosurface, over the pixels that both cover, from all six \
          sides.",
     );
     Ok(table)

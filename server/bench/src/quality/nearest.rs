@@ -5,7 +5,7 @@ use glam::Vec3;
 /// Triangles in a leaf.
 const LEAF: usize = 8;
 
-/// A tree of boxes around the triangles of a mesh.
+/// A bounding-volume hierarchy of the triangles of a mesh.
 #[derive(Debug)]
 pub(super) struct Nearest {
     triangles: Vec<[Vec3; 3]>,
@@ -22,14 +22,14 @@ struct Node {
 
 #[derive(Debug)]
 enum Content {
-    /// First triangle and the one after the last.
+    /// The range of triangles.
     Leaf(usize, usize),
-    /// The numbers of two nodes.
+    /// The indices of two nodes.
     Halves(usize, usize),
 }
 
 impl Nearest {
-    /// Of some triangles, of which there is at least one.
+    /// The box around at least one triangle.
     pub(super) fn new(triangles: Vec<[Vec3; 3]>) -> Self {
         let end = triangles.len();
         let mut tree = Self {
@@ -40,7 +40,7 @@ impl Nearest {
         tree
     }
 
-    /// Makes the node of the triangles from `first` to before `end` and those below it.
+    /// Builds the node of the triangles in `first..end`, and the nodes below it.
     fn split(&mut self, first: usize, end: usize) -> usize {
         let triangles = &mut self.triangles[first..end];
         let corners = triangles.iter().flatten();
@@ -66,12 +66,12 @@ impl Nearest {
         node
     }
 
-    /// Distance of a point from the nearest triangle.
+    /// The distance of a point from the nearest triangle.
     pub(super) fn distance(&self, point: Vec3) -> f32 {
         self.least(0, point, f32::INFINITY).sqrt()
     }
 
-    /// The least squared distance below a node, or `best` where none is less.
+    /// The least squared distance below a node, or `best` if none is less.
     fn least(&self, node: usize, point: Vec3, best: f32) -> f32 {
         let apart = |node: usize| {
             let Node { low, high, .. } = self.nodes[node];
@@ -99,12 +99,12 @@ impl Nearest {
     }
 }
 
-/// The point of a triangle that is closest to `point`: inside of it where its foot lies there, else on an edge.
+/// The point of a triangle closest to `point`: its projection if that lies inside, otherwise a point on an edge.
 fn closest_point(&[a, b, c]: &[Vec3; 3], point: Vec3) -> Vec3 {
     let normal = (b - a).cross(c - a);
     let area_squared = normal.length_squared();
     if area_squared > 0.0 {
-        // The foot is inside when it lies on the inner side of all three edges.
+        // The projection is inside if it is on the inner side of all three edges.
         let is_inside = |from: Vec3, to: Vec3| (to - from).cross(point - from).dot(normal) >= 0.0;
         if is_inside(a, b) && is_inside(b, c) && is_inside(c, a) {
             return point - normal * ((point - a).dot(normal) / area_squared);

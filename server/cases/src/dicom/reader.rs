@@ -16,7 +16,7 @@ use tokio::process::{Child, Command};
 use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
 use super::{Choice, Reading, SUBCOMMAND};
 use crate::error::Error;
-use crate::pictures::Turnstile;
+use crate::limit::ConcurrencyLimit;
 use case::{Failure, FailureKind};
 
 /// The longest that a series may take. The largest ones take seconds.
@@ -67,7 +67,7 @@ pub struct DicomReader {
     limits: Limits,
     max_input_bytes: u64,
     longest: Duration,
-    turnstile: Turnstile,
+    limit: ConcurrencyLimit,
 }
 
 impl DicomReader {
@@ -78,7 +78,7 @@ impl DicomReader {
             limits,
             max_input_bytes,
             longest: LONGEST,
-            turnstile: Turnstile::new(at_a_time(), WAITING),
+            limit: ConcurrencyLimit::new(at_a_time(), WAITING),
         }
     }
 
@@ -101,9 +101,8 @@ impl DicomReader {
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
-        self.turnstile
-            .pass(self.read_now(input, options, scratch))
-            .await?
+        let _turn = self.limit.turn().await?;
+        self.read_now(input, options, scratch).await
     }
 
     async fn read_now(

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use case::{CaseFacts, CaseId, CaseState, ObjectKind, Parameters};
 use storage::testing::{assert_nothing_left_over, facts, files_below};
 use storage::{
-    LeaseTerms, NewMask, ObjectName, Objects, Options, Pinned, Publisher, SqliteRows, Store,
+    LeaseTerms, NewMask, ObjectName, Objects, Options, Pinned, Publisher, SqlRows, Store,
     StoreError, Sweep, Version, frame_all,
 };
 
@@ -634,7 +634,7 @@ async fn a_worker_that_lost_its_lease_publishes_nothing() {
     std::fs::create_dir(directory.path().join("uploads")).unwrap();
     std::fs::create_dir(directory.path().join("objects")).unwrap();
     let file = directory.path().join("rows.sqlite");
-    let rows = SqliteRows::open(&file).await.unwrap();
+    let rows = SqlRows::sqlite(&file).await.unwrap();
     let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
     let options = Options {
         heartbeat: Duration::from_secs(3600),
@@ -735,7 +735,7 @@ async fn first_versions_folder(directory: &TempDir) -> CaseId {
         .filename(directory.path().join("rows.sqlite"))
         .create_if_missing(true);
     let pool = sqlx::SqlitePool::connect_with(options).await.unwrap();
-    let mut migrator = sqlx::migrate!("../storage/migrations");
+    let mut migrator = sqlx::migrate!("../storage/migrations/sqlite");
     migrator.migrations.to_mut().truncate(1);
     migrator.run(&pool).await.unwrap();
     sqlx::query(

@@ -5,6 +5,7 @@ use render::{RenderBackend, RenderError, RenderJob, RenderedFrame, Wanted};
 
 use super::graphics::Graphics;
 use crate::error::Error;
+use crate::limit::Turn;
 
 /// The backend for a renderer on this machine. Splatting does not wait for the graphics device.
 pub async fn backend_for(asked: Renderer, graphics: &Graphics) -> RenderBackend {
@@ -36,28 +37,43 @@ pub struct DrawnPicture {
 }
 
 impl PictureJob {
-    /// Draws. If a graphics device fails, the CPU draws: the renderer that was asked for, splats with `auto`.
+    /// Draws in a turn. If a graphics device fails, the CPU draws with the same renderer.
     ///
     /// # Errors
-    /// [`Error::Unavailable`] soon after the picture is no longer wanted.
-    pub fn draw(self, is_wanted: &Wanted<'_>) -> Result<DrawnPicture, Error> {
-        let drawn = match self.backend.draw_while(&self.job, is_wanted) {
+    /// [`Error::Parameter`] for what cannot be drawn, and as [`Turn::run`].
+    pub async fn draw(self, turn: &Turn) -> Result<DrawnPicture, Error> {
+        match self.draw_on_device().await {
+            Ok(Some(rendered)) => Ok(DrawnPicture {
+                rendered,
+                backend: self.backend,
+            }),
+            Ok(None) => self.draw_on_cpu(turn).await,
             Err(RenderError::Gpu(error)) => {
                 tracing::warn!(%error, "the graphics device did not draw: the processor does");
-                return self.on_cpu().draw(is_wanted);
+                let backend = RenderBackend::choose(self.asked, None);
+                Self { backend, ..self }.draw_on_cpu(turn).await
             }
-            drawn => drawn?,
-        };
-        Ok(DrawnPicture {
-            rendered: drawn.ok_or(Error::Unavailable)?,
-            backend: self.backend,
-        })
+            Err(other) => Err(other.into()),
+        }
     }
 
-    fn on_cpu(self) -> Self {
-        Self {
-            backend: RenderBackend::choose(self.asked, None),
-            ..self
+    /// `None` if the CPU draws. If the future is dropped before the device begins, it never does.
+    async fn draw_on_device(&self) -> Result<Option<RenderedFrame>, RenderError> {
+        match self.backend.begin_on_device(&self.job)? {
+            Some(ticket) => Ok(Some(ticket.await?)),
+            None => Ok(None),
         }
+    }
+
+    async fn draw_on_cpu(self, turn: &Turn) -> Result<DrawnPicture, Error> {
+        let Self { job, backend, .. } = self;
+        let draw = move |is_wanted: &Wanted<'_>| {
+            let rendered = backend.draw_while(&job, is_wanted)?;
+            Ok(DrawnPicture {
+                rendered: rendered.ok_or(Error::Unavailable)?,
+                backend,
+            })
+        };
+        turn.run_while(draw).await?
     }
 }

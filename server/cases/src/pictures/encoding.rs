@@ -1,7 +1,7 @@
 //! From a drawn picture to PNG, with the state that it shows.
 
 use case::CaseId;
-use render::{Frame, Projection, RenderBackend, RenderJob, RenderRequest};
+use render::{Frame, KeyedLayers, Projection, RenderBackend, RenderJob, RenderRequest};
 
 use super::drawing::DrawnPicture;
 use crate::error::Error;
@@ -14,6 +14,7 @@ pub struct ImageMetadata {
     named: Option<String>,
     request: RenderRequest,
     projection: Projection,
+    layers: KeyedLayers,
 }
 
 impl ImageMetadata {
@@ -24,10 +25,11 @@ impl ImageMetadata {
             named: None,
             request: job.request,
             projection: job.request.projection(&job.case.scene()),
+            layers: job.layers.clone(),
         }
     }
 
-    /// The same of a picture into which this is written of the case.
+    /// The same, with what is written of the case into the picture: see [`Cases::identity`](crate::Cases::identity).
     #[must_use]
     pub fn named(self, named: Option<String>) -> Self {
         Self { named, ..self }
@@ -36,7 +38,8 @@ impl ImageMetadata {
     /// The PNG texts of a picture, once it is known who drew it.
     pub fn texts(&self, backend: &RenderBackend) -> Vec<(&'static str, String)> {
         let case = self.case.map(|id| id.to_string()).unwrap_or_default();
-        let mut texts = render::state_texts(&case, backend.name(), &self.request);
+        let mut texts =
+            render::state_texts(&case, backend.name(), &self.request, &self.layers.layers());
         texts.push(("device", backend.device()));
         texts.retain(|(_, text)| !text.is_empty());
         texts
@@ -75,8 +78,13 @@ pub fn encode(
 /// The picture, with what is written into it on request.
 pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Frame {
     if annotate {
-        let named = metadata.named.as_deref();
-        render::annotate(frame, &metadata.request, &metadata.projection, named)
+        render::annotate(
+            frame,
+            &metadata.request,
+            &metadata.projection,
+            &metadata.layers.layers(),
+            metadata.named.as_deref(),
+        )
     } else {
         frame
     }

@@ -30,8 +30,8 @@ pub enum GpuUse {
 pub struct GraphicsOptions {
     /// Whether at all.
     pub use_of: GpuUse,
-    /// How many threads will ask for pictures at a time.
-    pub drawers: usize,
+    /// How many pictures are asked for at a time.
+    pub at_a_time: usize,
     /// Bytes of the textures of cases.
     pub case_bytes: u64,
 }
@@ -41,7 +41,7 @@ impl GraphicsOptions {
     pub fn of_one(use_of: GpuUse) -> Self {
         Self {
             use_of,
-            drawers: 1,
+            at_a_time: 1,
             case_bytes: GpuOptions::default().case_bytes,
         }
     }
@@ -147,8 +147,8 @@ fn may_be_hardware() -> bool {
 fn find(options: GraphicsOptions) -> Found {
     let takes_software = options.use_of == GpuUse::Always;
     let options = GpuOptions {
-        // Each drawer waits for its picture, so no more than these can be queued.
-        queue: options.drawers.max(1),
+        // Whoever asks has a turn, so no more than these are wanted; those whose clients left are passed over.
+        queue: options.at_a_time.max(1),
         case_bytes: options.case_bytes,
         ..GpuOptions::default()
     };

@@ -4,18 +4,14 @@ mod drawing;
 mod encoding;
 mod graphics;
 mod numbers;
-mod render_pool;
 mod request;
-mod turnstile;
 
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for};
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::numbers::{NumberList, Numbers};
-pub use self::render_pool::RenderPool;
 pub use self::request::{
     MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_annotation, check_count,
     check_depth, check_size, default_count, default_side, default_zoom, picture_size, window_of,
     window_or,
 };
-pub use self::turnstile::Turnstile;

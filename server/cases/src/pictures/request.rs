@@ -37,6 +37,10 @@ pub fn default_count() -> usize {
     DeformableModel::DEFAULT_MESH.contour_count()
 }
 
+fn default_paths() -> PathKind {
+    PathKind::Flow
+}
+
 fn default_ambient() -> f64 {
     f64::from(Light::default().ambient())
 }
@@ -108,9 +112,10 @@ pub struct PictureRequest {
     #[serde(default = "default_count")]
     #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 1024, default = 30))]
     pub points: usize,
-    /// What the vertices of the mesh follow, for the renderer `mesh`.
-    #[serde(default)]
-    #[cfg_attr(feature = "openapi", param(inline))]
+    /// What the vertices of the mesh follow, for the renderer `mesh`. Deep down, meshes along the gradient are nearer to the
+    /// exact picture than those along the forest, which tear.
+    #[serde(default = "default_paths")]
+    #[cfg_attr(feature = "openapi", param(inline, default = "flow"))]
     pub paths: PathKind,
     /// Whether label, day and first digits of the case, depth, window, scale, directions and the notice of research use are written into
     /// the picture.
@@ -137,7 +142,7 @@ impl Default for PictureRequest {
             background: Background::default(),
             contours: default_count(),
             points: default_count(),
-            paths: PathKind::default(),
+            paths: default_paths(),
             annotate: false,
         }
     }

@@ -1,10 +1,11 @@
 //! Three-dimensional convolutions, plain and transposed, as products of small matrices.
 //!
-//! With channels last, all that a voxel reads of one row of its neighbourhood lies side by side in memory: a convolution
-//! is the sum, over the rows of its kernel, of products of a stretch of the input with a block of the weights. Nothing is
-//! copied to make it so. A transposed convolution of stride 2 is eight plain ones, one for each parity of the output.
+//! With channels last, the values that an output reads from one row of its neighbourhood are adjacent in memory. A
+//! convolution is then the sum, over the rows of its kernel, of products of a contiguous piece of the input with a
+//! block of the weights, without copying. A transposed convolution of stride 2 is eight plain ones, one for each parity
+//! of the output.
 //!
-//! Every output adds its products in one fixed order with fused multiply-adds, so that the result is the same bytes for any
+//! Every output adds its products in one fixed order with fused multiply-adds, so the result is byte-identical for any
 //! number of threads and on every machine.
 
 use rayon::prelude::*;
@@ -17,24 +18,24 @@ use super::weights::Parameters;
 /// How the kernel of a layer moves over its input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// An odd kernel that every `stride` voxels looks at the voxels around.
+    /// An odd kernel at every `stride`-th voxel.
     Plain {
-        /// Voxels of the input for one of the output.
+        /// Input voxels per output voxel.
         stride: usize,
     },
-    /// The adjoint of a kernel of three voxels, which makes `stride` voxels of the output for one of the input.
+    /// The adjoint of a kernel of three voxels, with `stride` output voxels per input voxel.
     Transposed {
-        /// Voxels of the output for one of the input: 1 or 2.
+        /// Output voxels per input voxel: 1 or 2.
         stride: usize,
     },
 }
 
-/// Which voxels along an axis an output sees, relative to where it stands in the input.
+/// The input voxels of an output along an axis, relative to its position in the input.
 #[derive(Debug, Clone)]
 struct Reach {
-    /// The first of them.
+    /// The first one.
     first: isize,
-    /// For each of them in turn, the place of its weight in the kernel.
+    /// The index of the weight in the kernel, for each of them.
     taps: Vec<usize>,
 }
 
@@ -45,7 +46,7 @@ impl Reach {
 }
 
 impl Kind {
-    /// What an output of each parity along an axis sees.
+    /// The input voxels of an output of each parity along an axis.
     fn reaches(self, kernel: usize) -> Vec<Reach> {
         match self {
             Self::Plain { .. } => vec![Reach {
@@ -81,13 +82,13 @@ impl Kind {
 /// The outputs of one parity along each axis: a plain convolution.
 #[derive(Debug, Clone)]
 struct Phase {
-    /// First voxel that is seen along x.
+    /// The first input voxel along x.
     first_x: isize,
-    /// Rows that are seen: their places along y and z.
+    /// The input rows: their positions along y and z.
     rows: Vec<[isize; 2]>,
-    /// Values that are seen of each row.
+    /// The number of input values in each row.
     seen: usize,
-    /// For each block of output channels, row and value seen: the weight of each channel.
+    /// For each block of output channels, row and input value: the weight of each channel.
     weights: Vec<f32>,
 }
 
@@ -104,11 +105,11 @@ pub(crate) struct Convolution {
 impl Convolution {
     /// A convolution from `channels[0]` to `channels[1]` channels with a cubic kernel of `kernel` voxels.
     ///
-    /// Weights are laid out as the model file has them: outputs, inputs, x, y, z for a plain convolution, inputs first for a
-    /// transposed one; the last is the fastest. An empty bias is none.
+    /// Weights have the layout of the model file: outputs, inputs, x, y, z for a plain convolution, inputs first for a
+    /// transposed one; the last is the fastest. An empty bias means none.
     ///
     /// # Panics
-    /// When the numbers of weights or biases are others.
+    /// If the number of weights or biases is wrong.
     pub(crate) fn new(
         kind: Kind,
         channels: [usize; 2],
@@ -170,10 +171,10 @@ impl Convolution {
         }
     }
 
-    /// The convolution of a tensor, with a border of one zero, and the sums of each of its channels.
+    /// The convolution of a tensor, with a border of one zero, and the sums of each channel.
     ///
     /// # Panics
-    /// When the input has other channels, or a border narrower than the kernel reaches.
+    /// If the input has another number of channels, or a border that is too narrow for the kernel.
     pub(crate) fn apply(&self, input: &Tensor) -> (Tensor, Vec<Sums>) {
         assert_eq!(input.channels(), self.channels[0], "input channels");
         let [in_stride, out_stride] = self.kind.strides();
@@ -193,7 +194,7 @@ impl Convolution {
                 sums
             })
             .collect();
-        // In the order of the planes, whatever thread made them.
+        // In the order of the planes, whichever thread computed them.
         (output, Sums::total(&sums))
     }
 
@@ -225,7 +226,7 @@ impl Convolution {
     }
 }
 
-/// How many output channels are worked on at once.
+/// The number of output channels in a block.
 fn lanes(outputs: usize) -> usize {
     if outputs > 8 { 16 } else { 8 }
 }
@@ -278,7 +279,7 @@ mod tests {
             sum
         }
 
-        /// The voxel of the input that a tap of the kernel brings to an output.
+        /// The input voxel that a tap of the kernel contributes to an output.
         fn seen(&self, voxel: [usize; 3], tap: [usize; 3]) -> Option<[isize; 3]> {
             let reach = self.kernel as isize / 2;
             let along = |axis: usize| {

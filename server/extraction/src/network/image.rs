@@ -1,4 +1,4 @@
-//! Intensities as the network wants them.
+//! Normalises intensities for the network.
 
 use geometry::Volume;
 use rayon::prelude::*;
@@ -6,17 +6,17 @@ use rayon::prelude::*;
 use super::tensor::Tensor;
 use crate::ExtractionError;
 
-/// Fractions of the small cube's voxels that are darker than black and than white.
+/// The quantiles of the small cube that become black and white.
 const FRACTIONS: [f64; 2] = [0.005, 0.995];
 
-/// Mean and standard deviation of what the network sees.
+/// Mean and standard deviation of the training data.
 const MEAN: f64 = 0.449;
 const DEVIATION: f64 = 0.226;
 
-/// What the widest kernel reaches beyond the image.
+/// How far the widest kernel reaches beyond the image.
 const BORDER: usize = 3;
 
-/// The intensities that are black and white.
+/// The intensities for black and white.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Quantiles {
     low: f32,
@@ -24,7 +24,7 @@ pub(super) struct Quantiles {
 }
 
 impl Quantiles {
-    /// From stored values of a volume.
+    /// Computes them from stored values of a volume.
     pub(super) fn of(volume: &Volume, stored: &[u16]) -> Result<Self, ExtractionError> {
         let mut values: Vec<f32> = stored
             .iter()
@@ -40,13 +40,14 @@ impl Quantiles {
             Ok(Self { low, high })
         } else {
             Err(ExtractionError::NoBrain {
-                what: "nearly all of it has one intensity",
+                what: "nearly all voxels have the same intensity",
             })
         }
     }
 }
 
-/// A cube of stored values as the network's input: cut at the quantiles, with the mean and deviation of its training.
+/// A cube of stored values as the input of the network: clipped at the quantiles, with the mean and deviation of the
+/// training data.
 pub(super) fn image(
     volume: &Volume,
     stored: &[u16],
@@ -57,7 +58,7 @@ pub(super) fn image(
         let intensity = volume.intensity(f32::from(stored));
         ((intensity - low) / (high - low)).clamp(0.0, 1.0)
     };
-    // Every stored value occurs many times, so that one look-up replaces the arithmetic.
+    // Every stored value occurs many times, so a look-up table replaces the arithmetic.
     let mut occurrences = vec![0u64; 1 << 16];
     for &stored in stored {
         occurrences[usize::from(stored)] += 1;
@@ -76,7 +77,7 @@ pub(super) fn image(
     let deviation = (sum(&|value| (value - mean).powi(2)) / (count - 1.0)).sqrt();
     if deviation.is_nan() || deviation <= 0.0 {
         return Err(ExtractionError::NoBrain {
-            what: "where it should be, all has one intensity",
+            what: "all voxels where it should be have the same intensity",
         });
     }
     let table: Vec<f32> = (0..=u16::MAX)

@@ -4,35 +4,35 @@ use multiversion::multiversion;
 
 use super::normalisation::Sums;
 
-/// What one row of the output of a convolution is made of.
+/// The inputs of one output row of a convolution.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Row<'a> {
-    /// Values of the input.
+    /// The values of the input.
     pub(crate) input: &'a [f32],
-    /// Where in them the first output begins to see each row of its neighbourhood.
+    /// The offset in them of each row that the first output reads.
     pub(crate) starts: &'a [usize],
-    /// Values from what one output sees to what the next one sees.
+    /// The offset from the values of one output to those of the next.
     pub(crate) step: usize,
-    /// Values that an output sees of each row.
+    /// The number of values that an output reads in each row.
     pub(crate) seen: usize,
-    /// For each block of channels, each row and each value seen: a weight for each of the block's channels.
+    /// For each block of channels, row and input value: a weight for each channel of the block.
     pub(crate) weights: &'a [f32],
     /// Channels in a block: 8 or 16.
     pub(crate) lanes: usize,
-    /// What is added to each channel; empty for nothing.
+    /// The bias of each channel; empty for none.
     pub(crate) bias: &'a [f32],
-    /// Channels of the output.
+    /// The number of output channels.
     pub(crate) outputs: usize,
-    /// The first voxel that is written.
+    /// The first voxel to write.
     pub(crate) first: usize,
-    /// Voxels from one that is written to the next.
+    /// The distance from one written voxel to the next.
     pub(crate) stride: usize,
 }
 
 /// Fills the voxels of an output row and adds them to the sums of their channels.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub(crate) fn convolve_row(row: &Row<'_>, output: &mut [f32], sums: &mut [Sums]) {
-    // Eight registers of eight sums each: what sixteen registers have room for, and two units can fill.
+    // Eight registers of eight sums each fit in sixteen registers and keep two units busy.
     if row.lanes == 16 {
         fill::<4, 16>(row, output, sums);
     } else {
@@ -84,7 +84,7 @@ fn fill<const VOXELS: usize, const LANES: usize>(
     }
 }
 
-/// The outputs at some voxels that follow each other.
+/// The outputs at some consecutive voxels.
 #[inline(always)]
 fn products<const VOXELS: usize, const LANES: usize>(
     row: &Row<'_>,

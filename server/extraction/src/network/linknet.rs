@@ -1,7 +1,7 @@
-//! The network: a U-shaped LinkNet in three dimensions with residual blocks.
+//! The network: a three-dimensional U-shaped LinkNet with residual blocks.
 //!
-//! Layers as in the published model of deepbet (Fisch et al., "deepbet: Fast brain extraction of T1-weighted MRI using
-//! Convolutional Neural Networks", Computers in Biology and Medicine 179:108845, 2024).
+//! The layers are those of the published deepbet model (Fisch et al., "deepbet: Fast brain extraction of T1-weighted
+//! MRI using Convolutional Neural Networks", Computers in Biology and Medicine 179:108845, 2024).
 
 use std::ops::ControlFlow;
 
@@ -17,16 +17,16 @@ const PLAIN: Kind = Kind::Plain { stride: 1 };
 const HALVING: Kind = Kind::Plain { stride: 2 };
 const DOUBLING: Kind = Kind::Transposed { stride: 2 };
 
-/// Two convolutions whose outcome is added to what went in.
+/// A residual block: two convolutions with their result added to the input.
 #[derive(Debug, Clone)]
 struct Block {
     first: Convolution,
     second: Convolution,
-    /// Brings what went in to the size of the outcome, where that differs.
+    /// Maps the input to the shape of the result, if that differs.
     skip: Option<Convolution>,
 }
 
-/// Makes a tensor larger, with few channels on the way.
+/// Upsamples a tensor through a bottleneck of few channels.
 #[derive(Debug, Clone)]
 struct Decoder {
     narrow: Convolution,
@@ -38,17 +38,17 @@ struct Decoder {
 #[derive(Debug, Clone)]
 pub(crate) struct LinkNet {
     stem: Convolution,
-    /// Two for each of the four stages.
+    /// Two per stage, in four stages.
     blocks: Vec<[Block; 2]>,
     decoders: Vec<Decoder>,
     enlarge: Convolution,
     smooth: Convolution,
-    /// From the eight channels of a voxel to the log-odds of the eight voxels that it becomes.
+    /// From the eight channels of a voxel to the log-odds of the eight voxels that it is split into.
     last: Convolution,
 }
 
 impl LinkNet {
-    /// The layers, with the weights where the model file has them.
+    /// The layers with their weights, by position in the model file.
     pub(crate) fn new(weights: &Weights) -> Self {
         let plain =
             |kind, channels, number| Convolution::new(kind, channels, 3, weights.tensor(number));
@@ -91,13 +91,13 @@ impl LinkNet {
 
     /// The probability of each voxel of a cube to belong to the brain; x-fastest.
     ///
-    /// `image` has a border of three zeros, and sides that are multiples of 16.
+    /// `image` has a border of three zeros, and its sides are multiples of 16.
     pub(crate) fn run(&self, image: Tensor, observe: Observe<'_>) -> ControlFlow<(), Vec<f32>> {
         observe(0.0)?;
         let (stem, sums) = self.stem.apply(&image);
         drop(image);
         let by = Standardisation::new(&sums, voxels(&stem));
-        // A standardisation keeps the order of values, so that the pooling may come first.
+        // Standardisation keeps the order of values, so pooling can come first.
         let mut here = max_pooled(&stem);
         drop(stem);
         by.apply(&mut here, rectified);
@@ -124,7 +124,7 @@ impl LinkNet {
         ControlFlow::Continue(self.probabilities(&smooth))
     }
 
-    /// The last layer: eight probabilities of each voxel.
+    /// The last layer: eight probabilities per voxel.
     fn probabilities(&self, features: &Tensor) -> Vec<f32> {
         let (odds, _) = self.last.apply(features);
         let [nx, ny, nz] = features.size();
@@ -144,7 +144,7 @@ impl LinkNet {
     }
 }
 
-// How much of the work is done when a part begins, from the number of its products.
+// The finished fraction when a part begins, from the number of multiplications.
 const SHARES_BEFORE_STAGES: [f32; 4] = [0.40, 0.65, 0.76, 0.82];
 const SHARE_BEFORE_DECODERS: f32 = 0.85;
 const SHARE_BEFORE_ENLARGING: f32 = 0.86;
@@ -181,7 +181,7 @@ impl Decoder {
     }
 }
 
-/// A convolution, standardised and cut at 0.
+/// A convolution, standardised, with negative values set to 0.
 fn rectified_convolution(convolution: &Convolution, input: &Tensor) -> Tensor {
     standardised_convolution(convolution, input, rectified)
 }
@@ -200,9 +200,9 @@ fn voxels(tensor: &Tensor) -> usize {
     tensor.size().iter().product()
 }
 
-/// The last layer as one of eight outputs, which are the voxels of a block of two.
+/// The last layer as a convolution with eight outputs, the voxels of a 2 × 2 × 2 block.
 ///
-/// It is published as a transposed convolution of stride 2 to two classes; of these only the difference matters.
+/// It is published as a transposed convolution of stride 2 with two classes; only their difference matters.
 fn log_odds(parameters: Parameters<'_>) -> Convolution {
     let weight = |block: usize, input: usize| {
         let [x, y, z] = [block & 1, block >> 1 & 1, block >> 2];
@@ -223,7 +223,7 @@ fn log_odds(parameters: Parameters<'_>) -> Convolution {
     Convolution::new(PLAIN, [8; 2], 1, parameters)
 }
 
-/// `1 / (1 + e^-x)`, within 2⁻²², from operations that give the same bytes on every machine.
+/// `1 / (1 + e^-x)`, within 2⁻²², from operations with the same result on every machine.
 fn logistic(log_odds: f32) -> f32 {
     1.0 / (1.0 + exponential(-log_odds.clamp(-80.0, 80.0)))
 }
@@ -232,9 +232,9 @@ fn logistic(log_odds: f32) -> f32 {
 fn exponential(x: f32) -> f32 {
     use std::f32::consts::LOG2_E;
     let halvings = (x * LOG2_E).round();
-    // What is left of x lies within half of ln 2; ln 2 in two parts, of which the first is short.
+    // The remainder of x is within ±½ ln 2; ln 2 is split in two parts, the first with few bits.
     let rest = (x - halvings * 0.693_359_4) + halvings * 2.121_944_4e-4;
-    // Its exponential is that of a Taylor series of degree 7, the next term of which is below 2⁻²⁶.
+    // A Taylor series of degree 7; its next term is below 2⁻²⁶.
     let coefficients = [
         1.0 / 5040.0,
         1.0 / 720.0,

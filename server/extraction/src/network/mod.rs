@@ -1,4 +1,4 @@
-//! The network of deepbet, and how its two models find a brain in a volume.
+//! The network deepbet, and how its two models find a brain in a volume.
 
 mod convolution;
 mod image;
@@ -21,46 +21,46 @@ use image::{Quantiles, image};
 use linknet::LinkNet;
 use weights::Weights;
 
-/// Side of the cube in which the brain's place is found, in voxels.
+/// Side of the cube for the coarse pass, which locates the brain, in voxels.
 const SMALL_SIDE: usize = 128;
 
-/// Side of the cube in which the brain's surface is found, in voxels.
+/// Side of the cube for the fine pass, which finds its surface, in voxels.
 const SIDE: usize = 256;
 
-/// How much of a plane of the small cube the brain must cover for the plane to belong to its box.
+/// The fraction of a plane of the small cube that the brain must cover for the plane to belong to its box.
 const LEAST_COVERED: f32 = 0.02;
 
-/// By how much of its size the box is larger on each side.
+/// The margin of the box on each side, as a fraction of its size.
 const MARGIN: f32 = 0.1;
 
-/// The share of the work that the small cube takes.
+/// The fraction of the work for the small cube.
 const SMALL_SHARE: f32 = 0.12;
 
-/// The size of a brain at the first look, in ml, and the probability from which the first model is sure.
+/// The volume of a brain in the coarse pass, in ml, and the probability above which the coarse model is certain.
 const LIKELY_ML: RangeInclusive<f64> = 700.0..=2500.0;
 const SURE: f32 = 0.95;
 
-/// The two models of deepbet 1.0.2: one finds where the brain is, the other one its surface.
+/// The two models of deepbet 1.0.2: one locates the brain, the other finds its surface.
 #[derive(Debug, Clone)]
 pub struct Network {
     coarse: LinkNet,
     fine: LinkNet,
 }
 
-/// What the network says of a volume.
+/// The result of the network for a volume.
 #[derive(Debug)]
 pub struct Prediction {
-    /// Probabilities in the box around the brain, by the model that finds its surface.
+    /// Probabilities in the box around the brain, from the fine model.
     pub fine: Probability,
-    /// Probabilities in the whole volume, by the model that finds its place.
+    /// Probabilities in the whole volume, from the coarse model.
     pub coarse: Probability,
 }
 
 impl Network {
-    /// The network with the weights of deepbet's wheel, version 1.0.2, as its authors published it.
+    /// The network with the weights from the wheel of deepbet 1.0.2, as its authors published it.
     ///
     /// # Errors
-    /// When the bytes are something else, or damaged.
+    /// If the bytes are something else, or damaged.
     pub fn from_wheel(wheel: &[u8]) -> Result<Self, ExtractionError> {
         let model = |path| Weights::from_wheel(wheel, path).map(|weights| LinkNet::new(&weights));
         Ok(Self {
@@ -69,8 +69,8 @@ impl Network {
         })
     }
 
-    /// How much the first model likes a volume as a head: the share of what can be brain of which it is sure, 0 where that has not the
-    /// size of a brain.
+    /// How well the coarse model recognises a head: the fraction of the possible brain of which it is certain; 0 if
+    /// that does not have the size of a brain.
     ///
     /// # Errors
     /// As [`Network::predict`].
@@ -100,14 +100,15 @@ impl Network {
         Ok(above(SURE) as f32 / above(1.0 - SURE).max(1) as f32)
     }
 
-    /// How likely each place of a volume is to belong to the brain.
+    /// The probability of each point of a volume to belong to the brain.
     ///
-    /// The volume is brought to 128³ by taking the nearest voxel, its 0.005 and 0.995 quantiles become black and white,
-    /// the first model finds the box around the brain, and the second one looks at that box at 256³. The result is the
-    /// same bytes for any number of threads.
+    /// The volume is resampled to 128³ by nearest neighbour, and its 0.005 and 0.995 quantiles become black and white.
+    /// The coarse model finds the box around the brain, and the fine model evaluates that box at 256³. The result is
+    /// byte-identical for any number of threads.
     ///
     /// # Errors
-    /// When the volume has one intensity, when the first model finds nothing that is large enough, or when `observe` says stop.
+    /// If the volume has a single intensity, if the coarse model finds nothing large enough, or if `observe` stops the
+    /// work.
     pub fn predict(
         &self,
         volume: &Volume,
@@ -143,7 +144,7 @@ fn finished<T>(flow: ControlFlow<(), T>) -> Result<T, ExtractionError> {
     }
 }
 
-/// The box around the largest part of a small cube that is brain, in voxels of the volume, with a margin.
+/// The box around the largest component of brain in a small cube, in voxels of the volume, with a margin.
 fn box_around(coarse: &Probability, size: [usize; 3]) -> Result<Box3, ExtractionError> {
     let brain = coarse.above(0.5)?.largest_component();
     let mut covered = [0, 1, 2].map(|_| vec![0u32; SMALL_SIDE]);
@@ -160,10 +161,10 @@ fn box_around(coarse: &Probability, size: [usize; 3]) -> Result<Box3, Extraction
         let last = covered[axis].iter().rposition(is_covered);
         let (Some(first), Some(last)) = (first, last) else {
             return Err(ExtractionError::NoBrain {
-                what: "the network found nothing that is large enough",
+                what: "the network found nothing large enough",
             });
         };
-        // In single precision, with halves to even, as where the network was trained.
+        // In single precision, with ties to even, as in the training of the network.
         let scale = size[axis] as f32 / SMALL_SIDE as f32;
         let centre = (scale * ((first + last + 1) as f32 / 2.0)).round_ties_even();
         let length = ((1.0 + 2.0 * MARGIN) * (scale * (last + 1 - first) as f32)).round_ties_even();

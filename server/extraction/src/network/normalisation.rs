@@ -1,18 +1,18 @@
-//! Instance normalisation, what follows it, and the pooling.
+//! Instance normalisation, the activation after it, and pooling.
 
 use rayon::prelude::*;
 
 use super::tensor::Tensor;
 
-/// What is added to the variance before its root is taken.
+/// Added to the variance before the square root.
 const EPSILON: f64 = 1e-5;
 
-/// The sums that the mean and the variance of a channel are made of.
+/// The sums for the mean and the variance of a channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Sums {
-    /// Of the values.
+    /// The sum of the values.
     pub(crate) values: f64,
-    /// Of their squares.
+    /// The sum of their squares.
     pub(crate) squares: f64,
 }
 
@@ -31,7 +31,7 @@ impl Sums {
     }
 }
 
-/// The linear map of each channel to mean 0 and variance 1.
+/// The affine map of each channel to mean 0 and variance 1.
 #[derive(Debug, Clone)]
 pub(crate) struct Standardisation {
     scale: Vec<f32>,
@@ -39,7 +39,7 @@ pub(crate) struct Standardisation {
 }
 
 impl Standardisation {
-    /// From the sums over `voxels` voxels.
+    /// Computes it from the sums over `voxels` voxels.
     pub(crate) fn new(sums: &[Sums], voxels: usize) -> Self {
         let count = voxels as f64;
         let (scale, offset) = sums
@@ -54,7 +54,7 @@ impl Standardisation {
         Self { scale, offset }
     }
 
-    /// Replaces every value of a tensor by what `change` makes of it once it is standardised.
+    /// Replaces every value of a tensor by `change` of its standardised value.
     pub(crate) fn apply(&self, tensor: &mut Tensor, change: impl Fn(f32) -> f32 + Sync) {
         let (rows, plane) = (tensor.rows_in_plane(), tensor.plane_length());
         let width = tensor.size()[0];
@@ -70,11 +70,11 @@ impl Standardisation {
         });
     }
 
-    /// Replaces every value of a tensor by what `change` makes of it, once it is standardised, and of the value of another
-    /// tensor of the same shape in its place.
+    /// Replaces every value of a tensor by `change` of its standardised value and the corresponding value of another
+    /// tensor.
     ///
     /// # Panics
-    /// When the shapes differ.
+    /// If the shapes differ.
     pub(crate) fn apply_with(
         &self,
         tensor: &mut Tensor,
@@ -100,12 +100,12 @@ impl Standardisation {
     }
 }
 
-/// What is negative becomes 0.
+/// Sets negative values to 0.
 pub(crate) fn rectified(value: f32) -> f32 {
     value.max(0.0)
 }
 
-/// The greatest value of each channel in blocks of three voxels, two voxels apart: half as many voxels along each axis.
+/// Max pooling with blocks of three voxels and stride 2: half as many voxels along each axis.
 pub(crate) fn max_pooled(input: &Tensor) -> Tensor {
     let size = input.size().map(|side| side / 2);
     let channels = input.channels();
@@ -119,7 +119,7 @@ pub(crate) fn max_pooled(input: &Tensor) -> Tensor {
             for (x, voxel) in plane[row.clone()].chunks_exact_mut(channels).enumerate() {
                 let first = (2 * x).saturating_sub(1) * channels;
                 voxel.copy_from_slice(&greatest[2 * x * channels..][..channels]);
-                // The block has three voxels but at the beginning of a row, where it has two.
+                // The block has three voxels, except two at the beginning of a row.
                 for neighbour in greatest[first..(2 * x + 2) * channels].chunks_exact(channels) {
                     raise(voxel, neighbour);
                 }
@@ -129,7 +129,7 @@ pub(crate) fn max_pooled(input: &Tensor) -> Tensor {
     output
 }
 
-/// The greatest values of the input's rows around `2 y` and `2 z`, voxel by voxel.
+/// The greatest values of the input rows around `2 y` and `2 z`, voxel by voxel.
 fn greatest_of_rows(input: &Tensor, [y, z]: [usize; 2], greatest: &mut Vec<f32>) {
     greatest.clear();
     greatest.resize(input.size()[0] * input.channels(), f32::NEG_INFINITY);
@@ -203,7 +203,7 @@ mod tests {
                 for tap in 0..27 {
                     let place = [tap % 3, tap / 3 % 3, tap / 9];
                     let place = [0, 1, 2].map(|axis| (2 * voxel[axis] + place[axis]) as isize - 1);
-                    // What lies outside is left out, not zero.
+                    // Voxels outside are ignored, not zero.
                     if place.iter().all(|&along| along >= 0) {
                         greatest = greatest.max(value(&input, place, channel));
                     }

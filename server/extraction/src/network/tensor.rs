@@ -4,7 +4,7 @@ use std::ops::Range;
 
 /// Values of `channels` channels at each voxel of a block, surrounded by `border` voxels of zeros.
 ///
-/// Channel-fastest, then x, y and z. A convolution reads its padding from the border, so that it needs no cases.
+/// Channel-fastest, then x, y and z. A convolution reads its padding from the border and needs no special cases.
 #[derive(Debug, Clone)]
 pub(crate) struct Tensor {
     size: [usize; 3],
@@ -35,10 +35,11 @@ impl Tensor {
         self.channels
     }
 
-    /// Where the values of a voxel begin; the border's are at negative places and beyond the size.
+    /// The offset of the values of a voxel; voxels of the border have negative coordinates or coordinates beyond the
+    /// size.
     ///
     /// # Panics
-    /// When the voxel is not in the block or its border.
+    /// If the voxel is not in the block or its border.
     pub(crate) fn start_of(&self, voxel: [isize; 3]) -> usize {
         let within = |axis: usize| {
             let place = voxel[axis] + self.border as isize;
@@ -49,39 +50,39 @@ impl Tensor {
         within(0) * self.channels + within(1) * self.row_length() + within(2) * self.plane_length()
     }
 
-    /// All values, the border's included.
+    /// All values, including the border.
     pub(crate) fn values(&self) -> &[f32] {
         &self.values
     }
 
-    /// Values in a row, the border's included.
+    /// Values in a row, including the border.
     pub(crate) fn row_length(&self) -> usize {
         (self.size[0] + 2 * self.border) * self.channels
     }
 
-    /// Values in a plane, the border's included.
+    /// Values in a plane, including the border.
     pub(crate) fn plane_length(&self) -> usize {
         (self.size[1] + 2 * self.border) * self.row_length()
     }
 
-    /// Where in a plane the voxels of row `y` are, without the border.
+    /// The range of the voxels of row `y` in a plane, without the border.
     pub(crate) fn row_in_plane(&self, y: usize) -> Range<usize> {
         let start = (y + self.border) * self.row_length() + self.border * self.channels;
         start..start + self.size[0] * self.channels
     }
 
-    /// Where in a plane the voxels of each row are, without the border.
+    /// The ranges of the voxels of all rows in a plane, without the border.
     pub(crate) fn rows_in_plane(&self) -> Vec<Range<usize>> {
         (0..self.size[1]).map(|y| self.row_in_plane(y)).collect()
     }
 
-    /// The planes that are not border, to be read: each with its border.
+    /// The planes that are not border, for reading; each includes its border.
     pub(crate) fn planes(&self) -> &[f32] {
         let plane = self.plane_length();
         &self.values[self.border * plane..(self.border + self.size[2]) * plane]
     }
 
-    /// The planes that are not border, to be written: each with its border.
+    /// The planes that are not border, for writing; each includes its border.
     pub(crate) fn planes_mut(&mut self) -> &mut [f32] {
         let plane = self.plane_length();
         &mut self.values[self.border * plane..(self.border + self.size[2]) * plane]

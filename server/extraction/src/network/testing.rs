@@ -1,14 +1,14 @@
-//! What several tests of the network need.
+//! Helpers for tests of the network.
 
 use super::tensor::Tensor;
 
-/// A number from -1 to 1, drawn by chance; the same ones for the same state.
+/// A pseudo-random number from -1 to 1, determined by the state.
 pub(super) fn random(state: &mut u32) -> f32 {
     *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
     (*state >> 8) as f32 / (1 << 23) as f32 - 1.0
 }
 
-/// A tensor drawn by chance, its border zero.
+/// A pseudo-random tensor with a border of zeros.
 pub(super) fn random_tensor(
     size: [usize; 3],
     channels: usize,
@@ -25,7 +25,7 @@ pub(super) fn random_tensor(
     tensor
 }
 
-/// One value of a tensor, its border included.
+/// One value of a tensor or its border.
 pub(super) fn value(tensor: &Tensor, voxel: [isize; 3], channel: usize) -> f32 {
     tensor.values()[tensor.start_of(voxel) + channel]
 }

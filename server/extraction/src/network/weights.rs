@@ -1,7 +1,7 @@
-//! The weights of the network, read from the wheel that its authors published.
+//! Reads the weights of the network from the wheel that its authors published.
 //!
-//! A wheel is a zip archive; the models in it are zip archives again, whose members `data/0` to `data/37` are the tensors
-//! in the order in which the layers were defined: raw little-endian single precision. Nothing else of them is read.
+//! A wheel is a zip archive. The models in it are zip archives too; their members `data/0` to `data/37` are the tensors
+//! in the order of the definition of the layers, in raw little-endian single precision. Nothing else is read.
 
 use std::io::{Cursor, Read as _};
 
@@ -51,19 +51,19 @@ const LENGTHS: [usize; 38] = [
     2,
 ];
 
-/// The longest model that is unpacked; the published ones have 8.7 MB.
+/// The size limit of an unpacked model; the published ones have 8.7 MB.
 const MAX_MODEL_BYTES: u64 = 1 << 25;
 
 /// The tensors of one model.
 #[derive(Debug, Clone)]
 pub(crate) struct Weights(Vec<Vec<f32>>);
 
-/// What one layer needs of them.
+/// The weights of one layer.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Parameters<'a> {
     /// Its kernel.
     pub(crate) weights: &'a [f32],
-    /// What is added to each output; empty for nothing.
+    /// The bias of each output; empty for none.
     pub(crate) bias: &'a [f32],
 }
 
@@ -82,7 +82,7 @@ impl Weights {
             .file_names()
             .flatten()
             .find_map(|name| name.strip_suffix("/data/0").map(str::to_owned))
-            .ok_or_else(|| not_the_wheel("a model without tensors"))?;
+            .ok_or_else(|| not_the_wheel("a model has no tensors"))?;
         let tensors = LENGTHS.iter().enumerate();
         tensors
             .map(|(number, &length)| {
@@ -109,7 +109,7 @@ impl Weights {
     }
 
     #[cfg(test)]
-    /// Weights drawn by chance, the same ones at each call.
+    /// Pseudo-random weights, the same at each call.
     pub(crate) fn random(seed: u32) -> Self {
         let mut state = seed;
         let tensors = LENGTHS.map(|length| {
@@ -132,11 +132,11 @@ fn read_tensor(
 ) -> Result<Vec<f32>, ExtractionError> {
     let mut member = model.by_name(name).map_err(not_the_wheel)?;
     if member.size() != 4 * length as u64 {
-        return Err(not_the_wheel("a tensor of another length"));
+        return Err(not_the_wheel("a tensor has the wrong length"));
     }
     let mut bytes = vec![0; 4 * length];
     member.read_exact(&mut bytes).map_err(not_the_wheel)?;
-    // The end is where the checksum is compared.
+    // Reading to the end verifies the checksum.
     member.read_to_end(&mut Vec::new()).map_err(not_the_wheel)?;
     let values: Vec<f32> = bytes
         .as_chunks()
@@ -147,7 +147,7 @@ fn read_tensor(
     if values.iter().all(|value| value.is_finite()) {
         Ok(values)
     } else {
-        Err(not_the_wheel("a weight that is not a number"))
+        Err(not_the_wheel("a weight is not a number"))
     }
 }
 

@@ -1,4 +1,4 @@
-//! The image in which the brain stands out, and its gradient.
+//! The enhanced image, in which the brain stands out, and its gradient.
 
 use geometry::{GeometryError, Grid, Mask, Volume};
 use glam::DVec3;
@@ -9,14 +9,15 @@ use crate::ExtractionError;
 /// Steps between the darkest and the brightest value of an enhanced image: 12 bits.
 const WHITE: f32 = 4095.0;
 
-/// Bins of the histogram in which the threshold is looked for.
+/// Bins of the histogram for the threshold.
 const BINS: usize = 1024;
 
-/// The fraction of the voxels that are at most as bright as the histogram's last bin.
+/// The quantile of the upper end of the histogram.
 const BRIGHTEST: f64 = 0.999;
 
-/// What of the marker's median above the dark class is as bright as an image gets. In T1 grey matter has about two thirds of what
-/// white matter has, and the marker is mostly white: both end as white, and what is left as a border is the brain's own.
+/// The intensity that becomes white, as a fraction of the way from the dark class to the median of the marker. In T1,
+/// grey matter is about two thirds as bright as white matter, and the marker is mostly white matter: both become white,
+/// and only the border of the brain remains.
 const WHITE_SHARE: f32 = 0.7;
 
 /// Intensities on a grid of cubes, in two classes.
@@ -28,11 +29,11 @@ pub(super) struct Intensities {
 }
 
 impl Intensities {
-    /// Those of a volume on another grid, trilinear.
+    /// The intensities of a volume on another grid, trilinear.
     pub(super) fn of(volume: &Volume, grid: &Grid) -> Result<Self, ExtractionError> {
         let values = resampled(volume, grid);
         let classes = Classes::of(&values).ok_or(ExtractionError::NoBrain {
-            what: "nearly all of it has one intensity",
+            what: "nearly all voxels have the same intensity",
         })?;
         Ok(Self {
             grid: grid.clone(),
@@ -46,7 +47,7 @@ impl Intensities {
         self.above(self.classes.threshold)
     }
 
-    /// What is not air: all that is brighter than half-way from the mean of the dark class to the bright one.
+    /// The head: all voxels brighter than half-way from the mean of the dark class to the mean of the bright one.
     pub(super) fn not_air(&self) -> Result<Mask, GeometryError> {
         let Classes { threshold, dark } = self.classes;
         self.above(dark + (threshold - dark) / 2.0)
@@ -58,8 +59,8 @@ impl Intensities {
         Mask::new(self.grid.clone(), voxels)
     }
 
-    /// The image in which the brain stands out: 0 to 4095 along an S that rises from the mean of the dark class to
-    /// [`WHITE_SHARE`] of the way to the median of the marker.
+    /// The enhanced image: 0 to 4095 along an S-shaped curve from the mean of the dark class to [`WHITE_SHARE`] of the
+    /// way to the median of the marker.
     pub(super) fn enhanced(self, marker: &Mask) -> Result<Image, ExtractionError> {
         let pairs = self.values.iter().zip(marker.voxels());
         let mut marked: Vec<f32> = pairs
@@ -85,7 +86,7 @@ pub(super) struct Image {
 }
 
 impl Image {
-    /// What of a set is in the upper half of the S: brain, where fluid, bone and air are dark.
+    /// The voxels of a set in the upper half of the curve: brain. Fluid, bone and air are dark.
     pub(super) fn tissue(&self, within: Mask) -> Result<Mask, GeometryError> {
         let pairs = self.values.par_iter().zip(within.voxels());
         let voxels = pairs.map(|(&value, &is_within)| is_within && value > WHITE as u16 / 2);
@@ -114,12 +115,12 @@ fn resampled(volume: &Volume, grid: &Grid) -> Vec<f32> {
 #[derive(Debug, Clone, Copy)]
 struct Classes {
     threshold: f32,
-    /// The mean of the dark one.
+    /// The mean of the dark class.
     dark: f32,
 }
 
 impl Classes {
-    /// The classes whose means differ most, weighted by their sizes (Otsu, 1979). `None` where there is one intensity.
+    /// The classes with the greatest between-class variance (Otsu, 1979). `None` if there is a single intensity.
     fn of(intensities: &[f32]) -> Option<Self> {
         let mut sorted = intensities.to_vec();
         let rank = (BRIGHTEST * (sorted.len() - 1) as f64) as usize;
@@ -160,7 +161,7 @@ impl Classes {
     }
 }
 
-/// From 0 at the dark intensity to 1 at the bright one, along an S of two parabolas.
+/// An S-shaped curve of two parabolas, from 0 at the dark intensity to 1 at the bright one.
 fn weight(intensity: f32, [dark, bright]: [f32; 2]) -> f32 {
     let along = ((intensity - dark) / (bright - dark)).clamp(0.0, 1.0);
     if along < 0.5 {
@@ -170,9 +171,10 @@ fn weight(intensity: f32, [dark, bright]: [f32; 2]) -> f32 {
     }
 }
 
-/// How much an image changes at each voxel, as 12 bits; x-fastest.
+/// The gradient of an image at each voxel, in 12 bits; x-fastest.
 ///
-/// The features of a voxel are its value and those of its six neighbours. Outside of the grid the nearest voxel goes on.
+/// The features of a voxel are its value and the values of its six neighbours. Beyond the grid, the nearest voxel is
+/// repeated.
 pub(super) fn gradient(image: &Image) -> Vec<u16> {
     let [nx, ny, nz] = image.grid.size();
     let at = |x: usize, y: usize, z: usize| i32::from(image.values[x + nx * (y + ny * z)]);

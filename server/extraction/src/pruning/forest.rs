@@ -1,4 +1,4 @@
-//! The forest of optimal paths, and where it leaks.
+//! The forest of optimal paths, and its leaks.
 
 use geometry::Mask;
 
@@ -8,17 +8,17 @@ const ROOT: u8 = 6;
 /// Not reached.
 const NONE: u8 = 7;
 
-/// Paths from the marker to every voxel within reach, along which the greatest gradient is the least.
+/// Paths from the marker to every voxel within reach that minimise the greatest gradient on the path.
 #[derive(Debug)]
 pub(super) struct Forest {
     size: [usize; 3],
-    /// For each voxel, the neighbour from which it was reached.
+    /// The neighbour from which each voxel was reached.
     predecessors: Vec<u8>,
-    /// Voxels in the order in which they were reached: each one after its predecessor.
+    /// Voxels in the order of reaching: each one after its predecessor.
     order: Vec<u32>,
 }
 
-/// Where a path leaks: the node with most descendants, and of several the one with the largest gradient.
+/// The leak of a path: the node with the most descendants; among equals, the one with the largest gradient.
 #[derive(Debug, Clone, Copy)]
 struct Leak {
     voxel: u32,
@@ -26,13 +26,13 @@ struct Leak {
 }
 
 impl Forest {
-    /// The image foresting transform with the greatest gradient of a path as its cost, over six neighbours; of paths with the
-    /// same cost, the one that was found first.
+    /// The image foresting transform with the greatest gradient of a path as its cost, over six neighbours; among paths
+    /// of equal cost, the first one found.
     pub(super) fn grown(gradient: &[u16], marker: &Mask, reach: &Mask) -> Self {
         let size = marker.grid().size();
         let mut predecessors = vec![NONE; gradient.len()];
         let highest = gradient.iter().copied().max().unwrap_or_default();
-        // What is reached first is reached at the least cost: no voxel needs to be moved in the queue.
+        // A voxel is first reached at its least cost, so no voxel moves in the queue.
         let mut queue = vec![Vec::new(); usize::from(highest) + 1];
         for (index, &is_marked) in marker.voxels().iter().enumerate() {
             if is_marked {
@@ -60,7 +60,7 @@ impl Forest {
         }
     }
 
-    /// The predecessor of a voxel; `None` for one of the marker.
+    /// The predecessor of a voxel; `None` for a voxel of the marker.
     fn predecessor(&self, voxel: u32) -> Option<usize> {
         let [nx, ny, _] = self.size;
         let voxel = voxel as usize;
@@ -75,7 +75,7 @@ impl Forest {
         }
     }
 
-    /// What is left when each path to the border of `reach` is cut where it leaks; x-fastest.
+    /// The voxels that remain when each path to the border of `reach` is cut at its leak; x-fastest.
     pub(super) fn pruned(&self, gradient: &[u16], reach: &Mask) -> Vec<bool> {
         let ends = self.ends(reach);
         let mut descendants = vec![0u32; gradient.len()];
@@ -112,7 +112,7 @@ impl Forest {
         kept
     }
 
-    /// The voxels that were reached and that have a neighbour out of reach, or none at all.
+    /// The reached voxels with a neighbour out of reach or outside the grid.
     fn ends(&self, reach: &Mask) -> Vec<u32> {
         let is_end = |&&voxel: &&u32| {
             let within = neighbours(self.size, voxel as usize);
@@ -134,7 +134,8 @@ fn worse_leak(so_far: Leak, here: Leak, gradient: &[u16]) -> Leak {
     }
 }
 
-/// The voxels that share a face with one, each with the number of its direction; that of the opposite differs in its last bit.
+/// The neighbours of a voxel that share a face with it, each with the number of its direction; opposite directions
+/// differ in the last bit.
 fn neighbours([nx, ny, nz]: [usize; 3], voxel: usize) -> impl Iterator<Item = (u8, usize)> {
     let [x, y, z] = [voxel % nx, voxel / nx % ny, voxel / (nx * ny)];
     let steps = [(x, nx, 1), (y, ny, nx), (z, nz, nx * ny)];

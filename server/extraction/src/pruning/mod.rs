@@ -1,23 +1,26 @@
-//! Tree pruning: the brain is what a flood from within it reaches before it leaks.
+//! Tree pruning: the brain is the region that a flood from inside it reaches before it leaks.
 //!
-//! Source: Bergo, Falcão, Miranda and Rocha, "Automatic Image Segmentation by Tree Pruning", Journal of Mathematical Imaging
-//! and Vision 29:141–162, 2007. A forest of optimal paths grows from markers inside of the brain, where the cost of a path is
-//! the greatest gradient on it. It fills the brain first, and conquers the rest of the head through the few places where the
-//! brain's border is weakest: the paths to the border of the volume all run through these. They are cut there.
+//! Source: Bergo, Falcão, Miranda and Rocha, "Automatic Image Segmentation by Tree Pruning", Journal of Mathematical
+//! Imaging and Vision 29:141–162, 2007. A forest of optimal paths grows from markers inside the brain; the cost of a
+//! path is the greatest gradient on it. The forest fills the brain first and then the rest of the head through the few
+//! places at which the border of the brain is weakest. All paths to the border of the volume run through these leaks,
+//! and are cut there.
 //!
-//! The steps, and where they leave the paper:
+//! The steps, and their differences from the paper:
 //!
-//! 1. Cubes; the two classes of Otsu; the marker is of what is bright and eroded, as there. It is the component that lies
-//!    deepest in the head, for the largest can be the face, and it is eroded further while it is larger than a brain's inside.
-//! 2. The S that enhances the image ends at the brain's own intensities, which the marker knows; in the paper, at the
-//!    mean of the bright class, which fat can draw far upwards.
-//! 3. Gradient of seven-valued features, forest, descendants, leaks and their ties, as there. But paths end
-//!    close below the head's surface, or where they are too far from the marker, instead of at the faces of the volume: else
-//!    they can be cut between the scalp and the air.
-//! 4. What is left without fluid, opened by the radius at which the nerves, the vessels and the bone's marrow fall off, closed by the
-//!    usual radius of an envelope and grown by what the dura is away from the grey matter. This is not taken from the paper.
+//! 1. Cubic voxels, two classes by Otsu's method, and a marker from the eroded bright voxels, as in the paper. But the
+//!    marker is the component deepest in the head, because the largest one can be the face, and it is eroded further if
+//!    it is larger than the inside of a brain.
+//! 2. The curve that enhances the image ends at the intensities of the brain, known from the marker. In the paper it
+//!    ends at the mean of the bright class, which fat can raise a lot.
+//! 3. Gradients of seven-valued features, forest, descendants, leaks and ties, as in the paper. But paths end just
+//!    below the surface of the head, or where they are too far from the marker, instead of at the faces of the volume:
+//!    otherwise they can be cut between the scalp and the air.
+//! 4. The result without fluid, opened by a radius that removes nerves, vessels and bone marrow, closed by the default
+//!    radius of an envelope, and grown by the distance of the dura from the grey matter. This step is not from the
+//!    paper.
 //!
-//! The lengths and shares were chosen with the heads of `docs/extraction.md` in view.
+//! The lengths and fractions were chosen with the heads of `docs/extraction.md` in view.
 
 mod enhance;
 mod forest;
@@ -32,41 +35,41 @@ use crate::{ExtractionError, Observe};
 use enhance::{Intensities, gradient};
 use forest::Forest;
 
-/// Edge of the voxels on which it works, in mm, where those of the volume are not larger.
+/// The edge of its voxels, in mm, unless the voxels of the volume are larger.
 const FINEST_MM: f64 = 1.0;
 
-/// The most voxels on which it works; they become larger where there would be more.
+/// The greatest number of voxels; with more, the voxels become larger.
 const MOST_VOXELS: f64 = (1u32 << 25) as f64;
 
-/// By how much what is bright is eroded until the brain hangs together with nothing else, in mm.
+/// The radii of the erosion that separates the brain from everything else, in mm.
 const LEAST_EROSION_MM: f64 = 5.0;
 const MOST_EROSION_MM: f64 = 12.0;
 
-/// What the marker has at most, in ml: a brain's own inside, and no scalp.
+/// The greatest volume of the marker, in ml: the inside of a brain, without scalp.
 const LARGEST_MARKER_ML: f64 = 700.0;
 
-/// How far from the marker the brain reaches at most, in mm.
+/// The greatest distance of the brain from the marker, in mm.
 const REACH_MM: f64 = 40.0;
 
-/// How deep below the surface of the head the brain begins at least, in mm: less than scalp and bone have. A volume
-/// that shows a bare brain loses its rim by this.
+/// The least depth of the brain below the surface of the head, in mm: less than scalp and bone. A volume of a bare
+/// brain loses its rim by this.
 const SCALP_MM: f64 = 5.0;
 
-/// How deep below the surface of the head the middle of a brain is, in mm, and nothing of a face.
+/// A depth below the surface of the head that the middle of a brain reaches, but no part of a face, in mm.
 const CORE_MM: f64 = 25.0;
 
-/// By how much what is not dark is closed to be the head, in mm: bone and sinuses are bridged, and then filled.
+/// The radius of the closing from bright voxels to the head, in mm: it bridges bone and sinuses, which are then filled.
 const HEAD_CLOSING_MM: f64 = 6.0;
 
-/// By how much what is left of the head is opened, closed and dilated to be the brain up to the dura, in mm.
+/// The radii of the opening, closing and dilation from the pruned voxels to the brain up to the dura, in mm.
 const OPENING_MM: f64 = 3.0;
 const CLOSING_MM: f64 = 10.0;
 const DURA_MM: f64 = 1.5;
 
-/// The brain of a volume, on a grid of its own.
+/// The brain of a volume, on its own grid.
 ///
 /// # Errors
-/// When nothing in the volume can be a brain, or when `observe` said stop.
+/// If nothing in the volume can be a brain, or if `observe` stops the work.
 pub(crate) fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Mask, ExtractionError> {
     go_on(observe, 0.0)?;
     let intensities = Intensities::of(volume, &isotropic_grid(&Canonical::new(volume).grid()?)?)?;
@@ -88,7 +91,7 @@ pub(crate) fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Mask, Extra
     let brain = image.tissue(kept)?.opened(OPENING_MM)?.largest_component();
     if brain.volume_ml() == 0.0 {
         return Err(ExtractionError::NoBrain {
-            what: "no part of it that is thick enough holds back its surroundings",
+            what: "no part that is thick enough is separated from its surroundings",
         });
     }
     let brain = brain.closed(CLOSING_MM)?.dilated(DURA_MM)?;
@@ -96,10 +99,10 @@ pub(crate) fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Mask, Extra
     Ok(brain)
 }
 
-/// The grid along a volume's own axes whose voxels are cubes.
+/// A grid of cubic voxels along the axes of a volume.
 ///
-/// Its axes come in one order however the volume stores them, so that paths of equal cost, of which the first one is taken, are the
-/// same ones.
+/// The order of its axes does not depend on how the volume stores them, so that the choice between paths of equal cost,
+/// the first one found, is always the same.
 fn isotropic_grid(native: &Grid) -> Result<Grid, ExtractionError> {
     let spacing = native.spacing_mm();
     let size = native.size();
@@ -120,8 +123,8 @@ fn isotropic_grid(native: &Grid) -> Result<Grid, ExtractionError> {
     )?)
 }
 
-/// Voxels that are surely brain: the deepest part of what is bright, once it is eroded so far that it is not larger than
-/// the inside of a brain. In a head that is nowhere thick, the largest part.
+/// Voxels that are certainly brain: the deepest component of the bright voxels, eroded until it is not larger than the
+/// inside of a brain. In a head that is thick nowhere, the largest component.
 fn marker(intensities: &Intensities, head: &Mask) -> Result<Mask, ExtractionError> {
     let bright = intensities.bright()?;
     let core = head.eroded(CORE_MM)?;
@@ -143,11 +146,11 @@ fn marker(intensities: &Intensities, head: &Mask) -> Result<Mask, ExtractionErro
         erosion_mm += 1.0;
     }
     Err(ExtractionError::NoBrain {
-        what: "no bright part of it has the size of a brain's inside",
+        what: "no bright part has the size of the inside of a brain",
     })
 }
 
-/// Where the brain can be: around the marker, and below the scalp.
+/// The voxels where the brain can be: around the marker and below the scalp.
 fn reach(head: &Mask, marker: &Mask) -> Result<Mask, GeometryError> {
     let grid = head.grid();
     let outside = head.voxels().iter().map(|&is_head| !is_head).collect();

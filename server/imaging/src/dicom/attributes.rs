@@ -1,11 +1,11 @@
-//! Which attributes are read, and those that say whose head it is.
+//! The attributes that are read, and those that identify the patient.
 
 use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
-/// Sequences that are looked into. Sorted, for the search.
+/// Sequences that are read. Sorted, for binary search.
 pub(super) const SEQUENCES: [Tag; 9] = [
     tags::MR_ECHO_SEQUENCE,
     tags::FRAME_CONTENT_SEQUENCE,
@@ -18,7 +18,7 @@ pub(super) const SEQUENCES: [Tag; 9] = [
     tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE,
 ];
 
-/// Attributes, beside the identifying ones, that say where and what the pixels are.
+/// Attributes that describe the pixels and their position.
 const TECHNICAL: [Tag; 44] = [
     tags::SPECIFIC_CHARACTER_SET,
     tags::IMAGE_TYPE,
@@ -66,7 +66,7 @@ const TECHNICAL: [Tag; 44] = [
     tags::PATIENT_ID,
 ];
 
-/// Attributes that are kept with a case, by their keywords (PS3.6).
+/// Attributes that are stored with a case, by keyword (PS3.6).
 const KEPT: [(Tag, &str); 40] = [
     (tags::PATIENT_NAME, "PatientName"),
     (tags::PATIENT_ID, "PatientID"),
@@ -116,7 +116,7 @@ const KEPT: [(Tag, &str); 40] = [
     ),
 ];
 
-/// The longest text of an attribute that is kept, in bytes.
+/// The longest text that is stored for an attribute, in bytes.
 const MAX_TEXT_BYTES: usize = 1024;
 
 /// Every tag that is read, sorted.
@@ -129,17 +129,17 @@ pub(super) fn wanted() -> Vec<Tag> {
     tags
 }
 
-/// Whose head it is, and which images it was made of: kept apart from the pixels.
+/// The identity of the patient and the images of the volume, stored separately from the pixels.
 ///
-/// This is patient data. It belongs into no log, no error, no address and no file name.
+/// This is patient data. It must not reach a log, an error, an address or a file name.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attributes {
-    /// Values by DICOM keyword, of the first slice; several values of one attribute are separated by a backslash.
+    /// Values from the first slice, by DICOM keyword; backslashes separate several values of one attribute.
     pub attributes: Vec<(String, String)>,
     /// The images, slice by slice.
     pub instances: Vec<Instance>,
-    /// Numbers of the slices, from 1, that were interpolated between their neighbours.
+    /// Numbers of the interpolated slices, from 1.
     pub interpolated_slices: Vec<usize>,
 }
 
@@ -147,16 +147,16 @@ pub struct Attributes {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Instance {
-    /// What kind of image it is.
+    /// The SOP class of the image.
     pub sop_class_uid: String,
-    /// Which image.
+    /// The image.
     pub sop_instance_uid: String,
-    /// Its frame, from 1, where it holds several.
+    /// The frame in a multi-frame image, from 1.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub frame: Option<usize>,
 }
 
-/// The values of the attributes that are kept.
+/// The values of the stored attributes.
 pub(super) fn kept(object: &InMemDicomObject) -> Vec<(String, String)> {
     KEPT.iter()
         .filter_map(|&(tag, keyword)| {

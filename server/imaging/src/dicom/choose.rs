@@ -1,31 +1,30 @@
-//! Files to series, and the series that is meant.
+//! Groups files by series and chooses the series to read.
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::hash::{DefaultHasher, Hash, Hasher};
 
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::header::{Hints, Image};
 
-/// Fewer slices are no volume.
+/// The fewest slices of a volume.
 pub(super) const FEWEST_SLICES: usize = 3;
 
-/// A head has at least so many slices where it was acquired in three dimensions.
+/// A three-dimensional acquisition of a head has at least this many slices.
 const SLICES_OF_A_HEAD: usize = 60;
 
-/// A series as messages tell it: nothing in it says whose it is.
+/// A series as it appears in messages: it contains nothing about the patient.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeriesSummary {
-    /// The scanner's number of the series.
+    /// The series number.
     pub number: Option<i64>,
     /// `MR` or `CT`.
     pub modality: String,
-    /// Pixels of a row, rows of a slice, and slices.
+    /// Columns, rows and slices.
     pub size: [usize; 3],
-    /// Eight hexadecimal digits that name the series among those that came with it.
+    /// Eight hexadecimal digits that name the series: the first four bytes of the BLAKE3 digest of its instance UID.
     pub token: String,
 }
 
@@ -34,7 +33,7 @@ impl fmt::Display for SeriesSummary {
         let [columns, rows, slices] = self.size;
         match self.number {
             Some(number) => write!(formatter, "series {number}")?,
-            None => write!(formatter, "a series without number")?,
+            None => write!(formatter, "a series without a number")?,
         }
         write!(
             formatter,
@@ -44,15 +43,15 @@ impl fmt::Display for SeriesSummary {
     }
 }
 
-/// Which series is meant: its instance UID, its number, or its token.
+/// Names a series: by its instance UID, its number, or its token.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SeriesName(String);
 
 impl SeriesName {
-    /// The longest name: that of a UID.
+    /// The longest name, which is the length of a UID.
     pub const MAX_LENGTH: usize = 64;
 
-    /// A name of digits, hexadecimal digits and points; `None` for anything else.
+    /// A name of hexadecimal digits, points and hyphens; `None` for anything else.
     pub fn parse(text: &str) -> Option<Self> {
         let allowed = |c: char| c.is_ascii_hexdigit() || c == '.' || c == '-';
         let fits = (1..=Self::MAX_LENGTH).contains(&text.len());
@@ -81,8 +80,7 @@ pub(super) struct Series {
 impl Series {
     pub(super) fn summary(&self) -> SeriesSummary {
         let first = &self.images[0];
-        let mut token = DefaultHasher::new();
-        self.uid.hash(&mut token);
+        let digest = blake3::hash(self.uid.as_bytes()).to_hex();
         let [columns, rows] = match &first.format {
             Ok(format) => [format.columns, format.rows],
             Err(_) => [0, 0],
@@ -91,7 +89,7 @@ impl Series {
             number: first.series_number,
             modality: first.modality.name().to_owned(),
             size: [columns, rows, self.slices()],
-            token: format!("{:08x}", token.finish() as u32),
+            token: digest[..8].to_owned(),
         }
     }
 
@@ -107,13 +105,13 @@ impl Series {
             && !self.images[0].hints.is_secondary
     }
 
-    /// Acquired in three dimensions, or with as many slices as that takes.
+    /// Whether the header states a three-dimensional acquisition, or there are enough slices for one.
     fn is_3d(&self) -> bool {
         self.images[0].hints.is_3d || self.slices() >= SLICES_OF_A_HEAD
     }
 }
 
-/// Groups images by series, in the order of their numbers. The same file given twice counts once.
+/// Groups images by series, in the order of their numbers. A file that was sent twice counts once.
 pub(super) fn group(images: Vec<Image>) -> Vec<Series> {
     let mut by_uid: BTreeMap<String, Vec<Image>> = BTreeMap::new();
     for image in images {
@@ -123,7 +121,12 @@ pub(super) fn group(images: Vec<Image>) -> Vec<Series> {
             .push(image);
     }
     let series = |(uid, mut images): (String, Vec<Image>)| {
-        let name = |image: &Image| (image.sop_instance_uid.clone(), image.file_digest);
+        let name = |image: &Image| {
+            (
+                image.sop_instance_uid.clone(),
+                *image.file_digest.as_bytes(),
+            )
+        };
         images.sort_by_cached_key(name);
         images.dedup_by_key(|image| name(image));
         Series { uid, images }
@@ -133,10 +136,10 @@ pub(super) fn group(images: Vec<Image>) -> Vec<Series> {
     all
 }
 
-/// The series that is named, or else the one that is meant, and the others.
+/// The series with the given name, or the one chosen without a name, and the others.
 ///
-/// Meant is the one three-dimensional T1-like series; where none is T1-like, the one three-dimensional series; where
-/// there is none either, the only one.
+/// Without a name this is the only three-dimensional T1-like series; if none is T1-like, the only three-dimensional
+/// series; if there is none either, the only series.
 pub(super) fn choose(
     mut all: Vec<Series>,
     name: Option<&SeriesName>,
@@ -196,7 +199,7 @@ fn meant(all: &[Series]) -> Result<usize, DicomError> {
     }
 }
 
-/// Whether names or timing are those of a T1-weighted image.
+/// Whether names or timing indicate a T1-weighted image.
 fn is_t1(hints: &Hints) -> bool {
     const T1: [&str; 12] = [
         "t1", "mprage", "mp-rage", "mp2rage", "spgr", "bravo", "tfl", "tfe", "vibe", "flash",
@@ -254,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_t1_is_told_by_its_name_or_its_timing() {
+    fn a_t1_is_recognised_by_its_name_or_its_timing() {
         assert!(is_t1(&hints("t1_mprage_sag", [2300.0, 2.98, 900.0])));
         assert!(is_t1(&hints("series 5", [2300.0, 2.98, 900.0])));
         assert!(is_t1(&hints("ax 3d", [8.0, 3.0, 0.0])));
@@ -264,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_is_digits_and_points() {
+    fn a_name_is_hexadecimal_digits_points_and_hyphens() {
         assert!(SeriesName::parse("1.2.840.113619.2").is_some());
         assert!(SeriesName::parse("3").is_some());
         assert!(SeriesName::parse("").is_none());

@@ -1,4 +1,4 @@
-//! From files to a volume and whose it is.
+//! From files to a volume and its attributes.
 
 use geometry::{Grid, Rescale};
 
@@ -12,15 +12,15 @@ use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary};
 use crate::nifti::write_samples;
 use crate::{Format, Limits, sniff};
 
-/// Where the bytes of files come from: a directory, an archive, memory.
+/// A source of files: a directory, an archive, memory.
 pub trait Files {
-    /// How many files there are.
+    /// Number of files.
     fn count(&self) -> usize;
 
     /// All bytes of a file, by its number.
     ///
     /// # Errors
-    /// When they cannot be read, or are too many.
+    /// If they cannot be read or are too many.
     fn read(&mut self, number: usize) -> Result<Vec<u8>, DicomError>;
 }
 
@@ -34,38 +34,38 @@ impl Files for Vec<Vec<u8>> {
     }
 }
 
-/// What may be chosen.
+/// What the user can choose.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Options {
-    /// The series to take.
+    /// The series to read.
     pub series: Option<SeriesName>,
-    /// Whether single missing slices are interpolated between their neighbours.
+    /// Whether to interpolate single missing slices.
     pub allow_gaps: bool,
 }
 
 /// A series as a volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Converted {
-    /// The volume as packed NIfTI-1, its samples as stored in the files. The same series gives the same bytes, in whatever
-    /// order its files come.
+    /// The volume as gzipped NIfTI-1, with the samples as stored in the files. The same series gives the same bytes,
+    /// whatever the order of its files.
     pub nifti: Vec<u8>,
-    /// Whose head it is.
+    /// The attributes to store with it.
     pub attributes: Attributes,
-    /// The series that was taken.
+    /// The chosen series.
     pub series: SeriesSummary,
-    /// The others.
+    /// The other series.
     pub others: Vec<SeriesSummary>,
-    /// Files that are no MR or CT images.
+    /// Number of files that are not MR or CT images.
     pub ignored_files: usize,
 }
 
 /// Makes a volume of one of the series in `files`.
 ///
-/// Intensities are the stored values with slope and intercept; where slices differ in these, they are rescaled to real
-/// numbers. MONOCHROME1, which asks for a negative display, does not change them.
+/// Intensities are the stored values with slope and intercept; if these differ between slices, the values are rescaled
+/// to real numbers. MONOCHROME1, which requests an inverted display, does not change them.
 ///
 /// # Errors
-/// When there is no such series, several could be meant, or its slices make no volume: see [`DicomError`].
+/// If no series matches, several are possible, or the slices do not make a volume: see [`DicomError`].
 pub fn convert(
     files: &mut dyn Files,
     options: &Options,
@@ -73,31 +73,45 @@ pub fn convert(
 ) -> Result<Converted, DicomError> {
     let (images, ignored_files) = read_images(files)?;
     let (series, others) = choose(group(images), options.series.as_ref())?;
-    check_series(&series)?;
-    let stack = stack(&series, options.allow_gaps)?;
-    check_limits(&stack, limits)?;
-    let grid = Grid::new(stack.size, stack.patient_from_voxel)?;
-    let rescale = common_rescale(&series)?;
-    let mut samples = read_samples(files, &series, &stack, rescale.is_none())?;
-    let interpolated_slices = fill_gaps(&mut samples, &stack, rescale.is_some());
-    let unscaled = Rescale {
-        slope: 1.0,
-        intercept: 0.0,
-    };
+    let (nifti, attributes) = read_series(files, &series, options.allow_gaps, limits)
+        .map_err(|error| error.of_series(series.summary(), &others))?;
     Ok(Converted {
-        nifti: write_samples(&grid, &samples, rescale.unwrap_or(unscaled))?,
-        attributes: Attributes {
-            attributes: kept_attributes(files, &series, &stack)?,
-            instances: instances(&series, &stack),
-            interpolated_slices,
-        },
+        nifti,
+        attributes,
         series: series.summary(),
         others,
         ignored_files,
     })
 }
 
-/// The headers of all images, and how many files are none.
+/// The volume of a series, as packed NIfTI-1, and whose it is.
+fn read_series(
+    files: &mut dyn Files,
+    series: &Series,
+    allow_gaps: bool,
+    limits: &Limits,
+) -> Result<(Vec<u8>, Attributes), DicomError> {
+    check_series(series)?;
+    let stack = stack(series, allow_gaps)?;
+    check_limits(&stack, limits)?;
+    let grid = Grid::new(stack.size, stack.patient_from_voxel)?;
+    let rescale = common_rescale(series)?;
+    let mut samples = read_samples(files, series, &stack, rescale.is_none())?;
+    let interpolated_slices = fill_gaps(&mut samples, &stack, rescale.is_some());
+    let unscaled = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+    let attributes = Attributes {
+        attributes: kept_attributes(files, series, &stack)?,
+        instances: instances(series, &stack),
+        interpolated_slices,
+    };
+    let nifti = write_samples(&grid, &samples, rescale.unwrap_or(unscaled))?;
+    Ok((nifti, attributes))
+}
+
+/// The headers of all images, and the number of other files.
 fn read_images(files: &mut dyn Files) -> Result<(Vec<Image>, usize), DicomError> {
     let wanted = wanted();
     let (mut images, mut dicom) = (Vec::new(), 0);
@@ -151,7 +165,7 @@ fn check_limits(stack: &Stack, limits: &Limits) -> Result<(), DicomError> {
     Ok(())
 }
 
-/// Slope and intercept where all slices have the same.
+/// Slope and intercept if all slices share them.
 fn common_rescale(series: &Series) -> Result<Option<Rescale>, DicomError> {
     let frames = || {
         series
@@ -178,7 +192,7 @@ fn common_rescale(series: &Series) -> Result<Option<Rescale>, DicomError> {
     }))
 }
 
-/// All samples in the order of the stack, as stored, or rescaled. Single precision holds 16 bits exactly.
+/// All samples in the order of the stack, stored or rescaled. Single precision represents 16 bits exactly.
 fn read_samples(
     files: &mut dyn Files,
     series: &Series,
@@ -225,7 +239,7 @@ fn zeros(count: usize) -> Result<Vec<f32>, DicomError> {
     Ok(samples)
 }
 
-/// Interpolates missing slices between their neighbours; answers their numbers, from 1.
+/// Interpolates missing slices between their neighbours; returns their numbers, from 1.
 fn fill_gaps(samples: &mut [f32], stack: &Stack, whole: bool) -> Vec<usize> {
     let plane = stack.size[0] * stack.size[1];
     let is_there = |place: &usize| stack.slices[*place].is_some();

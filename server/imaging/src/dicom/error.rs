@@ -5,39 +5,39 @@ use geometry::GeometryError;
 use super::SeriesSummary;
 use crate::ImagingError;
 
-/// Why no volume can be made of some DICOM files.
+/// Why some DICOM files do not make a volume.
 ///
-/// Messages count slices from 1, in their order along the normal; they hold numbers of the headers and words of the
-/// standard, never texts of a file.
+/// Messages count slices from 1, in their order along the normal. They contain numbers from the headers and terms of
+/// the standard, never texts from a file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DicomError {
     /// No file is DICOM.
     #[error("none of the {files} files is DICOM")]
     NoDicom {
-        /// Files looked at.
+        /// Number of files.
         files: usize,
     },
     /// There are DICOM files, but no MR or CT images.
     #[error("none of the {files} DICOM files is an MR or CT image")]
     NoImages {
-        /// DICOM files looked at.
+        /// Number of DICOM files.
         files: usize,
     },
-    /// A file cannot be read from where it is.
+    /// A file cannot be read.
     #[error("a file cannot be read: {what}")]
     Unreadable {
         /// What is wrong, without names.
         what: String,
     },
     /// More files than allowed.
-    #[error("there are more than {limit} files")]
+    #[error("there are more files than the limit of {limit}")]
     TooManyFiles {
         /// The limit.
         limit: usize,
     },
     /// More bytes than allowed.
-    #[error("the files take more than the allowed {limit} bytes, unpacked")]
+    #[error("the unpacked files exceed the limit of {limit} bytes")]
     TooManyBytes {
         /// The limit.
         limit: u64,
@@ -50,36 +50,44 @@ pub enum DicomError {
         /// The limit.
         limit: u64,
     },
-    /// Several series could be meant.
+    /// Several series are possible.
     #[error(
-        "there are {} series that could be meant; name one with `series`: {}",
+        "{} series are possible; select one of them with `series`: {}",
         .candidates.len(), list(.candidates)
     )]
     SeveralSeries {
-        /// Those.
+        /// The possible series.
         candidates: Vec<SeriesSummary>,
     },
     /// No series makes a volume.
-    #[error("no series is a volume of at least 3 slices: {}", list(.found))]
+    #[error("no series is a volume of at least 3 slices; found: {}", list(.found))]
     NoVolume {
-        /// What there is.
+        /// All series.
         found: Vec<SeriesSummary>,
     },
-    /// The named series is not there.
-    #[error("there is no such series, or not only one; there are: {}", list(.found))]
+    /// No series has the given name, or several have it.
+    #[error("series not found, or ambiguous; available: {}", list(.found))]
     NoSuchSeries {
-        /// What there is.
+        /// All series.
         found: Vec<SeriesSummary>,
     },
-    /// Slices of a Siemens mosaic are tiles of one image.
-    #[error(
-        "the series is a Siemens mosaic, a time series whose slices are tiles of one picture; it is no anatomical volume"
-    )]
+    /// The selected series makes no volume.
+    #[error("{series}: {reason}{}", other_series(others))]
+    OfSeries {
+        /// The selected series.
+        series: SeriesSummary,
+        /// All other series.
+        others: Vec<SeriesSummary>,
+        /// Why it makes no volume.
+        reason: Box<DicomError>,
+    },
+    /// The slices of a Siemens mosaic are tiles of one image.
+    #[error("Siemens mosaic series (tiled time series) are not supported")]
     Mosaic,
     /// Too few slices for a volume.
     #[error("the series has {slices} slices; a volume needs at least 3")]
     TooFewSlices {
-        /// How many there are.
+        /// Number of slices.
         slices: usize,
     },
     /// Slices are missing.
@@ -90,13 +98,18 @@ pub enum DicomError {
     SlicesMissing {
         /// Their numbers in the whole volume, from 1.
         missing: Vec<usize>,
-        /// What could be done.
+        /// What the user can do.
         hint: &'static str,
     },
-    /// Slices lie in one another's place.
-    #[error("{} in the same place as another: {}", count(instances.len(), "slice"), instance_numbers(instances))]
+    /// Several slices have the same position.
+    #[error(
+        "{} {} the same position as another slice: {}",
+        count(instances.len(), "slice"),
+        if instances.len() == 1 { "has" } else { "have" },
+        instance_numbers(instances)
+    )]
     SlicesDoubled {
-        /// Instance numbers, or frame numbers, of the slices that are too many.
+        /// Instance numbers, or frame numbers, of the surplus slices.
         instances: Vec<i64>,
     },
     /// The distances between slices differ.
@@ -109,50 +122,50 @@ pub enum DicomError {
         usual_mm: f64,
         /// A distance that differs.
         found_mm: f64,
-        /// Number of the slice before it.
+        /// Number of the slice before that distance.
         after: usize,
     },
-    /// Slices are sheared against each other.
+    /// The slices are sheared.
     #[error(
-        "the slices are shifted against each other: the stack leans by {degrees:.1}° from slice 1 to {slices}, as with a tilted gantry"
+        "the slices are sheared: the stack leans by {degrees:.1}° from slice 1 to {slices}, as with a tilted gantry"
     )]
     GantryTilt {
         /// Angle between the stack and the normal of its slices.
         degrees: f64,
-        /// How many slices there are.
+        /// Number of slices.
         slices: usize,
     },
-    /// Slices are shifted irregularly.
-    #[error("slice {slice} lies {shift_mm:.2} mm beside the line through the others")]
+    /// A slice is shifted.
+    #[error("slice {slice} is {shift_mm:.2} mm off the line through the other slices")]
     SliceShifted {
         /// Its number.
         slice: usize,
-        /// How far it is off.
+        /// Its distance from that line.
         shift_mm: f64,
     },
     /// Several acquisitions share one series.
     #[error(
-        "the series holds {acquisitions} acquisitions of {slices} slices each, which differ in {difference}; export one of them by itself"
+        "the series holds {acquisitions} acquisitions of {slices} slices each, which differ in {difference}; export one of them separately"
     )]
     SeveralAcquisitions {
-        /// How many.
+        /// Number of acquisitions.
         acquisitions: usize,
-        /// Slices of each.
+        /// Slices in each.
         slices: usize,
-        /// In what they differ.
+        /// What they differ in.
         difference: &'static str,
     },
-    /// Slices differ in what all of a volume must share.
+    /// The slices differ in a property that all slices of a volume must share.
     #[error("the slices differ in {what}: {}", instance_numbers(instances))]
     Mixed {
         /// Last part of the problem's type.
         kind: &'static str,
-        /// In what.
+        /// That property.
         what: &'static str,
-        /// Instance numbers of those that differ from the most.
+        /// Instance numbers of the slices that differ from the majority.
         instances: Vec<i64>,
     },
-    /// A slice does not say where it is.
+    /// A slice has no position.
     #[error("{}: {}", what, instance_numbers(instances))]
     NotPlaced {
         /// What is missing or unusable.
@@ -160,10 +173,10 @@ pub enum DicomError {
         /// Instance numbers of the slices.
         instances: Vec<i64>,
     },
-    /// Something of the standard that is not supported.
+    /// A part of the standard that is not supported.
     #[error("{what} cannot be read; convert the series with another program, such as dcm2niix")]
     Unsupported {
-        /// What.
+        /// That part.
         what: &'static str,
     },
     /// The structure of a file is damaged.
@@ -173,20 +186,20 @@ pub enum DicomError {
         what: &'static str,
     },
     /// The pixels of a slice cannot be decoded.
-    #[error("the pixels of the slice with the instance number {instance} cannot be read: {what}")]
+    #[error("the pixels of the slice with instance number {instance} cannot be decoded: {what}")]
     Pixels {
         /// Its instance number, or the number of its frame.
         instance: i64,
         /// What is wrong with them.
         what: &'static str,
     },
-    /// There is no memory.
+    /// Memory is short.
     #[error("there is not enough memory for {bytes} bytes")]
     OutOfMemory {
-        /// What was asked for.
+        /// Number of bytes requested.
         bytes: u64,
     },
-    /// The volume cannot be placed.
+    /// The volume has no valid grid.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
     /// The volume cannot be written.
@@ -207,6 +220,7 @@ impl DicomError {
             Self::SeveralSeries { .. } => "dicom-several-series",
             Self::NoVolume { .. } => "dicom-no-volume",
             Self::NoSuchSeries { .. } => "dicom-series-unknown",
+            Self::OfSeries { reason, .. } => reason.kind(),
             Self::Mosaic => "dicom-mosaic",
             Self::TooFewSlices { .. } => "dicom-too-few-slices",
             Self::SlicesMissing { .. } => "dicom-slices-missing",
@@ -226,7 +240,20 @@ impl DicomError {
         }
     }
 
-    /// Whether the files are refused for their size alone.
+    /// The same error with the name of the series. Errors that the series does not cause stay as they are.
+    pub(super) fn of_series(self, series: SeriesSummary, others: &[SeriesSummary]) -> Self {
+        if self.is_too_large() || matches!(self, Self::OutOfMemory { .. } | Self::Unreadable { .. })
+        {
+            return self;
+        }
+        Self::OfSeries {
+            series,
+            others: others.to_vec(),
+            reason: Box::new(self),
+        }
+    }
+
+    /// Whether the files are refused because of their size alone.
     pub fn is_too_large(&self) -> bool {
         matches!(
             self,
@@ -235,7 +262,7 @@ impl DicomError {
     }
 }
 
-/// How many numbers an error lists.
+/// The most numbers that an error lists.
 const LISTED: usize = 8;
 
 fn list(series: &[SeriesSummary]) -> String {
@@ -250,12 +277,19 @@ fn list(series: &[SeriesSummary]) -> String {
     listed.join("; ")
 }
 
+fn other_series(others: &[SeriesSummary]) -> String {
+    match others {
+        [] => String::new(),
+        others => format!("; the files also hold {}", list(others)),
+    }
+}
+
 fn count(number: usize, noun: &str) -> String {
     let plural = if number == 1 { "" } else { "s" };
     format!("{number} {noun}{plural}")
 }
 
-/// Numbers, with runs written as such: `3, 5–9`.
+/// Numbers, with runs as ranges: `number 3`, `numbers 3, 5–9`.
 fn numbers(sorted: &[usize]) -> String {
     let mut runs: Vec<[usize; 2]> = Vec::new();
     for &number in sorted {
@@ -276,7 +310,12 @@ fn numbers(sorted: &[usize]) -> String {
     if more > 0 {
         listed.push("…".to_owned());
     }
-    format!("number {}", listed.join(", "))
+    let noun = if sorted.len() == 1 {
+        "number"
+    } else {
+        "numbers"
+    };
+    format!("{noun} {}", listed.join(", "))
 }
 
 fn instance_numbers(instances: &[i64]) -> String {
@@ -291,5 +330,6 @@ fn instance_numbers(instances: &[i64]) -> String {
     } else {
         String::new()
     };
-    format!("instance number {}{more}", listed.join(", "))
+    let plural = if instances.len() == 1 { "" } else { "s" };
+    format!("instance number{plural} {}{more}", listed.join(", "))
 }

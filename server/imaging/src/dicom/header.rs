@@ -1,6 +1,4 @@
-//! What the headers of images say, as plain numbers.
-
-use std::hash::{DefaultHasher, Hash, Hasher};
+//! The headers of images as plain numbers.
 
 use dicom_core::Tag;
 use dicom_dictionary_std::tags;
@@ -12,28 +10,28 @@ use super::DicomError;
 use super::scan::Scanned;
 use super::syntax::{Encoding, Packing};
 
-/// The most frames of an image.
+/// The greatest number of frames in an image.
 const MAX_FRAMES: usize = 1 << 16;
 
-/// How far the axes of an image may be from orthonormal.
+/// The greatest deviation of the axes of an image from orthonormal.
 const AXES_TOLERANCE: f64 = 1e-3;
 
-/// An image, which may hold several frames.
+/// An image with one or more frames.
 #[derive(Debug, Clone)]
 pub(super) struct Image {
     /// Its number among the files.
     pub(super) file: usize,
-    /// A digest of the whole file, to find the same file given twice.
-    pub(super) file_digest: u64,
+    /// The digest of the whole file, which identifies a file that was sent twice.
+    pub(super) file_digest: blake3::Hash,
     pub(super) sop_class_uid: String,
     pub(super) sop_instance_uid: String,
     pub(super) series_uid: String,
-    /// Patient and study: those of one series must agree.
+    /// Patient and study, which all images of a series must share.
     pub(super) owner: [String; 2],
     pub(super) series_number: Option<i64>,
     pub(super) modality: Modality,
     pub(super) hints: Hints,
-    /// What is wrong with a series matters when it is taken, not when it lies beside another.
+    /// An error here matters only if the series is chosen.
     pub(super) format: Result<PixelFormat, DicomError>,
     pub(super) packing: Packing,
     pub(super) mosaic: bool,
@@ -63,14 +61,14 @@ impl Modality {
     }
 }
 
-/// What tells a T1 head from other images.
+/// Hints whether this is a T1-weighted head.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Hints {
     /// The acquisition was three-dimensional.
     pub(super) is_3d: bool,
-    /// A view to plan others on, or one that was computed from others.
+    /// A localizer, or an image that was computed from others.
     pub(super) is_secondary: bool,
-    /// Names that the scanner or its user gave, in lower case.
+    /// Names from the scanner or its user, in lower case.
     pub(super) names: String,
     pub(super) repetition_ms: Option<f64>,
     pub(super) echo_ms: Option<f64>,
@@ -102,11 +100,11 @@ pub(super) struct Frame {
     pub(super) spacing_mm: Option<[f64; 2]>,
     /// Slope and intercept.
     pub(super) rescale: [f64; 2],
-    /// What sets repeated acquisitions apart, in the order of [`DIFFERENCES`].
+    /// What distinguishes repeated acquisitions, in the order of [`DIFFERENCES`].
     pub(super) acquisition: [Option<i64>; 5],
 }
 
-/// What sets repeated acquisitions apart.
+/// What distinguishes repeated acquisitions.
 pub(super) const DIFFERENCES: [&str; 5] = [
     "echo time",
     "acquisition number",
@@ -124,7 +122,7 @@ fn modality_of(sop_class_uid: &str) -> Option<Modality> {
     }
 }
 
-/// The wanted part of a data set.
+/// The part of a data set that the scan kept.
 pub(super) fn parse(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
     let syntax = match scanned.syntax.encoding {
         Encoding::ImplicitLittle => entries::IMPLICIT_VR_LITTLE_ENDIAN.erased(),
@@ -138,7 +136,7 @@ pub(super) fn parse(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
     })
 }
 
-/// The image in a file; `None` for what is no MR or CT image.
+/// The image in a file; `None` if it is not an MR or CT image.
 pub(super) fn read_image(
     file: usize,
     bytes: &[u8],
@@ -155,11 +153,9 @@ pub(super) fn read_image(
         });
     }
     let series_uid = text(&object, tags::SERIES_INSTANCE_UID).unwrap_or_default();
-    let mut digest = DefaultHasher::new();
-    bytes.hash(&mut digest);
     Ok(Some(Image {
         file,
-        file_digest: digest.finish(),
+        file_digest: blake3::hash(bytes),
         sop_class_uid,
         sop_instance_uid: text(&object, tags::SOP_INSTANCE_UID).unwrap_or_default(),
         series_uid,
@@ -229,7 +225,7 @@ fn pixel_format(object: &InMemDicomObject, encoding: Encoding) -> Result<PixelFo
     let number = |tag| integer(object, tag).and_then(|number| u32::try_from(number).ok());
     let needed = |tag| {
         number(tag).ok_or(DicomError::Damaged {
-            what: "an image does not say how its pixels are stored",
+            what: "an image does not state how its pixels are stored",
         })
     };
     if number(tags::SAMPLES_PER_PIXEL).unwrap_or(1) != 1 {
@@ -245,7 +241,7 @@ fn pixel_format(object: &InMemDicomObject, encoding: Encoding) -> Result<PixelFo
     }
     if object.get(tags::MODALITY_LUT_SEQUENCE).is_some() {
         return Err(DicomError::Unsupported {
-            what: "an image whose intensities are in a look-up table",
+            what: "an image with a modality look-up table",
         });
     }
     let bits_allocated = needed(tags::BITS_ALLOCATED)?;
@@ -266,7 +262,7 @@ fn pixel_format(object: &InMemDicomObject, encoding: Encoding) -> Result<PixelFo
 fn check_format(format: &PixelFormat) -> Result<(), DicomError> {
     if !matches!(format.bits_allocated, 8 | 16) {
         return Err(DicomError::Unsupported {
-            what: "an image whose pixels have neither 8 nor 16 bits",
+            what: "an image with pixels of neither 8 nor 16 bits",
         });
     }
     let bits = 1..=format.bits_allocated;
@@ -285,7 +281,7 @@ fn check_format(format: &PixelFormat) -> Result<(), DicomError> {
     Ok(())
 }
 
-/// The frames of an image, or the one of a classic image.
+/// The frames of an image; a classic image has one.
 fn frames(object: &InMemDicomObject) -> Result<Vec<Frame>, DicomError> {
     let per_frame = object
         .get(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE)
@@ -302,7 +298,7 @@ fn frames(object: &InMemDicomObject) -> Result<Vec<Frame>, DicomError> {
     };
     if per_frame.len() as i64 != stated || per_frame.len() > MAX_FRAMES {
         return Err(DicomError::Damaged {
-            what: "an image does not describe as many frames as it has",
+            what: "the number of frames differs from the number of frame descriptions",
         });
     }
     let shared = object
@@ -319,7 +315,7 @@ fn vector(values: &[f64]) -> Option<DVec3> {
     Some(DVec3::from_array(values))
 }
 
-/// Position, orientation and spacing, each from where it is.
+/// Position, orientation and spacing, each from its own group.
 fn placed(
     position: Option<&InMemDicomObject>,
     orientation: Option<&InMemDicomObject>,
@@ -340,7 +336,7 @@ fn placed(
     (position.as_deref().and_then(vector), axes, spacing)
 }
 
-/// Both directions, of length 1, if they are orthogonal but for rounding.
+/// Both directions, normalised, if they are orthonormal within the tolerance.
 fn orthonormal(row: DVec3, column: DVec3) -> Option<[DVec3; 2]> {
     let lengths = [row.length(), column.length()];
     let sound = lengths
@@ -350,15 +346,16 @@ fn orthonormal(row: DVec3, column: DVec3) -> Option<[DVec3; 2]> {
     sound.then(|| [row / lengths[0], column / lengths[1]])
 }
 
-/// In whole thousandths, to be compared.
+/// Rounded to thousandths, for comparison.
 fn thousandths(value: f64) -> i64 {
     (value * 1000.0).round() as i64
 }
 
+/// The first 8 bytes of a text's BLAKE3 digest, for comparison.
 fn hash_of(text: &str) -> i64 {
-    let mut hasher = DefaultHasher::new();
-    text.hash(&mut hasher);
-    hasher.finish() as i64
+    let mut bytes = [0; 8];
+    bytes.copy_from_slice(&blake3::hash(text.as_bytes()).as_bytes()[..8]);
+    i64::from_le_bytes(bytes)
 }
 
 fn classic_frame(object: &InMemDicomObject) -> Frame {
@@ -386,7 +383,7 @@ fn rescale(object: &InMemDicomObject) -> [f64; 2] {
     ]
 }
 
-/// A frame of an Enhanced image: what its own groups do not say, the shared ones do.
+/// A frame of an Enhanced image: its own functional groups, then the shared ones.
 fn grouped_frame(
     object: &InMemDicomObject,
     shared: Option<&InMemDicomObject>,

@@ -2,16 +2,16 @@
 
 use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image};
 
-/// The marker that begins a codestream, with that of its size behind it.
+/// The markers at the start of a codestream: start of codestream, then image size.
 const START: [u8; 4] = [0xFF, 0x4F, 0xFF, 0x51];
 
-/// What of the header is looked at before the decoder is (ISO/IEC 15444-1 A.5.1).
+/// The part of the header that is checked before decoding (ISO/IEC 15444-1 A.5.1).
 struct Size {
     signed: bool,
     bits: u32,
 }
 
-/// Unpacks one frame; signed where the codestream says so. Also answers how many bits there are, and whether signed.
+/// Decodes one frame. Returns its samples, their number of bits, and whether the codestream declares them signed.
 pub(super) fn decode(
     packed: &[u8],
     [columns, rows]: [usize; 2],
@@ -27,12 +27,12 @@ pub(super) fn decode(
     let mut context = DecoderContext::default();
     let decoded = image.decode(&mut context).map_err(|_| DAMAGED)?;
     let [component] = decoded.components() else {
-        return Err("its JPEG 2000 is not of one grey component");
+        return Err("its JPEG 2000 image does not have exactly one grey component");
     };
     if component.samples().len() != columns * rows {
         return Err(DAMAGED);
     }
-    // The decoder adds half the range to signed samples as well.
+    // The decoder adds half the range to signed samples too.
     let half = if size.signed { 1 << (size.bits - 1) } else { 0 };
     let greatest = ((1u32 << size.bits) - 1) as f32;
     let sample = |&value: &f32| value.round().clamp(0.0, greatest) as i32 - half;
@@ -40,10 +40,10 @@ pub(super) fn decode(
     Ok((samples, size.bits, size.signed))
 }
 
-/// Compares the size of the codestream with that of the image, so that no header makes the decoder ask for more.
+/// Checks that the codestream has the size of the image, so that no header makes the decoder allocate more.
 fn read_size(packed: &[u8], [columns, rows]: [usize; 2]) -> Result<Size, &'static str> {
-    const CUT: &str = "its JPEG 2000 header is cut off";
-    // Inside of a JP2 file the codestream comes after some boxes.
+    const CUT: &str = "its JPEG 2000 header is truncated";
+    // In a JP2 file the codestream follows some boxes.
     let start = packed
         .windows(4)
         .take(4096)
@@ -59,19 +59,19 @@ fn read_size(packed: &[u8], [columns, rows]: [usize; 2]) -> Result<Size, &'stati
         && bottom.checked_sub(top) == Some(rows as u32)
         && [left, top] == [0, 0];
     if !fits || components != 1 || size[37..39] != [1, 1] {
-        return Err("its JPEG 2000 has another size than the header says");
+        return Err("the size of its JPEG 2000 image differs from the header");
     }
-    // Tiles cost memory each: a picture of a head has one, or a few.
+    // Each tile costs memory. An image of a head has one tile or a few.
     let tiles = |side: u32, tile: u32| u64::from(side).div_ceil(u64::from(tile.max(1)));
     if tile_width == 0
         || tile_height == 0
         || tiles(right, tile_width) * tiles(bottom, tile_height) > 4096
     {
-        return Err("its JPEG 2000 has too many tiles");
+        return Err("its JPEG 2000 image has too many tiles");
     }
     let bits = u32::from(size[36] & 0x7F) + 1;
     if bits > 16 {
-        return Err("its JPEG 2000 has more than 16 bits");
+        return Err("its JPEG 2000 image has more than 16 bits");
     }
     Ok(Size {
         signed: size[36] & 0x80 != 0,

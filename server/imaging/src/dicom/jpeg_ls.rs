@@ -1,40 +1,40 @@
 //! JPEG-LS of one component, lossless and near-lossless.
 //!
-//! Every sample is predicted from its left, upper and diagonal neighbours; the error is coded with a Golomb code whose
-//! parameter is learned for each of 365 contexts; flat stretches are coded as runs. Work and memory grow with the number of
-//! samples alone, whatever the bits say.
+//! Each sample is predicted from its left, upper and diagonal neighbours. The error has a Golomb code with a parameter
+//! that is learned for each of 365 contexts. Flat stretches are coded as runs. Time and memory depend only on the
+//! number of samples.
 //!
-//! Not read: restart intervals, mapping tables and point transforms, which DICOM writers do not use.
+//! Not supported: restart intervals, mapping tables and point transforms, which DICOM writers do not use.
 //!
 //! Source: ITU-T Recommendation T.87 (1998), annexes A and C.
 
 #[cfg(test)]
 mod near_lossless;
 
-const CUT_OFF: &str = "its JPEG-LS is cut off";
-const DAMAGED: &str = "its JPEG-LS is damaged";
+const CUT_OFF: &str = "its JPEG-LS image is truncated";
+const DAMAGED: &str = "its JPEG-LS image is damaged";
 
-/// Unpacks one frame; samples come out unsigned.
+/// Decodes one frame into unsigned samples.
 pub(super) fn decode(packed: &[u8], [columns, rows]: [usize; 2]) -> Result<Vec<u16>, &'static str> {
     let header = read_header(packed)?;
     if header.size != [columns, rows] {
-        return Err("its JPEG-LS has another size than the header says");
+        return Err("the size of its JPEG-LS image differs from the header");
     }
     Scan::new(&header, &packed[header.scan..]).decode()
 }
 
-/// What stands before the coded samples.
+/// The header: everything before the coded samples.
 #[derive(Debug)]
 struct Header {
     bits: u32,
     size: [usize; 2],
     near: i32,
     presets: Presets,
-    /// Where the coded samples begin.
+    /// The start of the coded samples.
     scan: usize,
 }
 
-/// Coding parameters; 0 stands for the default (C.2.4.1.1).
+/// Coding parameters; 0 means the default (C.2.4.1.1).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Presets {
     max_value: i32,
@@ -45,7 +45,7 @@ struct Presets {
 /// Reads the marker segments (T.81 annex B, T.87 annex C) up to the scan.
 fn read_header(packed: &[u8]) -> Result<Header, &'static str> {
     if !packed.starts_with(&[0xFF, 0xD8]) {
-        return Err("its JPEG-LS has no beginning");
+        return Err("its JPEG-LS image has no start marker");
     }
     let (mut at, mut frame, mut presets) = (2, None, Presets::default());
     loop {
@@ -75,9 +75,9 @@ fn read_header(packed: &[u8]) -> Result<Header, &'static str> {
                 });
             }
             0xDD if segment.iter().any(|&byte| byte != 0) => {
-                return Err("its JPEG-LS has restart intervals, which are not read");
+                return Err("its JPEG-LS image has restart intervals, which are not supported");
             }
-            // Comments and data of applications.
+            // Comments and application data.
             0xDD | 0xE0..=0xEF | 0xFE => {}
             _ => return Err(DAMAGED),
         }
@@ -87,7 +87,7 @@ fn read_header(packed: &[u8]) -> Result<Header, &'static str> {
 
 fn read_frame(segment: &[u8]) -> Result<(u32, [usize; 2]), &'static str> {
     let &[bits, top, bottom, left, right, 1, _, 0x11, _] = segment else {
-        return Err("its JPEG-LS is not of one grey component");
+        return Err("its JPEG-LS image does not have exactly one grey component");
     };
     let size = [[left, right], [top, bottom]].map(|side| u16::from_be_bytes(side).into());
     if !(2..=16).contains(&bits) {
@@ -98,7 +98,7 @@ fn read_frame(segment: &[u8]) -> Result<(u32, [usize; 2]), &'static str> {
 
 fn read_presets(segment: &[u8]) -> Result<Presets, &'static str> {
     let &[1, ref numbers @ ..] = segment else {
-        return Err("its JPEG-LS has a mapping table, which is not read");
+        return Err("its JPEG-LS image has a mapping table, which is not supported");
     };
     let [max_value, t1, t2, t3, reset] = <[u8; 10]>::try_from(numbers)
         .map(|bytes| [0, 2, 4, 6, 8].map(|at| u16::from_be_bytes([bytes[at], bytes[at + 1]])))
@@ -114,16 +114,18 @@ fn read_presets(segment: &[u8]) -> Result<Presets, &'static str> {
 fn read_scan(segment: &[u8]) -> Result<i32, &'static str> {
     match *segment {
         [1, _, 0, near, 0, 0] => Ok(near.into()),
-        [1, ..] => Err("its JPEG-LS has a mapping table or point transform, which is not read"),
-        _ => Err("its JPEG-LS is not of one grey component"),
+        [1, ..] => {
+            Err("its JPEG-LS image has a mapping table or point transform, which is not supported")
+        }
+        _ => Err("its JPEG-LS image does not have exactly one grey component"),
     }
 }
 
-/// Bits of the scan; behind each byte of ones the next bit is stuffed and skipped.
+/// The bits of the scan. After a byte of ones comes a stuffed bit, which is skipped.
 struct Bits<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Unread bits, the next one highest.
+    /// Unread bits; the next one is the highest.
     buffer: u64,
     count: u32,
     after_ones: bool,
@@ -163,7 +165,7 @@ impl Bits<'_> {
         Ok(value)
     }
 
-    /// Zeros before the next one, which is taken too; at most `limit` of them.
+    /// Counts zeros up to the next one bit, which is consumed as well; at most `limit` zeros.
     fn zeros(&mut self, limit: u32) -> Result<u32, &'static str> {
         let mut zeros = 0;
         loop {
@@ -189,20 +191,20 @@ impl Bits<'_> {
     }
 }
 
-/// What is learned of a context (A.2.1).
+/// The statistics of a context (A.2.1).
 #[derive(Debug, Clone, Copy)]
 struct Context {
-    /// Sum of the errors' sizes.
+    /// Sum of the absolute errors.
     a: i32,
     /// Sum of the errors, kept within one of zero per sample.
     b: i32,
-    /// Correction of the prediction.
+    /// The bias correction of the prediction.
     c: i32,
-    /// Samples so far.
+    /// Number of samples so far.
     n: i32,
 }
 
-/// What is learned of one of the two contexts that end runs; `nn` counts negative errors.
+/// The statistics of one of the two contexts that end runs; `nn` counts negative errors.
 #[derive(Debug, Clone, Copy)]
 struct RunContext {
     a: i32,
@@ -216,14 +218,14 @@ const RUN_ORDERS: [u32; 32] = [
     14, 15,
 ];
 
-/// Coding of one component.
+/// The decoder of one component.
 struct Scan<'a> {
     bits: Bits<'a>,
     size: [usize; 2],
     near: i32,
     max_value: i32,
     range: i32,
-    /// Bits of a mapped error that is written as it is.
+    /// Number of bits of a mapped error that is written uncoded.
     wide: u32,
     limit: u32,
     thresholds: [i32; 3],
@@ -285,12 +287,12 @@ impl<'a> Scan<'a> {
         let mut samples = Vec::new();
         samples
             .try_reserve_exact(columns * rows)
-            .map_err(|_| "there is no memory for its JPEG-LS")?;
-        // A row with one neighbour more on either side.
+            .map_err(|_| "there is not enough memory for its JPEG-LS image")?;
+        // A row with one more neighbour on each side.
         let mut above = vec![0; columns + 2];
         let mut row = vec![0; columns + 2];
         for _ in 0..rows {
-            // Left of a row stands the first sample of the row above; right of it the last one is repeated.
+            // The left neighbour of a row is the first sample of the row above; the right one repeats the last sample.
             above[columns + 1] = above[columns];
             row[0] = above[1];
             self.row(&above, &mut row)?;
@@ -317,7 +319,7 @@ impl<'a> Scan<'a> {
         Ok(())
     }
 
-    /// A sample whose neighbours differ (A.3 to A.6).
+    /// A sample in regular mode, because its neighbours differ (A.3 to A.6).
     fn regular(
         &mut self,
         gradients: [i32; 3],
@@ -375,7 +377,7 @@ impl<'a> Scan<'a> {
         } else {
             i64::from(self.bits.take(self.wide)?) + 1
         };
-        // Errors are taken modulo the range, so that none is greater.
+        // Errors are reduced modulo the range, so none is greater.
         if mapped > 2 * i64::from(self.range) {
             return Err(DAMAGED);
         }
@@ -402,7 +404,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// The sample at a prediction's error, which counts in steps and modulo the range.
+    /// The sample from a prediction and its error, which is in steps and modulo the range.
     fn reconstruct(&self, predicted: i32, error: i32) -> i32 {
         let step = 2 * self.near + 1;
         let span = self.range * step;
@@ -415,7 +417,7 @@ impl<'a> Scan<'a> {
         sample.clamp(0, self.max_value)
     }
 
-    /// A run of one value, and the sample that ends it (A.7). Answers the place behind.
+    /// A run of one value, and the sample that ends it (A.7). Returns the position after it.
     fn run(
         &mut self,
         above: &[i32],
@@ -447,7 +449,7 @@ impl<'a> Scan<'a> {
         Ok(at + 1)
     }
 
-    /// The sample that differs from a run's value (A.7.2).
+    /// The sample that ends a run (A.7.2).
     fn run_end(&mut self, left: i32, up: i32) -> Result<i32, &'static str> {
         let same = (left - up).abs() <= self.near;
         let kind = usize::from(same);
@@ -479,7 +481,7 @@ impl<'a> Scan<'a> {
     }
 }
 
-/// The least order whose step reaches the mean error (A.5.1).
+/// The smallest order with a step of at least the mean error (A.5.1).
 fn golomb_order(n: i32, a: i32) -> u32 {
     let mut order = 0;
     while i64::from(n) << order < i64::from(a) {
@@ -488,7 +490,7 @@ fn golomb_order(n: i32, a: i32) -> u32 {
     order
 }
 
-/// Where gradients change their level (C.2.4.1.1.1), for those that are not stated.
+/// The default thresholds of the gradients (C.2.4.1.1.1), for those that the stream does not state.
 fn thresholds(max_value: i32, near: i32, stated: [i32; 3]) -> [i32; 3] {
     let by_default = |low: i32, high: i32, weight: i32| {
         if max_value >= 128 {
@@ -522,7 +524,7 @@ mod tests {
 
     #[test]
     fn thresholds_are_those_of_the_standard() {
-        // Table C.3 of T.87: 8 bits, lossless; and what the formulas give for 12 and 16.
+        // Table C.3 of T.87 for 8 bits, lossless; the formulas for 12 and 16 bits.
         assert_eq!(thresholds(255, 0, [0; 3]), [3, 7, 21]);
         assert_eq!(thresholds(4095, 0, [0; 3]), [18, 67, 276]);
         assert_eq!(thresholds(65535, 0, [0; 3]), [18, 67, 276]);

@@ -1,17 +1,18 @@
-//! A series of DICOM images to a volume.
+//! From a series of DICOM images to a volume.
 //!
-//! Read: MR and CT slices, one a file, and Enhanced (multi-frame) MR and CT, legacy-converted ones included; found by
-//! content, with and without the preamble of Part 10. Files are grouped by series; [`convert`] takes the three-dimensional
-//! T1-like series, or the one that is named, and lists the others. Slices are sorted by their position along the normal,
-//! never by name or number, and placed by Image Position and Image Orientation (PS3.3 C.7.6.2.1.1).
+//! Supported are MR and CT images with one slice per file, and Enhanced (multi-frame) MR and CT, including
+//! legacy-converted ones. Files are recognised by content, with or without the preamble of Part 10, and grouped by
+//! series. [`convert`] chooses the three-dimensional T1-like series, or the named one, and lists the others. Slices are
+//! sorted by their position along the normal, never by name or number, and placed by Image Position and Image
+//! Orientation (PS3.3 C.7.6.2.1.1).
 //!
-//! Refused, with the slices named: missing, doubled and unevenly spaced slices, a tilted gantry, several acquisitions in
-//! one series, mixed sizes and orientations. Siemens mosaics, colours and what is no stack of parallel slices are refused by
-//! name.
+//! Missing, doubled and unevenly spaced slices, a tilted gantry, several acquisitions in one series, and mixed sizes or
+//! orientations are rejected, and the error lists the slices. Siemens mosaics, colour images and anything but a stack
+//! of parallel slices are rejected by name.
 //!
-//! Nothing is parsed before a walk over the file's structure has compared every length with the bytes at hand; only then
-//! are the few attributes that are wanted handed to `dicom-object`. Even so, parsers and decoders of strangers' files
-//! belong into a process of their own, with limits on memory and time.
+//! A walk over the structure of each file compares every length with the available bytes. Only then does `dicom-object`
+//! parse the few wanted attributes. Even so, parsers and decoders of untrusted files belong in a separate process with
+//! limits on memory and time.
 //!
 //! Source: the DICOM standard, parts 3, 5 and 10, at <https://www.dicomstandard.org>.
 

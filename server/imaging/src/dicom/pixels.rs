@@ -1,11 +1,11 @@
-//! The pixels of frames, as whole numbers.
+//! The pixels of frames as integers.
 
 use super::header::{Frame, Image, PixelFormat};
 use super::scan::PixelBytes;
 use super::syntax::Packing;
 use super::{DicomError, jpeg_2000, jpeg_lossless, jpeg_ls, rle};
 
-/// Decodes all frames of an image and hands each, with its number from 0, to `take`.
+/// Decodes all frames of an image and passes each to `take`, with its number from 0.
 pub(super) fn for_each_frame(
     image: &Image,
     pixels: &PixelBytes,
@@ -75,19 +75,19 @@ impl Source<'_> {
         })
     }
 
-    /// The bytes of a frame that is not packed.
+    /// The bytes of an uncompressed frame.
     fn native(&self, frame: usize, length: usize) -> Result<&[u8], &'static str> {
         let PixelBytes::Native(bytes) = self.pixels else {
-            return Err("its pixels are packed, though its header says otherwise");
+            return Err("its pixels are compressed, although its header states otherwise");
         };
         let range = frame * length..(frame + 1) * length;
-        bytes.get(range).ok_or("its pixels are cut off")
+        bytes.get(range).ok_or("its pixel data is truncated")
     }
 
-    /// The bytes of a packed frame.
+    /// The bytes of a compressed frame.
     fn packed(&self, frame: usize) -> Result<Vec<u8>, &'static str> {
         let PixelBytes::Encapsulated { offsets, fragments } = self.pixels else {
-            return Err("its pixels are not packed, though its header says so");
+            return Err("its pixels are not compressed, although its header states so");
         };
         gather(offsets, fragments, frame, self.frames)
     }
@@ -95,7 +95,7 @@ impl Source<'_> {
 
 fn whole(samples: Vec<u16>, count: usize, format: &PixelFormat) -> Result<Vec<i32>, &'static str> {
     if samples.len() != count {
-        return Err("it has another number of pixels than its header says");
+        return Err("its number of pixels differs from its header");
     }
     let stored = Stored::of(format);
     Ok(samples.into_iter().map(|raw| stored.value(raw)).collect())
@@ -107,7 +107,7 @@ fn jpeg_2000_samples(
     format: &PixelFormat,
 ) -> Result<Vec<i32>, &'static str> {
     let (mut samples, bits, signed) = jpeg_2000::decode(packed, size)?;
-    // Some writers code signed pixels as if they were unsigned: the bits are those of the two's complement.
+    // Some writers encode signed pixels as unsigned; the bits are then two's complement.
     if format.signed && !signed {
         let unused = 32 - bits;
         for sample in &mut samples {
@@ -117,7 +117,7 @@ fn jpeg_2000_samples(
     Ok(samples)
 }
 
-/// The packed bytes of a frame: its fragments in a row.
+/// The compressed bytes of a frame: its fragments, concatenated.
 fn gather(
     offsets: &[u8],
     fragments: &[&[u8]],
@@ -135,7 +135,7 @@ fn gather(
         .map(|bytes| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) as usize)
         .collect();
     if starts.len() != frames {
-        return Err("it does not say which fragments belong to which frame");
+        return Err("it does not state which fragments belong to which frame");
     }
     let end = starts.get(frame + 1).copied().unwrap_or(usize::MAX);
     let mut at = 0;
@@ -144,7 +144,7 @@ fn gather(
         if (starts[frame]..end).contains(&at) {
             packed.extend_from_slice(fragment);
         }
-        // Each fragment has a head of 8 bytes.
+        // Each fragment begins with a tag and a length: 8 bytes.
         at += 8 + fragment.len();
     }
     Ok(packed)
@@ -167,7 +167,7 @@ impl Stored {
         }
     }
 
-    /// What lies above the high bit, such as overlays of old, is cut off.
+    /// The value of a sample. Bits above the high bit, such as old overlays, are dropped.
     fn value(self, raw: u16) -> i32 {
         let high = u32::from(raw) << self.above;
         if self.signed {

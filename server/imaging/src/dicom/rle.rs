@@ -1,9 +1,9 @@
-//! RLE Lossless (PS3.5 annex G): each byte of the samples by itself, packed like PackBits.
+//! RLE Lossless (PS3.5 annex G): each byte of the samples separately, compressed like PackBits.
 
 /// Number and offsets of the segments.
 const HEADER_BYTES: usize = 64;
 
-/// Unpacks one frame of `count` samples of `bytes_per_sample` bytes; little-endian samples come out.
+/// Decodes one frame of `count` samples of `bytes_per_sample` bytes into little-endian samples.
 pub(super) fn decode(
     packed: &[u8],
     count: usize,
@@ -11,13 +11,13 @@ pub(super) fn decode(
 ) -> Result<Vec<u8>, &'static str> {
     let header = packed
         .get(..HEADER_BYTES)
-        .ok_or("the RLE header is cut off")?;
+        .ok_or("the RLE header is truncated")?;
     let number = |at: usize| {
         let bytes = [0, 1, 2, 3].map(|byte| header[4 * at + byte]);
         u32::from_le_bytes(bytes) as usize
     };
     if number(0) != bytes_per_sample {
-        return Err("the RLE header does not name as many segments as a sample has bytes");
+        return Err("the number of RLE segments differs from the number of bytes per sample");
     }
     let mut samples = vec![0; count * bytes_per_sample];
     for segment in 0..bytes_per_sample {
@@ -28,7 +28,7 @@ pub(super) fn decode(
         };
         let segment_bytes = packed
             .get(start..end)
-            .ok_or("an RLE segment lies outside")?;
+            .ok_or("an RLE segment lies outside the data")?;
         // The most significant byte comes first.
         let places = samples
             .iter_mut()
@@ -44,7 +44,7 @@ fn unpack<'a>(
     mut packed: &[u8],
     mut places: impl ExactSizeIterator<Item = &'a mut u8>,
 ) -> Result<(), &'static str> {
-    const SHORT: &str = "an RLE segment is cut off";
+    const SHORT: &str = "an RLE segment is truncated";
     while places.len() > 0 {
         let (&control, rest) = packed.split_first().ok_or(SHORT)?;
         packed = rest;

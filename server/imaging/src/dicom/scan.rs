@@ -1,8 +1,7 @@
-//! A walk over a file's structure, before anything of it is parsed.
+//! A walk over the structure of a file, before any of it is parsed.
 //!
-//! Every length is compared with the bytes that are left, and nesting has an end. What is handed on is written anew: the
-//! elements that are wanted and no others, with nothing but sequences of undefined length, so that private sequences,
-//! however odd, are seen by nobody.
+//! Every length is compared with the remaining bytes, and nesting is limited. The result is a new header: only the
+//! wanted elements, with sequences of undefined length, so that the parser never sees private sequences.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -15,10 +14,10 @@ use flate2::read::DeflateDecoder;
 use super::DicomError;
 use super::syntax::{Encoding, Syntax};
 
-/// How deep sequences may lie in each other.
+/// The deepest nesting of sequences.
 const MAX_DEPTH: usize = 24;
 
-/// The largest header that is handed to the parser: per-frame groups of some thousand frames take a few megabytes.
+/// The largest header that is passed to the parser: the per-frame groups of some thousand frames take a few megabytes.
 const MAX_HEADER_BYTES: usize = 64 << 20;
 
 /// The largest data set that a deflated file may hold.
@@ -29,21 +28,21 @@ const ITEM_END: Tag = Tag(0xFFFE, 0xE00D);
 const SEQUENCE_END: Tag = Tag(0xFFFE, 0xE0DD);
 const UNDEFINED: u32 = u32::MAX;
 
-/// A file whose structure is sound.
+/// A file with a sound structure.
 pub(crate) struct Scanned<'a> {
     pub(crate) syntax: Syntax,
-    /// The data set, unpacked where it was deflated.
+    /// The data set, inflated if it was deflated.
     dataset: Cow<'a, [u8]>,
     /// The wanted elements before the pixels, in the data set's encoding.
     pub(crate) header: Vec<u8>,
     pixels: Option<PixelRanges>,
 }
 
-/// Where pixels are in the data set.
+/// The byte ranges of the pixels in the data set.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum PixelRanges {
     Native(Range<usize>),
-    /// The basic offset table, and the fragments behind it.
+    /// The basic offset table, then the fragments.
     Encapsulated(Vec<Range<usize>>),
 }
 
@@ -72,10 +71,10 @@ impl Scanned<'_> {
     }
 }
 
-/// Walks over a file up to its pixels and keeps the elements whose tags are among `wanted`, which are sorted.
+/// Walks over a file up to its pixels and keeps the elements with a tag in `wanted`, which must be sorted.
 ///
 /// # Errors
-/// When a length leads beyond the file or its sequence, or sequences lie too deep.
+/// If a length exceeds the file or its sequence, or sequences are nested too deeply.
 pub(crate) fn scan<'a>(file: &'a [u8], wanted: &[Tag]) -> Result<Scanned<'a>, DicomError> {
     let (syntax, start) = read_meta(file)?;
     let rest = &file[start..];
@@ -100,7 +99,7 @@ pub(crate) fn scan<'a>(file: &'a [u8], wanted: &[Tag]) -> Result<Scanned<'a>, Di
     })
 }
 
-/// Skips preamble and file meta information; says in which syntax the data set is and where it begins.
+/// Skips the preamble and the file meta information; returns the transfer syntax and the start of the data set.
 fn read_meta(file: &[u8]) -> Result<(Syntax, usize), DicomError> {
     let mut at = if file.get(128..132) == Some(b"DICM") {
         132
@@ -141,7 +140,7 @@ fn inflate(packed: &[u8]) -> Result<Vec<u8>, DicomError> {
     let mut stream = DeflateDecoder::new(packed).take(MAX_INFLATED_BYTES + 1);
     stream
         .read_to_end(&mut bytes)
-        .map_err(|_| damaged("its deflated data set does not unpack"))?;
+        .map_err(|_| damaged("its deflated data set cannot be inflated"))?;
     if bytes.len() as u64 > MAX_INFLATED_BYTES {
         return Err(DicomError::TooManyBytes {
             limit: MAX_INFLATED_BYTES,
@@ -154,29 +153,27 @@ fn damaged(what: &'static str) -> DicomError {
     DicomError::Damaged { what }
 }
 
-/// The head of an element.
+/// Tag, value representation and length of an element.
 #[derive(Debug, Clone, Copy)]
 struct Element {
     tag: Tag,
-    /// `None` where it is not stated.
+    /// `None` if the encoding does not state it.
     vr: Option<[u8; 2]>,
-    /// `None` where it is undefined.
+    /// `None` if it is undefined.
     length: Option<usize>,
-    /// Where its value begins.
+    /// The start of its value.
     value: usize,
 }
 
 impl Element {
-    /// The value of an element with a length, which must end before `end`.
+    /// The range of the value, which must have a length and end at `end` or before.
     fn value_range(&self, end: usize) -> Result<Range<usize>, DicomError> {
         let length = self
             .length
-            .ok_or(damaged("a value that is no sequence has no length"))?;
+            .ok_or(damaged("an element that is not a sequence has no length"))?;
         match self.value.checked_add(length) {
             Some(last) if last <= end => Ok(self.value..last),
-            _ => Err(damaged(
-                "an element is longer than what is left of the file",
-            )),
+            _ => Err(damaged("an element is longer than the rest of the file")),
         }
     }
 
@@ -185,7 +182,7 @@ impl Element {
     }
 }
 
-/// Reads heads of elements.
+/// Reads elements up to their values.
 #[derive(Clone, Copy)]
 struct Elements<'a> {
     bytes: &'a [u8],
@@ -195,7 +192,7 @@ struct Elements<'a> {
 impl Elements<'_> {
     fn number<const N: usize>(self, at: usize, end: usize) -> Result<u32, DicomError> {
         let bytes = (at + N <= end).then(|| &self.bytes[at..at + N]);
-        let bytes = bytes.ok_or(damaged("it ends inside of an element"))?;
+        let bytes = bytes.ok_or(damaged("it ends within an element"))?;
         let fold = |number: u32, &byte: &u8| number << 8 | u32::from(byte);
         Ok(match self.encoding {
             Encoding::ExplicitBig => bytes.iter().fold(0, fold),
@@ -219,7 +216,7 @@ impl Elements<'_> {
             });
         }
         if at + 6 > end {
-            return Err(damaged("it ends inside of an element"));
+            return Err(damaged("it ends within an element"));
         }
         let vr = [self.bytes[at + 4], self.bytes[at + 5]];
         if !vr.iter().all(u8::is_ascii_uppercase) {
@@ -247,7 +244,7 @@ fn defined(length: u32) -> Option<usize> {
     (length != UNDEFINED).then_some(length as usize)
 }
 
-/// Value representations whose length takes four bytes (PS3.5 §7.1.2).
+/// Whether the length takes four bytes (PS3.5 §7.1.2).
 fn is_long(vr: [u8; 2]) -> bool {
     matches!(
         &vr,
@@ -310,7 +307,7 @@ impl Walk<'_> {
         Ok(None)
     }
 
-    /// Walks over one element, and writes it to the header where it is to be kept. Answers where it ends.
+    /// Walks over one element and, if `keep` is set, writes it to the header. Returns the end of the element.
     fn element(
         &mut self,
         at: usize,
@@ -320,7 +317,7 @@ impl Walk<'_> {
     ) -> Result<usize, DicomError> {
         let element = self.elements(self.encoding).element(at, end)?;
         if element.tag.0 == ITEM.0 {
-            return Err(damaged("a delimiter stands where an element is due"));
+            return Err(damaged("there is a delimiter in place of an element"));
         }
         if self.header.len() > MAX_HEADER_BYTES {
             return Err(damaged("its header is too large"));
@@ -334,13 +331,13 @@ impl Walk<'_> {
                 self.header.extend_from_slice(&self.bytes[at..range.end]);
                 Ok(range.end)
             }
-            // What is not wanted and says how long it is need not be looked into.
+            // An unwanted element with a length is skipped.
             (_, false) if element.length.is_some() => Ok(element.value_range(end)?.end),
             (_, keep) => self.sequence(&element, end, keep, depth),
         }
     }
 
-    /// A wanted element that is a sequence, though nothing at its place says so.
+    /// Whether the element is a wanted sequence, although its encoding does not state it.
     fn is_known_sequence(&self, element: &Element) -> bool {
         element.vr.is_none() && super::attributes::SEQUENCES.contains(&element.tag)
     }
@@ -353,9 +350,9 @@ impl Walk<'_> {
         depth: usize,
     ) -> Result<usize, DicomError> {
         if depth >= MAX_DEPTH {
-            return Err(damaged("its sequences lie too deep in each other"));
+            return Err(damaged("its sequences are nested too deeply"));
         }
-        // What is unknown and of undefined length is written implicitly (PS3.5 §6.2.2).
+        // A value of unknown representation and undefined length has implicit encoding (PS3.5 §6.2.2).
         let encoding = self.encoding;
         let keep = keep && head.vr != Some(*b"UN");
         if head.vr == Some(*b"UN") {
@@ -382,7 +379,7 @@ impl Walk<'_> {
         self.contents(head, end, SEQUENCE_END, |walk, at, end| {
             let item = walk.elements(walk.encoding).element(at, end)?;
             if item.tag != ITEM {
-                return Err(damaged("a sequence holds something else than items"));
+                return Err(damaged("a sequence contains something other than items"));
             }
             if keep {
                 walk.write_delimiter(ITEM, UNDEFINED);
@@ -412,9 +409,11 @@ impl Walk<'_> {
         })
     }
 
-    /// Walks over what a sequence or an item holds: up to its end where it has a length, else to the delimiter behind it.
+    /// Walks over the contents of a sequence or an item: up to its end if it has a length, otherwise up to its
+    /// delimiter.
     ///
-    /// `each` walks over the element at a place, in what ends at another, and answers where it ends. Answers where all ends.
+    /// `each` walks over the element at the first offset, within contents that end at the second, and returns the end
+    /// of the element. Returns the end of the contents.
     fn contents(
         &mut self,
         head: &Element,
@@ -438,7 +437,7 @@ impl Walk<'_> {
             at = each(self, at, end)?;
         }
         if is_delimited {
-            return Err(damaged("a sequence or an item of one does not end"));
+            return Err(damaged("a sequence or an item has no end"));
         }
         Ok(end)
     }
@@ -447,21 +446,25 @@ impl Walk<'_> {
         let end = self.bytes.len();
         if head.length.is_some() {
             let range = head.value_range(end);
-            let range = range.map_err(|_| damaged("its pixels are cut off"))?;
+            let range = range.map_err(|_| damaged("its pixel data is truncated"))?;
             return Ok(PixelRanges::Native(range));
         }
         let mut fragments = Vec::new();
         let mut at = head.value;
-        // Where the last delimiter is missing, the pixels are whole all the same.
+        // The pixels are complete even if the last delimiter is missing.
         while at < end {
             let item = self.elements(self.encoding).element(at, end)?;
             match item.tag {
                 ITEM => {}
                 SEQUENCE_END => break,
-                _ => return Err(damaged("its packed pixels hold something else than items")),
+                _ => {
+                    return Err(damaged(
+                        "its compressed pixel data contains something other than items",
+                    ));
+                }
             }
             let range = item.value_range(end);
-            let range = range.map_err(|_| damaged("its packed pixels are cut off"))?;
+            let range = range.map_err(|_| damaged("its compressed pixel data is truncated"))?;
             at = range.end;
             fragments.push(range);
         }

@@ -1,4 +1,4 @@
-//! Slices in space: sorted along their normal, evenly spaced, or refused with the slices named.
+//! Slices in space: sorted along their normal and evenly spaced, or rejected with the numbers of the slices at fault.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -6,33 +6,35 @@ use super::DicomError;
 use super::choose::{FEWEST_SLICES, Series};
 use super::header::{DIFFERENCES, Frame, Image, PixelFormat};
 
-/// How far directions may differ within a volume: a component of a unit vector, about 0.06°.
+/// The greatest difference of directions within a volume, in each component of a unit vector: about 0.06°.
 const DIRECTION_TOLERANCE: f64 = 1e-3;
 
-/// How far pixel spacings may differ within a volume, as a share.
+/// The greatest relative difference of pixel spacings within a volume.
 const SPACING_TOLERANCE: f64 = 1e-3;
 
-/// Slices that are nearer than this lie in the same place.
+/// Slices that are closer than this have the same position.
 const SAME_PLACE_MM: f64 = 0.01;
 
-/// How far the distance between two slices may differ from the usual one: a share of it, and some for rounded texts.
+/// The greatest deviation of a distance between slices from the median: a share of it, and some millimetres for
+/// rounding in texts.
 const STEP_TOLERANCE: [f64; 2] = [0.02, 0.005];
 
-/// How far a slice may be from its even place, as a share of the distance between two.
+/// The greatest distance of a slice from its evenly spaced position, as a share of the slice distance.
 const DRIFT_TOLERANCE: f64 = 0.1;
 
-/// How far the stack may lean.
+/// The greatest angle by which the stack may lean.
 const TILT_TOLERANCE_DEGREES: f64 = 0.5;
 
-/// How far a slice may lie beside the line through the first and the last.
+/// The greatest distance of a slice from the line through the first and the last.
 const SHIFT_TOLERANCE_MM: f64 = 0.1;
 
-/// What may be interpolated: so many slices in a row, between neighbours so far apart, and such a share of all.
+/// The limits for interpolation: missing slices in a row, the distance of their neighbours, and the share of missing
+/// slices.
 const MOST_MISSING_IN_A_ROW: usize = 2;
 const WIDEST_GAP_MM: f64 = 6.0;
 const LARGEST_SHARE_MISSING: f64 = 0.1;
 
-/// A frame by the numbers of its image and in it.
+/// A frame: the number of its image, and its number in the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct FrameIndex {
     pub(super) image: usize,
@@ -42,14 +44,14 @@ pub(super) struct FrameIndex {
 /// Slices in the order of their position along the normal.
 #[derive(Debug)]
 pub(super) struct Stack {
-    /// Columns, rows and slices, with those that were missing.
+    /// Columns, rows and slices, including missing slices.
     pub(super) size: [usize; 3],
     pub(super) patient_from_voxel: DAffine3,
-    /// Each slice: its frame, or `None` where it is missing, which is allowed then.
+    /// The frame of each slice; `None` for a missing slice, if gaps are allowed.
     pub(super) slices: Vec<Option<FrameIndex>>,
 }
 
-/// A frame that says where it is.
+/// A frame with a position.
 #[derive(Clone, Copy)]
 struct Slice<'a> {
     index: FrameIndex,
@@ -88,7 +90,7 @@ pub(super) fn stack(series: &Series, allow_gaps: bool) -> Result<Stack, DicomErr
     Ok(assemble(&slices, &places))
 }
 
-/// Every frame with its place; those without one are named.
+/// Every frame with its position; the error lists frames without one.
 fn placed(images: &[Image]) -> Result<Vec<Slice<'_>>, DicomError> {
     let mut slices = Vec::new();
     let mut unplaced = Vec::new();
@@ -115,12 +117,12 @@ fn placed(images: &[Image]) -> Result<Vec<Slice<'_>>, DicomError> {
     }
     unplaced.sort_unstable();
     Err(DicomError::NotPlaced {
-        what: "some slices do not say where they are (Image Position, Image Orientation or Pixel Spacing)",
+        what: "some slices lack Image Position, Image Orientation or Pixel Spacing",
         instances: unplaced,
     })
 }
 
-/// Size, spacing and orientation must be one.
+/// All slices must share size, spacing and orientation.
 fn check_shared(slices: &[Slice]) -> Result<(), DicomError> {
     let near = |a: f64, b: f64| (a - b).abs() <= SPACING_TOLERANCE * a.abs();
     same(slices, "dicom-mixed-sizes", "size", |a, b| {
@@ -137,7 +139,7 @@ fn check_shared(slices: &[Slice]) -> Result<(), DicomError> {
     })
 }
 
-/// Whether all slices agree with the first, or else which disagree with the most.
+/// Checks that all slices agree; the error lists those that disagree with the majority.
 fn same(
     slices: &[Slice],
     kind: &'static str,
@@ -167,7 +169,7 @@ fn same(
     })
 }
 
-/// Slices in the same place: a whole acquisition more, or single ones.
+/// Slices with the same position: several acquisitions, or single surplus slices.
 fn check_doubled(slices: &[Slice]) -> Result<(), DicomError> {
     let together = |a: &Slice, b: &Slice| b.height_mm - a.height_mm < SAME_PLACE_MM;
     let groups: Vec<&[Slice]> = slices.chunk_by(together).collect();
@@ -198,10 +200,12 @@ fn difference(group: &[Slice]) -> &'static str {
         group.iter().any(|slice| value(slice) != value(&group[0]))
     };
     let which = (0..DIFFERENCES.len()).find(differs);
-    which.map_or("nothing that their headers say", |which| DIFFERENCES[which])
+    which.map_or("nothing that their headers state", |which| {
+        DIFFERENCES[which]
+    })
 }
 
-/// The stack must stand upright, but for rounding.
+/// The stack must be upright, except for rounding.
 fn check_lean(slices: &[Slice], normal: DVec3) -> Result<(), DicomError> {
     let (first, last) = (&slices[0], &slices[slices.len() - 1]);
     let across = |offset: DVec3| offset - normal * offset.dot(normal);
@@ -227,7 +231,7 @@ fn check_lean(slices: &[Slice], normal: DVec3) -> Result<(), DicomError> {
     Ok(())
 }
 
-/// The number of each slice, from 0, in the volume with those that are missing.
+/// The number of each slice, from 0, counting missing slices.
 fn places(slices: &[Slice], allow_gaps: bool) -> Result<Vec<usize>, DicomError> {
     let steps: Vec<f64> = slices
         .windows(2)
@@ -241,7 +245,7 @@ fn places(slices: &[Slice], allow_gaps: bool) -> Result<Vec<usize>, DicomError> 
     for (before, &found_mm) in steps.iter().enumerate() {
         let slots = (found_mm / usual_mm).round().max(1.0);
         let off_mm = (found_mm - slots * usual_mm).abs();
-        // A gap of thousands of slices is no gap in a volume.
+        // A gap of thousands of slices does not belong to one volume.
         if off_mm > share * usual_mm * slots + rounding || slots > 1e4 {
             return Err(DicomError::SlicesUneven {
                 usual_mm,
@@ -295,9 +299,9 @@ fn check_missing(places: &[usize], usual_mm: f64, allow_gaps: bool) -> Result<()
     Err(DicomError::SlicesMissing {
         missing,
         hint: if honest {
-            "export the series anew, or allow gaps (`allow_gaps`), and they are interpolated between their neighbours"
+            "export the series again, or set `allow_gaps` to interpolate the missing slices"
         } else {
-            "export the series anew: the gaps are too wide, or too many, to be interpolated"
+            "export the series again; the gaps are too wide or too many to interpolate"
         },
     })
 }

@@ -8,20 +8,20 @@ pub(crate) enum Encoding {
     ExplicitBig,
 }
 
-/// How pixels are packed.
+/// How pixels are compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Packing {
     Native,
     Rle,
-    /// Baseline (8 bits, lossy) and lossless, whose headers tell them apart.
+    /// Baseline (8 bits, lossy) or lossless; its header states which.
     Jpeg,
     JpegLs,
     Jpeg2000,
-    /// Named in the refusal.
+    /// Not supported; the text names it in the error.
     Unsupported(&'static str),
 }
 
-/// What a transfer syntax says.
+/// A transfer syntax.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Syntax {
     pub(crate) encoding: Encoding,
@@ -45,7 +45,7 @@ impl Syntax {
         }
     }
 
-    /// The syntax of a UID (PS3.6 table A-1), padding included.
+    /// The transfer syntax with a UID (PS3.6 table A-1), which may be padded.
     pub(crate) fn from_uid(uid: &[u8]) -> Self {
         let text = std::str::from_utf8(uid).unwrap_or_default();
         let text = text.trim_end_matches(['\0', ' ']);

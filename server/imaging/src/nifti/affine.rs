@@ -1,18 +1,18 @@
-//! Where the voxels are: sform, qform and units of a header, to patient space and back.
+//! Converts sform, qform and units of a header to an affine in patient space, and back.
 //!
-//! NIfTI's space is RAS (x grows to the patient's right, y to the front). It ends here: what leaves is LPS.
+//! NIfTI uses RAS coordinates (x grows to the patient's right, y to the front). Results are in LPS.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::ImagingError;
 
-/// How much longer than 1 the vector part of a quaternion may be for rounding.
+/// By how much rounding may make the vector part of a quaternion longer than 1.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
-/// How far from orthonormal the axes of a grid may be for a qform to be written.
+/// The greatest deviation of the axes of a grid from orthonormal for which a qform is written.
 const ORTHOGONAL_TOLERANCE: f64 = 1e-6;
 
-/// The entries of a header that place the voxels.
+/// The entries of a header that define the positions of the voxels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Placement {
     /// `xyzt_units`; the lowest three bits are the unit of length.
@@ -29,10 +29,10 @@ pub(crate) struct Placement {
 }
 
 impl Placement {
-    /// The affine from voxel indices to LPS millimetres: the sform, or without one the qform.
+    /// The affine from voxel indices to LPS millimetres: the sform, or the qform if there is no sform.
     ///
     /// # Errors
-    /// When there is neither; when the two put left on opposite sides; when the one that counts is unusable.
+    /// If there is neither, if the two place left on opposite sides, or if the chosen one is unusable.
     pub(crate) fn patient_from_voxel(&self) -> Result<DAffine3, ImagingError> {
         let scale = self.millimetres_per_unit()?;
         if self.pixdim[1..4].iter().any(|edge| !edge.is_finite()) {
@@ -70,7 +70,7 @@ impl Placement {
         check_affine("sform", affine)
     }
 
-    /// The rotation of a unit quaternion, of which three parts are stored, times the edges (`nifti1.h`, "method 2").
+    /// The rotation of a unit quaternion with three stored components, times the edges (`nifti1.h`, "method 2").
     fn qform(&self) -> Result<DAffine3, ImagingError> {
         let [x, y, z] = [1, 2, 3].map(|axis| self.pixdim[axis]);
         if [x, y, z].iter().any(|&edge| edge <= 0.0) {
@@ -88,9 +88,9 @@ impl Placement {
         check_affine("qform", affine)
     }
 
-    /// What places voxels at `patient_from_voxel` (LPS mm) when it is written to a header.
+    /// The header entries for `patient_from_voxel` (LPS mm).
     ///
-    /// The sform always says it. Where the axes are orthogonal the qform does too; else its code is 0.
+    /// The sform always contains it. If the axes are orthogonal, the qform does too; otherwise its code is 0.
     pub(crate) fn from_patient(patient_from_voxel: DAffine3) -> Self {
         let ras_from_voxel = lps_from_ras() * patient_from_voxel;
         let axes = ras_from_voxel.matrix3;
@@ -133,12 +133,12 @@ impl Placement {
     }
 }
 
-/// Right to left and front to back; its own inverse.
+/// Flips between RAS and LPS; its own inverse.
 fn lps_from_ras() -> DAffine3 {
     DAffine3::from_scale(DVec3::new(-1.0, -1.0, 1.0))
 }
 
-/// The quaternion of which the vector part is given and the real part is not negative.
+/// The unit quaternion with the given vector part and a non-negative real part.
 fn unit_quaternion(vector_part: [f64; 3]) -> Result<DQuat, ImagingError> {
     let [b, c, d] = vector_part;
     let squared = b * b + c * c + d * d;
@@ -150,7 +150,7 @@ fn unit_quaternion(vector_part: [f64; 3]) -> Result<DQuat, ImagingError> {
     Ok(DQuat::from_xyzw(b, c, d, a).normalize())
 }
 
-/// An affine that maps voxels to a solid piece of space.
+/// Checks that an affine is finite and invertible.
 fn check_affine(form: &'static str, affine: DAffine3) -> Result<DAffine3, ImagingError> {
     if !affine.is_finite() {
         return Err(unusable(form, "it is not finite"));
@@ -162,7 +162,7 @@ fn check_affine(form: &'static str, affine: DAffine3) -> Result<DAffine3, Imagin
     Ok(affine)
 }
 
-/// Sform and qform may differ by a movement of the head, but what is left in one must not be right in the other.
+/// The sform and the qform may differ by a movement of the head, but left in one must not be right in the other.
 fn check_that_left_is_left(sform: DAffine3, qform: DAffine3) -> Result<(), ImagingError> {
     let sform_from_qform = sform.matrix3 * qform.matrix3.inverse();
     if sform_from_qform.determinant() > 0.0 && sform_from_qform.x_axis.x > 0.0 {

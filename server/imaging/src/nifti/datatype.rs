@@ -2,7 +2,7 @@
 
 use crate::ImagingError;
 
-/// A data type that can be read.
+/// A supported data type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum DataType {
     U8,
@@ -18,7 +18,7 @@ pub(crate) enum DataType {
 }
 
 impl DataType {
-    /// The type of a `datatype` code, whose size must agree with `bitpix`.
+    /// The type for a `datatype` code; its size must match `bitpix`.
     pub(crate) fn from_header(code: i16, bitpix: i16) -> Result<Self, ImagingError> {
         let data_type = Self::from_code(code)?;
         let expected = 8 * data_type.bytes() as i16;
@@ -77,7 +77,7 @@ impl DataType {
     }
 }
 
-/// The standard's name of a data type that is not read.
+/// The name of an unsupported data type in the standard.
 fn unreadable_name(code: i16) -> &'static str {
     match code {
         1 => "binary, 1 bit",

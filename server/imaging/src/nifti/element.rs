@@ -1,4 +1,4 @@
-//! Bytes of a file as numbers.
+//! Converts the bytes of a file to numbers.
 
 #![expect(
     clippy::cast_lossless,
@@ -7,11 +7,11 @@
 
 use super::header::ByteOrder;
 
-/// A number as it stands in a file.
+/// A number in a file.
 pub(crate) trait Element: Copy + PartialOrd {
-    /// Bytes of one.
+    /// Bytes of one number.
     const BYTES: usize;
-    /// Whether all numbers of the type are whole.
+    /// Whether the type is an integer type.
     const WHOLE: bool;
     /// The number 0.
     const ZERO: Self;
@@ -21,15 +21,15 @@ pub(crate) trait Element: Copy + PartialOrd {
     fn from_big_endian(bytes: &[u8]) -> Self;
     /// The nearest double.
     fn to_f64(self) -> f64;
-    /// Whether it is a whole number.
+    /// Whether it is an integer.
     fn is_whole(self) -> bool;
     /// Whether `self - least`, which is not negative, is at most `u16::MAX`.
     fn is_within_16_bits_of(self, least: Self) -> bool;
-    /// `self - least`, which must be a whole number of 16 bits.
+    /// `self - least`, which must be an integer of 16 bits.
     fn steps_above(self, least: Self) -> u16;
 }
 
-/// What every element does alike.
+/// The methods that are the same for every element type.
 macro_rules! from_bytes {
     ($number:ty) => {
         const BYTES: usize = size_of::<$number>();
@@ -85,7 +85,7 @@ macro_rules! real {
 integer!(u8 i8 u16 i16 u32 i32 u64 i64);
 real!(f32 f64);
 
-/// Appends what `convert` makes of each element of `bytes`.
+/// Appends the result of `convert` for each element of `bytes`.
 pub(crate) fn extend_with<T: Element, U>(
     converted: &mut Vec<U>,
     bytes: &[u8],
@@ -103,7 +103,7 @@ pub(crate) fn extend_with<T: Element, U>(
     }
 }
 
-/// Hands each element of `bytes` to `visit`.
+/// Passes each element of `bytes` to `visit`.
 pub(crate) fn for_each<T: Element>(bytes: &[u8], order: ByteOrder, visit: impl FnMut(T)) {
     let elements = bytes.chunks_exact(T::BYTES);
     match order {

@@ -1,4 +1,4 @@
-//! A file whose header is sound, and its voxels' bytes in chunks.
+//! A file with a checked header, and the bytes of its voxels in chunks.
 
 use geometry::Grid;
 
@@ -10,24 +10,25 @@ use super::source::{Source, check_promise};
 /// Bytes of a chunk: a whole number of voxels of any type, small enough for the cache.
 const CHUNK_BYTES: usize = 256 << 10;
 
-/// An opened file: its header, which keeps the limits and promises nothing impossible, and where its voxels are.
+/// An opened file: its checked header, and its source of bytes.
 pub(crate) struct NiftiFile<'a> {
     pub(crate) header: Header,
     pub(crate) grid: Grid,
     source: Source<'a>,
-    /// Bytes taken from the source.
+    /// Bytes read from the source.
     taken: u64,
 }
 
 impl<'a> NiftiFile<'a> {
-    /// Reads and checks the header, and whether so many bytes can hold what it promises. Nothing is allocated that depends on it.
+    /// Reads and checks the header, and checks that the bytes can contain what it describes. Allocates nothing that
+    /// depends on it.
     pub(crate) fn open(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImagingError> {
         let file = Self::open_header(bytes, limits)?;
         check_promise(bytes, file.header.file_bytes())?;
         Ok(file)
     }
 
-    /// Reads and checks the header; `bytes` may end anywhere behind it.
+    /// Reads and checks the header; `bytes` may end anywhere after it.
     pub(crate) fn open_header(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImagingError> {
         let mut source = Source::new(bytes);
         let mut buffer = [0; LONGEST_HEADER];
@@ -52,10 +53,11 @@ impl<'a> NiftiFile<'a> {
         })
     }
 
-    /// Hands all voxels' bytes to `take`, a whole number of voxels at a time, and makes sure that the file ends there.
+    /// Passes the bytes of all voxels to `take`, a whole number of voxels at a time, and checks that the file ends
+    /// after them.
     ///
     /// # Errors
-    /// When the file is too short or too long, or its checksum is wrong; and what `take` answers.
+    /// If the file is too short or too long, or its checksum is wrong; and the errors of `take`.
     pub(crate) fn for_each_chunk(
         &mut self,
         mut take: impl FnMut(&[u8]) -> Result<(), ImagingError>,
@@ -73,7 +75,7 @@ impl<'a> NiftiFile<'a> {
         self.expect_end()
     }
 
-    /// The next `wanted` bytes, or as many of them as the buffer holds.
+    /// The next `wanted` bytes, or as many as the buffer holds.
     fn fill<'b>(&mut self, buffer: &'b mut [u8], wanted: u64) -> Result<&'b [u8], ImagingError> {
         let length = usize::try_from(wanted)
             .unwrap_or(usize::MAX)
@@ -100,7 +102,7 @@ impl<'a> NiftiFile<'a> {
         }
     }
 
-    /// Room for as many values as there are voxels.
+    /// Memory for one value per voxel.
     pub(crate) fn room(&self) -> Room {
         Room {
             voxels: self.grid.voxel_count(),
@@ -108,14 +110,14 @@ impl<'a> NiftiFile<'a> {
     }
 }
 
-/// How a list of one value for each voxel grows: as the values really arrive, and never beyond the last voxel.
+/// Grows a list of one value per voxel as the values arrive, and never beyond the last voxel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Room {
     voxels: usize,
 }
 
 impl Room {
-    /// Makes room for `incoming` more values, doubling where there is none.
+    /// Reserves memory for `incoming` more values, at least doubling the capacity.
     pub(crate) fn reserve<T>(
         self,
         values: &mut Vec<T>,
@@ -129,7 +131,7 @@ impl Room {
     }
 }
 
-/// Room for `additional` values, or an error where there is no memory.
+/// Reserves memory for `additional` values, or returns an error.
 pub(crate) fn reserve_exact<T>(values: &mut Vec<T>, additional: usize) -> Result<(), ImagingError> {
     let bytes = (additional as u64).saturating_mul(size_of::<T>() as u64);
     values

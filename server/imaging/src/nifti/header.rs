@@ -1,4 +1,4 @@
-//! The fixed-size header at the start of a file, of either version and byte order.
+//! The fixed-size header at the start of a file, in either version and byte order.
 
 use crate::ImagingError;
 
@@ -8,10 +8,10 @@ use super::datatype::DataType;
 /// Bytes of a NIfTI-2 header, the longer of the two.
 pub(crate) const LONGEST_HEADER: usize = 540;
 
-/// Bytes of a NIfTI-1 header; Analyze's has as many.
+/// Bytes of a NIfTI-1 header, and of an Analyze header.
 const NIFTI_1_HEADER: usize = 348;
 
-/// How far behind the start the voxels may lie: room for large extensions, none for a sham.
+/// The greatest offset of the voxels from the start of the file: enough for large extensions.
 const MAX_VOX_OFFSET: u64 = 64 << 20;
 
 const NIFTI_2_MAGIC: &[u8] = b"n+2\0\r\n\x1a\n";
@@ -30,14 +30,14 @@ enum Version {
     Two,
 }
 
-/// What is needed of a header, checked as far as the header alone allows.
+/// The needed values of a header, checked as far as the header alone allows.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Header {
     pub(crate) order: ByteOrder,
     /// Voxels along x, y and z, each at least 2.
     pub(crate) size: [usize; 3],
     pub(crate) data_type: DataType,
-    /// Where the voxels start, in bytes from the start of the file.
+    /// The offset of the voxels from the start of the file, in bytes.
     pub(crate) vox_offset: u64,
     pub(crate) scaling: Scaling,
     pub(crate) placement: Placement,
@@ -50,7 +50,7 @@ pub(crate) struct Scaling {
     pub(crate) intercept: f64,
 }
 
-/// How many bytes the header that starts with `bytes` has; four bytes are enough to tell.
+/// The length of the header that starts with `bytes`; four bytes are enough.
 pub(crate) fn header_length(bytes: &[u8]) -> Result<usize, ImagingError> {
     match kind(bytes) {
         Some((Version::One, _)) => Ok(NIFTI_1_HEADER),
@@ -59,12 +59,12 @@ pub(crate) fn header_length(bytes: &[u8]) -> Result<usize, ImagingError> {
     }
 }
 
-/// Whether bytes start as the header of NIfTI or Analyze does, be it damaged.
+/// Whether bytes start like a NIfTI or Analyze header, which may be damaged.
 pub(crate) fn looks_like_header(bytes: &[u8]) -> bool {
     kind(bytes).is_some()
 }
 
-/// Version and byte order, told by `sizeof_hdr`.
+/// Version and byte order, from `sizeof_hdr`.
 fn kind(bytes: &[u8]) -> Option<(Version, ByteOrder)> {
     let size: [u8; 4] = bytes.get(..4)?.try_into().ok()?;
     match (u32::from_le_bytes(size), u32::from_be_bytes(size)) {
@@ -77,7 +77,7 @@ fn kind(bytes: &[u8]) -> Option<(Version, ByteOrder)> {
 }
 
 impl Header {
-    /// Reads a header from its bytes, as many as [`header_length`] says.
+    /// Reads a header from its bytes; [`header_length`] states how many there must be.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, ImagingError> {
         let (version, order) = kind(bytes).ok_or(ImagingError::NotNifti)?;
         check_magic(version, bytes)?;
@@ -132,25 +132,25 @@ impl Header {
         })
     }
 
-    /// Number of voxels, or the largest number there is where it is beyond that.
+    /// Number of voxels, saturating.
     pub(crate) fn voxel_count(&self) -> u64 {
         let side = |side: &usize| *side as u64;
         self.size.iter().map(side).fold(1, u64::saturating_mul)
     }
 
-    /// Bytes of all voxels, saturating likewise.
+    /// Bytes of all voxels, saturating.
     pub(crate) fn voxel_bytes(&self) -> u64 {
         self.voxel_count()
             .saturating_mul(self.data_type.bytes() as u64)
     }
 
-    /// Bytes of the whole file, unpacked, saturating likewise.
+    /// Bytes of the whole file, unpacked, saturating.
     pub(crate) fn file_bytes(&self) -> u64 {
         self.vox_offset.saturating_add(self.voxel_bytes())
     }
 }
 
-/// The magic word tells a single file from a pair, and NIfTI-1 from Analyze.
+/// The magic word distinguishes a single file from a pair, and NIfTI-1 from Analyze.
 fn check_magic(version: Version, bytes: &[u8]) -> Result<(), ImagingError> {
     match version {
         Version::One => match &bytes[344..348] {
@@ -204,7 +204,7 @@ fn volume_size(dim: [i64; 8]) -> Result<[usize; 3], ImagingError> {
     Ok(size)
 }
 
-/// Where the voxels start: behind the header and the four bytes that announce extensions.
+/// The offset of the voxels: after the header and the four bytes that announce extensions.
 fn vox_offset(value: f64, least: u64) -> Result<u64, ImagingError> {
     let whole = value == value.trunc();
     if whole && (least as f64..=MAX_VOX_OFFSET as f64).contains(&value) {
@@ -219,7 +219,7 @@ fn vox_offset(value: f64, least: u64) -> Result<u64, ImagingError> {
 }
 
 impl Scaling {
-    /// A slope of zero means that intensities are not scaled; so is one that is not a number understood.
+    /// A slope of zero or NaN means that intensities are not scaled.
     fn from_header(slope: f64, intercept: f64) -> Result<Self, ImagingError> {
         if slope == 0.0 || slope.is_nan() {
             return Ok(Self {
@@ -233,18 +233,18 @@ impl Scaling {
         Ok(Self { slope, intercept })
     }
 
-    /// Whether intensities are the values themselves.
+    /// Whether the scaling changes nothing.
     pub(crate) fn is_identity(self) -> bool {
         self.slope == 1.0 && self.intercept == 0.0
     }
 
-    /// The intensity of a value.
+    /// The intensity for a value.
     pub(crate) fn intensity(self, value: f64) -> f64 {
         self.slope * value + self.intercept
     }
 }
 
-/// Numbers at fixed places of a header that is long enough for all of them.
+/// Numbers at fixed offsets of a header, which is long enough for all of them.
 struct Fields<'a> {
     bytes: &'a [u8],
     order: ByteOrder,

@@ -1,4 +1,4 @@
-//! Masks: which voxels belong.
+//! Reads masks.
 
 use geometry::Mask;
 
@@ -9,20 +9,20 @@ use super::element::{Element, extend_with};
 use super::file::NiftiFile;
 use super::header::Scaling;
 
-/// The greatest value of a probability map; interpolation overshoots a step from 0 to 1 by less than that.
+/// The greatest value of a probability map; overshoot from interpolation stays below it.
 const MAX_PROBABILITY: f64 = 1.25;
 
-/// A value in a map of probabilities belongs when it is above this.
+/// In a probability map, a voxel belongs to the mask if its value is above this.
 const LIKELY: f64 = 0.5;
 
-/// Reads a mask from a NIfTI file, plain or packed.
+/// Reads a mask from a NIfTI file, plain or gzipped.
 ///
-/// A voxel belongs when its value, scaled as the header says, is above 0: so 0 and 1, 0 and 255, labels, and a
-/// skull-stripped head all work. A map of probabilities is told by values between 0 and 1 while none is
-/// above 1 (1.25, since interpolation overshoots): there a voxel belongs when its value is above ½.
+/// A voxel belongs to the mask if its scaled value is above 0: so 0 and 1, 0 and 255, labels, and a skull-stripped head
+/// all work. A file with values between 0 and 1 and none above 1.25 (interpolation overshoots) is a probability map:
+/// there a voxel belongs to the mask if its value is above ½.
 ///
 /// # Errors
-/// When the file is not one volume, is damaged, or exceeds a limit.
+/// If the file is not a single volume, is damaged, or exceeds a limit.
 pub fn read_mask(bytes: &[u8], limits: &Limits) -> Result<Mask, ImagingError> {
     let mut file = NiftiFile::open(bytes, limits)?;
     let classes = match file.header.data_type {
@@ -42,7 +42,7 @@ pub fn read_mask(bytes: &[u8], limits: &Limits) -> Result<Mask, ImagingError> {
 
 /// Facts about a value, as bits.
 mod fact {
-    /// Above 0; alone, all that need be known of an unscaled integer.
+    /// Above 0; the only fact that matters for an unscaled integer.
     pub(super) const POSITIVE: u8 = 1;
     /// Above ½.
     pub(super) const LIKELY: u8 = 2;
@@ -50,15 +50,15 @@ mod fact {
     pub(super) const FRACTION: u8 = 4;
     /// Above any probability.
     pub(super) const LARGE: u8 = 8;
-    /// Not a number, or infinite.
+    /// NaN or infinite.
     pub(super) const NON_FINITE: u8 = 16;
 }
 
-/// What is known of each voxel's value, until all are known.
+/// Facts about the values, collected until all are known.
 struct Classes {
     /// Facts about each voxel.
     facts: Vec<u8>,
-    /// Facts that hold for any voxel.
+    /// Facts that hold for at least one voxel.
     any: u8,
 }
 

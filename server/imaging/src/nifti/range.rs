@@ -1,18 +1,18 @@
-//! The range of numbers that arrive in chunks.
+//! The range of numbers that come in chunks.
 
 use crate::ImagingError;
 
 use super::element::{Element, for_each};
 use super::header::ByteOrder;
 
-/// What is known of the numbers seen so far.
+/// The range of the numbers so far.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Range<T> {
     /// Least and greatest.
     ends: Option<[T; 2]>,
-    /// Whether all of them are whole.
+    /// Whether all are integers.
     pub(crate) whole: bool,
-    /// How many are not a number, or infinite.
+    /// Count of NaN and infinite values.
     non_finite: u64,
 }
 
@@ -25,7 +25,7 @@ impl<T: Element> Range<T> {
         }
     }
 
-    /// Takes the numbers of a chunk in.
+    /// Adds the numbers of a chunk.
     pub(crate) fn extend(&mut self, bytes: &[u8], order: ByteOrder) {
         let Self {
             ends,
@@ -51,7 +51,7 @@ impl<T: Element> Range<T> {
     /// Least and greatest number.
     ///
     /// # Errors
-    /// When some are not finite; `voxels` is how many there are in all.
+    /// If some are not finite; `voxels` is the count of all numbers.
     pub(crate) fn ends(&self, voxels: u64) -> Result<[T; 2], ImagingError> {
         match (self.non_finite, self.ends) {
             (0, Some(ends)) => Ok(ends),

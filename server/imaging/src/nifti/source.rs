@@ -1,4 +1,4 @@
-//! The bytes of a file, unpacked as they are asked for.
+//! The bytes of a file, unpacked on demand.
 
 use std::io::{self, Read};
 
@@ -6,13 +6,13 @@ use flate2::bufread::MultiGzDecoder;
 
 use crate::ImagingError;
 
-/// How a gzip member starts (RFC 1952 §2.3.1).
+/// The magic bytes of a gzip member (RFC 1952 §2.3.1).
 pub(crate) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
-/// What one byte of deflate can become at most: a match of 258 bytes takes two bits (RFC 1951 §3.2.5).
+/// The most bytes that one byte of deflate can unpack to: a match of 258 bytes takes two bits (RFC 1951 §3.2.5).
 const MAX_EXPANSION: u64 = 1032;
 
-/// The bytes of a file, plain or packed in any number of gzip members.
+/// The bytes of a file, plain or in any number of gzip members.
 pub(crate) enum Source<'a> {
     Plain(&'a [u8]),
     Gzip(Box<MultiGzDecoder<&'a [u8]>>),
@@ -27,7 +27,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Fills as much of the buffer as there are bytes left, and says how much that was.
+    /// Fills the buffer as far as there are bytes, and returns how many there were.
     pub(crate) fn fill(&mut self, buffer: &mut [u8]) -> Result<usize, ImagingError> {
         let mut filled = 0;
         while filled < buffer.len() {
@@ -51,7 +51,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Refuses a promise that the file at hand cannot keep, whatever it holds.
+/// Rejects a header that describes more bytes than the file can contain.
 pub(crate) fn check_promise(file: &[u8], promised: u64) -> Result<(), ImagingError> {
     let at_hand = file.len() as u64;
     if !file.starts_with(&GZIP_MAGIC) {

@@ -1,4 +1,4 @@
-//! Voxels of any type in 16 bits.
+//! Converts voxels of any type to 16 bits.
 
 use geometry::{Grid, Rescale, Volume};
 
@@ -13,16 +13,16 @@ use super::range::Range;
 /// The greatest stored value.
 const STORED_MAX: f64 = u16::MAX as f64;
 
-/// Reads one volume of a NIfTI file, plain or packed.
+/// Reads the volume of a NIfTI file, plain or gzipped.
 ///
-/// Voxels are kept in 16 bits, with a positive slope. Integers of 8 and 16 bits are kept as they are; so are wider
-/// integers and whole real numbers whose range fits in 16 bits. Any other range from `min` to `max` is divided into
-/// 65,534 equal steps, which errs by at most half a step, (max − min)/131,068, and keeps zero exactly zero
-/// (the background of a skull-stripped head stays what it is). Intensities are in single precision, with its rounding
-/// of 6·10⁻⁸ of the largest among them.
+/// Voxels are stored in 16 bits with a positive slope. Integers of 8 and 16 bits stay exact; so do wider integers and
+/// integral floating-point numbers with a range that fits in 16 bits. Any other range from `min` to `max` is divided
+/// into 65,534 equal steps, with an error of at most half a step, (max − min)/131,068; zero stays exactly zero (the
+/// background of a skull-stripped head does not change). Intensities are in single precision, which rounds to 6·10⁻⁸ of
+/// the largest one.
 ///
 /// # Errors
-/// When the file is not such a volume, is damaged, or exceeds a limit.
+/// If the file is not such a volume, is damaged, or exceeds a limit.
 pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError> {
     let mut file = NiftiFile::open(bytes, limits)?;
     let stored = match file.header.data_type {
@@ -51,15 +51,15 @@ pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError
     )?)
 }
 
-/// The grid of a NIfTI file, of whose bytes the first are enough: 64 kB hold every header, plain or packed.
+/// The grid of a NIfTI file. The first 64 kB of the file are enough for every header, plain or gzipped.
 ///
 /// # Errors
-/// When the header is not that of a volume, or exceeds a limit.
+/// If the header does not describe a volume, or exceeds a limit.
 pub fn read_grid(start: &[u8], limits: &Limits) -> Result<Grid, ImagingError> {
     Ok(NiftiFile::open_header(start, limits)?.grid)
 }
 
-/// Values in 16 bits, and what the file's numbers are by them.
+/// Values in 16 bits, and the mapping to the numbers in the file.
 struct Stored {
     voxels: Vec<u16>,
     steps: Steps,
@@ -80,7 +80,7 @@ impl Steps {
         }
     }
 
-    /// Intensities instead of the file's numbers.
+    /// Applies the scaling of the file, so that the mapping gives intensities.
     fn scaled(self, scaling: Scaling) -> Self {
         Self {
             slope: scaling.slope * self.slope,
@@ -88,7 +88,7 @@ impl Steps {
         }
     }
 
-    /// The same for stored values that count from the other end, if that makes the slope positive.
+    /// Inverts the stored values if the slope is negative, so that it becomes positive.
     fn rising(self) -> Self {
         if self.slope > 0.0 {
             return self;
@@ -99,7 +99,7 @@ impl Steps {
         }
     }
 
-    /// In the single precision of a volume, if that holds it; what is zero stays zero.
+    /// Converts to the single precision of a volume, if the values fit; zero stays zero.
     fn rescale(self) -> Result<Rescale, ImagingError> {
         let max = self.slope * STORED_MAX + self.intercept;
         let slope = self.slope as f32;
@@ -118,7 +118,7 @@ impl Steps {
         }
     }
 
-    /// The stored value that stands for zero, if one does.
+    /// The stored value that represents zero, if there is one.
     fn stored_zero(self) -> Option<u16> {
         let position = -self.intercept / self.slope;
         let nearest = position.round();
@@ -127,7 +127,7 @@ impl Steps {
     }
 }
 
-/// Integers of at most 16 bits, converted as they arrive; the stored value 0 stands for `least`.
+/// Integers of at most 16 bits, converted as they arrive; the stored value 0 represents `least`.
 fn read_narrow<T: Element>(
     file: &mut NiftiFile,
     least: f64,
@@ -145,7 +145,7 @@ fn read_narrow<T: Element>(
     Ok(Stored { voxels, steps })
 }
 
-/// Wider numbers, kept as they are until their range is known.
+/// Wider numbers, kept unchanged until their range is known.
 fn read_wide<T: Element>(file: &mut NiftiFile) -> Result<Stored, ImagingError> {
     let order = file.header.order;
     let mut range = Range::<T>::new();
@@ -170,7 +170,7 @@ fn copy(chunk: &[u8]) -> Result<Vec<u8>, ImagingError> {
     Ok(bytes)
 }
 
-/// Whole numbers that span at most 16 bits: as they are, or counted from the least.
+/// Integers with a range of at most 16 bits: unchanged, or relative to the least.
 fn keep_whole<T: Element>(
     chunks: Vec<Vec<u8>>,
     order: ByteOrder,
@@ -183,7 +183,7 @@ fn keep_whole<T: Element>(
     Ok(Stored { voxels, steps })
 }
 
-/// Numbers rounded to the nearest of 65,536 equidistant ones, of which zero is one where they surround it.
+/// Numbers rounded to the nearest of 65,536 equidistant levels. If the range includes zero, zero is one of the levels.
 fn quantise<T: Element>(
     chunks: Vec<Vec<u8>>,
     order: ByteOrder,
@@ -198,7 +198,7 @@ fn quantise<T: Element>(
 }
 
 impl Steps {
-    /// 65,534 steps that cover a range, and one to spare so that zero can be one of their ends.
+    /// 65,534 steps that cover a range, and a spare one so that zero can be a level.
     fn across([min, max]: [f64; 2]) -> Self {
         let slope = (max - min) / (STORED_MAX - 1.0);
         if slope == 0.0 {
@@ -214,7 +214,7 @@ impl Steps {
     }
 }
 
-/// Converts chunk by chunk, giving the memory of each back.
+/// Converts chunk by chunk and frees the memory of each.
 fn convert_chunks<T: Element>(
     chunks: Vec<Vec<u8>>,
     order: ByteOrder,

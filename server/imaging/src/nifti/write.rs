@@ -1,7 +1,7 @@
-//! Writing: what the pipeline makes, as packed NIfTI-1 files for other programs.
+//! Writes gzipped NIfTI-1 files for other programs.
 //!
-//! Every file is little-endian, in millimetres, placed by the sform (code 1) and, where the axes are orthogonal, by the
-//! qform too. Lengths of the affine are rounded to single precision. The same values give the same bytes.
+//! Every file is little-endian, in millimetres, and placed by the sform (code 1) and, if the axes are orthogonal, also
+//! by the qform. The affine is rounded to single precision. The same values give the same bytes.
 
 use std::io::Write;
 
@@ -12,16 +12,16 @@ use crate::ImagingError;
 
 use super::affine::Placement;
 
-/// Where the voxels start: behind the header and four bytes that announce no extension.
+/// The offset of the voxels: after the header and four bytes that announce no extension.
 const VOX_OFFSET: usize = 352;
 
 /// Voxels converted at a time.
 const CHUNK_VOXELS: usize = 32 << 10;
 
-/// The depth written outside of the envelope.
+/// The depth that is written outside the envelope.
 const OUTSIDE_MM: f32 = -1.0;
 
-/// Codes of the data types written, and their bytes.
+/// Codes of the written data types, and their bytes per voxel.
 const UINT8: (i16, i16) = (2, 1);
 const FLOAT32: (i16, i16) = (16, 4);
 const INT16: (i16, i16) = (4, 2);
@@ -32,10 +32,10 @@ const UNSCALED: Rescale = Rescale {
     intercept: 0.0,
 };
 
-/// A mask as `.nii.gz`: 1 where a voxel belongs, else 0, in 8 bits.
+/// A mask as `.nii.gz` in 8 bits: 1 in the mask, 0 elsewhere.
 ///
 /// # Errors
-/// When a side has more than 32,767 voxels, which NIfTI-1 cannot say.
+/// If a side has more than 32,767 voxels, the limit of NIfTI-1.
 pub fn write_mask(mask: &Mask) -> Result<Vec<u8>, ImagingError> {
     let header = header(mask.grid(), UINT8, UNSCALED)?;
     pack(&header, mask.voxels(), |belongs, bytes| {
@@ -46,7 +46,7 @@ pub fn write_mask(mask: &Mask) -> Result<Vec<u8>, ImagingError> {
 /// A volume as `.nii.gz`: its stored 16-bit values, with slope and intercept.
 ///
 /// # Errors
-/// When a side has more than 32,767 voxels, or when the slope is zero or a number of the rescaling is not finite.
+/// If a side has more than 32,767 voxels, if the slope is zero, or if slope or intercept is not finite.
 pub fn write_volume(volume: &Volume) -> Result<Vec<u8>, ImagingError> {
     let rescale = volume.rescale();
     let Rescale { slope, intercept } = rescale;
@@ -59,10 +59,11 @@ pub fn write_volume(volume: &Volume) -> Result<Vec<u8>, ImagingError> {
     })
 }
 
-/// Samples as `.nii.gz`, with slope and intercept: in 16 bits where all are whole and fit, else in single precision.
+/// Samples as `.nii.gz`, with slope and intercept: in 16 bits if all are integers that fit, otherwise in single
+/// precision.
 ///
 /// # Errors
-/// When a side has more than 32,767 voxels.
+/// If a side has more than 32,767 voxels.
 pub(crate) fn write_samples(
     grid: &Grid,
     samples: &[f32],
@@ -93,10 +94,10 @@ pub(crate) fn write_samples(
 /// A map of depths as `.nii.gz`: millimetres in single precision, −1 where `depths_mm` is `None` (outside).
 ///
 /// # Errors
-/// When a side has more than 32,767 voxels.
+/// If a side has more than 32,767 voxels.
 ///
 /// # Panics
-/// When there is not one depth for each voxel of the grid.
+/// If there is not one depth for each voxel of the grid.
 pub fn write_depth_map(grid: &Grid, depths_mm: &[Option<f32>]) -> Result<Vec<u8>, ImagingError> {
     assert_eq!(
         depths_mm.len(),
@@ -109,7 +110,7 @@ pub fn write_depth_map(grid: &Grid, depths_mm: &[Option<f32>]) -> Result<Vec<u8>
     })
 }
 
-/// Header and encoded values in one gzip member without name and time.
+/// Header and encoded values in one gzip member without a name or time.
 fn pack<T: Copy>(
     header: &[u8; VOX_OFFSET],
     values: &[T],
@@ -130,7 +131,7 @@ fn write_all(encoder: &mut GzEncoder<Vec<u8>>, bytes: &[u8]) {
     encoder.write_all(bytes).expect("a vector takes all bytes");
 }
 
-/// A NIfTI-1 header and the four bytes behind it.
+/// A NIfTI-1 header and the four bytes after it.
 fn header(
     grid: &Grid,
     (code, bytes): (i16, i16),

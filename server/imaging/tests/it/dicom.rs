@@ -349,6 +349,30 @@ fn among_several_series_the_t1_is_taken_and_the_others_are_listed() {
 }
 
 #[test]
+fn a_series_that_makes_no_volume_is_named_and_the_others_are_listed() {
+    let mut slices = slices(12);
+    slices.remove(4);
+    let (kind, text) = refused(&slices);
+    assert_eq!(kind, "dicom-slices-missing");
+    assert!(
+        text.starts_with("series 4 (MR, 6 × 5 × 11, token "),
+        "{text}"
+    );
+    assert!(!text.contains("also hold"), "{text}");
+    slices.extend(another(2, "t2_flair", 9));
+    slices.extend(another(9, "localizer", 3));
+    let (kind, text) = refused(&slices);
+    assert_eq!(kind, "dicom-slices-missing");
+    assert!(
+        text.starts_with("series 4 (MR, 6 × 5 × 11, token "),
+        "{text}"
+    );
+    let others = text.split("; the files also hold ").nth(1).unwrap();
+    assert!(others.contains("series 2 (MR, 6 × 5 × 9, token "), "{text}");
+    assert!(others.contains("series 9 (MR, 6 × 5 × 3, token "), "{text}");
+}
+
+#[test]
 fn where_several_series_could_be_meant_they_are_listed_and_one_can_be_named() {
     let mut slices = slices(6);
     slices.extend(another(7, "t1_mprage again", 5));

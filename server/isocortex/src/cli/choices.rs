@@ -103,7 +103,7 @@ pub(super) fn view() -> impl TypedValueParser<Value = NamedView> {
 /// Which renderer draws.
 pub(super) fn renderer() -> impl TypedValueParser<Value = Renderer> {
     one_of(&[
-        (Renderer::Auto, "auto", "What this server has that is best"),
+        (Renderer::Auto, "auto", "The exact isosurface, as `trace`"),
         (
             Renderer::Splat,
             "splat",

@@ -8,10 +8,10 @@ use cases::pictures::{
     GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
     backend_for, encode, window_of,
 };
-use cases::{Error, Library};
+use cases::{ConcurrencyLimit, Error, Library};
 use clap::Args;
 use render::choice::Renderer;
-use render::{Background, ColorMap, NamedView, RenderBackend, RenderJob, SizedMesh};
+use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
@@ -98,7 +98,7 @@ struct PictureArgs {
     #[arg(long, default_value_t = 30)]
     points: usize,
     /// What the vertices of the mesh follow, for the renderer mesh.
-    #[arg(long, value_parser = choices::paths(), default_value = "forest")]
+    #[arg(long, value_parser = choices::paths(), default_value = "flow")]
     paths: PathKind,
     /// Writes the case's label, day and first digits, depth, window, scale, directions and the notice of research use into the picture.
     #[arg(long)]
@@ -194,32 +194,28 @@ async fn of_case(
         case: model.keyed(),
         request: query.at(depth_mm, window_of(&model.facts))?,
         mesh,
+        layers: KeyedLayers::default(),
     };
-    let named = named(&library, &id, query.annotate).await?;
-    drawn((job, backend), (Some(&id), named), query)
+    let case = library.store().case(&id).await?;
+    let named = case.filter(|_| query.annotate).map(|case| case.identity());
+    let metadata = ImageMetadata::of(Some(&id), &job).named(named);
+    drawn(job, backend, metadata, query).await
 }
 
-/// What is written of a case into its picture.
-async fn named(library: &Library, id: &CaseId, annotate: bool) -> Result<Option<String>, CliError> {
-    if !annotate {
-        return Ok(None);
-    }
-    let case = library.store().case(id).await?;
-    Ok(case.map(|case| case.identity()))
-}
-
-fn drawn(
-    (job, backend): (RenderJob, RenderBackend),
-    (id, named): (Option<&CaseId>, Option<String>),
+async fn drawn(
+    job: RenderJob,
+    backend: RenderBackend,
+    metadata: ImageMetadata,
     query: &PictureRequest,
 ) -> Result<Vec<u8>, CliError> {
-    let metadata = ImageMetadata::of(id, &job).named(named);
     let picture = PictureJob {
         job,
         asked: query.renderer,
         backend,
     };
-    Ok(encode(picture.draw(&|| true)?, &metadata, query.annotate)?.png)
+    let turn = ConcurrencyLimit::new(1, 0).turn().await?;
+    let drawn = picture.draw(&turn).await?;
+    Ok(encode(drawn, &metadata, query.annotate)?.png)
 }
 
 async fn of_file(
@@ -253,6 +249,8 @@ async fn of_file(
         case: case.keyed(),
         request: query.at(depth_mm, window_of(&case.facts))?,
         mesh,
+        layers: KeyedLayers::default(),
     };
-    drawn((job, backend), (None, None), query)
+    let metadata = ImageMetadata::of(None, &job);
+    drawn(job, backend, metadata, query).await
 }

@@ -151,7 +151,7 @@ impl Server {
 async fn stop_of(state: AppState) {
     told_to_stop().await;
     tracing::info!("stopping");
-    state.stop();
+    state.stopping().begin();
 }
 
 #[cfg(unix)]

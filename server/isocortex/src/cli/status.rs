@@ -100,9 +100,6 @@ impl From<StartError> for CliError {
             error @ StartError::Cases(cases::StartError::Network(_)) => {
                 Self::new(ExitStatus::Config, error)
             }
-            error @ StartError::Cases(cases::StartError::Threads(_)) => {
-                Self::new(ExitStatus::Unavailable, error)
-            }
         }
     }
 }

@@ -233,7 +233,7 @@ impl Config {
             model_cache_bytes: self.render.model_cache_bytes,
             graphics: GraphicsOptions {
                 use_of: self.render.gpu,
-                drawers: self.render.threads,
+                at_a_time: self.render.threads,
                 case_bytes: self.render.gpu_case_bytes,
             },
             dicom_program: self.dicom_program.clone(),

@@ -5,8 +5,7 @@ use std::borrow::Cow;
 use geometry::ShellIndex;
 use glam::DVec3;
 use wgpu::{
-    BindGroup, Extent3d, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
-    TextureView,
+    Extent3d, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
 };
 
 use super::GpuError;
@@ -39,7 +38,16 @@ pub(super) struct CaseMaps {
 #[derive(Debug, Clone)]
 pub(super) struct CaseTextures {
     pub(super) maps: CaseMaps,
-    pub(super) bindings: BindGroup,
+    pub(super) views: CaseViews,
+}
+
+/// Its textures.
+#[derive(Debug, Clone)]
+pub(super) struct CaseViews {
+    pub(super) volume: TextureView,
+    pub(super) field: TextureView,
+    pub(super) normals: TextureView,
+    pub(super) smoothed: TextureView,
 }
 
 /// How a case is brought to the device, and the bytes that it takes there.
@@ -76,13 +84,8 @@ impl CasePlan {
 }
 
 impl CaseTextures {
-    /// Brings a case to the device; `bind` joins its volume, field, gradients and smoothed field to what else the shaders need.
-    pub(super) fn upload(
-        open: &OpenDevice,
-        scene: &Scene<'_>,
-        plan: &CasePlan,
-        bind: impl FnOnce(&[TextureView; 4]) -> BindGroup,
-    ) -> Self {
+    /// Brings a case to the device.
+    pub(super) fn upload(open: &OpenDevice, scene: &Scene<'_>, plan: &CasePlan) -> Self {
         let native = scene.volume.grid().size();
         let stored = if plan.is_reduced() {
             Cow::Owned(reduced(scene.volume.voxels(), native, plan.reduction))
@@ -108,8 +111,7 @@ impl CaseTextures {
         fill(open, &normals, field_size, &gradients, |gradients| {
             Cow::Borrowed(bytemuck::cast_slice(gradients))
         });
-        let views = [&volume, &field, &normals, &smoothed]
-            .map(|texture| texture.create_view(&Default::default()));
+        let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
         Self {
             maps: CaseMaps {
                 texels,
@@ -117,12 +119,17 @@ impl CaseTextures {
                 volume_size,
                 envelope_in_field: box_around(scene.shell),
             },
-            bindings: bind(&views),
+            views: CaseViews {
+                volume: view(&volume),
+                field: view(&field),
+                normals: view(&normals),
+                smoothed: view(&smoothed),
+            },
         }
     }
 }
 
-fn texture(open: &OpenDevice, format: TextureFormat, size: [usize; 3]) -> wgpu::Texture {
+pub(super) fn texture(open: &OpenDevice, format: TextureFormat, size: [usize; 3]) -> wgpu::Texture {
     open.device.create_texture(&TextureDescriptor {
         label: Some("voxels"),
         size: extent(size),
@@ -136,7 +143,7 @@ fn texture(open: &OpenDevice, format: TextureFormat, size: [usize; 3]) -> wgpu::
 }
 
 /// Fills a texture, some slices at a time; `encode` keeps the size of the values.
-fn fill<T>(
+pub(super) fn fill<T>(
     open: &OpenDevice,
     texture: &wgpu::Texture,
     size: [usize; 3],

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use geometry::{DeformableModel, MeshSize, ShrunkMesh};
 
-use crate::{RenderRequest, Scene};
+use crate::{KeyedLayers, RenderRequest, Scene};
 
 /// Which case a scene is of: textures are kept under it. The same key must always mean the same scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -57,6 +57,8 @@ pub struct GpuJob {
     pub case: KeyedModel,
     /// How to draw it.
     pub request: RenderRequest,
+    /// What is seen beside or in place of its intensities.
+    pub layers: KeyedLayers,
     /// What to draw of it.
     pub surface: GpuSurface,
 }
@@ -67,6 +69,7 @@ pub(super) struct Call<'a> {
     pub(super) key: CaseKey,
     pub(super) scene: Scene<'a>,
     pub(super) request: &'a RenderRequest,
+    pub(super) layers: &'a KeyedLayers,
     pub(super) surface: &'a GpuSurface,
 }
 
@@ -74,8 +77,9 @@ impl GpuJob {
     pub(super) fn call(&self) -> Call<'_> {
         Call {
             key: self.case.key,
-            scene: self.case.scene(),
+            scene: self.case.scene().with_layers(self.layers.layers()),
             request: &self.request,
+            layers: &self.layers,
             surface: &self.surface,
         }
     }

@@ -38,6 +38,19 @@ pub(super) struct Picture {
     pub(super) smooth_share: f32,
     pub(super) _padding: [f32; 3],
     pub(super) cuts: [[f32; 4]; MOST_CUTS],
+    pub(super) overlay_from_field: [[f32; 4]; 4],
+    pub(super) overlay_size: [f32; 3],
+    pub(super) overlay_scale: f32,
+    pub(super) overlay_offset: f32,
+    pub(super) overlay_low: f32,
+    pub(super) overlay_factor: f32,
+    pub(super) overlay_threshold: f32,
+    pub(super) overlay_steepness: f32,
+    pub(super) overlay_opacity: f32,
+    pub(super) overlay_color_row: u32,
+    pub(super) overlay_is_diverging: u32,
+    pub(super) volume_has_gaps: u32,
+    pub(super) _padding_of_overlay: [u32; 3],
 }
 
 /// Twin of `Paths` in `shrink.wgsl`.

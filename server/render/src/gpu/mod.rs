@@ -16,6 +16,7 @@ mod device;
 mod error;
 mod gradients;
 mod job;
+mod layer;
 mod layout;
 mod pipelines;
 mod pixels;

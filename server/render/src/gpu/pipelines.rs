@@ -6,6 +6,7 @@ use wgpu::{
     TextureSampleType, TextureView, TextureViewDimension,
 };
 
+use super::case::CaseViews;
 use super::device::OpenDevice;
 use super::shaders;
 use super::target::{COLOR, DEPTH, HEIGHT, SAMPLES};
@@ -54,10 +55,21 @@ impl Pass {
     }
 }
 
+/// What every pass is given.
+pub(super) struct Bound<'a> {
+    pub(super) picture: &'a Buffer,
+    pub(super) case: &'a CaseViews,
+    /// The texture in place of the case's volume.
+    pub(super) base: Option<&'a TextureView>,
+    pub(super) overlay: &'a TextureView,
+    pub(super) colors: &'a TextureView,
+}
+
 /// Every pass of this crate.
 #[derive(Debug)]
 pub(super) struct Pipelines {
     case_layout: BindGroupLayout,
+    linear: wgpu::Sampler,
     depth_layout: BindGroupLayout,
     pipelines: [RenderPipeline; Pass::ALL.len()],
 }
@@ -91,8 +103,15 @@ impl Pipelines {
             Pass::TraceShaded | Pass::TraceHeight => pipeline(open, &of_case, &trace, pass),
             _ => pipeline(open, &of_case, &mesh, pass),
         });
+        let linear = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("linear"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
         Self {
             case_layout,
+            linear,
             depth_layout,
             pipelines,
         }
@@ -109,32 +128,30 @@ impl Pipelines {
         &self.pipelines[pass as usize]
     }
 
-    /// Binds what every pass is given: volume, field, gradients and smoothed field among it.
-    pub(super) fn bind_case(
-        &self,
-        device: &Device,
-        picture: &Buffer,
-        [volume, field, normals, smoothed]: &[TextureView; 4],
-        colors: &TextureView,
-    ) -> BindGroup {
-        let linear = device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("linear"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..Default::default()
-        });
+    /// Binds what every pass is given.
+    pub(super) fn bind_case(&self, device: &Device, bound: &Bound<'_>) -> BindGroup {
+        let CaseViews {
+            volume,
+            field,
+            normals,
+            smoothed,
+        } = bound.case;
         let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("case"),
             layout: &self.case_layout,
             entries: &[
-                entry(0, picture.as_entire_binding()),
-                entry(1, BindingResource::TextureView(volume)),
+                entry(0, bound.picture.as_entire_binding()),
+                entry(
+                    1,
+                    BindingResource::TextureView(bound.base.unwrap_or(volume)),
+                ),
                 entry(2, BindingResource::TextureView(field)),
                 entry(3, BindingResource::TextureView(normals)),
-                entry(4, BindingResource::TextureView(colors)),
-                entry(5, BindingResource::Sampler(&linear)),
+                entry(4, BindingResource::TextureView(bound.colors)),
+                entry(5, BindingResource::Sampler(&self.linear)),
                 entry(6, BindingResource::TextureView(smoothed)),
+                entry(7, BindingResource::TextureView(bound.overlay)),
             ],
         })
     }
@@ -187,6 +204,7 @@ fn case_layout(device: &Device) -> BindGroupLayout {
             entry(4, texture(plain, TextureViewDimension::D2)),
             entry(5, BindingType::Sampler(SamplerBindingType::Filtering)),
             entry(6, texture(filtered, TextureViewDimension::D3)),
+            entry(7, texture(filtered, TextureViewDimension::D3)),
         ],
     })
 }

@@ -1,19 +1,19 @@
 //! Threads that own a device each, behind a bounded queue.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError};
+use std::pin::Pin;
+use std::sync::mpsc::{self, Receiver, Sender, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll};
 use std::thread::JoinHandle;
-use std::time::Duration;
+
+use futures_channel::oneshot;
 
 use super::adapter::Adapter;
 use super::renderer::GpuLimits;
 use super::worker::GpuWorker;
 use super::{AdapterSummary, GpuError, GpuJob};
-use crate::{Hits, RenderedFrame, Wanted};
-
-/// How often who waits for a picture asks whether it is still wanted.
-const LOOK_UP: Duration = Duration::from_millis(10);
+use crate::{Hits, RenderedFrame};
 
 /// How much of the machine drawing may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,12 +48,12 @@ pub struct GpuPool {
     threads: Vec<JoinHandle<()>>,
 }
 
-type Reply<T> = Sender<Result<T, GpuError>>;
+type Reply<T> = oneshot::Sender<Result<T, GpuError>>;
 
 /// What a thread does next.
 enum Task {
-    Frame(GpuJob, Reply<RenderedFrame>, Waiting),
-    Hits(GpuJob, Reply<Hits>, Waiting),
+    Frame(GpuJob, Reply<RenderedFrame>),
+    Hits(GpuJob, Reply<Hits>),
     #[cfg(any(test, feature = "faults"))]
     Break(Fault),
 }
@@ -70,38 +70,26 @@ pub enum Fault {
     Panic,
 }
 
-/// Whether anyone still waits for an answer.
-type Waiting = std::sync::Weak<()>;
-
-/// A picture that is being drawn. Who drops it before it was begun gives it up: it is then never drawn.
+/// A picture that is being drawn: a future of it. A picture is never drawn if its ticket was dropped before its turn.
 #[derive(Debug)]
-pub struct GpuTicket<T> {
-    answer: Receiver<Result<T, GpuError>>,
-    _waiting: Arc<()>,
-}
+pub struct GpuTicket<T>(oneshot::Receiver<Result<T, GpuError>>);
 
 impl<T> GpuTicket<T> {
-    /// Waits for the picture.
+    /// Waits for the picture on this thread.
     ///
     /// # Errors
     /// What the device's thread met.
     pub fn wait(self) -> Result<T, GpuError> {
-        self.answer.recv().unwrap_or(Err(GpuError::Closed))
+        pollster::block_on(self)
     }
+}
 
-    /// Waits for the picture as long as it is wanted; `None` soon after it is not.
-    ///
-    /// # Errors
-    /// What the device's thread met.
-    pub fn wait_while(self, is_wanted: &Wanted<'_>) -> Option<Result<T, GpuError>> {
-        loop {
-            match self.answer.recv_timeout(LOOK_UP) {
-                Ok(answer) => return Some(answer),
-                Err(RecvTimeoutError::Disconnected) => return Some(Err(GpuError::Closed)),
-                Err(RecvTimeoutError::Timeout) if is_wanted() => {}
-                Err(RecvTimeoutError::Timeout) => return None,
-            }
-        }
+impl<T> Future for GpuTicket<T> {
+    type Output = Result<T, GpuError>;
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        let answer = Pin::new(&mut self.0).poll(context);
+        answer.map(|answer| answer.unwrap_or(Err(GpuError::Closed)))
     }
 }
 
@@ -159,9 +147,9 @@ impl GpuPool {
     /// # Errors
     /// As [`GpuPool::draw`].
     pub fn hits(&self, job: GpuJob) -> Result<Hits, GpuError> {
-        let (reply, ticket) = ticket();
-        self.enqueue(Task::Hits(job, reply, Arc::downgrade(&ticket._waiting)))?;
-        ticket.wait()
+        let (reply, answer) = oneshot::channel();
+        self.enqueue(Task::Hits(job, reply))?;
+        GpuTicket(answer).wait()
     }
 
     /// Queues a picture without waiting.
@@ -169,9 +157,9 @@ impl GpuPool {
     /// # Errors
     /// [`GpuError::Busy`] when too many wait.
     pub fn begin_draw(&self, job: GpuJob) -> Result<GpuTicket<RenderedFrame>, GpuError> {
-        let (reply, ticket) = ticket();
-        self.enqueue(Task::Frame(job, reply, Arc::downgrade(&ticket._waiting)))?;
-        Ok(ticket)
+        let (reply, answer) = oneshot::channel();
+        self.enqueue(Task::Frame(job, reply))?;
+        Ok(GpuTicket(answer))
     }
 
     /// Breaks a device, for tests: what is drawn next meets it.
@@ -203,12 +191,6 @@ impl Drop for GpuPool {
     }
 }
 
-fn ticket<T>() -> (Reply<T>, GpuTicket<T>) {
-    let (reply, answer) = mpsc::channel();
-    let _waiting = Arc::new(());
-    (reply, GpuTicket { answer, _waiting })
-}
-
 /// A thread: opens its device, says so, and draws until the queue ends.
 fn work(
     adapter: Adapter,
@@ -228,13 +210,13 @@ fn work(
     loop {
         let next = queue.lock().unwrap_or_else(PoisonError::into_inner).recv();
         match next {
-            Ok(Task::Frame(job, reply, waiting)) => {
-                answer(&mut worker, &reply, &waiting, |worker| {
+            Ok(Task::Frame(job, reply)) => {
+                answer(&mut worker, reply, |worker| {
                     worker.attempt(|renderer| renderer.draw(&job))
                 });
             }
-            Ok(Task::Hits(job, reply, waiting)) => {
-                answer(&mut worker, &reply, &waiting, |worker| {
+            Ok(Task::Hits(job, reply)) => {
+                answer(&mut worker, reply, |worker| {
                     worker.attempt(|renderer| renderer.hits(&job))
                 });
             }
@@ -248,11 +230,10 @@ fn work(
 /// Draws for whoever still waits. A panic costs the device, not the thread.
 fn answer<T>(
     worker: &mut GpuWorker,
-    reply: &Reply<T>,
-    waiting: &Waiting,
+    reply: Reply<T>,
     draw: impl FnOnce(&mut GpuWorker) -> Result<T, GpuError>,
 ) {
-    if waiting.strong_count() == 0 {
+    if reply.is_canceled() {
         return;
     }
     let result = catch_unwind(AssertUnwindSafe(|| draw(worker))).unwrap_or_else(|_| {

@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 
 use geometry::{MeshSize, ShrunkMesh};
 use wgpu::{
-    Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, RenderPass, TextureView,
+    BindGroup, Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, RenderPass,
+    TextureView,
 };
 
 use super::adapter::Adapter;
@@ -14,16 +15,21 @@ use super::cache::Cache;
 use super::case::{CasePlan, CaseTextures};
 use super::device::OpenDevice;
 use super::job::Call;
+use super::layer::{LayerTexture, layer_bytes};
 use super::layout::Picture;
-use super::pipelines::{Pass, Pipelines};
+use super::pipelines::{Bound, Pass, Pipelines};
 use super::target::{Output, Plan, Surface, Target};
+use super::uniforms::LayerTextures;
 use super::{CaseKey, GpuError, GpuJob, GpuSurface, pixels, uniforms};
 use crate::settle::settled;
 use crate::shade::pixel_format;
-use crate::{ColorMap, Hits, RenderedFrame};
+use crate::{ColorMap, Hits, KeyedLayer, LayerKey, RenderedFrame};
 
 /// Pictures larger than this have their textures made for them alone, so that none linger.
 const KEPT_PIXELS: usize = 2 << 20;
+
+/// Layers may take this part of the bytes of cases.
+const LAYERS_PART: u64 = 4;
 
 /// How many kinds and sizes of pictures have their textures kept.
 const KEPT_TARGETS: usize = 4;
@@ -34,7 +40,7 @@ const KEPT_MESHES: usize = 8;
 /// What a device may be given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct GpuLimits {
-    /// Bytes of the textures of all cases together.
+    /// Bytes of the textures of all cases together; those of layers have a quarter as much beside them.
     pub(super) case_bytes: u64,
     /// The longest side of a 3-D texture, where it is to be less than the device's.
     pub(super) max_side_3d: Option<u32>,
@@ -48,7 +54,9 @@ pub(super) struct GpuRenderer {
     pub(super) pipelines: Pipelines,
     picture: Buffer,
     colors: TextureView,
+    no_overlay: TextureView,
     pub(super) cases: Cache<CaseKey, CaseTextures>,
+    layers: Cache<LayerKey, LayerTexture>,
     targets: VecDeque<Target>,
     triangles: VecDeque<(MeshSize, Buffer)>,
     vertices: Option<Buffer>,
@@ -67,6 +75,8 @@ impl GpuRenderer {
                 mapped_at_creation: false,
             }),
             colors: colors(&open),
+            no_overlay: LayerTexture::none(&open),
+            layers: Cache::new(limits.case_bytes / LAYERS_PART),
             pipelines,
             limits,
             cases: Cache::new(limits.case_bytes),
@@ -81,6 +91,7 @@ impl GpuRenderer {
     /// Forgets what takes memory.
     pub(super) fn free_memory(&mut self) {
         self.cases.clear();
+        self.layers.clear();
         self.targets.clear();
         self.triangles.clear();
         self.vertices = None;
@@ -95,7 +106,7 @@ impl GpuRenderer {
             ..*call
         };
         let parameters = call.request.parameters();
-        let format = pixel_format(parameters);
+        let format = pixel_format(parameters, &call.scene.layers);
         let size = parameters.size;
         let frame = self.run(call, Output::Color, |target, open| {
             target.read(open, |rows| pixels::frame(size, format, rows))
@@ -145,12 +156,9 @@ impl GpuRenderer {
             surface,
             output,
         });
-        let case = self.cases.get(call.key).ok_or(GpuError::OutOfMemory)?;
-        let picture = uniforms::picture(&call.scene, call.request, &case.maps);
-        let bindings = case.bindings.clone();
+        let bindings = self.bind(call)?;
         let block = Block::around(call);
         let queue = &self.open.queue;
-        queue.write_buffer(&self.picture, 0, bytemuck::bytes_of(&picture));
         let mut encoder = self
             .open
             .device
@@ -197,20 +205,60 @@ impl GpuRenderer {
         }
     }
 
+    /// Hands over the numbers of a picture and binds its textures, which are on the device.
+    pub(super) fn bind(&mut self, call: &Call<'_>) -> Result<BindGroup, GpuError> {
+        let layers = LayerTextures {
+            base: self.layer(call.layers.base.as_ref())?,
+            overlay: self.layer(call.layers.overlay.as_ref().map(|(layer, _)| layer))?,
+        };
+        let case = self.cases.get(call.key).ok_or(GpuError::OutOfMemory)?;
+        let picture = uniforms::picture(&call.scene, call.request, &case.maps, &layers);
+        let bytes = bytemuck::bytes_of(&picture);
+        self.open.queue.write_buffer(&self.picture, 0, bytes);
+        let overlay = layers.overlay.as_ref().map(|overlay| &overlay.view);
+        let bound = Bound {
+            picture: &self.picture,
+            case: &case.views,
+            base: layers.base.as_ref().map(|base| &base.view),
+            overlay: overlay.unwrap_or(&self.no_overlay),
+            colors: &self.colors,
+        };
+        Ok(self.pipelines.bind_case(&self.open.device, &bound))
+    }
+
+    /// The texture of a layer, brought to the device unless it is there.
+    fn layer(&mut self, keyed: Option<&KeyedLayer>) -> Result<Option<LayerTexture>, GpuError> {
+        let Some(KeyedLayer { key, layer }) = keyed else {
+            return Ok(None);
+        };
+        if let Some(texture) = self.layers.get(*key) {
+            return Ok(Some(texture.clone()));
+        }
+        let bytes = layer_bytes(layer);
+        self.layers.make_room(bytes);
+        let texture = LayerTexture::upload(&self.open, layer, self.max_side())?;
+        if let Some(fault) = self.open.fault() {
+            return Err(fault);
+        }
+        self.layers.insert(*key, texture.clone(), bytes);
+        Ok(Some(texture))
+    }
+
+    /// The longest side of a 3-D texture.
+    fn max_side(&self) -> u32 {
+        let max_side = self.open.max_side_3d;
+        max_side.min(self.limits.max_side_3d.unwrap_or(max_side))
+    }
+
     /// Makes sure that the textures of the case are on the device.
     fn prepare(&mut self, call: &Call<'_>) -> Result<(), GpuError> {
         let Call { key, scene, .. } = *call;
         if self.cases.get(key).is_some() {
             return Ok(());
         }
-        let max_side = self.open.max_side_3d;
-        let max_side = max_side.min(self.limits.max_side_3d.unwrap_or(max_side));
-        let plan = CasePlan::new(&scene, max_side, self.cases.limit())?;
+        let plan = CasePlan::new(&scene, self.max_side(), self.cases.limit())?;
         self.cases.make_room(plan.bytes);
-        let (open, pipelines) = (&self.open, &self.pipelines);
-        let textures = CaseTextures::upload(open, &scene, &plan, |voxels| {
-            pipelines.bind_case(&open.device, &self.picture, voxels, &self.colors)
-        });
+        let textures = CaseTextures::upload(&self.open, &scene, &plan);
         if let Some(fault) = self.open.fault() {
             return Err(fault);
         }

@@ -9,7 +9,7 @@ macro_rules! wgsl {
 /// The same after all that shades a point of a surface.
 macro_rules! shaded {
     ($($name:literal),+) => {
-        wgsl!("picture", "trilinear", "gradient", "window", "colormap", "light", "shade", $($name),+)
+        wgsl!("picture", "trilinear", "gradient", "window", "colormap", "overlay", "light", "shade", $($name),+)
     };
 }
 

@@ -3,11 +3,13 @@
 use glam::{DAffine3, DMat4, DVec3};
 
 use super::case::CaseMaps;
+use super::layer::LayerTexture;
 use super::layout::Picture;
 use crate::isosurface::smooth_share;
 use crate::known::{CutPlane, MOST_CUTS, cut_planes};
+use crate::layer::OverlayRamp;
 use crate::rays::single;
-use crate::shade::slab_offsets;
+use crate::shade::{slab_offsets, texture_rescale};
 use crate::{ColorMap, RenderRequest, Scene};
 
 /// How far the isosurface may be outside of the ball and the box that are smaller by its depth, in voxels.
@@ -24,8 +26,19 @@ const CLIP_MARGIN: f64 = 4.0;
 /// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
 const PIECE_PIXELS: f64 = 8.0;
 
+/// The layers of a picture, on the device.
+pub(super) struct LayerTextures {
+    pub(super) base: Option<LayerTexture>,
+    pub(super) overlay: Option<LayerTexture>,
+}
+
 /// What the shaders are given for a picture.
-pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMaps) -> Picture {
+pub(super) fn picture(
+    scene: &Scene<'_>,
+    request: &RenderRequest,
+    maps: &CaseMaps,
+    layers: &LayerTextures,
+) -> Picture {
     let parameters = request.parameters();
     let projection = parameters.camera.projection(&scene.bounds, parameters.size);
     let field_grid = scene.field.grid();
@@ -34,22 +47,33 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
     let heights_in_voxels = DAffine3::from_scale(DVec3::new(1.0, 1.0, voxel_mm));
     let depth = parameters.depth_mm / voxel_mm;
     let reach_mm = scene.bounds.radius_mm + CLIP_MARGIN * voxel_mm;
-    let window = parameters.window.line(scene.volume.rescale());
+    let window = parameters.window.line(texture_rescale(scene));
     let slab = slab_offsets(parameters.slab_mm, parameters.depth_mm, scene.volume);
     let size = [parameters.size.width(), parameters.size.height()].map(f64::from);
+    let patient_from_field = field_grid.patient_from_voxel();
+    let base = layers.base.as_ref();
+    let overlay = layers.overlay.as_ref();
+    let style = scene.layers.overlay.map(|overlay| overlay.style);
+    let ramp = style.map(|style| style.ramp());
+    let of_ramp = |number: fn(&OverlayRamp) -> f32| ramp.as_ref().map_or(0.0, number);
     Picture {
         field_from_frame: columns(
             field_from_patient * projection.patient_from_frame() * heights_in_voxels,
         ),
-        volume_from_field: columns(volume_from_field(scene, maps)),
+        volume_from_field: columns(match base {
+            Some(base) => base.voxel_from_case * patient_from_field,
+            None => volume_from_field(scene, maps),
+        }),
         field_from_patient: columns(field_from_patient),
         clip_from_patient: columns(
             clip_from_frame(size, reach_mm) * projection.frame_from_patient(),
         ),
-        volume_size: maps.volume_size.map(|side| side as f32),
-        stored_scale: maps.texels.stored_scale(),
+        volume_size: base
+            .map_or(maps.volume_size, |base| base.size)
+            .map(|side| side as f32),
+        stored_scale: base.map_or(maps.texels.stored_scale(), |base| base.scale),
         field_size: field_grid.size().map(|side| side as f32),
-        stored_offset: 0.0,
+        stored_offset: base.map_or(0.0, |base| base.offset),
         towards_viewer: single(projection.towards_viewer_in_patient()),
         depth_scale: maps.texels.depth_scale(),
         box_low: single(maps.envelope_in_field[0] + (depth - BOX_MARGIN)),
@@ -71,6 +95,23 @@ pub(super) fn picture(scene: &Scene<'_>, request: &RenderRequest, maps: &CaseMap
         smooth_share: smooth_share(depth as f32),
         _padding: [0.0; 3],
         cuts: cuts(scene, parameters.depth_mm),
+        overlay_from_field: columns(overlay.map_or(DAffine3::IDENTITY, |overlay| {
+            overlay.voxel_from_case * patient_from_field
+        })),
+        overlay_size: overlay
+            .map_or([1; 3], |overlay| overlay.size)
+            .map(|side| side as f32),
+        overlay_scale: overlay.map_or(0.0, |overlay| overlay.scale),
+        overlay_offset: overlay.map_or(0.0, |overlay| overlay.offset),
+        overlay_low: of_ramp(|ramp| ramp.low),
+        overlay_factor: of_ramp(|ramp| ramp.factor),
+        overlay_threshold: of_ramp(|ramp| ramp.threshold),
+        overlay_steepness: of_ramp(|ramp| ramp.steepness),
+        overlay_opacity: of_ramp(|ramp| ramp.opacity),
+        overlay_color_row: style.map_or(0, |style| color_row(style.parameters().colormap)),
+        overlay_is_diverging: u32::from(ramp.is_some_and(|ramp| ramp.is_diverging)),
+        volume_has_gaps: u32::from(base.is_some()),
+        _padding_of_overlay: [0; 3],
         clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
     }
 }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::error::checked;
 use crate::rays::Rays;
-use crate::sampler::Sampler;
+use crate::shade::{OverlayPaint, Texture, nearest, texture_from_patient, texture_rescale};
 use crate::{
     Camera, ColorMap, Frame, FrameSize, NamedView, PixelFormat, Projection, RenderError, Scene,
     Window,
@@ -185,21 +185,26 @@ impl SliceRequest {
 
 /// Draws a slice through the native volume with the contours of the isosurfaces.
 ///
-/// Each pixel is sampled once, through the affine; outside of the volume it is black. The n-th depth's contour has the
-/// n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red, white), over and over. The picture is grey, a byte a
-/// pixel, where it has neither contours nor colours.
+/// Each pixel is sampled once, through the affine; outside of the volume, and where a layer is undefined, it is black. The n-th depth's
+/// contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red, white), over and over. The picture is grey,
+/// a byte a pixel, where it has neither contours nor colours nor an overlay.
 pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
     let parameters = request.parameters();
     let projection = request.projection(&scene.bounds);
     let slice = Slice {
-        volume: Sampler::new(scene.volume.voxels(), scene.volume.grid().size()),
-        rays: Rays::new(&projection, scene.volume.grid(), 1.0),
+        texture: Texture::of(scene),
+        rays: Rays::through_voxels(&projection, texture_from_patient(scene), 1.0),
         request,
-        rescale: scene.volume.rescale(),
+        rescale: texture_rescale(scene),
         colors: parameters.colormap.table(),
+        overlay: scene
+            .layers
+            .overlay
+            .map(|overlay| OverlayPaint::new(overlay, &projection, 1.0)),
     };
     let size = parameters.size;
-    if parameters.depths_mm.is_empty() && parameters.colormap.is_grey() {
+    let is_plain = parameters.depths_mm.is_empty() && slice.overlay.is_none();
+    if is_plain && parameters.colormap.is_grey() {
         let bytes = slice.rows(|_, _, [grey, ..]| [grey]);
         return Frame::new(size, PixelFormat::Grey8, bytes);
     }
@@ -210,11 +215,12 @@ pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
 
 /// What the pixels of a slice show.
 struct Slice<'a> {
-    volume: Sampler<'a, u16>,
+    texture: Texture<'a>,
     rays: Rays,
     request: &'a SliceRequest,
     rescale: geometry::Rescale,
     colors: [[u8; 3]; 256],
+    overlay: Option<OverlayPaint<'a>>,
 }
 
 impl Slice<'_> {
@@ -232,15 +238,14 @@ impl Slice<'_> {
             .for_each(|(row, pixels)| {
                 let (pixels, _) = pixels.as_chunks_mut::<BYTES>();
                 for (column, pixel) in pixels.iter_mut().enumerate() {
-                    let position = self
-                        .rays
-                        .through(column as f32 + 0.5, row as f32 + 0.5)
-                        .at(0.0);
-                    let color = if self.volume.contains(position) {
-                        let brightness = window.brightness(self.volume.at(position));
-                        self.colors[usize::from((brightness + 0.5) as u8)]
-                    } else {
-                        [0; 3]
+                    let [x, y] = [column as f32 + 0.5, row as f32 + 0.5];
+                    let value = self.texture.at(self.rays.through(x, y).at(0.0));
+                    let color = value.map_or([0; 3], |value| {
+                        self.colors[usize::from((window.brightness(value) + 0.5) as u8)]
+                    });
+                    let color = match &self.overlay {
+                        Some(overlay) => overlay.over(color, [x, y], 0.0).map(nearest),
+                        None => color,
                     };
                     *pixel = encode(column, row, color);
                 }

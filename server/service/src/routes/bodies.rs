@@ -1,16 +1,17 @@
 //! Bodies that are made once, compressed once, and kept within a budget of bytes.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 use geometry::MeshSize;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
-use crate::caching::compress;
 use crate::negotiate::Coding;
 use crate::problem::AppError;
 use case::CaseId;
 use cases::models::PathKind;
-use cases::pictures::RenderPool;
+use cases::{Cases, ConcurrencyLimit};
 
 /// The fewest entries that the cache makes room for in its books.
 const EXPECTED_BODIES: usize = 64;
@@ -48,37 +49,46 @@ impl Weighter<BodyKey, Bytes> for ByLength {
     }
 }
 
-/// The bodies in memory. Two requests for the same body make it once.
-#[derive(Debug)]
+/// The bodies in memory. Two requests for the same body make it once. Cheap to clone.
+#[derive(Debug, Clone)]
 pub struct Bodies {
-    cache: Cache<BodyKey, Bytes, ByLength>,
-    pool: RenderPool,
+    cache: Arc<Cache<BodyKey, Bytes, ByLength>>,
+    queue: ConcurrencyLimit,
 }
 
 impl Bodies {
-    /// An empty cache of at most `budget_bytes`; bodies are made by `pool`.
-    pub fn new(pool: RenderPool, budget_bytes: u64) -> Self {
+    /// An empty cache of at most `budget_bytes`. The bodies of a case go with what else is remembered of it.
+    pub fn new(cases: &Cases, budget_bytes: u64) -> Self {
+        let cache = Cache::with_weighter(EXPECTED_BODIES, budget_bytes, ByLength);
+        let cache = Arc::new(cache);
+        let weak = Arc::downgrade(&cache);
+        cases.on_forget(move |id| {
+            if let Some(cache) = weak.upgrade() {
+                cache.retain(|key: &BodyKey, _| key.id != *id);
+            }
+        });
         Self {
-            cache: Cache::with_weighter(EXPECTED_BODIES, budget_bytes, ByLength),
-            pool,
+            cache,
+            queue: cases.queue.clone(),
         }
     }
 
-    /// A body, made by `make` and compressed unless it is there.
+    /// A body, encoded from `source` in a turn and compressed, unless it is there.
     ///
     /// # Errors
-    /// [`Error::Busy`](cases::Error::Busy) when too much work waits.
-    pub async fn get(
+    /// [`Error::Busy`](cases::Error::Busy) if too much work waits, and those of `source`.
+    pub async fn get<S: Send + 'static, E: Into<AppError>>(
         &self,
         key: BodyKey,
-        make: impl FnOnce() -> Bytes + Send + 'static,
+        source: impl Future<Output = Result<S, E>>,
+        encode: impl FnOnce(S) -> Bytes + Send + 'static,
     ) -> Result<Bytes, AppError> {
-        let made = self.pool.run(move || compress(&make(), key.coding));
-        Ok(self.cache.get_or_insert_async(&key, made).await?)
-    }
-
-    /// Drops the bodies of a case.
-    pub fn forget(&self, id: &CaseId) {
-        self.cache.retain(|key, _| key.id != *id);
+        let made = async {
+            let turn = self.queue.turn().await?;
+            let source = source.await.map_err(Into::into)?;
+            let encode = move || key.coding.compress(&encode(source));
+            Ok(turn.run(encode).await?)
+        };
+        self.cache.get_or_insert_async(&key, made).await
     }
 }

@@ -4,13 +4,12 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use cases::Error;
+use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::query::{ApiQuery, CasePath, Checked, NoQuery};
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 use case::Quality;
 use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, MaskKind};
 use cases::dicom::Choice;
@@ -403,14 +402,10 @@ pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response 
     )
 )]
 pub async fn list_cases(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     ApiQuery(query): ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let page = state
-        .cases
-        .store()
-        .cases(query.cursor()?, query.limit)
-        .await?;
+    let page = cases.store().cases(query.cursor()?, query.limit).await?;
     let page = CasePage {
         cases: page.cases.into_iter().map(CaseView::from).collect(),
         next: page.next.map(|cursor| cursor.to_string()),
@@ -429,16 +424,11 @@ pub async fn list_cases(
     )
 )]
 pub async fn get_case(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let case = state
-        .cases
-        .store()
-        .case(&id)
-        .await?
-        .ok_or(Error::NoSuchCase)?;
+    let case = cases.case(&id).await?;
     Ok(fresh_json(StatusCode::OK, &CaseView::from(case)))
 }
 
@@ -453,13 +443,11 @@ pub async fn get_case(
     )
 )]
 pub async fn delete_case(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<StatusCode, AppError> {
-    let deleted = state.cases.store().delete(&id).await?;
-    state.forget(&id);
-    if deleted {
+    if cases.delete(&id).await? {
         Ok(StatusCode::NO_CONTENT)
     } else {
         Err(Error::NoSuchCase.into())

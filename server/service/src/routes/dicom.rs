@@ -1,11 +1,11 @@
 //! Whose head a case is: patient data, asked for by its own address alone.
 
-use cases::Error;
 use std::collections::BTreeMap;
 
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
+use cases::Cases;
 use imaging::dicom::Instance;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -13,7 +13,6 @@ use utoipa::ToSchema;
 use super::cases::fresh_json;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 
 /// Attributes of the DICOM files that a volume was made of. This is patient data.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -61,17 +60,12 @@ impl From<Instance> for InstanceView {
     )
 )]
 pub async fn get_dicom(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    state
-        .cases
-        .store()
-        .case(&id)
-        .await?
-        .ok_or(Error::NoSuchCase)?;
-    let stored = state.cases.store().source_dicom(&id).await?;
+    cases.case(&id).await?;
+    let stored = cases.store().source_dicom(&id).await?;
     let stored = stored.ok_or(AppError::NotDicom)?;
     let attributes = pipeline::attributes(&stored)?;
     let view = DicomView {

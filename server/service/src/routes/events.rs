@@ -1,6 +1,5 @@
 //! The progress of a case as server-sent events.
 
-use cases::Error;
 use std::convert::Infallible;
 use std::time::Duration;
 
@@ -8,12 +7,13 @@ use axum::extract::State;
 use axum::http::{HeaderName, HeaderValue};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
+use cases::Cases;
 use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
+use crate::state::Stopping;
 use storage::Watch;
 
 /// A comment goes out after so long a silence, so that nobody on the way thinks the connection dead.
@@ -33,14 +33,13 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
     )
 )]
 pub async fn get_events(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
+    State(stopping): State<Stopping>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    if state.cases.store().case(&id).await?.is_none() {
-        return Err(Error::NoSuchCase.into());
-    }
-    let events = events(state.cases.store().subscribe(&id)).take_until(state.stopped());
+    cases.case(&id).await?;
+    let events = events(cases.store().subscribe(&id)).take_until(stopping.begun());
     let mut response = Sse::new(events)
         .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
         .into_response();

@@ -4,14 +4,14 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use cases::Error;
+use cases::{Cases, Error};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::cases::fresh_json;
 use super::query::{ApiQuery, NoQuery};
+use crate::metrics::Metrics;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 use cases::pictures::GraphicsState;
 
 /// What OpenMetrics text is called.
@@ -52,10 +52,10 @@ pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
     (status = 507, description = "Its disk is full: what is there can be asked, nothing be uploaded", body = Problem, content_type = "application/problem+json"),
 ))]
 pub async fn readyz(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    state.cases.store().check().await.map_err(|error| {
+    cases.store().check().await.map_err(|error| {
         tracing::warn!(%error, "the store is not ready");
         match error.is_full() {
             true => Error::StorageFull,
@@ -70,10 +70,11 @@ pub async fn readyz(
     (status = 200, description = "OpenMetrics text", body = String, content_type = "application/openmetrics-text"),
 ))]
 pub async fn metrics(
-    State(state): State<AppState>,
+    State(metrics): State<Metrics>,
+    State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let text = state.metrics.text(state.cases.pool.waiting());
+    let text = metrics.text(cases.queue.waiting());
     let text = text.map_err(|_| Error::Internal)?;
     let kind = HeaderValue::from_static(OPEN_METRICS);
     let fresh = HeaderValue::from_static("no-store");
@@ -83,8 +84,8 @@ pub async fn metrics(
 
 /// Which server this is
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
-pub async fn version(State(state): State<AppState>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
-    let graphics = match state.cases.graphics.state() {
+pub async fn version(State(cases): State<Cases>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
+    let graphics = match cases.graphics.state() {
         GraphicsState::Starting => "starting".to_owned(),
         GraphicsState::Absent(why) => format!("none: {why}"),
         GraphicsState::Present(adapter) => adapter.line(),

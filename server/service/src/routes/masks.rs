@@ -1,10 +1,12 @@
 //! The mask in the user's hands: had, edited elsewhere and put back, and looked at.
 
+use std::sync::Arc;
+
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use bytes::Bytes;
-use cases::Error;
+use cases::{Cases, Error};
 use futures_util::StreamExt as _;
 use geometry::Mask;
 use render::Scene;
@@ -17,16 +19,16 @@ use super::render::PNG;
 use super::upload::{
     PartLimits, check_now, is_form, is_known, refuse_too_large, submitted, too_slow,
 };
-use crate::caching::{self, EntityTag, IMMUTABLE, Representation, not_modified};
-use crate::negotiate::{Coding, media_type};
+use crate::conditional::{self, Content, Form, Question};
+use crate::negotiate::media_type;
 use crate::pace::is_too_slow;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
+use crate::state::Uploads;
 use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
 use cases::pictures::window_of;
 use pipeline::codec::{decode_brain, decode_envelope};
 use pipeline::read_volume;
-use storage::{NewMask, Spooled, StoreError, Version};
+use storage::{NewMask, Spooled, Version};
 
 /// What a packed NIfTI file is.
 const GZIP: &str = "application/gzip";
@@ -50,7 +52,7 @@ const GZIP: &str = "application/gzip";
     )
 )]
 pub async fn get_mask(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<NoQuery>,
     request: HeaderMap,
@@ -60,7 +62,7 @@ pub async fn get_mask(
         kinds: &[ObjectKind::Mask],
         decode: |bytes| Some(decode_brain(bytes)?.mask().clone()),
     };
-    answer(&state, id, query, &request, wanted).await
+    answer(&cases, id, query, &request, wanted).await
 }
 
 /// The envelope on the working grid
@@ -80,7 +82,7 @@ pub async fn get_mask(
     )
 )]
 pub async fn get_envelope(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<NoQuery>,
     request: HeaderMap,
@@ -90,7 +92,7 @@ pub async fn get_envelope(
         kinds: &[ObjectKind::Envelope],
         decode: |bytes| Some(decode_envelope(bytes)?.mask().clone()),
     };
-    answer(&state, id, query, &request, wanted).await
+    answer(&cases, id, query, &request, wanted).await
 }
 
 /// Which mask is asked for.
@@ -101,34 +103,39 @@ struct Wanted {
 }
 
 async fn answer(
-    state: &AppState,
+    cases: &Cases,
     id: CaseId,
     query: NoQuery,
     request: &HeaderMap,
     wanted: Wanted,
 ) -> Result<Response, AppError> {
     media_type(request, &[GZIP])?;
-    let tag = EntityTag::of_answer(&id, wanted.route, &query, (GZIP, Coding::Identity));
-    state.cases.ready(&id).await?;
-    if tag.is_known_to(request) {
-        return Ok(not_modified(&tag, "accept", IMMUTABLE));
-    }
-    let decode = wanted.decode;
+    let Wanted {
+        route,
+        kinds,
+        decode,
+    } = wanted;
+    let question = Question {
+        id,
+        route,
+        query: &query,
+        request,
+    };
     let pack = move |_: &CaseFacts, payloads: &[Bytes]| {
         imaging::nifti::write_mask(&decode(payloads.first()?)?).ok()
     };
-    let load = state.cases.library.load(&id, wanted.kinds, pack);
-    let file = state.cases.turnstile.pass(load).await??;
-    let file = file.ok_or(Error::NoSuchCase)?;
-    let mut headers = HeaderMap::new();
-    let name = format!("attachment; filename=\"{}.nii.gz\"", wanted.route);
-    caching::insert(&mut headers, header::CONTENT_DISPOSITION, &name);
-    Representation {
-        headers,
-        vary: "accept",
-        ..Representation::immutable(tag, GZIP, file)
-    }
-    .respond(request)
+    let work = async |_| {
+        let _turn = cases.queue.turn().await?;
+        let file = cases.library.load(&id, kinds, pack).await?;
+        let mut headers = HeaderMap::new();
+        let name = format!("attachment; filename=\"{route}.nii.gz\"");
+        conditional::insert(&mut headers, header::CONTENT_DISPOSITION, &name);
+        Ok(Content {
+            headers,
+            ..Bytes::from(file.ok_or(Error::NoSuchCase)?).into()
+        })
+    };
+    question.answer(cases, Form::of(GZIP), work).await
 }
 
 /// How a version differs from its case.
@@ -230,7 +237,8 @@ impl VersionQuery {
     )
 )]
 pub async fn put_mask(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
+    State(uploads): State<Uploads>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<VersionQuery>,
     request: Request,
@@ -241,26 +249,25 @@ pub async fn put_mask(
             detail: "send the mask as the body itself, not in a form".to_owned(),
         });
     }
-    refuse_too_large(request.headers(), state.max_upload_bytes)?;
-    let _room = state.begin_upload()?;
-    let case = state
-        .cases
-        .store()
-        .case(&id)
-        .await?
-        .ok_or(Error::NoSuchCase)?;
-    let body = spool_body(&state, request).await?;
+    refuse_too_large(request.headers(), uploads.limits.max_bytes)?;
+    let _room = uploads.begin()?;
+    let case = cases.case(&id).await?;
+    let body = spool_body(&cases, &uploads, request).await?;
     let mut version = query.version(id, case.parameters, body)?;
-    version.parameters = check_version(&state, &version).await?;
-    let made = state.cases.store().submit_version(version).await?;
+    version.parameters = check_version(&cases, &version).await?;
+    let made = cases.store().submit_version(version).await?;
     Ok(submitted(made.ok_or(Error::NoSuchCase)?, None))
 }
 
 /// Streams the body to the store's disk; `None` where it is empty.
-async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled>, AppError> {
-    let limits = PartLimits::of(state);
+async fn spool_body(
+    cases: &Cases,
+    uploads: &Uploads,
+    request: Request,
+) -> Result<Option<Spooled>, AppError> {
+    let limits = PartLimits::of(uploads);
     let mut body = request.into_body().into_data_stream();
-    let mut spool = state.cases.store().spool().await?;
+    let mut spool = cases.store().spool().await?;
     while let Some(bytes) = limits.await_next(body.next()).await? {
         let bytes = bytes.map_err(|error| match is_too_slow(&error) {
             true => too_slow(),
@@ -272,7 +279,7 @@ async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled
         if spool.len() + bytes.len() as u64 > limits.bytes {
             return Err(limits.too_large());
         }
-        state.metrics.uploaded(bytes.len());
+        uploads.metrics.uploaded(bytes.len());
         spool.write(bytes).await?;
     }
     if spool.is_empty() {
@@ -282,16 +289,16 @@ async fn spool_body(state: &AppState, request: Request) -> Result<Option<Spooled
 }
 
 /// Refuses at once what cannot be prepared, as at an upload; the parameters with which the version will be prepared.
-async fn check_version(state: &AppState, version: &Version) -> Result<Parameters, AppError> {
-    let names = state.cases.store().rows().objects(&version.of).await?;
+async fn check_version(cases: &Cases, version: &Version) -> Result<Parameters, AppError> {
+    let names = cases.store().rows().objects(&version.of).await?;
     let Some(id) = version.id(&names) else {
         return Err(Error::NoSuchCase.into());
     };
     let parameters = version.parameters.clone();
-    if is_known(state, &id).await? {
+    if is_known(cases, &id).await? {
         return Ok(parameters);
     }
-    let source = state.cases.library.source(&version.of, &names).await?;
+    let source = cases.library.source(&version.of, &names).await?;
     let mut source = source.ok_or_else(Failure::source_damaged)?;
     match &version.mask {
         NewMask::Supplied(file) => source.mask = Some(file.read().await?),
@@ -299,8 +306,8 @@ async fn check_version(state: &AppState, version: &Version) -> Result<Parameters
         NewMask::Kept => {}
     }
     let start = source.volume.slice(..source.volume.len().min(64 << 10));
-    let _room = state.cases.room_to_check(&start).await?;
-    check_now(state, source, parameters).await
+    let _room = cases.room_to_check(&start).await?;
+    check_now(cases, source, parameters).await
 }
 
 /// Nine slices to judge the mask by
@@ -321,43 +328,40 @@ async fn check_version(state: &AppState, version: &Version) -> Result<Parameters
     )
 )]
 pub async fn get_quality(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
-    let tag = EntityTag::of_answer(&id, "quality", &query, (PNG, Coding::Identity));
-    let facts = state.cases.ready(&id).await?;
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", IMMUTABLE));
-    }
-    let model = state.model(&id).await?;
-    let read = async {
-        let names = state.cases.store().rows().objects(&id).await?;
-        state.cases.library.source(&id, &names).await
+    let question = Question {
+        id,
+        route: "quality",
+        query: &query,
+        request: &request,
     };
-    let source: Result<_, StoreError> = state.cases.turnstile.pass(read).await?;
-    let source = source?.ok_or_else(Failure::source_damaged)?;
-    let limits = state.cases.library.limits();
-    let draw = move || {
-        // What the mask left out is not in the model, which is cropped to it.
-        let volume = read_volume(&source, &limits)?;
-        let scene = Scene {
-            volume: &volume,
-            ..model.scene()
+    let work = async |facts: Arc<CaseFacts>| {
+        let model = cases.model(&id).await?;
+        let turn = cases.queue.turn().await?;
+        let names = cases.store().rows().objects(&id).await?;
+        let source = cases.library.source(&id, &names).await?;
+        let source = source.ok_or_else(Failure::source_damaged)?;
+        let limits = cases.library.limits();
+        let draw = move || {
+            // What the mask left out is not in the model, which is cropped to it.
+            let volume = read_volume(&source, &limits)?;
+            let scene = Scene {
+                volume: &volume,
+                ..model.scene()
+            };
+            let window = window_of(&facts);
+            let frame = render::draw_quality_sheet(&scene, window, &lines(&facts))?;
+            let texts = render::sheet_texts(&id.to_string(), window);
+            Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
         };
-        let window = window_of(&facts);
-        let frame = render::draw_quality_sheet(&scene, window, &lines(&facts))?;
-        let texts = render::sheet_texts(&id.to_string(), window);
-        Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
+        Ok(Bytes::from(turn.run(draw).await??).into())
     };
-    let picture = state.cases.pool.run(draw).await??;
-    Representation {
-        vary: "accept",
-        ..Representation::immutable(tag, PNG, picture)
-    }
-    .respond(&request)
+    question.answer(&cases, Form::of(PNG), work).await
 }
 
 /// What the sheet says of the mask.

@@ -1,21 +1,25 @@
 //! The mesh at a depth, its triangles, and all depths at once.
 
+use std::future::ready;
+use std::sync::Arc;
+
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{MeshSize, ShrunkMesh};
+use geometry::{MeshSize, PathTable, ShrunkMesh};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::bodies::{BodyKey, BodyKind};
+use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::depth_headers;
 use super::query::{ApiQuery, CasePath, Checked};
-use crate::caching::{EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
-use crate::negotiate::{Coding, media_type};
+use crate::conditional::{Content, Form, Question};
+use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 use crate::wire;
+use case::CaseFacts;
+use cases::Cases;
 use cases::models::PathKind;
 use cases::pictures::{check_depth, check_size, default_count};
 
@@ -137,43 +141,42 @@ impl Checked for PathsQuery {
     )
 )]
 pub async fn get_mesh(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<MeshQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let format = media_type(&request, MESH_TYPES)?;
-    let tag = EntityTag::of_answer(&id, "mesh", &query, (format, Coding::Identity));
-    let facts = state.cases.ready(&id).await?;
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", IMMUTABLE));
-    }
-    let size = MeshSize::new(query.contours, query.points)?;
-    let model = state.model(&id).await?;
-    let depth_mm = query.depth_mm.min(facts.max_depth_mm);
-    let kind = query.paths;
-    let at_hand = model.model().default_paths();
-    let shrunk = if at_hand.size == size && kind == PathKind::Forest {
-        at_hand.shrink(depth_mm)
-    } else {
-        let shrunk = model.shrink(size, kind, depth_mm);
-        state.cases.turnstile.pass(shrunk).await??
+    let question = Question {
+        id,
+        route: "mesh",
+        query: &query,
+        request: &request,
     };
-    let body = if format == POSITIONS {
-        wire::positions(&shrunk)
-    } else {
-        let encoded = state.cases.pool.run(move || encode(&shrunk, size, format));
-        encoded.await?
+    let work = async |facts: Arc<CaseFacts>| {
+        let size = MeshSize::new(query.contours, query.points)?;
+        let model = cases.model(&id).await?;
+        let shrunk = model.shrink(size, query.paths, query.depth_mm.min(facts.max_depth_mm));
+        let body = if format == POSITIONS && model.has_at_hand(size, query.paths) {
+            // Microseconds: that is no work to wait a turn for.
+            wire::positions(&shrunk.await?)
+        } else {
+            let turn = cases.queue.turn().await?;
+            let shrunk = shrunk.await?;
+            turn.run(move || encode(&shrunk, size, format)).await?
+        };
+        Ok(Content {
+            headers: depth_headers(query.depth_mm, facts.max_depth_mm),
+            ..body.into()
+        })
     };
-    Representation {
-        headers: depth_headers(query.depth_mm, facts.max_depth_mm),
-        vary: "accept",
-        ..Representation::immutable(tag, format, body)
-    }
-    .respond(&request)
+    question.answer(&cases, Form::of(format), work).await
 }
 
 fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
+    if format == POSITIONS {
+        return wire::positions(shrunk);
+    }
     let triangles = size.triangles();
     let mesh = wire::Mesh {
         shrunk,
@@ -203,32 +206,30 @@ fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
     )
 )]
 pub async fn get_triangles(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
+    State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<TrianglesQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[POSITIONS])?;
-    let coding = coding_for(&request);
-    let tag = EntityTag::of_answer(&id, "mesh/triangles", &query, (POSITIONS, coding));
-    state.cases.ready(&id).await?;
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
-    }
-    let size = MeshSize::new(query.contours, query.points)?;
-    let key = BodyKey {
+    let question = Question {
         id,
-        kind: BodyKind::Triangles(size),
-        coding,
+        route: "mesh/triangles",
+        query: &query,
+        request: &request,
     };
-    let make = move || wire::triangles(&size.triangles());
-    let body = state.bodies.get(key, make).await?;
-    Representation {
-        coding,
-        vary: "accept-encoding",
-        ..Representation::immutable(tag, POSITIONS, body)
-    }
-    .respond(&request)
+    let form = Form::compressed(POSITIONS, &request);
+    let coding = form.coding();
+    let work = async |_| {
+        let size = MeshSize::new(query.contours, query.points)?;
+        let kind = BodyKind::Triangles(size);
+        let encode = |size: MeshSize| wire::triangles(&size.triangles());
+        let size = ready(Ok::<_, AppError>(size));
+        let body = bodies.get(BodyKey { id, kind, coding }, size, encode);
+        Ok(body.await?.into())
+    };
+    question.answer(&cases, form, work).await
 }
 
 /// The mesh at every depth
@@ -247,40 +248,30 @@ pub async fn get_triangles(
     )
 )]
 pub async fn get_paths(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
+    State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<PathsQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     const PATHS: &str = "application/vnd.isocortex.paths";
     media_type(&request, &[PATHS, POSITIONS])?;
-    let coding = coding_for(&request);
-    let tag = EntityTag::of_answer(&id, "mesh/paths", &query, (PATHS, coding));
-    state.cases.ready(&id).await?;
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
-    }
-    let size = MeshSize::new(query.contours, query.points)?;
-    let kind = query.paths;
-    let model = state.model(&id).await?;
-    let table = state
-        .cases
-        .turnstile
-        .pass(model.paths(size, kind))
-        .await??;
-    let key = BodyKey {
+    let question = Question {
         id,
-        kind: BodyKind::Paths(size, kind),
-        coding,
+        route: "mesh/paths",
+        query: &query,
+        request: &request,
     };
-    let body = state
-        .bodies
-        .get(key, move || wire::paths(&table, kind))
-        .await?;
-    Representation {
-        coding,
-        vary: "accept-encoding",
-        ..Representation::immutable(tag, PATHS, body)
-    }
-    .respond(&request)
+    let form = Form::compressed(PATHS, &request);
+    let coding = form.coding();
+    let work = async |_| {
+        let (size, paths) = (MeshSize::new(query.contours, query.points)?, query.paths);
+        let model = cases.model(&id).await?;
+        let kind = BodyKind::Paths(size, paths);
+        let encode = move |table: Arc<PathTable>| wire::paths(&table, paths);
+        let table = model.paths(size, paths);
+        let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
+        Ok(body.await?.into())
+    };
+    question.answer(&cases, form, work).await
 }

@@ -18,7 +18,7 @@ pub mod textures;
 pub mod upload;
 
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, RawPathParams, Request, State};
+use axum::extract::{DefaultBodyLimit, FromRef as _, RawPathParams, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::{self, Next};
 use axum::response::Response;
@@ -26,11 +26,13 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::auth;
-use crate::caching;
-use crate::problem::AppError;
-use crate::state::AppState;
+use ::cases::Cases;
 use case::CaseId;
+
+use crate::auth::{self, Access};
+use crate::conditional;
+use crate::problem::AppError;
+use crate::state::{AnswerTimeout, AppState, Uploads};
 
 /// The header that says how far the mask behind an answer can be trusted.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -81,12 +83,16 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
                 .routes(routes!(renders::create_renders))
                 .layer(DefaultBodyLimit::max(renders::MAX_BODY_BYTES)),
         )
-        .route_layer(middleware::from_fn_with_state(state.clone(), say_quality))
         .route_layer(middleware::from_fn_with_state(
-            state.clone(),
+            state.cases.clone(),
+            say_quality,
+        ))
+        .route_layer(middleware::from_fn_with_state(
+            AnswerTimeout::from_ref(state),
             answer_in_time,
         ));
-    let upload_limit = state.max_upload_bytes.saturating_add(FORM_OVERHEAD_BYTES);
+    let upload_limit = Uploads::from_ref(state).limits.max_bytes;
+    let upload_limit = upload_limit.saturating_add(FORM_OVERHEAD_BYTES);
     let upload_limit = usize::try_from(upload_limit).unwrap_or(usize::MAX);
     // These may take as long as they go on: an upload has limits of its own, events end with the case.
     let streams = OpenApiRouter::new()
@@ -97,7 +103,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let guarded = answers
         .merge(streams)
         .route_layer(middleware::from_fn_with_state(
-            state.access.clone(),
+            Access::from_ref(state),
             auth::require_token,
         ));
     let open = OpenApiRouter::new()
@@ -116,11 +122,10 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
 
 /// Gives an answer up that takes too long. Its work is cancelled where it still waits.
 async fn answer_in_time(
-    State(state): State<AppState>,
+    State(AnswerTimeout(limit)): State<AnswerTimeout>,
     request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
-    let limit = state.answer_timeout;
     // The only one that is posted is that for many pictures.
     let is_of_many = request.method() == Method::POST;
     tokio::time::timeout(limit, next.run(request))
@@ -137,7 +142,7 @@ async fn answer_in_time(
 
 /// Says in a header of whatever shows a case how far its mask can be trusted.
 async fn say_quality(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     path: RawPathParams,
     request: Request,
     next: Next,
@@ -147,7 +152,7 @@ async fn say_quality(
     let mut response = next.run(request).await;
     let shows = response.status().is_success() || response.status() == StatusCode::NOT_MODIFIED;
     if let Some(id) = id.filter(|_| shows)
-        && let Some(quality) = state.cases.known_quality(&id)
+        && let Some(quality) = cases.known_quality(&id)
     {
         response
             .headers_mut()
@@ -160,7 +165,7 @@ async fn say_quality(
 pub(crate) fn depth_headers(asked_mm: f32, max_depth_mm: f32) -> HeaderMap {
     let depth_mm = asked_mm.min(max_depth_mm);
     let mut headers = HeaderMap::new();
-    caching::insert(
+    conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-mm"),
         &depth_mm.to_string(),
@@ -170,7 +175,7 @@ pub(crate) fn depth_headers(asked_mm: f32, max_depth_mm: f32) -> HeaderMap {
     } else {
         "false"
     };
-    caching::insert(
+    conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-clamped"),
         clamped,

@@ -1,18 +1,19 @@
 //! Pictures of the isosurface.
 
+use std::sync::Arc;
+
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName, HeaderValue};
+use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
-use case::CaseId;
+use case::CaseFacts;
+use cases::Cases;
 use cases::pictures::{EncodedImage, ImageMetadata, PictureRequest, backend_for, encode};
-use render::{RenderBackend, Wanted};
 
 use super::depth_headers;
 use super::query::{ApiQuery, CasePath, Checked};
-use crate::caching::{self, EntityTag, IMMUTABLE, REVALIDATE, Representation, not_modified};
-use crate::negotiate::{Coding, media_type};
+use crate::conditional::{self, Content, Form, Question};
+use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
@@ -44,65 +45,45 @@ impl Checked for PictureRequest {
     )
 )]
 pub async fn get_render(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<PictureRequest>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
-    let facts = state.cases.ready(&id).await?;
-    let backend = backend_for(query.renderer, &state.cases.graphics).await;
-    let named = state.cases.identity(&id, query.annotate).await?;
-    let cache_control = caching_of(named.as_deref());
-    let tag = tag_of(&id, &query, (&backend, named.as_deref()));
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", cache_control));
-    }
-    let model = state.model(&id).await?;
-    let picture = state.cases.picture_job(&model, &query, backend).await?;
-    let metadata = ImageMetadata::of(Some(&id), &picture.job).named(named.clone());
-    let annotate = query.annotate;
-    let work = move |is_wanted: &Wanted<'_>| {
-        picture
-            .draw(is_wanted)
-            .and_then(|drawn| encode(drawn, &metadata, annotate))
+    let question = Question {
+        id,
+        route: "render",
+        query: &query,
+        request: &request,
     };
-    let image = state.cases.pool.run_while(work).await??;
-    let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
-    describe(&image, &mut headers);
-    Representation {
-        headers,
-        vary: "accept",
-        cache_control,
-        ..Representation::immutable(
-            tag_of(&id, &query, (&image.backend, named.as_deref())),
-            PNG,
-            image.png,
-        )
-    }
-    .respond(&request)
-}
-
-/// The tag of a picture: renderers differ in their pixels, graphics devices, too, and what is written of the case can be changed.
-fn tag_of(
-    id: &CaseId,
-    query: &PictureRequest,
-    (backend, named): (&RenderBackend, Option<&str>),
-) -> EntityTag {
-    let made = match named {
-        Some(named) => format!("{backend} {named}"),
-        None => backend.to_string(),
+    // Before the backend: looking for a graphics device may take seconds, and a case that is not there none.
+    cases.ready(&id).await?;
+    let backend = backend_for(query.renderer, &cases.graphics).await;
+    // Renderers differ in their pixels, and graphics devices, too.
+    let named = cases.identity(&id, query.annotate).await?;
+    let form = Form::of(PNG)
+        .variant(backend.to_string())
+        .named(named.clone());
+    let work = async |facts: Arc<CaseFacts>| {
+        let model = cases.model(&id).await?;
+        let turn = cases.queue.turn().await?;
+        let picture = cases.picture_job(&model, &query, backend).await?;
+        let metadata = ImageMetadata::of(Some(&id), &picture.job).named(named);
+        let drawn = picture.draw(&turn).await?;
+        let annotate = query.annotate;
+        let image = turn
+            .run(move || encode(drawn, &metadata, annotate))
+            .await??;
+        let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
+        describe(&image, &mut headers);
+        Ok(Content {
+            variant: Some(image.backend.to_string()),
+            body: image.png.into(),
+            headers,
+        })
     };
-    EntityTag::of_answer(id, "render", query, (&made, Coding::Identity))
-}
-
-/// How long a picture can be kept: a case that is named in it can get another label.
-pub(super) fn caching_of(named: Option<&str>) -> HeaderValue {
-    if named.is_some() {
-        REVALIDATE
-    } else {
-        IMMUTABLE
-    }
+    question.answer(&cases, form, work).await
 }
 
 /// What every picture names as its maker.
@@ -111,7 +92,7 @@ pub(crate) const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"
 /// Says in headers who drew, on what, and of how much.
 pub(super) fn describe(image: &EncodedImage, headers: &mut HeaderMap) {
     let mut insert = |name, text: &str| {
-        caching::insert(headers, HeaderName::from_static(name), text);
+        conditional::insert(headers, HeaderName::from_static(name), text);
     };
     insert("x-isocortex-renderer", image.backend.name());
     insert("x-isocortex-device", &image.backend.device());

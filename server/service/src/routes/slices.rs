@@ -1,19 +1,22 @@
 //! Pictures of slices with the isosurfaces' contours.
 
+use std::sync::Arc;
+
 use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
+use bytes::Bytes;
 use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::query::{ApiQuery, CasePath, Checked};
-use super::render::{PNG, caching_of};
-use crate::caching::{EntityTag, Representation, not_modified};
-use crate::negotiate::{Coding, media_type};
+use super::render::PNG;
+use crate::conditional::{Form, Question};
+use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 use case::CaseFacts;
+use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::{
     NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size, window_of,
@@ -54,8 +57,7 @@ pub struct SliceQuery {
     #[serde(default)]
     #[param(inline)]
     colormap: ColorMap,
-    /// Whether label, day and first digits of the case, place, window, scale, the contours' depths, directions and the notice of research
-    /// use are written into the picture.
+    /// Whether label, day and first digits of the case, place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
@@ -128,7 +130,7 @@ fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
     )
 )]
 pub async fn get_slice(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery(query): ApiQuery<SliceQuery>,
@@ -143,32 +145,28 @@ pub async fn get_slice(
                 .find(|plane| plane.name() == text)
         })
         .ok_or(AppError::NoSuchRoute)?;
-    let facts = state.cases.ready(&id).await?;
-    let named = state.cases.identity(&id, query.annotate).await?;
-    let cache_control = caching_of(named.as_deref());
-    let made = match &named {
-        Some(named) => format!("{} {named}", plane.name()),
-        None => plane.name().to_owned(),
+    let question = Question {
+        id,
+        route: "slices",
+        query: &query,
+        request: &request,
     };
-    let tag = EntityTag::of_answer(&id, "slices", &query, (&made, Coding::Identity));
-    if tag.is_known_to(&request) {
-        return Ok(not_modified(&tag, "accept", cache_control));
-    }
-    let middle_mm = middle_mm(&facts, plane.axis());
-    let drawing = query.request(plane, middle_mm, window_of(&facts))?;
-    let model = state.model(&id).await?;
-    let case = id.to_string();
-    let work = move || draw(&model, &case, &drawing, named.as_deref());
-    let picture = state.cases.pool.run(work).await??;
-    Representation {
-        vary: "accept",
-        cache_control,
-        ..Representation::immutable(tag, PNG, picture)
-    }
-    .respond(&request)
+    let named = cases.identity(&id, query.annotate).await?;
+    let work = async |facts: Arc<CaseFacts>| {
+        let middle_mm = middle_mm(&facts, plane.axis());
+        let drawing = query.request(plane, middle_mm, window_of(&facts))?;
+        let model = cases.model(&id).await?;
+        let (case, named) = (id.to_string(), named.clone());
+        let picture = cases
+            .queue
+            .run(move || draw(&model, &case, &drawing, named.as_deref()));
+        Ok(Bytes::from(picture.await??).into())
+    };
+    let form = Form::of(PNG).variant(plane.name()).named(named.clone());
+    question.answer(&cases, form, work).await
 }
 
-/// `named` is written into the picture with all that an annotation has; `None`: nothing is.
+/// Draws a slice; `named` is written into it, with all else that an annotation has.
 fn draw(
     model: &WarmModel,
     case: &str,
@@ -178,10 +176,15 @@ fn draw(
     let scene = model.scene();
     let mut frame = render::draw_slice(&scene, request);
     if named.is_some() {
-        let projection = request.projection(&scene.bounds);
-        frame = render::annotate_slice(frame, request, &projection, named);
+        frame = render::annotate_slice(
+            frame,
+            request,
+            &request.projection(&scene.bounds),
+            &scene.layers,
+            named,
+        );
     }
-    let mut texts = render::slice_texts(case, request);
+    let mut texts = render::slice_texts(case, request, &scene.layers);
     texts.retain(|(_, text)| !text.is_empty());
     Ok(render::encode_png(&frame, &texts)?)
 }

@@ -1,5 +1,6 @@
 //! The voxels of a case as three-dimensional textures.
 
+use std::future::ready;
 use std::sync::Arc;
 
 use axum::extract::State;
@@ -8,14 +9,13 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::bodies::{BodyKey, BodyKind};
+use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::query::{ApiQuery, CasePath, Checked};
-use crate::caching::{self, EntityTag, IMMUTABLE, Representation, coding_for, not_modified};
+use crate::conditional::{self, Content, Form, Question};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
 use crate::wire::{self, Texture, Voxels};
-use case::CaseId;
+use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::check_count;
 
@@ -96,7 +96,8 @@ impl Checked for DistanceQuery {
     )
 )]
 pub async fn get_volume(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
+    State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<VolumeQuery>,
     request: HeaderMap,
@@ -105,12 +106,19 @@ pub async fn get_volume(
         8 => wire::quick_volume_texture(model),
         _ => wire::volume_texture(model),
     };
-    let source = Source {
+    let question = Question {
+        id,
         route: "volume",
-        kind: BodyKind::Volume(query.bits),
-        texture,
+        query: &query,
+        request: &request,
     };
-    answer(&state, id, query, &request, source).await
+    answer(
+        question,
+        (&cases, &bodies),
+        BodyKind::Volume(query.bits),
+        texture,
+    )
+    .await
 }
 
 /// The signed depth on the working grid
@@ -141,7 +149,8 @@ pub async fn get_volume(
     )
 )]
 pub async fn get_distance(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
+    State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery(query): ApiQuery<DistanceQuery>,
     request: HeaderMap,
@@ -150,52 +159,48 @@ pub async fn get_distance(
         1 => wire::depth_texture(model),
         step => wire::coarse_depth_texture(model, step),
     };
-    let source = Source {
+    let question = Question {
+        id,
         route: "distance",
-        kind: BodyKind::Distance(query.step),
-        texture,
+        query: &query,
+        request: &request,
     };
-    answer(&state, id, query, &request, source).await
-}
-
-/// Where a texture comes from.
-struct Source<F> {
-    route: &'static str,
-    kind: BodyKind,
-    texture: F,
+    answer(
+        question,
+        (&cases, &bodies),
+        BodyKind::Distance(query.step),
+        texture,
+    )
+    .await
 }
 
 async fn answer(
-    state: &AppState,
-    id: CaseId,
-    query: impl Serialize,
-    request: &HeaderMap,
-    source: Source<impl FnOnce(&Arc<WarmModel>) -> Texture>,
+    question: Question<'_, impl Serialize>,
+    (cases, bodies): (&Cases, &Bodies),
+    kind: BodyKind,
+    texture: impl FnOnce(&Arc<WarmModel>) -> Texture,
 ) -> Result<Response, AppError> {
+    let (id, request) = (question.id, question.request);
     media_type(request, &[MEDIA_TYPE])?;
-    let coding = coding_for(request);
-    let tag = EntityTag::of_answer(&id, source.route, &query, (MEDIA_TYPE, coding));
-    state.cases.ready(&id).await?;
-    if tag.is_known_to(request) {
-        return Ok(not_modified(&tag, "accept-encoding", IMMUTABLE));
-    }
-    let texture = (source.texture)(&state.model(&id).await?);
-    let headers = layout(&texture);
-    let body = match (texture.voxels, coding) {
-        (Voxels::Shared(bytes), Coding::Identity) => bytes,
-        (voxels, _) => {
-            let kind = source.kind;
-            let key = BodyKey { id, kind, coding };
-            state.bodies.get(key, move || voxels.bytes()).await?
-        }
+    let form = Form::compressed(MEDIA_TYPE, request);
+    let coding = form.coding();
+    let work = async |_| {
+        let texture = texture(&cases.model(&id).await?);
+        let headers = layout(&texture);
+        let body = match (texture.voxels, coding) {
+            (Voxels::Shared(bytes), Coding::Identity) => bytes,
+            (voxels, _) => {
+                let voxels = ready(Ok::<_, AppError>(voxels));
+                let body = bodies.get(BodyKey { id, kind, coding }, voxels, Voxels::bytes);
+                body.await?
+            }
+        };
+        Ok(Content {
+            headers,
+            ..body.into()
+        })
     };
-    Representation {
-        headers,
-        coding,
-        vary: "accept-encoding",
-        ..Representation::immutable(tag, MEDIA_TYPE, body)
-    }
-    .respond(request)
+    question.answer(cases, form, work).await
 }
 
 /// The headers that say how to read a texture.
@@ -210,7 +215,7 @@ fn layout(texture: &Texture) -> HeaderMap {
         ("x-isocortex-offset", texture.offset.to_string()),
         ("x-isocortex-patient-from-voxel", affine),
     ] {
-        caching::insert(&mut headers, HeaderName::from_static(name), &text);
+        conditional::insert(&mut headers, HeaderName::from_static(name), &text);
     }
     headers
 }

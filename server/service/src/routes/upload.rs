@@ -16,12 +16,13 @@ use utoipa::ToSchema;
 use super::cases::{CaseView, address_of, fresh_json};
 use super::query::{ApiQuery, NoQuery};
 use super::refusals::without_input;
-use crate::caching;
+use crate::conditional;
 use crate::form_body::HeaderBudget;
 use crate::pace::is_too_slow;
 use crate::problem::{AppError, Problem};
-use crate::state::AppState;
+use crate::state::Uploads;
 use case::{CaseId, CaseState, Parameters};
+use cases::Cases;
 use cases::dicom::{Choice, Options, Reading, SeriesName};
 use pipeline::{Source, check};
 use storage::{Spooled, StoreError, Submitted, Upload};
@@ -85,24 +86,21 @@ pub struct UploadForm {
     )
 )]
 pub async fn create_case(
-    State(state): State<AppState>,
+    State(cases): State<Cases>,
+    State(uploads): State<Uploads>,
     _no_query: ApiQuery<NoQuery>,
     request: Request,
 ) -> Result<Response, AppError> {
-    refuse_early(request.headers(), state.max_upload_bytes)?;
-    let _room = state.begin_upload()?;
-    let form = read_form(&state, request).await?;
+    refuse_early(request.headers(), uploads.limits.max_bytes)?;
+    let _room = uploads.begin()?;
+    let form = read_form(&cases, &uploads, request).await?;
     let parameters = form.parameters.clone();
     parameters.check()?;
     let keep_name = form.keep_name;
-    let (upload, choice) = form.into_upload(&state).await?;
-    let parameters = named(&state, &upload, parameters, keep_name).await?;
-    let parameters = check_unless_known(&state, &upload, parameters).await?;
-    let accepted = state
-        .cases
-        .store()
-        .submit_upload(upload, parameters)
-        .await?;
+    let (upload, choice) = form.into_upload(&cases).await?;
+    let parameters = named(&cases, &upload, parameters, keep_name).await?;
+    let parameters = check_unless_known(&cases, &upload, parameters).await?;
+    let accepted = cases.store().submit_upload(upload, parameters).await?;
     Ok(submitted(accepted, choice))
 }
 
@@ -117,7 +115,7 @@ pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Respons
     let mut response: Response<Body> =
         fresh_json(status, &CaseView::from(submitted.case).choosing(choice));
     let headers = response.headers_mut();
-    caching::insert(headers, header::LOCATION, &address);
+    conditional::insert(headers, header::LOCATION, &address);
     if submitted.created {
         headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
     }
@@ -127,18 +125,18 @@ pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Respons
 /// Refuses at once what cannot be prepared, so that nothing of it gets into the store. What is in the store was checked before.
 /// Answers the parameters with which it will be prepared.
 async fn check_unless_known(
-    state: &AppState,
+    cases: &Cases,
     upload: &Upload,
     parameters: Parameters,
 ) -> Result<Parameters, AppError> {
     let id = upload.case_id(&parameters);
-    if is_known(state, &id).await? {
+    if is_known(cases, &id).await? {
         return Ok(parameters);
     }
     let start = upload.volume.head(SNIFFED_BYTES).await?;
-    let _room = state.cases.room_to_check(&start).await?;
+    let _room = cases.room_to_check(&start).await?;
     // The same may have been accepted while this one waited.
-    if is_known(state, &id).await? {
+    if is_known(cases, &id).await? {
         return Ok(parameters);
     }
     let source = Source {
@@ -149,18 +147,18 @@ async fn check_unless_known(
         },
         ..Source::default()
     };
-    check_now(state, source, parameters).await
+    check_now(cases, source, parameters).await
 }
 
 /// The parameters, without their label where a case that is there already keeps its own.
 async fn named(
-    state: &AppState,
+    cases: &Cases,
     upload: &Upload,
     parameters: Parameters,
     keep_name: bool,
 ) -> Result<Parameters, AppError> {
     let id = upload.case_id(&parameters);
-    let keeps = keep_name && state.cases.store().case(&id).await?.is_some();
+    let keeps = keep_name && cases.store().case(&id).await?.is_some();
     Ok(Parameters {
         name: parameters.name.filter(|_| !keeps),
         ..parameters
@@ -168,23 +166,20 @@ async fn named(
 }
 
 /// Whether a case was accepted before.
-pub(super) async fn is_known(state: &AppState, id: &CaseId) -> Result<bool, AppError> {
-    let known = state.cases.store().case(id).await?;
+pub(super) async fn is_known(cases: &Cases, id: &CaseId) -> Result<bool, AppError> {
+    let known = cases.store().case(id).await?;
     Ok(known.is_some_and(|case| case.state != CaseState::Failed))
 }
 
 /// Refuses what cannot be prepared; the parameters with which it will be.
 pub(super) async fn check_now(
-    state: &AppState,
+    cases: &Cases,
     source: Source,
     parameters: Parameters,
 ) -> Result<Parameters, AppError> {
-    let (limits, has_network) = (
-        state.cases.library.limits(),
-        state.cases.library.has_network(),
-    );
+    let (limits, has_network) = (cases.library.limits(), cases.library.has_network());
     let check = move || check(&source, parameters, &limits, has_network);
-    Ok(state.cases.pool.run(check).await??)
+    Ok(cases.queue.run(check).await??)
 }
 
 /// Refuses what can be refused before the body is read.
@@ -217,21 +212,29 @@ pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<
 }
 
 /// Reads the parts in whatever order they come.
-async fn read_form(state: &AppState, request: Request) -> Result<Form, AppError> {
+async fn read_form(cases: &Cases, uploads: &Uploads, request: Request) -> Result<Form, AppError> {
     let budget = HeaderBudget::default();
     let request = request.map(|body| budget.watch(body));
-    let mut form = Multipart::from_request(request, state)
+    let mut form = Multipart::from_request(request, &())
         .await
         .map_err(|_| AppError::UnsupportedMediaType)?;
-    let limits = PartLimits::of(state);
+    let limits = PartLimits::of(uploads);
     let (mut volume, mut mask, mut parameters) = (None, None, None);
     let mut dicom = DicomParts::default();
     while let Some(field) = in_time(limits, form.next_field()).await? {
         budget.end_header();
         let name = field.name().unwrap_or_default().to_owned();
         match name.as_str() {
-            "volume" => set_once(&mut volume, &name, spool(state, limits, field).await?)?,
-            "mask" => set_once(&mut mask, &name, spool(state, limits, field).await?)?,
+            "volume" => set_once(
+                &mut volume,
+                &name,
+                spool(cases, uploads, limits, field).await?,
+            )?,
+            "mask" => set_once(
+                &mut mask,
+                &name,
+                spool(cases, uploads, limits, field).await?,
+            )?,
             "parameters" => {
                 set_once(
                     &mut parameters,
@@ -239,7 +242,7 @@ async fn read_form(state: &AppState, request: Request) -> Result<Form, AppError>
                     read_parameters(limits, field).await?,
                 )?;
             }
-            "dicom" => dicom.add(state, limits, field).await?,
+            "dicom" => dicom.add(cases, uploads, limits, field).await?,
             _ => return Err(unknown_part()),
         }
         budget.begin_header();
@@ -304,12 +307,12 @@ enum Volume {
 
 impl Form {
     /// DICOM files, which content tells, become a volume.
-    async fn into_upload(self, state: &AppState) -> Result<(Upload, Option<Choice>), AppError> {
+    async fn into_upload(self, cases: &Cases) -> Result<(Upload, Option<Choice>), AppError> {
         let options = &self.options;
         let reading = match self.volume {
-            Volume::Dicom(directory) => read_dicom(state, directory.path(), options).await?,
+            Volume::Dicom(directory) => read_dicom(cases, directory.path(), options).await?,
             Volume::File(file) => match sniff(&file.head(SNIFFED_BYTES).await?) {
-                Format::Zip | Format::Dicom => read_dicom(state, file.path(), options).await?,
+                Format::Zip | Format::Dicom => read_dicom(cases, file.path(), options).await?,
                 _ if *options != Options::default() => return Err(not_of_nifti()),
                 _ => {
                     let upload = Upload {
@@ -322,21 +325,17 @@ impl Form {
             },
         };
         let upload = Upload {
-            volume: state.cases.store().spool_all(reading.volume).await?,
+            volume: cases.store().spool_all(reading.volume).await?,
             mask: self.mask,
-            dicom: Some(state.cases.store().spool_all(reading.attributes).await?),
+            dicom: Some(cases.store().spool_all(reading.attributes).await?),
         };
         Ok((upload, Some(reading.choice)))
     }
 }
 
-async fn read_dicom(
-    state: &AppState,
-    input: &Path,
-    options: &Options,
-) -> Result<Reading, AppError> {
-    let scratch = state.cases.store().scratch();
-    Ok(state.cases.dicom.read(input, options, &scratch).await?)
+async fn read_dicom(cases: &Cases, input: &Path, options: &Options) -> Result<Reading, AppError> {
+    let scratch = cases.store().scratch();
+    Ok(cases.dicom.read(input, options, &scratch).await?)
 }
 
 fn not_of_nifti() -> AppError {
@@ -357,7 +356,8 @@ struct DicomParts {
 impl DicomParts {
     async fn add(
         &mut self,
-        state: &AppState,
+        cases: &Cases,
+        uploads: &Uploads,
         limits: PartLimits,
         mut field: Field<'_>,
     ) -> Result<(), AppError> {
@@ -367,7 +367,7 @@ impl DicomParts {
         }
         let directory = match &mut self.directory {
             Some(directory) => directory,
-            empty => empty.insert(state.cases.store().spool_directory().await?),
+            empty => empty.insert(cases.store().spool_directory().await?),
         };
         let path = directory.path().join(self.count.to_string());
         self.count += 1;
@@ -383,7 +383,7 @@ impl DicomParts {
                 );
                 return Err(AppError::PartTooLarge { detail });
             }
-            state.metrics.uploaded(bytes.len());
+            uploads.metrics.uploaded(bytes.len());
             file.write_all(&bytes).await.map_err(disk)?;
         }
         file.flush().await.map_err(disk)
@@ -425,12 +425,12 @@ pub(super) struct PartLimits {
 
 impl PartLimits {
     /// Those of an upload that begins now.
-    pub(super) fn of(state: &AppState) -> Self {
+    pub(super) fn of(uploads: &Uploads) -> Self {
         Self {
-            bytes: state.max_upload_bytes,
-            idle: state.upload_idle,
-            whole: state.upload_timeout,
-            end: Instant::now() + state.upload_timeout,
+            bytes: uploads.limits.max_bytes,
+            idle: uploads.limits.idle,
+            whole: uploads.limits.whole,
+            end: Instant::now() + uploads.limits.whole,
         }
     }
 
@@ -491,16 +491,17 @@ pub(super) fn too_slow() -> AppError {
 
 /// Streams a part to the store's disk.
 async fn spool(
-    state: &AppState,
+    cases: &Cases,
+    uploads: &Uploads,
     limits: PartLimits,
     mut field: Field<'_>,
 ) -> Result<Spooled, AppError> {
-    let mut spool = state.cases.store().spool().await?;
+    let mut spool = cases.store().spool().await?;
     while let Some(bytes) = in_time(limits, field.chunk()).await? {
         if spool.len() + bytes.len() as u64 > limits.bytes {
             return Err(limits.too_large());
         }
-        state.metrics.uploaded(bytes.len());
+        uploads.metrics.uploaded(bytes.len());
         spool.write(bytes).await?;
     }
     Ok(spool.finish().await?)

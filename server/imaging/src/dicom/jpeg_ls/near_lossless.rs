@@ -1,6 +1,7 @@
 //! Near-lossless JPEG-LS against another implementation.
 //!
-//! The pictures are [`sample`]'s, packed by CharLS (by way of pyjpegls 1.5); the digests are those of what CharLS unpacks again.
+//! CharLS (through pyjpegls 1.5) encoded the images of [`sample`]; the digests are of the images that CharLS decodes
+//! from them.
 
 use super::decode;
 
@@ -46,7 +47,7 @@ const SIXTEEN_BITS: Picture = Picture {
     digest: 446_485_438,
 };
 
-/// Flat stretches, which are coded as runs, a slope, and stretches without order.
+/// An image with flat stretches, which are coded as runs, a slope, and noise.
 fn sample(picture: &Picture, [x, y]: [u32; 2]) -> u32 {
     let ([columns, rows], most) = (picture.size.map(|side| side as u32), picture.most);
     let hash = (u64::from(x) * 2_654_435_761 + u64::from(y) * 40503) >> 4;
@@ -77,7 +78,7 @@ fn near_lossless_pictures_are_those_that_another_program_unpacks() {
             let place = [index % columns, index / columns].map(|along| along as u32);
             furthest = furthest.max(sample(&picture, place).abs_diff(found.into()));
         }
-        // It is lossy, and by no more than it says.
+        // It is lossy, within the stated bound.
         assert_eq!((furthest, digest), (picture.near, picture.digest));
     }
 }

@@ -212,17 +212,14 @@ fn heights(
         output: Output::Height,
     };
     let target = Target::new(&renderer.open, &renderer.pipelines, plan);
-    let case = renderer
-        .cases
-        .get(job.case.key)
-        .expect("it was drawn before");
+    let bindings = renderer.bind(&job.call())?;
     let mut encoder = renderer
         .open
         .device
         .create_command_encoder(&Default::default());
     let mut pass = target.begin_picture(&mut encoder);
     pass.set_pipeline(&pipeline);
-    pass.set_bind_group(0, &case.bindings, &[]);
+    pass.set_bind_group(0, &bindings, &[]);
     pass.set_bind_group(1, &bound, &[]);
     pass.set_index_buffer(triangles.slice(..), wgpu::IndexFormat::Uint32);
     pass.draw_indexed(0..(triangles.size() / 4) as u32, 0, 0..1);

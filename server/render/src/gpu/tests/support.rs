@@ -9,7 +9,9 @@ use super::super::adapter::Adapter;
 use super::super::renderer::GpuLimits;
 use super::super::worker::GpuWorker;
 use super::super::{CaseKey, GpuError, GpuJob, GpuSurface, KeyedModel};
-use crate::{Camera, FrameSize, NamedView, RenderParameters, RenderRequest, Scene, Window};
+use crate::{
+    Camera, FrameSize, KeyedLayers, NamedView, RenderParameters, RenderRequest, Scene, Window,
+};
 
 /// A made-up case, all of whose numbers are known.
 #[derive(Clone)]
@@ -95,6 +97,7 @@ pub(super) fn trace(case: &Case, parameters: RenderParameters) -> GpuJob {
         case: case.keyed.clone(),
         request: RenderRequest::new(parameters).unwrap(),
         surface: GpuSurface::Trace,
+        layers: KeyedLayers::default(),
     }
 }
 

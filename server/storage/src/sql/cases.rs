@@ -1,9 +1,8 @@
 //! Cases and the objects they need.
 
 use jiff::Timestamp;
-use sqlx::Row;
-use sqlx::sqlite::{SqliteConnection, SqlitePool, SqliteRow};
 
+use super::connection::{Connection, Row};
 use super::{jobs, pins, upkeep};
 use crate::rows::{Inserted, NewCase, Pinned};
 use crate::{Cursor, ObjectName, Page, StoreError};
@@ -14,8 +13,8 @@ macro_rules! select_case {
     ($rest:literal) => {
         concat!(
             "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at, previous, stage, fraction,
-                    (SELECT group_concat(id) FROM (SELECT id FROM cases AS version WHERE version.previous = cases.id
-                                                   ORDER BY created_at, id)) AS next
+                    (SELECT string_agg(version.id, ',' ORDER BY version.created_at, version.id) FROM cases AS version
+                     WHERE version.previous = cases.id) AS next
              FROM cases LEFT JOIN jobs ON jobs.case_id = cases.id ",
             $rest
         )
@@ -23,14 +22,16 @@ macro_rules! select_case {
 }
 
 pub(super) async fn insert(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     new: &NewCase,
     now: i64,
 ) -> Result<Inserted, StoreError> {
-    let state: Option<String> = sqlx::query_scalar("SELECT state FROM cases WHERE id = ?")
+    let row = connection
+        .query("SELECT state FROM cases WHERE id = $1")
         .bind(new.id.to_string())
-        .fetch_optional(&mut *connection)
+        .fetch_optional()
         .await?;
+    let state: Option<String> = row.map(|row| row.get("state")).transpose()?;
     if state.as_deref().is_some_and(|state| state != "failed") {
         return Ok(Inserted::Exists);
     }
@@ -54,13 +55,13 @@ pub(super) async fn insert(
 }
 
 async fn insert_row(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     new: &NewCase,
     now: i64,
 ) -> Result<(), StoreError> {
-    sqlx::query(
+    connection.query(
         "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
-         VALUES (?, ?, ?, ?, 'queued', ?, (SELECT id FROM cases WHERE id = ?))",
+         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))",
     )
     .bind(new.id.to_string())
     .bind(new.parameters.closing_radius_mm)
@@ -68,7 +69,7 @@ async fn insert_row(
     .bind(&new.parameters.name)
     .bind(now)
     .bind(new.previous.map(|id| id.to_string()))
-    .execute(connection)
+    .execute()
     .await?;
     Ok(())
 }
@@ -84,26 +85,26 @@ fn without_columns(parameters: &Parameters) -> Result<String, StoreError> {
 }
 
 /// The parameters of a row with the columns `closing_radius_mm`, `parameters` and `name`.
-pub(super) fn read_parameters(row: &SqliteRow) -> Result<Parameters, StoreError> {
-    let others: String = row.try_get("parameters")?;
+pub(super) fn read_parameters(row: &Row) -> Result<Parameters, StoreError> {
+    let others: String = row.get("parameters")?;
     Ok(Parameters {
-        closing_radius_mm: row.try_get("closing_radius_mm")?,
-        name: row.try_get("name")?,
+        closing_radius_mm: row.get("closing_radius_mm")?,
+        name: row.get("name")?,
         ..serde_json::from_str(&others)?
     })
 }
 
-async fn queue_again(connection: &mut SqliteConnection, id: &CaseId) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = ?")
+async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
+    connection.query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1")
         .bind(id.to_string())
-        .execute(connection)
+        .execute()
         .await?;
     Ok(())
 }
 
 /// Turns pins into references of a case; `false` where a pin has gone. What the case ceases to need is abandoned.
 pub(super) async fn refer(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &CaseId,
     pinned: &Pinned,
     now: i64,
@@ -111,121 +112,125 @@ pub(super) async fn refer(
     if !pins::consume(connection, pinned).await? {
         return Ok(false);
     }
-    let before = objects(&mut *connection, id).await?;
+    let before = objects(connection, id).await?;
     for name in &pinned.names {
-        sqlx::query(
-            "INSERT INTO case_objects (case_id, kind, digest) VALUES (?, ?, ?)
-             ON CONFLICT DO UPDATE SET digest = excluded.digest",
-        )
-        .bind(id.to_string())
-        .bind(name.kind.name())
-        .bind(name.digest.to_string())
-        .execute(&mut *connection)
-        .await?;
+        connection
+            .query(
+                "INSERT INTO case_objects (case_id, kind, digest) VALUES ($1, $2, $3)
+             ON CONFLICT (case_id, kind) DO UPDATE SET digest = excluded.digest",
+            )
+            .bind(id.to_string())
+            .bind(name.kind.name())
+            .bind(name.digest.to_string())
+            .execute()
+            .await?;
     }
-    let after = objects(&mut *connection, id).await?;
+    let after = objects(connection, id).await?;
     let dropped = before.into_iter().filter(|name| !after.contains(name));
     pins::abandon(connection, dropped.collect(), now).await?;
     Ok(true)
 }
 
-pub(super) async fn is_ready(
-    connection: &mut SqliteConnection,
-    id: &CaseId,
-) -> Result<bool, StoreError> {
-    let ready =
-        sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM cases WHERE id = ? AND state = 'ready')")
-            .bind(id.to_string())
-            .fetch_one(connection)
-            .await?;
-    Ok(ready)
+pub(super) async fn is_ready(connection: &mut Connection, id: &CaseId) -> Result<bool, StoreError> {
+    let row = connection
+        .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1 AND state = 'ready') AS ready")
+        .bind(id.to_string())
+        .fetch_one()
+        .await?;
+    row.get("ready")
 }
 
 pub(super) async fn make_ready(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &CaseId,
     facts: &CaseFacts,
 ) -> Result<(), StoreError> {
     let facts = serde_json::to_string(facts)?;
-    sqlx::query(
-        "UPDATE cases SET state = 'ready', facts = ?, facts_digest = ?, failure = NULL WHERE id = ?",
+    connection.query(
+        "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE id = $3",
     )
     .bind(&facts)
     .bind(upkeep::digest(&facts))
     .bind(id.to_string())
-    .execute(connection)
+    .execute()
     .await?;
     Ok(())
 }
 
 pub(super) async fn make_failed(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &CaseId,
     failure: &Failure,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET state = 'failed', failure = ?, facts = NULL, facts_digest = NULL WHERE id = ?")
+    connection.query("UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2")
         .bind(serde_json::to_string(failure)?)
         .bind(id.to_string())
-        .execute(connection)
+        .execute()
         .await?;
     Ok(())
 }
 
 pub(super) async fn rename(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &CaseId,
     name: &str,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE cases SET name = ? WHERE id = ?")
+    connection
+        .query("UPDATE cases SET name = $1 WHERE id = $2")
         .bind(name)
         .bind(id.to_string())
-        .execute(connection)
+        .execute()
         .await?;
     Ok(())
 }
 
 pub(super) async fn delete(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &CaseId,
     now: i64,
 ) -> Result<bool, StoreError> {
-    let needed = objects(&mut *connection, id).await?;
+    let needed = objects(connection, id).await?;
     pins::abandon(connection, needed, now).await?;
     // Its versions become those of the case that it is itself a version of.
-    sqlx::query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = ?1) WHERE previous = ?1")
+    connection.query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1")
         .bind(id.to_string())
-        .execute(&mut *connection)
+        .execute()
         .await?;
     // The job and the references go with the case (ON DELETE CASCADE).
-    let deleted = sqlx::query("DELETE FROM cases WHERE id = ?")
+    let deleted = connection
+        .query("DELETE FROM cases WHERE id = $1")
         .bind(id.to_string())
-        .execute(connection)
+        .execute()
         .await?;
-    Ok(deleted.rows_affected() > 0)
+    Ok(deleted > 0)
 }
 
-pub(super) async fn objects<'e>(
-    executor: impl sqlx::SqliteExecutor<'e>,
+pub(super) async fn objects(
+    connection: &mut Connection,
     id: &CaseId,
 ) -> Result<Vec<ObjectName>, StoreError> {
-    let rows: Vec<(String, String)> =
-        sqlx::query_as("SELECT kind, digest FROM case_objects WHERE case_id = ? ORDER BY kind")
-            .bind(id.to_string())
-            .fetch_all(executor)
-            .await?;
+    let rows = connection
+        .query("SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind")
+        .bind(id.to_string())
+        .fetch_all()
+        .await?;
     rows.iter().map(pins::read_name).collect()
 }
 
-pub(super) async fn one(pool: &SqlitePool, id: &CaseId) -> Result<Option<Case>, StoreError> {
-    let row = sqlx::query(select_case!("WHERE id = ?"))
+pub(super) async fn one(
+    connection: &mut Connection,
+    id: &CaseId,
+) -> Result<Option<Case>, StoreError> {
+    let row = connection
+        .query(select_case!("WHERE id = $1"))
         .bind(id.to_string())
-        .fetch_optional(pool)
+        .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
 }
 
 pub(super) async fn page(
-    pool: &SqlitePool,
+    connection: &mut Connection,
     after: Option<&Cursor>,
     limit: usize,
 ) -> Result<Page, StoreError> {
@@ -233,14 +238,15 @@ pub(super) async fn page(
         Some(cursor) => (cursor.created_at.as_microsecond(), cursor.id.to_string()),
         None => (i64::MAX, String::new()),
     };
-    let rows = sqlx::query(select_case!(
-        "WHERE (created_at, id) < (?, ?) ORDER BY created_at DESC, id DESC LIMIT ?"
-    ))
-    .bind(created_at)
-    .bind(id)
-    .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
-    .fetch_all(pool)
-    .await?;
+    let rows = connection
+        .query(select_case!(
+            "WHERE (created_at, id) < ($1, $2) ORDER BY created_at DESC, id DESC LIMIT $3"
+        ))
+        .bind(created_at)
+        .bind(id)
+        .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
+        .fetch_all()
+        .await?;
     let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let more = cases.len() > limit;
     cases.truncate(limit);
@@ -248,26 +254,26 @@ pub(super) async fn page(
     Ok(Page { cases, next })
 }
 
-fn read(row: &SqliteRow) -> Result<Case, StoreError> {
+fn read(row: &Row) -> Result<Case, StoreError> {
     let unreadable =
         |what: &str| StoreError::Rows(format!("a case's row has an unknown {what}").into());
-    let id: String = row.try_get("id")?;
-    let state: String = row.try_get("state")?;
-    let failure: Option<String> = row.try_get("failure")?;
-    let facts: Option<String> = row.try_get("facts")?;
+    let id: String = row.get("id")?;
+    let state: String = row.get("state")?;
+    let failure: Option<String> = row.get("failure")?;
+    let facts: Option<String> = row.get("facts")?;
     let id = CaseId::parse(&id).ok_or_else(|| unreadable("id"))?;
-    let digest: Option<String> = row.try_get("facts_digest")?;
+    let digest: Option<String> = row.get("facts_digest")?;
     if facts.as_deref().map(upkeep::digest) != digest {
         return Err(StoreError::DamagedFacts(id));
     }
-    let [previous, next]: [Option<String>; 2] = [row.try_get("previous")?, row.try_get("next")?];
+    let [previous, next]: [Option<String>; 2] = [row.get("previous")?, row.get("next")?];
     let versions = |ids: Option<String>| {
         let ids = ids.unwrap_or_default();
         let ids = ids.split(',').filter(|id| !id.is_empty());
         ids.map(|id| CaseId::parse(id).ok_or_else(|| unreadable("version")))
             .collect::<Result<Vec<_>, _>>()
     };
-    let created_at = Timestamp::from_microsecond(row.try_get("created_at")?);
+    let created_at = Timestamp::from_microsecond(row.get("created_at")?);
     Ok(Case {
         id,
         parameters: read_parameters(row)?,
@@ -297,9 +303,9 @@ fn read_state(name: &str) -> Option<CaseState> {
     }
 }
 
-fn read_progress(row: &SqliteRow) -> Result<Option<Progress>, StoreError> {
-    let stage: Option<String> = row.try_get("stage")?;
-    let fraction: Option<f32> = row.try_get("fraction")?;
+fn read_progress(row: &Row) -> Result<Option<Progress>, StoreError> {
+    let stage: Option<String> = row.get("stage")?;
+    let fraction: Option<f32> = row.get("fraction")?;
     let stage = stage.as_deref().and_then(Stage::from_name);
     Ok(stage
         .zip(fraction)

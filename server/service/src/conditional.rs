@@ -1,27 +1,25 @@
 //! Answers that never change: strong entity tags, 304, ranges and content codings.
 
-use std::io::Write as _;
+use std::sync::Arc;
 
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
+use case::{CaseFacts, CaseId};
+use cases::Cases;
 
 use crate::negotiate::Coding;
 use crate::problem::AppError;
-use case::CaseId;
 
 /// Part of every entity tag: raised when the bytes of any answer to the same request change.
 const FORMAT_VERSION: u8 = 2;
 
 /// How long answers stay fresh: a pure function of id and query never goes stale.
-pub const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
+const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
-/// Asked for again each time, and answered by 304 where nothing has changed.
+/// The client asks again each time, and gets 304 if nothing has changed.
 pub const REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
-
-/// zstd's own default: within a few percent of the best here at a hundredth of its time.
-const ZSTD_LEVEL: i32 = 3;
 
 /// A strong entity tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -88,6 +86,133 @@ impl EntityTag {
     }
 }
 
+/// What is asked about a case, where the answer to the same question never changes.
+#[derive(Debug)]
+pub struct Question<'a, Q> {
+    /// The case.
+    pub id: CaseId,
+    /// What about it: the rest of the route.
+    pub route: &'static str,
+    /// The checked query.
+    pub query: &'a Q,
+    /// The headers of the request.
+    pub request: &'a HeaderMap,
+}
+
+/// The form in which a question is answered.
+#[derive(Debug)]
+pub struct Form {
+    media_type: &'static str,
+    /// What else tells answers to one question apart; by default the media type.
+    variant: String,
+    /// What the answer says of the case that can change.
+    named: Option<String>,
+    coding: Coding,
+    vary: &'static str,
+}
+
+impl Form {
+    /// A media type that was negotiated, not compressed.
+    pub fn of(media_type: &'static str) -> Self {
+        Self {
+            media_type,
+            variant: media_type.to_owned(),
+            named: None,
+            coding: Coding::Identity,
+            vary: "accept",
+        }
+    }
+
+    /// A media type that is the only one, compressed as the client prefers.
+    pub fn compressed(media_type: &'static str, request: &HeaderMap) -> Self {
+        Self {
+            coding: coding_for(request),
+            vary: "accept-encoding",
+            ..Self::of(media_type)
+        }
+    }
+
+    /// The same form, told apart by something else than its media type.
+    #[must_use]
+    pub fn variant(self, variant: impl Into<String>) -> Self {
+        Self {
+            variant: variant.into(),
+            ..self
+        }
+    }
+
+    /// The same form, with what the answer says of the case that can change: the client asks for it again each time.
+    #[must_use]
+    pub fn named(self, named: Option<String>) -> Self {
+        Self { named, ..self }
+    }
+
+    /// How the answer is compressed.
+    pub fn coding(&self) -> Coding {
+        self.coding
+    }
+}
+
+/// What was found out for an answer.
+#[derive(Debug, Default)]
+pub struct Content {
+    /// The bytes, in the coding of the form.
+    pub body: Bytes,
+    /// What else to say about them.
+    pub headers: HeaderMap,
+    /// The variant of the form, if the work decided on another one.
+    pub variant: Option<String>,
+}
+
+impl From<Bytes> for Content {
+    fn from(body: Bytes) -> Self {
+        Self {
+            body,
+            ..Self::default()
+        }
+    }
+}
+
+impl<Q: serde::Serialize> Question<'_, Q> {
+    /// Answers about a case that is ready: by 304 without any work if the client has the answer, and otherwise with what `work` finds.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`] and [`Representation::respond`], and those of `work`.
+    pub async fn answer(
+        self,
+        cases: &Cases,
+        form: Form,
+        work: impl AsyncFnOnce(Arc<CaseFacts>) -> Result<Content, AppError>,
+    ) -> Result<Response, AppError> {
+        let tag_of = |variant: &str| {
+            let named = form.named.as_deref().unwrap_or_default();
+            let variant = format!("{variant} {named}");
+            let negotiated = (variant.trim_end(), form.coding);
+            EntityTag::of_answer(&self.id, self.route, self.query, negotiated)
+        };
+        let cache_control = match form.named {
+            Some(_) => REVALIDATE,
+            None => IMMUTABLE,
+        };
+        let tag = tag_of(&form.variant);
+        let facts = cases.ready(&self.id).await?;
+        if tag.is_known_to(self.request) {
+            return Ok(not_modified(&tag, form.vary, cache_control));
+        }
+        let content = work(facts).await?;
+        Representation {
+            tag: content.variant.as_deref().map_or(tag, tag_of),
+            media_type: form.media_type,
+            coding: form.coding,
+            body: content.body,
+            headers: content.headers,
+            vary: form.vary,
+            cache_control,
+        }
+        .respond(self.request)
+    }
+}
+
 /// The coding to answer in. A request for a range is answered without one, so that ranges count the bytes that are documented.
 pub fn coding_for(request: &HeaderMap) -> Coding {
     if request.contains_key(header::RANGE) {
@@ -117,19 +242,6 @@ pub struct Representation {
 }
 
 impl Representation {
-    /// An answer that is a pure function of a case and a query.
-    pub fn immutable(tag: EntityTag, media_type: &'static str, body: impl Into<Bytes>) -> Self {
-        Self {
-            tag,
-            media_type,
-            coding: Coding::Identity,
-            body: body.into(),
-            headers: HeaderMap::new(),
-            vary: "authorization",
-            cache_control: IMMUTABLE,
-        }
-    }
-
     /// The answer to a request: whole, the part asked for (206), or nothing new (304).
     ///
     /// # Errors
@@ -170,7 +282,7 @@ impl Representation {
 }
 
 /// The answer to a client that has it already.
-pub fn not_modified(tag: &EntityTag, vary: &'static str, cache_control: HeaderValue) -> Response {
+fn not_modified(tag: &EntityTag, vary: &'static str, cache_control: HeaderValue) -> Response {
     let mut response = StatusCode::NOT_MODIFIED.into_response();
     about(response.headers_mut(), tag, vary, cache_control);
     response
@@ -213,24 +325,6 @@ fn range_of(request: &HeaderMap, length: u64) -> Option<Result<(u64, u64), ()>> 
     Some(if range.0 < length { Ok(range) } else { Err(()) })
 }
 
-/// Compresses a body.
-pub fn compress(bytes: &Bytes, coding: Coding) -> Bytes {
-    let compressed = match coding {
-        Coding::Identity => return bytes.clone(),
-        Coding::Zstd => zstd::bulk::compress(bytes, ZSTD_LEVEL),
-        Coding::Gzip => gzip(bytes),
-    };
-    compressed
-        .expect("compressing from memory to memory cannot fail")
-        .into()
-}
-
-fn gzip(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
-    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::new(5));
-    encoder.write_all(bytes)?;
-    encoder.finish()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -242,7 +336,16 @@ mod tests {
         }
         let body = Bytes::from_static(b"0123456789");
         let tag = EntityTag::of_bytes(&body, Coding::Identity);
-        Representation::immutable(tag, "text/plain", body).respond(&request)
+        Representation {
+            tag,
+            media_type: "text/plain",
+            coding: Coding::Identity,
+            body,
+            headers: HeaderMap::new(),
+            vary: "accept",
+            cache_control: IMMUTABLE,
+        }
+        .respond(&request)
     }
 
     fn content_range(range: &str) -> String {

@@ -1,67 +1,67 @@
 //! Pins: what keeps an object from being removed while no case needs it yet.
 
-use sqlx::sqlite::SqliteConnection;
-
+use super::connection::{Connection, Row};
 use crate::rows::Pinned;
 use crate::{ObjectName, StoreError};
 
 pub(super) async fn insert(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     pinned: &Pinned,
     until: i64,
 ) -> Result<(), StoreError> {
     for name in &pinned.names {
-        sqlx::query(
-            "INSERT INTO pins (kind, digest, holder, expires_at) VALUES (?, ?, ?, ?)
-             ON CONFLICT DO UPDATE SET expires_at = excluded.expires_at",
-        )
-        .bind(name.kind.name())
-        .bind(name.digest.to_string())
-        .bind(&pinned.holder)
-        .bind(until)
-        .execute(&mut *connection)
-        .await?;
+        connection
+            .query(
+                "INSERT INTO pins (kind, digest, holder, expires_at) VALUES ($1, $2, $3, $4)
+             ON CONFLICT (kind, digest, holder) DO UPDATE SET expires_at = excluded.expires_at",
+            )
+            .bind(name.kind.name())
+            .bind(name.digest.to_string())
+            .bind(&pinned.holder)
+            .bind(until)
+            .execute()
+            .await?;
     }
     Ok(())
 }
 
 pub(super) async fn expire(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     pinned: &Pinned,
     now: i64,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE pins SET expires_at = ? WHERE holder = ?")
+    connection
+        .query("UPDATE pins SET expires_at = $1 WHERE holder = $2")
         .bind(now)
         .bind(&pinned.holder)
-        .execute(connection)
+        .execute()
         .await?;
     Ok(())
 }
 
-pub(super) async fn expire_all(
-    connection: &mut SqliteConnection,
-    now: i64,
-) -> Result<(), StoreError> {
-    sqlx::query("UPDATE pins SET expires_at = ?")
+pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE pins SET expires_at = $1")
         .bind(now)
-        .execute(connection)
+        .execute()
         .await?;
     Ok(())
 }
 
 /// Takes the holder's pins away; `false` where one of them has gone already.
 pub(super) async fn consume(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     pinned: &Pinned,
 ) -> Result<bool, StoreError> {
     for name in &pinned.names {
-        let taken = sqlx::query("DELETE FROM pins WHERE kind = ? AND digest = ? AND holder = ?")
+        let taken = connection
+            .query("DELETE FROM pins WHERE kind = $1 AND digest = $2 AND holder = $3")
             .bind(name.kind.name())
             .bind(name.digest.to_string())
             .bind(&pinned.holder)
-            .execute(&mut *connection)
+            .execute()
             .await?;
-        if taken.rows_affected() == 0 {
+        if taken == 0 {
             return Ok(false);
         }
     }
@@ -70,7 +70,7 @@ pub(super) async fn consume(
 
 /// Leaves an expired pin on an object that may not be needed any more, so that it is looked at.
 pub(super) async fn abandon(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     names: Vec<ObjectName>,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -81,7 +81,9 @@ pub(super) async fn abandon(
     insert(connection, &abandoned, now).await
 }
 
-pub(super) fn read_name((kind, digest): &(String, String)) -> Result<ObjectName, StoreError> {
-    ObjectName::parse(kind, digest)
+/// The name in a row with the columns `kind` and `digest`.
+pub(super) fn read_name(row: &Row) -> Result<ObjectName, StoreError> {
+    let [kind, digest]: [String; 2] = [row.get("kind")?, row.get("digest")?];
+    ObjectName::parse(&kind, &digest)
         .ok_or_else(|| StoreError::Rows("a row names an object of an unknown kind".into()))
 }

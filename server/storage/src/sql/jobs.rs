@@ -1,63 +1,68 @@
 //! Jobs: who prepares which case, and until when.
 
-use sqlx::sqlite::SqliteConnection;
-
+use super::connection::Connection;
 use super::{cases, microseconds};
 use crate::StoreError;
 use crate::rows::{Claim, LeaseTerms, Release};
 use case::{CaseId, Failure, FailureKind, Progress};
 
 pub(super) async fn insert(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &CaseId,
     now: i64,
 ) -> Result<(), StoreError> {
-    sqlx::query("INSERT INTO jobs (case_id, queued_at, available_at) VALUES (?1, ?2, ?2)")
+    connection
+        .query("INSERT INTO jobs (case_id, queued_at, available_at) VALUES ($1, $2, $2)")
         .bind(id.to_string())
         .bind(now)
-        .execute(connection)
+        .execute()
         .await?;
     Ok(())
 }
 
-pub(super) async fn waiting(connection: &mut SqliteConnection) -> Result<usize, StoreError> {
-    let count: i64 = sqlx::query_scalar("SELECT count(*) FROM jobs WHERE lease_until IS NULL")
-        .fetch_one(connection)
+pub(super) async fn waiting(connection: &mut Connection) -> Result<usize, StoreError> {
+    let row = connection
+        .query("SELECT count(*) AS count FROM jobs WHERE lease_until IS NULL")
+        .fetch_one()
         .await?;
+    let count: i64 = row.get("count")?;
     Ok(usize::try_from(count).unwrap_or(0))
 }
 
 pub(super) struct Available {
     id: CaseId,
-    attempts: u32,
+    attempts: i64,
 }
 
 pub(super) async fn oldest_available(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     now: i64,
 ) -> Result<Option<Available>, StoreError> {
-    let row: Option<(String, u32)> = sqlx::query_as(
-        "SELECT case_id, attempts FROM jobs
-         WHERE available_at <= ?1 AND (lease_until IS NULL OR lease_until <= ?1)
+    let row = connection
+        .query(
+            "SELECT case_id, attempts FROM jobs
+         WHERE available_at <= $1 AND (lease_until IS NULL OR lease_until <= $1)
          ORDER BY queued_at, case_id LIMIT 1",
-    )
-    .bind(now)
-    .fetch_optional(connection)
-    .await?;
-    row.map(|(id, attempts)| {
+        )
+        .bind(now)
+        .fetch_optional()
+        .await?;
+    row.map(|row| {
+        let id: String = row.get("case_id")?;
         let id = CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a job has no case".into()))?;
+        let attempts = row.get("attempts")?;
         Ok(Available { id, attempts })
     })
     .transpose()
 }
 
 pub(super) async fn claim(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     terms: &LeaseTerms,
     now: i64,
 ) -> Result<Option<Claim>, StoreError> {
     while let Some(job) = oldest_available(connection, now).await? {
-        if job.attempts < terms.max_attempts {
+        if job.attempts < i64::from(terms.max_attempts) {
             return Ok(Some(
                 lease(connection, job, now + microseconds(terms.lease)).await?,
             ));
@@ -68,123 +73,124 @@ pub(super) async fn claim(
 }
 
 async fn lease(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     job: Available,
     until: i64,
 ) -> Result<Claim, StoreError> {
-    let fence: i64 = sqlx::query_scalar("UPDATE fence SET value = value + 1 RETURNING value")
-        .fetch_one(&mut *connection)
+    let row = connection
+        .query("UPDATE fence SET value = value + 1 RETURNING value")
+        .fetch_one()
         .await?;
+    let fence: i64 = row.get("value")?;
     let attempt = job.attempts + 1;
-    sqlx::query(
-        "UPDATE jobs SET attempts = ?, fence = ?, lease_until = ?, stage = NULL, fraction = NULL
-         WHERE case_id = ?",
+    connection.query(
+        "UPDATE jobs SET attempts = $1, fence = $2, lease_until = $3, stage = NULL, fraction = NULL
+         WHERE case_id = $4",
     )
     .bind(attempt)
     .bind(fence)
     .bind(until)
     .bind(job.id.to_string())
-    .execute(&mut *connection)
+    .execute()
     .await?;
-    let row = sqlx::query(
-        "UPDATE cases SET state = 'preparing' WHERE id = ?
+    let row = connection
+        .query(
+            "UPDATE cases SET state = 'preparing' WHERE id = $1
          RETURNING closing_radius_mm, parameters, name",
-    )
-    .bind(job.id.to_string())
-    .fetch_one(&mut *connection)
-    .await?;
-    let mut sources = cases::objects(&mut *connection, &job.id).await?;
+        )
+        .bind(job.id.to_string())
+        .fetch_one()
+        .await?;
+    let mut sources = cases::objects(connection, &job.id).await?;
     sources.retain(|object| object.kind.is_source());
     Ok(Claim {
         id: job.id,
         parameters: cases::read_parameters(&row)?,
         sources,
         fence,
-        attempt,
+        attempt: u32::try_from(attempt).unwrap_or(u32::MAX),
     })
 }
 
 /// Fails a case whose preparations all ended without a word: they were killed, or took the process with them.
-async fn give_up(connection: &mut SqliteConnection, job: &Available) -> Result<(), StoreError> {
+async fn give_up(connection: &mut Connection, job: &Available) -> Result<(), StoreError> {
     let detail = format!(
         "the preparation was interrupted {} times and given up; upload the volume again to retry",
         job.attempts
     );
     let failure = Failure::new(FailureKind::Internal, "preparation-interrupted", detail);
-    sqlx::query("DELETE FROM jobs WHERE case_id = ?")
+    connection
+        .query("DELETE FROM jobs WHERE case_id = $1")
         .bind(job.id.to_string())
-        .execute(&mut *connection)
+        .execute()
         .await?;
     cases::make_failed(connection, &job.id, &failure).await
 }
 
 pub(super) async fn renew(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     claim: &Claim,
     until: i64,
     progress: Option<Progress>,
 ) -> Result<bool, StoreError> {
-    let renewed = sqlx::query(
-        "UPDATE jobs SET lease_until = ?, stage = ?, fraction = ? WHERE case_id = ? AND fence = ?",
+    let renewed = connection.query(
+        "UPDATE jobs SET lease_until = $1, stage = $2, fraction = $3 WHERE case_id = $4 AND fence = $5",
     )
     .bind(until)
     .bind(progress.map(|progress| progress.stage.name()))
     .bind(progress.map(|progress| progress.fraction))
     .bind(claim.id.to_string())
     .bind(claim.fence)
-    .execute(connection)
+    .execute()
     .await?;
-    Ok(renewed.rows_affected() > 0)
+    Ok(renewed > 0)
 }
 
 pub(super) async fn release(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     claim: &Claim,
     release: Release,
     now: i64,
 ) -> Result<bool, StoreError> {
     // The fence number goes to nobody: whoever held the lease can neither renew nor publish.
-    let released = sqlx::query(
-        "UPDATE jobs SET lease_until = NULL, fence = 0, available_at = ?, attempts = attempts - ?,
+    let released = connection.query(
+        "UPDATE jobs SET lease_until = NULL, fence = 0, available_at = $1, attempts = attempts - $2,
                          stage = NULL, fraction = NULL
-         WHERE case_id = ? AND fence = ?",
+         WHERE case_id = $3 AND fence = $4",
     )
     .bind(now + microseconds(release.after))
     .bind(i64::from(!release.counts))
     .bind(claim.id.to_string())
     .bind(claim.fence)
-    .execute(&mut *connection)
+    .execute()
     .await?;
-    if released.rows_affected() == 0 {
+    if released == 0 {
         return Ok(false);
     }
-    sqlx::query("UPDATE cases SET state = 'queued' WHERE id = ?")
+    connection
+        .query("UPDATE cases SET state = 'queued' WHERE id = $1")
         .bind(claim.id.to_string())
-        .execute(connection)
+        .execute()
         .await?;
     Ok(true)
 }
 
 /// Takes the job away where the lease is still the claim's; whether it was.
-pub(super) async fn finish(
-    connection: &mut SqliteConnection,
-    claim: &Claim,
-) -> Result<bool, StoreError> {
-    let finished = sqlx::query("DELETE FROM jobs WHERE case_id = ? AND fence = ?")
+pub(super) async fn finish(connection: &mut Connection, claim: &Claim) -> Result<bool, StoreError> {
+    let finished = connection
+        .query("DELETE FROM jobs WHERE case_id = $1 AND fence = $2")
         .bind(claim.id.to_string())
         .bind(claim.fence)
-        .execute(connection)
+        .execute()
         .await?;
-    Ok(finished.rows_affected() > 0)
+    Ok(finished > 0)
 }
 
-pub(super) async fn end_leases(
-    connection: &mut SqliteConnection,
-    now: i64,
-) -> Result<(), StoreError> {
-    sqlx::query("UPDATE jobs SET lease_until = ? WHERE lease_until > ?1")
+pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE jobs SET lease_until = $1 WHERE lease_until > $1")
         .bind(now)
-        .execute(connection)
+        .execute()
         .await?;
     Ok(())
 }

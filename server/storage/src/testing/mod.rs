@@ -1,5 +1,7 @@
 //! What tests of the store share with those of the crates above.
 
+pub mod postgres;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;

@@ -1,0 +1,271 @@
+//! One bound on work for clients: so much at a time, so much waiting, all of it awaited.
+
+use std::sync::Arc;
+
+use render::Wanted;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::task;
+
+use crate::error::Error;
+
+/// Admits a bounded number of pieces of work at a time and lets a bounded number wait, in the order in which they came. Cheap to clone.
+///
+/// Whoever drops a future leaves the queue at once.
+#[derive(Debug, Clone)]
+pub struct ConcurrencyLimit {
+    running: Bound,
+    /// What runs and what waits.
+    inside: Bound,
+}
+
+/// A semaphore that knows how many permits it began with.
+#[derive(Debug, Clone)]
+struct Bound {
+    permits: Arc<Semaphore>,
+    most: usize,
+}
+
+impl Bound {
+    fn new(most: usize) -> Self {
+        let most = most.min(Semaphore::MAX_PERMITS);
+        Self {
+            permits: Arc::new(Semaphore::new(most)),
+            most,
+        }
+    }
+
+    fn taken(&self) -> usize {
+        self.most.saturating_sub(self.permits.available_permits())
+    }
+}
+
+/// A place in the queue, for work that takes one turn or several. Between its turns others get theirs.
+#[derive(Debug)]
+pub struct Queued {
+    running: Arc<Semaphore>,
+    inside: Arc<OwnedSemaphorePermit>,
+}
+
+/// A turn: the right to keep one processor busy. It lasts as long as any of its clones, and as what it runs.
+#[derive(Debug, Clone)]
+pub struct Turn {
+    _running: Arc<OwnedSemaphorePermit>,
+    _inside: Arc<OwnedSemaphorePermit>,
+}
+
+impl ConcurrencyLimit {
+    /// `running` at a time, and `waiting` more.
+    pub fn new(running: usize, waiting: usize) -> Self {
+        Self {
+            running: Bound::new(running),
+            inside: Bound::new(running.saturating_add(waiting)),
+        }
+    }
+
+    /// Joins the queue.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if it is full.
+    pub fn enter(&self) -> Result<Queued, Error> {
+        let inside = Arc::clone(&self.inside.permits).try_acquire_owned();
+        Ok(Queued {
+            running: Arc::clone(&self.running.permits),
+            inside: Arc::new(inside.map_err(|_| Error::Busy)?),
+        })
+    }
+
+    /// Joins the queue and waits for a turn.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if the queue is full.
+    pub async fn turn(&self) -> Result<Turn, Error> {
+        self.enter()?.turn().await
+    }
+
+    /// Waits for a turn and runs `work` on a thread of its own.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if the queue is full; otherwise as [`Turn::run`].
+    pub async fn run<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Error> {
+        self.turn().await?.run(work).await
+    }
+
+    /// How many wait for their turn.
+    pub fn waiting(&self) -> usize {
+        self.inside.taken().saturating_sub(self.running.taken())
+    }
+}
+
+impl Queued {
+    /// Waits for the next turn.
+    ///
+    /// # Errors
+    /// None in practice: the semaphore is never closed.
+    pub async fn turn(&self) -> Result<Turn, Error> {
+        let running = Arc::clone(&self.running).acquire_owned().await;
+        Ok(Turn {
+            _running: Arc::new(running.map_err(|_| Error::Unavailable)?),
+            _inside: Arc::clone(&self.inside),
+        })
+    }
+}
+
+impl Turn {
+    /// Runs `work` on a thread that it may keep busy.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] if it panics, [`Error::Unavailable`] if the process is stopping.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Error> {
+        self.run_while(|_| work()).await
+    }
+
+    /// Runs `work`, which asks now and then whether it is still wanted: not once the future is dropped. The turn lasts until it ends.
+    ///
+    /// # Errors
+    /// As [`Turn::run`].
+    pub async fn run_while<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Wanted<'_>) -> T + Send + 'static,
+    ) -> Result<T, Error> {
+        let client = Arc::new(());
+        let (left, turn) = (Arc::downgrade(&client), self.clone());
+        let done = task::spawn_blocking(move || {
+            let _until_done = turn;
+            work(&|| left.strong_count() > 0)
+        })
+        .await;
+        drop(client);
+        done.map_err(|error| match error.is_panic() {
+            true => Error::Internal,
+            false => Error::Unavailable,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::future::{pending, ready};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::mpsc;
+    use std::thread;
+
+    use futures_util::poll;
+    use tokio::sync::oneshot;
+
+    use super::*;
+
+    /// Work in a turn of a limit.
+    async fn pass<T>(limit: &ConcurrencyLimit, work: impl Future<Output = T>) -> Result<T, Error> {
+        let _turn = limit.turn().await?;
+        Ok(work.await)
+    }
+
+    #[tokio::test]
+    async fn one_runs_one_waits_and_the_next_is_refused() {
+        let limit = ConcurrencyLimit::new(1, 1);
+        let mut running = Box::pin(pass(&limit, pending::<()>()));
+        let mut waiting = Box::pin(pass(&limit, ready(2)));
+        assert!(poll!(&mut running).is_pending());
+        assert!(poll!(&mut waiting).is_pending());
+        assert_eq!(limit.waiting(), 1);
+        assert!(matches!(limit.run(|| 3).await, Err(Error::Busy)));
+        drop(running);
+        assert_eq!(waiting.await.unwrap(), 2);
+        assert_eq!(limit.waiting(), 0);
+    }
+
+    #[tokio::test]
+    async fn who_leaves_makes_room_and_is_never_run() {
+        let limit = ConcurrencyLimit::new(1, 1);
+        let turn = limit.turn().await.unwrap();
+        let runs = Arc::new(AtomicUsize::new(0));
+        let count = || {
+            let runs = Arc::clone(&runs);
+            move || runs.fetch_add(1, Ordering::SeqCst)
+        };
+        let mut gone = Box::pin(limit.run(count()));
+        assert!(poll!(&mut gone).is_pending());
+        drop(gone);
+        let mut kept = Box::pin(limit.run(count()));
+        assert!(poll!(&mut kept).is_pending());
+        drop(turn);
+        kept.await.unwrap();
+        assert_eq!(runs.load(Ordering::SeqCst), 1);
+    }
+
+    #[tokio::test]
+    async fn a_place_outlasts_its_turns_and_lets_others_between_them() {
+        let limit = ConcurrencyLimit::new(1, 1);
+        let many = limit.enter().unwrap();
+        let first = many.turn().await.unwrap();
+        let mut other = Box::pin(limit.turn());
+        assert!(poll!(&mut other).is_pending());
+        drop(first);
+        let mut second = Box::pin(many.turn());
+        assert!(poll!(&mut second).is_pending(), "the other came first");
+        drop(other.await.unwrap());
+        second.await.unwrap();
+        assert_eq!(limit.waiting(), 1, "the place is still held");
+    }
+
+    #[tokio::test]
+    async fn a_turn_lasts_as_long_as_work_whose_client_went_away() {
+        let limit = ConcurrencyLimit::new(1, 1);
+        let (release, held) = mpsc::channel::<()>();
+        let (begun, has_begun) = oneshot::channel();
+        let gone = tokio::spawn({
+            let limit = limit.clone();
+            async move {
+                let work = move || {
+                    begun.send(()).unwrap();
+                    held.recv().unwrap_err();
+                };
+                limit.run(work).await
+            }
+        });
+        has_begun.await.unwrap();
+        gone.abort();
+        assert!(gone.await.unwrap_err().is_cancelled());
+        let mut next = Box::pin(limit.run(|| 1));
+        assert!(poll!(&mut next).is_pending(), "a thread is still busy");
+        drop(release);
+        assert_eq!(next.await.unwrap(), 1);
+    }
+
+    #[tokio::test]
+    async fn work_learns_that_its_client_went_away() {
+        let limit = ConcurrencyLimit::new(1, 8);
+        let (begun, has_begun) = oneshot::channel();
+        let (left, learned) = oneshot::channel();
+        let gone = tokio::spawn({
+            let limit = limit.clone();
+            async move {
+                let work = move |is_wanted: &Wanted<'_>| {
+                    begun.send(is_wanted()).unwrap();
+                    while is_wanted() {
+                        thread::yield_now();
+                    }
+                    left.send(()).unwrap();
+                };
+                limit.turn().await?.run_while(work).await
+            }
+        });
+        assert!(has_begun.await.unwrap());
+        gone.abort();
+        learned.await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_panic_is_an_error_and_gives_its_turn_back() {
+        let limit = ConcurrencyLimit::new(1, 8);
+        let panicked = limit.run(|| panic!("on purpose")).await;
+        assert!(matches!(panicked, Err(Error::Internal)));
+        assert_eq!(limit.run(|| 6 * 7).await.unwrap(), 42);
+    }
+}

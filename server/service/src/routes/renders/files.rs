@@ -1,0 +1,188 @@
+//! Files that many pictures go into, one after the other.
+
+use std::io::{Cursor, Write as _};
+use std::num::NonZeroU32;
+
+use cases::Error;
+use cases::pictures::{DrawnPicture, ImageMetadata, PictureRequest, annotated, encode};
+use render::{AnimatedPng, Frame, RenderBackend, Sheet, SheetPlan};
+use zip::result::ZipError;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+use super::super::render::SOFTWARE;
+use super::plan::Form;
+use crate::problem::AppError;
+
+/// A picture that was drawn, and what it was asked for as.
+pub(super) struct Picture {
+    /// Its number, from 0.
+    pub(super) number: usize,
+    /// What was asked for.
+    pub(super) request: PictureRequest,
+    /// What became of it.
+    pub(super) drawn: DrawnPicture,
+    /// What is written into it.
+    pub(super) metadata: ImageMetadata,
+}
+
+impl Picture {
+    fn texts(&self) -> Vec<(&'static str, String)> {
+        self.metadata.texts(&self.drawn.backend)
+    }
+
+    fn into_frame(self) -> Frame {
+        annotated(
+            self.drawn.rendered.frame,
+            &self.metadata,
+            self.request.annotate,
+        )
+    }
+}
+
+/// A file that pictures go into.
+pub(super) enum File {
+    Zip(Archive),
+    Sheet(ContactSheet),
+    Animation(Animation),
+}
+
+impl File {
+    /// An empty file for so many pictures.
+    pub(super) fn new(form: Form, count: usize) -> Self {
+        match form {
+            Form::Zip => Self::Zip(Archive(Box::new(ZipWriter::new(Cursor::default())))),
+            Form::Sheet { plan, cells } => Self::Sheet(ContactSheet {
+                plan,
+                sheet: None,
+                cells,
+                states: Vec::new(),
+            }),
+            Form::Animation { delay_ms } => Self::Animation(Animation {
+                begun: None,
+                frames: count as u32,
+                delay_ms,
+            }),
+        }
+    }
+
+    /// Adds the next picture; who drew it.
+    pub(super) fn add(&mut self, picture: Picture) -> Result<RenderBackend, AppError> {
+        let backend = picture.drawn.backend.clone();
+        match self {
+            Self::Zip(archive) => archive.add(picture)?,
+            Self::Sheet(sheet) => sheet.add(picture),
+            Self::Animation(animation) => animation.add(picture)?,
+        }
+        Ok(backend)
+    }
+
+    /// The bytes, once all pictures are in it.
+    pub(super) fn finish(self) -> Result<Vec<u8>, AppError> {
+        match self {
+            Self::Zip(archive) => archive.finish(),
+            Self::Sheet(sheet) => sheet.finish(),
+            Self::Animation(animation) => animation.finish(),
+        }
+    }
+}
+
+/// A zip of PNG files, which are packed already.
+pub(super) struct Archive(Box<ZipWriter<Cursor<Vec<u8>>>>);
+
+impl Archive {
+    fn add(&mut self, picture: Picture) -> Result<(), AppError> {
+        let Picture {
+            number,
+            request,
+            drawn,
+            metadata,
+        } = picture;
+        let direction = request.direction().replace(',', "_");
+        let name = format!("{number:03}-{direction}-{}mm.png", request.depth_mm);
+        let png = encode(drawn, &metadata, request.annotate)?.png;
+        let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+        self.0.start_file(name, options).map_err(unwritable)?;
+        self.0.write_all(&png).map_err(unwritable)
+    }
+
+    fn finish(self) -> Result<Vec<u8>, AppError> {
+        let finished = self.0.finish().map_err(unwritable)?;
+        Ok(finished.into_inner())
+    }
+}
+
+/// An archive in memory has room for everything that may be asked for.
+fn unwritable(_: impl Into<ZipError>) -> AppError {
+    Error::Internal.into()
+}
+
+/// One picture of all.
+pub(super) struct ContactSheet {
+    plan: SheetPlan,
+    /// From the first picture on, which decides on the format.
+    sheet: Option<Sheet>,
+    cells: Vec<[usize; 2]>,
+    /// A PNG text for each picture.
+    states: Vec<(String, String)>,
+}
+
+impl ContactSheet {
+    fn add(&mut self, picture: Picture) {
+        let [row, column] = self.cells[picture.number];
+        self.states
+            .push(state_of_cell([row, column], &picture.texts()));
+        let frame = picture.into_frame();
+        let begin = || self.plan.clone().begin(frame.format());
+        self.sheet
+            .get_or_insert_with(begin)
+            .put(&frame, row, column);
+    }
+
+    fn finish(self) -> Result<Vec<u8>, AppError> {
+        let frame = self.sheet.ok_or(Error::Internal)?.finish();
+        let mut texts = vec![("Software", SOFTWARE.to_owned())];
+        let states = self.states.iter();
+        texts.extend(states.map(|(name, state)| (name.as_str(), state.clone())));
+        Ok(render::encode_png(&frame, &texts)?)
+    }
+}
+
+/// An animated PNG.
+pub(super) struct Animation {
+    /// From the first picture on, which decides on size and format.
+    begun: Option<AnimatedPng>,
+    frames: u32,
+    delay_ms: u16,
+}
+
+impl Animation {
+    fn add(&mut self, picture: Picture) -> Result<(), AppError> {
+        let texts = picture.texts();
+        let frame = picture.into_frame();
+        let animation = match &mut self.begun {
+            Some(animation) => animation,
+            nothing => {
+                let frames = NonZeroU32::new(self.frames).ok_or(Error::Internal)?;
+                let (size, format) = (frame.size(), frame.format());
+                let begun = AnimatedPng::begin(size, format, frames, self.delay_ms, &texts);
+                nothing.insert(begun?)
+            }
+        };
+        Ok(animation.add(&frame)?)
+    }
+
+    fn finish(self) -> Result<Vec<u8>, AppError> {
+        Ok(self.begun.ok_or(Error::Internal)?.finish()?)
+    }
+}
+
+/// The state of a picture of a sheet as one PNG text: `row 1 column 2`, counted from 1, and a JSON object.
+fn state_of_cell([row, column]: [usize; 2], texts: &[(&'static str, String)]) -> (String, String) {
+    let state: serde_json::Map<String, serde_json::Value> = texts
+        .iter()
+        .map(|(name, text)| ((*name).to_owned(), text.as_str().into()))
+        .collect();
+    let name = format!("row {} column {}", row + 1, column + 1);
+    (name, serde_json::Value::Object(state).to_string())
+}

@@ -1,0 +1,103 @@
+//! Many pictures in one answer: a zip, a contact sheet or an animation.
+
+mod files;
+mod plan;
+
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::extract::rejection::BytesRejection;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use cases::Cases;
+use cases::pictures::{ImageMetadata, backend_for};
+
+use self::files::{File, Picture};
+use self::plan::{Form, parse};
+use super::query::{ApiQuery, CasePath, NoQuery};
+use super::render::PNG;
+use crate::conditional::{self, EntityTag};
+use crate::negotiate::{Coding, media_type};
+use crate::problem::{AppError, Problem};
+
+pub use self::plan::{RendersBody, Sweep, Swivel};
+
+const ZIP: &str = "application/zip";
+
+/// The longest body.
+pub(super) const MAX_BODY_BYTES: usize = 1 << 20;
+
+/// Many pictures at once
+///
+/// A JSON object with `renders` (a zip of PNGs, or with `"sheet": true` one contact sheet), `swivel` or `sweep` (animated PNG). At most
+/// 256 pictures and 67,108,864 pixels in all.
+#[utoipa::path(
+    post, path = "/v1/cases/{id}/renders", tag = "pictures",
+    params(("id" = String, Path, description = "The case")),
+    request_body = RendersBody,
+    responses(
+        (status = 200, description = "The pictures; a sheet holds the state of each as the PNG text `row 1 column 1` and so on, a JSON object", content((Vec<u8> = "application/zip"), (Vec<u8> = "image/png"), (Vec<u8> = "image/apng")), headers(
+            ("X-Isocortex-Renderer" = String, description = "Who drew on what, each once: `splat on cpu; trace on cpu`"),
+            ("ETag" = String, description = "The same for the same pictures, whoever asks"),
+        )),
+        (status = 400, description = "The body is wrong; `parameter` is the path of what is", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "The form is not accepted", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "The body is too long", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits, or it took too long", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_renders(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+    request: HeaderMap,
+    body: Result<Bytes, BytesRejection>,
+) -> Result<Response, AppError> {
+    let body = body.map_err(|_| AppError::TooLarge {
+        limit_bytes: MAX_BODY_BYTES as u64,
+    })?;
+    let plan = parse(&body)?.plan()?;
+    let offered: &'static [&'static str] = match plan.form {
+        Form::Zip => &[ZIP],
+        Form::Sheet { .. } => &[PNG],
+        Form::Animation { .. } => &["image/apng", PNG],
+    };
+    let kind = media_type(&request, offered)?;
+    cases.ready(&id).await?;
+    let model = cases.model(&id).await?;
+    let asked = (plan.pictures.clone(), plan.form.parameters());
+    let mut file = File::new(plan.form, plan.pictures.len());
+    let mut backends = Vec::new();
+    // One place in the queue for all; between the pictures others get their turn, and a client that left ends the work.
+    let queued = cases.queue.enter()?;
+    for (number, request) in plan.pictures.into_iter().enumerate() {
+        let backend = backend_for(request.renderer, &cases.graphics).await;
+        let named = cases.identity(&id, request.annotate).await?;
+        let turn = queued.turn().await?;
+        let job = cases.picture_job(&model, &request, backend).await?;
+        let picture = Picture {
+            number,
+            metadata: ImageMetadata::of(Some(&id), &job.job).named(named),
+            drawn: job.draw(&turn).await?,
+            request,
+        };
+        let add = move || file.add(picture).map(|backend| (file, backend.to_string()));
+        let backend;
+        (file, backend) = turn.run(add).await??;
+        if !backends.contains(&backend) {
+            backends.push(backend);
+        }
+    }
+    let body = queued.turn().await?.run(move || file.finish()).await??;
+    let mut response = (StatusCode::OK, body).into_response();
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    let name = HeaderName::from_static("x-isocortex-renderer");
+    let backends = backends.join("; ");
+    conditional::insert(headers, name, &backends);
+    let tag = EntityTag::of_answer(&id, "renders", &asked, (&backends, Coding::Identity));
+    headers.insert(header::ETAG, tag.header());
+    Ok(response)
+}

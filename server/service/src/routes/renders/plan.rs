@@ -1,0 +1,333 @@
+//! What is asked for in many pictures, and the plan of them once all is checked.
+
+use cases::Error;
+use cases::pictures::{Numbers, PictureRequest, picture_size};
+use render::SheetPlan;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::super::refusals::without_input;
+use crate::problem::AppError;
+
+/// The most pictures in one answer.
+const MAX_PICTURES: usize = 256;
+
+/// The most pixels of all pictures of one answer.
+const MAX_TOTAL_PIXELS: usize = 1 << 26;
+
+/// What is asked for: exactly one of `renders`, `swivel` and `sweep`.
+#[derive(Debug, Clone, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RendersBody {
+    /// Pictures, each with the keys of the single one: a zip of PNGs, or one contact sheet.
+    renders: Option<Vec<PictureRequest>>,
+    /// Whether `renders` come as one PNG: a row for each depth, a column for each direction. They are then of one size.
+    #[serde(default)]
+    sheet: bool,
+    /// A full turn around the axis that is upright in the picture, as animated PNG.
+    swivel: Option<Swivel>,
+    /// From one depth to another, as animated PNG.
+    sweep: Option<Sweep>,
+}
+
+/// A full turn.
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Swivel {
+    /// Pictures of the turn.
+    #[schema(minimum = 2, maximum = 256)]
+    frames: u32,
+    /// How long each is shown, in ms.
+    #[serde(default = "default_delay")]
+    #[schema(minimum = 10, maximum = 10000, default = 80)]
+    delay_ms: u16,
+    /// What turns.
+    render: PictureRequest,
+}
+
+/// A way through the depths.
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Sweep {
+    /// The first depth, in mm.
+    #[schema(minimum = 0)]
+    from_mm: f32,
+    /// The last depth, in mm.
+    #[schema(minimum = 0)]
+    to_mm: f32,
+    /// Pictures on the way, the first and the last among them.
+    #[schema(minimum = 2, maximum = 256)]
+    frames: u32,
+    /// How long each is shown, in ms.
+    #[serde(default = "default_delay")]
+    #[schema(minimum = 10, maximum = 10000, default = 80)]
+    delay_ms: u16,
+    /// Whether the pictures of the way back follow; neither end is shown twice.
+    #[serde(default)]
+    there_and_back: bool,
+    /// What is seen, without a depth.
+    render: PictureRequest,
+}
+
+fn default_delay() -> u16 {
+    80
+}
+
+/// The pictures to draw, checked, and what becomes of them.
+pub(super) struct Plan {
+    pub(super) pictures: Vec<PictureRequest>,
+    pub(super) form: Form,
+}
+
+/// What becomes of the pictures.
+pub(super) enum Form {
+    Zip,
+    Sheet {
+        plan: SheetPlan,
+        cells: Vec<[usize; 2]>,
+    },
+    Animation {
+        delay_ms: u16,
+    },
+}
+
+impl Form {
+    /// What makes a form another: its name and the time that each picture is shown.
+    pub(super) fn parameters(&self) -> (&'static str, u16) {
+        match self {
+            Self::Zip => ("zip", 0),
+            Self::Sheet { .. } => ("sheet", 0),
+            Self::Animation { delay_ms } => ("animation", *delay_ms),
+        }
+    }
+}
+
+/// Reads a body.
+///
+/// # Errors
+/// [`AppError::Query`] that names the path of what is wrong.
+pub(super) fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
+    let mut json = serde_json::Deserializer::from_slice(body);
+    let parsed = serde_path_to_error::deserialize(&mut json);
+    let refuse = |kind, path: String, detail: String| AppError::Query {
+        kind,
+        parameter: path.into(),
+        detail,
+    };
+    let body = parsed.map_err(|error: serde_path_to_error::Error<serde_json::Error>| {
+        let path = error.path().to_string();
+        let reason = error.inner().to_string();
+        if reason.starts_with("unknown field") {
+            // The key itself is not repeated.
+            let place = path.rsplit_once('.').map_or(".", |(place, _)| place);
+            return refuse("body-unknown-key", place.to_owned(), without_input(&reason));
+        }
+        let detail = match error.inner().classify() {
+            serde_json::error::Category::Data => without_input(&reason),
+            _ => {
+                return refuse(
+                    "body-unreadable",
+                    ".".to_owned(),
+                    format!("is not JSON: {reason}"),
+                );
+            }
+        };
+        refuse("body-unreadable", path, detail)
+    })?;
+    json.end().map_err(|_| {
+        refuse(
+            "body-unreadable",
+            ".".to_owned(),
+            "has more after the object".to_owned(),
+        )
+    })?;
+    Ok(body)
+}
+
+impl RendersBody {
+    /// Checks everything that is asked for.
+    ///
+    /// # Errors
+    /// [`AppError::Query`] that names the path of what is wrong.
+    pub(super) fn plan(self) -> Result<Plan, AppError> {
+        let plan = match (self.renders, self.swivel, self.sweep) {
+            (Some(pictures), None, None) => of_list(pictures, self.sheet)?,
+            (None, Some(swivel), None) if !self.sheet => swivel.plan()?,
+            (None, None, Some(sweep)) if !self.sheet => sweep.plan()?,
+            (None, ..) if self.sheet => {
+                return Err(out_of_range("sheet", "goes with `renders` alone"));
+            }
+            _ => {
+                let detail = "must hold exactly one of `renders`, `swivel` and `sweep`";
+                return Err(out_of_range(".", detail));
+            }
+        };
+        let sizes = plan.pictures.iter();
+        let pixels: usize = sizes
+            .map(|picture| picture.width as usize * picture.height as usize)
+            .sum();
+        if pixels > MAX_TOTAL_PIXELS {
+            let detail =
+                format!("asks for {pixels} pixels; at most {MAX_TOTAL_PIXELS} are drawn at once");
+            return Err(out_of_range(".", &detail));
+        }
+        Ok(plan)
+    }
+}
+
+fn out_of_range(path: &str, detail: &str) -> AppError {
+    AppError::Query {
+        kind: "body-value-out-of-range",
+        parameter: path.to_owned().into(),
+        detail: detail.to_owned(),
+    }
+}
+
+/// Checks a picture at a place of the body.
+fn check_at(path: &str, picture: &PictureRequest) -> Result<(), AppError> {
+    picture.check().map_err(|error| match error {
+        Error::Parameter { kind, name, detail } => AppError::Query {
+            kind,
+            parameter: format!("{path}.{name}").into(),
+            detail,
+        },
+        other => other.into(),
+    })
+}
+
+fn check_frames(path: &str, frames: u32, delay_ms: u16) -> Result<(), AppError> {
+    if !(2..=MAX_PICTURES as u32).contains(&frames) {
+        return Err(out_of_range(&format!("{path}.frames"), "must be 2 to 256"));
+    }
+    if !(10..=10_000).contains(&delay_ms) {
+        return Err(out_of_range(
+            &format!("{path}.delay_ms"),
+            "must be 10 to 10000",
+        ));
+    }
+    Ok(())
+}
+
+fn of_list(pictures: Vec<PictureRequest>, sheet: bool) -> Result<Plan, AppError> {
+    if !(1..=MAX_PICTURES).contains(&pictures.len()) {
+        return Err(out_of_range("renders", "must hold 1 to 256 pictures"));
+    }
+    for (number, picture) in pictures.iter().enumerate() {
+        check_at(&format!("renders[{number}]"), picture)?;
+    }
+    let form = if sheet {
+        on_a_sheet(&pictures)?
+    } else {
+        Form::Zip
+    };
+    Ok(Plan { pictures, form })
+}
+
+/// Finds each picture's row, by its depth, and column, by its direction, in the order in which they come.
+fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
+    let (mut rows, mut columns, mut cells) = (Vec::new(), Vec::new(), Vec::new());
+    let first = &pictures[0];
+    for (number, picture) in pictures.iter().enumerate() {
+        let path = format!("renders[{number}]");
+        let of_first = (first.width, first.height, first.colormap, first.background);
+        if (
+            picture.width,
+            picture.height,
+            picture.colormap,
+            picture.background,
+        ) != of_first
+        {
+            let detail = "must have the width, height, colormap and background of the first picture of its sheet";
+            return Err(out_of_range(&path, detail));
+        }
+        let cell = [
+            place_in(&mut rows, format!("{} mm", picture.depth_mm)),
+            place_in(&mut columns, picture.direction()),
+        ];
+        if cells.contains(&cell) {
+            return Err(out_of_range(
+                &path,
+                "has the depth and direction of another picture of its sheet",
+            ));
+        }
+        cells.push(cell);
+    }
+    let cell = picture_size(first.width, first.height)?;
+    let plan = SheetPlan::new(cell, rows, columns);
+    let plan = plan.map_err(|error| out_of_range("sheet", &format!("is not possible: {error}")))?;
+    Ok(Form::Sheet { plan, cells })
+}
+
+/// The place of a label, which is added where it is new.
+fn place_in(labels: &mut Vec<String>, label: String) -> usize {
+    let known = labels.iter().position(|other| *other == label);
+    known.unwrap_or_else(|| {
+        labels.push(label);
+        labels.len() - 1
+    })
+}
+
+impl Swivel {
+    fn plan(self) -> Result<Plan, AppError> {
+        check_frames("swivel", self.frames, self.delay_ms)?;
+        check_at("swivel.render", &self.render)?;
+        let any_window = render::Window::between(0.0, 1.0);
+        let request = self.render.at(0.0, any_window)?;
+        let start = request.parameters().camera.orientation();
+        let turned = |frame: u32| {
+            let angle = std::f64::consts::TAU * f64::from(frame) / f64::from(self.frames);
+            PictureRequest {
+                view: None,
+                orientation: Some(Numbers(
+                    (glam::DQuat::from_rotation_y(angle) * start).to_array(),
+                )),
+                ..self.render.clone()
+            }
+        };
+        Ok(Plan {
+            pictures: (0..self.frames).map(turned).collect(),
+            form: Form::Animation {
+                delay_ms: self.delay_ms,
+            },
+        })
+    }
+}
+
+impl Sweep {
+    fn plan(self) -> Result<Plan, AppError> {
+        check_frames("sweep", self.frames, self.delay_ms)?;
+        check_at("sweep.render", &self.render)?;
+        if self.render.depth_mm != 0.0 {
+            return Err(out_of_range(
+                "sweep.render.depth_mm",
+                "is given by `from_mm` and `to_mm`",
+            ));
+        }
+        for (path, depth_mm) in [("sweep.from_mm", self.from_mm), ("sweep.to_mm", self.to_mm)] {
+            if !(0.0..=1000.0).contains(&depth_mm) {
+                return Err(out_of_range(path, "must be 0 to 1000 mm"));
+            }
+        }
+        let at = |frame: u32| {
+            let share = frame as f32 / (self.frames - 1) as f32;
+            PictureRequest {
+                depth_mm: self.from_mm * (1.0 - share) + self.to_mm * share,
+                ..self.render.clone()
+            }
+        };
+        let mut pictures: Vec<_> = (0..self.frames).map(at).collect();
+        if self.there_and_back {
+            pictures.extend((1..self.frames - 1).rev().map(at));
+        }
+        if pictures.len() > MAX_PICTURES {
+            let detail = "must be 2 to 129: there and back, at most 256 pictures are drawn";
+            return Err(out_of_range("sweep.frames", detail));
+        }
+        Ok(Plan {
+            pictures,
+            form: Form::Animation {
+                delay_ms: self.delay_ms,
+            },
+        })
+    }
+}

@@ -1,0 +1,188 @@
+//! One way to ask both databases: the statements of [`super`] are written once, in the SQL that SQLite and PostgreSQL share.
+//!
+//! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
+
+use sqlx::pool::PoolConnection;
+use sqlx::postgres::{PgArguments, PgConnection, PgPool, PgRow};
+use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqlitePool, SqliteRow};
+use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
+
+use super::{postgres, sqlite};
+use crate::StoreError;
+
+/// Connections to a database.
+#[derive(Debug, Clone)]
+pub(super) enum Database {
+    Sqlite(SqlitePool),
+    Postgres(PgPool),
+}
+
+/// A connection, in a transaction of its own or in none. Dropping it undoes what was not committed.
+pub(super) enum Connection {
+    Sqlite(PoolConnection<Sqlite>),
+    SqliteTransaction(Transaction<'static, Sqlite>),
+    Postgres(PoolConnection<Postgres>),
+    PostgresTransaction(Transaction<'static, Postgres>),
+}
+
+impl Database {
+    /// A connection on which each statement is a transaction.
+    pub(super) async fn connect(&self) -> Result<Connection, StoreError> {
+        Ok(match self {
+            Self::Sqlite(pool) => Connection::Sqlite(pool.acquire().await?),
+            Self::Postgres(pool) => Connection::Postgres(pool.acquire().await?),
+        })
+    }
+
+    /// Ends all connections.
+    pub(super) async fn close(&self) {
+        match self {
+            Self::Sqlite(pool) => {
+                self.empty_log().await;
+                pool.close().await;
+            }
+            Self::Postgres(pool) => pool.close().await,
+        }
+    }
+
+    /// A transaction that writes. There is one at a time, in all processes: what it reads is so until it ends.
+    pub(super) async fn begin(&self) -> Result<Connection, StoreError> {
+        Ok(match self {
+            Self::Sqlite(pool) => Connection::SqliteTransaction(sqlite::begin(pool).await?),
+            Self::Postgres(pool) => Connection::PostgresTransaction(postgres::begin(pool).await?),
+        })
+    }
+}
+
+impl Connection {
+    /// A statement to be bound and run.
+    pub(super) fn query(&mut self, sql: &'static str) -> Query<'_> {
+        match self {
+            Self::Sqlite(connection) => Query::Sqlite(connection, sqlx::query(sql)),
+            Self::SqliteTransaction(transaction) => Query::Sqlite(transaction, sqlx::query(sql)),
+            Self::Postgres(connection) => Query::Postgres(connection, sqlx::query(sql)),
+            Self::PostgresTransaction(transaction) => {
+                Query::Postgres(transaction, sqlx::query(sql))
+            }
+        }
+    }
+
+    /// Microseconds since 1970 by the database's clock.
+    pub(super) async fn now(&mut self) -> Result<i64, StoreError> {
+        let sql = match self {
+            Self::Sqlite(_) | Self::SqliteTransaction(_) => sqlite::NOW,
+            Self::Postgres(_) | Self::PostgresTransaction(_) => postgres::NOW,
+        };
+        self.query(sql).fetch_one().await?.get("now")
+    }
+
+    /// Ends the transaction; what it wrote stays.
+    pub(super) async fn commit(self) -> Result<(), StoreError> {
+        match self {
+            Self::SqliteTransaction(transaction) => transaction.commit().await?,
+            Self::PostgresTransaction(transaction) => transaction.commit().await?,
+            Self::Sqlite(_) | Self::Postgres(_) => {}
+        }
+        Ok(())
+    }
+}
+
+/// A statement with its parameters so far.
+pub(super) enum Query<'c> {
+    Sqlite(
+        &'c mut SqliteConnection,
+        sqlx::query::Query<'static, Sqlite, SqliteArguments>,
+    ),
+    Postgres(
+        &'c mut PgConnection,
+        sqlx::query::Query<'static, Postgres, PgArguments>,
+    ),
+}
+
+impl Query<'_> {
+    /// Gives the next parameter its value.
+    pub(super) fn bind<'t>(self, value: impl Parameter<'t>) -> Self {
+        match self {
+            Self::Sqlite(connection, query) => Self::Sqlite(connection, query.bind(value)),
+            Self::Postgres(connection, query) => Self::Postgres(connection, query.bind(value)),
+        }
+    }
+
+    /// Runs it; how many rows it changed.
+    pub(super) async fn execute(self) -> Result<u64, StoreError> {
+        Ok(match self {
+            Self::Sqlite(connection, query) => query.execute(connection).await?.rows_affected(),
+            Self::Postgres(connection, query) => query.execute(connection).await?.rows_affected(),
+        })
+    }
+
+    /// Its rows.
+    pub(super) async fn fetch_all(self) -> Result<Vec<Row>, StoreError> {
+        Ok(match self {
+            Self::Sqlite(connection, query) => {
+                let rows = query.fetch_all(connection).await?;
+                rows.into_iter().map(Row::Sqlite).collect()
+            }
+            Self::Postgres(connection, query) => {
+                let rows = query.fetch_all(connection).await?;
+                rows.into_iter().map(Row::Postgres).collect()
+            }
+        })
+    }
+
+    /// Its first row, if there is any.
+    pub(super) async fn fetch_optional(self) -> Result<Option<Row>, StoreError> {
+        Ok(match self {
+            Self::Sqlite(connection, query) => {
+                query.fetch_optional(connection).await?.map(Row::Sqlite)
+            }
+            Self::Postgres(connection, query) => {
+                query.fetch_optional(connection).await?.map(Row::Postgres)
+            }
+        })
+    }
+
+    /// Its first row.
+    pub(super) async fn fetch_one(self) -> Result<Row, StoreError> {
+        let row = self.fetch_optional().await?;
+        row.ok_or_else(|| sqlx::Error::RowNotFound.into())
+    }
+}
+
+/// A row of either database.
+pub(super) enum Row {
+    Sqlite(SqliteRow),
+    Postgres(PgRow),
+}
+
+impl Row {
+    /// The value of a column.
+    pub(super) fn get<T: Column>(&self, column: &str) -> Result<T, StoreError> {
+        Ok(match self {
+            Self::Sqlite(row) => row.try_get(column)?,
+            Self::Postgres(row) => row.try_get(column)?,
+        })
+    }
+}
+
+/// What can be bound to a parameter in both databases.
+pub(super) trait Parameter<'t>:
+    Encode<'t, Sqlite> + Type<Sqlite> + Encode<'t, Postgres> + Type<Postgres>
+{
+}
+
+impl<'t, T> Parameter<'t> for T where
+    T: Encode<'t, Sqlite> + Type<Sqlite> + Encode<'t, Postgres> + Type<Postgres>
+{
+}
+
+/// What can be read from a column in both databases.
+pub(super) trait Column:
+    for<'r> Decode<'r, Sqlite> + Type<Sqlite> + for<'r> Decode<'r, Postgres> + Type<Postgres>
+{
+}
+
+impl<T> Column for T where
+    T: for<'r> Decode<'r, Sqlite> + Type<Sqlite> + for<'r> Decode<'r, Postgres> + Type<Postgres>
+{
+}

@@ -1,0 +1,295 @@
+//! Rows in a database that speaks SQL: a file of SQLite, or PostgreSQL.
+//!
+//! The statements are written once ([`connection`]); what differs is in [`sqlite`] and [`postgres`]. Writing transactions come one
+//! after another in both. The time of a transaction is read from the database inside of it, in microseconds since 1970.
+
+mod cases;
+mod connection;
+mod jobs;
+mod pins;
+mod postgres;
+mod sqlite;
+mod tombstones;
+mod upkeep;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Duration;
+
+use async_trait::async_trait;
+use futures_util::stream::BoxStream;
+use sqlx::Pool;
+use sqlx::migrate::{Migrate, MigrateError, Migrator};
+
+use self::connection::{Connection, Database};
+use super::rows::{
+    CaseRows, Change, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
+};
+use super::{Cursor, ObjectName, Page, StoreError};
+use case::{Case, CaseFacts, CaseId, Failure, Progress};
+
+/// Rows in a file of SQLite, in memory, or in PostgreSQL.
+#[derive(Debug, Clone)]
+pub struct SqlRows {
+    database: Database,
+    /// By how much the clock is ahead, in microseconds: 0 but in tests of leases.
+    ahead_us: Arc<AtomicI64>,
+}
+
+impl SqlRows {
+    fn of(database: Database) -> Self {
+        Self {
+            database,
+            ahead_us: Arc::default(),
+        }
+    }
+
+    /// Lets time pass on the clock of these rows and their clones.
+    #[cfg(any(test, feature = "conformance"))]
+    pub fn pass_time(&self, by: Duration) {
+        self.ahead_us.fetch_add(microseconds(by), Ordering::Relaxed);
+    }
+
+    /// The time by the database's clock.
+    async fn now(&self, connection: &mut Connection) -> Result<i64, StoreError> {
+        Ok(connection.now().await? + self.ahead_us.load(Ordering::Relaxed))
+    }
+
+    /// Begins a writing transaction; with it the time.
+    async fn write(&self) -> Result<(Connection, i64), StoreError> {
+        let mut transaction = self.database.begin().await?;
+        let now = self.now(&mut transaction).await?;
+        Ok((transaction, now))
+    }
+}
+
+/// A duration as the rows have it.
+fn microseconds(duration: Duration) -> i64 {
+    i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
+}
+
+/// Brings the tables to the newest form. Those of a newer version are left as they are.
+async fn migrate<D: sqlx::Database>(migrations: &Migrator, pool: &Pool<D>) -> Result<(), StoreError>
+where
+    D::Connection: Migrate,
+{
+    migrations.run(pool).await.map_err(|error| match error {
+        MigrateError::VersionMissing(found) => StoreError::NewerSchema {
+            found,
+            known: migrations
+                .iter()
+                .map(|step| step.version)
+                .max()
+                .unwrap_or(0),
+        },
+        other => other.into(),
+    })
+}
+
+#[async_trait]
+impl CaseRows for SqlRows {
+    async fn pin(&self, pinned: &Pinned, lease: Duration) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if tombstones::any_of(&mut transaction, &pinned.names).await? {
+            return Ok(false);
+        }
+        pins::insert(&mut transaction, pinned, now + microseconds(lease)).await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+
+    async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        pins::expire(&mut transaction, pinned, now).await?;
+        transaction.commit().await
+    }
+
+    async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let inserted = cases::insert(&mut transaction, new, now).await?;
+        if matches!(inserted, Inserted::Created | Inserted::Requeued) {
+            transaction.commit().await?;
+        }
+        Ok(inserted)
+    }
+
+    async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
+        match cases::one(&mut self.database.connect().await?, id).await {
+            Err(StoreError::DamagedFacts(id)) => {
+                upkeep::prepare_again(&self.database, &id).await?;
+                cases::one(&mut self.database.connect().await?, &id).await
+            }
+            read => read,
+        }
+    }
+
+    async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError> {
+        loop {
+            match cases::page(&mut self.database.connect().await?, after, limit).await {
+                Err(StoreError::DamagedFacts(id)) => {
+                    upkeep::prepare_again(&self.database, &id).await?;
+                }
+                read => return read,
+            }
+        }
+    }
+
+    async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
+        cases::objects(&mut self.database.connect().await?, id).await
+    }
+
+    async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        cases::rename(&mut transaction, id, name).await?;
+        transaction.commit().await
+    }
+
+    async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let deleted = cases::delete(&mut transaction, id, now).await?;
+        transaction.commit().await?;
+        if deleted {
+            self.database.empty_log().await;
+        }
+        Ok(deleted)
+    }
+
+    async fn waiting(&self) -> Result<usize, StoreError> {
+        let mut connection = self.database.connect().await?;
+        jobs::waiting(&mut connection).await
+    }
+
+    async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
+        // Most looks find nothing; they shall not wait for the writers.
+        let mut reader = self.database.connect().await?;
+        let now = self.now(&mut reader).await?;
+        if jobs::oldest_available(&mut reader, now).await?.is_none() {
+            return Ok(None);
+        }
+        drop(reader);
+        let (mut transaction, now) = self.write().await?;
+        let claim = jobs::claim(&mut transaction, terms, now).await?;
+        transaction.commit().await?;
+        Ok(claim)
+    }
+
+    async fn renew(
+        &self,
+        claim: &Claim,
+        lease: Duration,
+        progress: Option<Progress>,
+    ) -> Result<bool, StoreError> {
+        let mut connection = self.database.connect().await?;
+        let until = self.now(&mut connection).await? + microseconds(lease);
+        jobs::renew(&mut connection, claim, until, progress).await
+    }
+
+    async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let released = jobs::release(&mut transaction, claim, release, now).await?;
+        transaction.commit().await?;
+        Ok(released)
+    }
+
+    async fn publish(
+        &self,
+        claim: &Claim,
+        derived: &Pinned,
+        facts: &CaseFacts,
+    ) -> Result<Published, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !jobs::finish(&mut transaction, claim).await? {
+            return Ok(Published::Fenced);
+        }
+        if !cases::refer(&mut transaction, &claim.id, derived, now).await? {
+            return Ok(Published::PinLost);
+        }
+        cases::make_ready(&mut transaction, &claim.id, facts).await?;
+        transaction.commit().await?;
+        Ok(Published::Done)
+    }
+
+    async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        let ours = jobs::finish(&mut transaction, claim).await?;
+        if ours {
+            cases::make_failed(&mut transaction, &claim.id, failure).await?;
+            transaction.commit().await?;
+        }
+        Ok(ours)
+    }
+
+    async fn replace(&self, id: &CaseId, derived: &Pinned) -> Result<Published, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !cases::is_ready(&mut transaction, id).await? {
+            return Ok(Published::Fenced);
+        }
+        if !cases::refer(&mut transaction, id, derived, now).await? {
+            return Ok(Published::PinLost);
+        }
+        transaction.commit().await?;
+        Ok(Published::Done)
+    }
+
+    async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        let ready = cases::is_ready(&mut transaction, id).await?;
+        if ready {
+            cases::make_failed(&mut transaction, id, failure).await?;
+            transaction.commit().await?;
+        }
+        Ok(ready)
+    }
+
+    async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.database.connect().await?;
+        let now = self.now(&mut connection).await?;
+        tombstones::abandoned(&mut connection, now, limit).await
+    }
+
+    async fn mark(
+        &self,
+        names: &[ObjectName],
+        sweep: &Sweep,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let marked = tombstones::mark(&mut transaction, names, sweep, now).await?;
+        transaction.commit().await?;
+        Ok(marked)
+    }
+
+    async fn bury(&self, holder: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        tombstones::bury(&mut transaction, holder).await?;
+        transaction.commit().await
+    }
+
+    async fn forget_holders(&self) -> Result<(), StoreError> {
+        self.database.check_file().await?;
+        let (mut transaction, now) = self.write().await?;
+        jobs::end_leases(&mut transaction, now).await?;
+        pins::expire_all(&mut transaction, now).await?;
+        tombstones::end_leases(&mut transaction, now).await?;
+        transaction.commit().await?;
+        self.database.empty_log().await;
+        Ok(())
+    }
+
+    async fn check(&self) -> Result<(), StoreError> {
+        match &self.database {
+            Database::Sqlite(pool) => sqlite::check(pool).await,
+            Database::Postgres(pool) => postgres::check(pool).await,
+        }
+    }
+
+    async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
+        match &self.database {
+            Database::Sqlite(_) => Ok(None),
+            Database::Postgres(pool) => postgres::changes(pool).await.map(Some),
+        }
+    }
+
+    async fn close(&self) {
+        self.database.close().await;
+    }
+}

@@ -1,0 +1,240 @@
+//! PostgreSQL: how it is opened, and what differs from SQLite.
+//!
+//! Writing transactions take one advisory lock and so come one after another, as in SQLite: what is true of one back end is true
+//! of the other. There are about five of them for a case, of a few milliseconds each.
+
+use std::time::Duration;
+
+use case::CaseId;
+use futures_util::StreamExt as _;
+use futures_util::stream::{self, BoxStream};
+use sqlx::postgres::{PgConnectOptions, PgConnection, PgListener, PgPool, PgPoolOptions};
+use sqlx::{Postgres, Transaction};
+
+use super::connection::Database;
+use super::{SqlRows, migrate};
+use crate::StoreError;
+use crate::rows::Change;
+
+/// Connections of a process; one of them listens.
+const CONNECTIONS: u32 = 8;
+
+/// How long to wait for a connection: callers are told soon when the database is away.
+const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Where changes are announced (`migrations/postgres`).
+const CHANNEL: &str = "isocortex";
+
+/// What a server does for a session of ours: it gives up waiting for a lock, and ends a transaction of a process that has gone
+/// silent, which would keep all others waiting.
+const SESSION: [(&str, &str); 3] = [
+    ("lock_timeout", "20s"),
+    ("idle_in_transaction_session_timeout", "20s"),
+    ("tcp_user_timeout", "20s"),
+];
+
+/// The statement must see what others committed before it got the lock: each has a snapshot of its own at `READ COMMITTED`. The
+/// number spells "isocortx".
+const BEGIN: &str =
+    "BEGIN ISOLATION LEVEL READ COMMITTED; SELECT pg_advisory_xact_lock(7598539469166376056)";
+
+/// The time by the database's clock, which goes on within a transaction.
+pub(super) const NOW: &str =
+    "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT) AS now";
+
+impl SqlRows {
+    /// Opens a database that exists; creates and migrates the tables where necessary.
+    ///
+    /// # Errors
+    /// When it cannot be reached or used, or was written by a newer version.
+    pub async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
+        let options = options.options(SESSION).application_name("isocortex");
+        let pool = PgPoolOptions::new()
+            .max_connections(CONNECTIONS)
+            .acquire_timeout(ACQUIRE_TIMEOUT)
+            .after_connect(|connection, _| Box::pin(keep_commits(connection)))
+            .connect_with(options)
+            .await?;
+        // One process migrates at a time: the migrator takes a lock.
+        migrate(&sqlx::migrate!("migrations/postgres"), &pool).await?;
+        Ok(Self::of(Database::Postgres(pool)))
+    }
+}
+
+/// A committed row must survive a loss of power, whatever the database is configured to.
+async fn keep_commits(connection: &mut PgConnection) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "SELECT set_config('synchronous_commit', 'on', FALSE)
+         WHERE current_setting('synchronous_commit') = 'off'",
+    )
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+pub(super) async fn begin(pool: &PgPool) -> Result<Transaction<'static, Postgres>, sqlx::Error> {
+    pool.begin_with(BEGIN).await
+}
+
+/// Whether the database can be written: a standby cannot.
+pub(super) async fn check(pool: &PgPool) -> Result<(), StoreError> {
+    let read_only: String = sqlx::query_scalar("SHOW transaction_read_only")
+        .fetch_one(pool)
+        .await?;
+    match read_only.as_str() {
+        "off" => Ok(()),
+        _ => Err(StoreError::Rows("the database is read-only".into())),
+    }
+}
+
+/// The changes that all processes make from now on.
+pub(super) async fn changes(pool: &PgPool) -> Result<BoxStream<'static, Change>, StoreError> {
+    let mut listener = PgListener::connect_with(pool).await?;
+    listener.listen(CHANNEL).await?;
+    let announced = stream::unfold(listener, |mut listener| async move {
+        loop {
+            match listener.recv().await {
+                Ok(announced) => return Some((announced, listener)),
+                Err(sqlx::Error::PoolClosed) => return None,
+                Err(error) => {
+                    tracing::warn!(%error, "changes of other processes are noticed late");
+                    tokio::time::sleep(crate::LISTEN_AGAIN_AFTER).await;
+                }
+            }
+        }
+    });
+    let read = announced.filter_map(|announced| async move { read_change(announced.payload()) });
+    Ok(read.boxed())
+}
+
+fn read_change(payload: &str) -> Option<Change> {
+    match payload.split_once(' ') {
+        Some(("changed", id)) => CaseId::parse(id).map(Change::Changed),
+        Some(("deleted", id)) => CaseId::parse(id).map(Change::Deleted),
+        _ => (payload == "queued").then_some(Change::Queued),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+    use std::sync::Arc;
+
+    use futures_util::future::join_all;
+
+    use super::*;
+    use crate::CaseRows as _;
+    use crate::conformance::RowsSubject;
+    use crate::rows::Inserted;
+    use crate::testing::postgres::PostgresServer;
+    use crate::testing::{claim, new_case};
+
+    async fn rows_at(address: &str) -> SqlRows {
+        SqlRows::postgres(address.parse().unwrap()).await.unwrap()
+    }
+
+    fn pool(rows: &SqlRows) -> &PgPool {
+        match &rows.database {
+            Database::Postgres(pool) => pool,
+            Database::Sqlite(_) => unreachable!("these rows are in PostgreSQL"),
+        }
+    }
+
+    #[tokio::test]
+    async fn rows_in_postgresql_do_what_they_must() {
+        let Some(server) = PostgresServer::start().await else {
+            return;
+        };
+        let subject = async || {
+            let rows = rows_at(&server.database().await).await;
+            let clock = rows.clone();
+            RowsSubject {
+                rows: Arc::new(rows),
+                pass_time: Box::new(move |by| clock.pass_time(by)),
+                keep: Box::new(()),
+            }
+        };
+        crate::rows_conformance! { in_turn subject }
+    }
+
+    #[tokio::test]
+    async fn copies_that_start_at_once_migrate_once_and_share_the_jobs() {
+        const CASES: usize = 24;
+        let Some(server) = PostgresServer::start().await else {
+            return;
+        };
+        let address = server.database().await;
+        let copies = join_all((0..4).map(|_| rows_at(&address))).await;
+        let inserting = (0..CASES).map(|number| {
+            let rows = &copies[number % copies.len()];
+            async move {
+                let new = new_case(rows, &number.to_string()).await;
+                assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Created);
+            }
+        });
+        join_all(inserting).await;
+        let claiming = (0..2 * CASES).map(|number| claim(&copies[number % copies.len()]));
+        let claims: Vec<_> = join_all(claiming).await.into_iter().flatten().collect();
+        let cases: HashSet<_> = claims.iter().map(|claim| claim.id).collect();
+        let fences: HashSet<_> = claims.iter().map(|claim| claim.fence).collect();
+        assert_eq!(
+            (claims.len(), cases.len(), fences.len()),
+            (CASES, CASES, CASES)
+        );
+    }
+
+    #[tokio::test]
+    async fn rows_of_a_newer_version_are_refused_in_words() {
+        let Some(server) = PostgresServer::start().await else {
+            return;
+        };
+        let address = server.database().await;
+        let rows = rows_at(&address).await;
+        sqlx::query(
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+             VALUES (9999, 'later', TRUE, '', 0)",
+        )
+        .execute(pool(&rows))
+        .await
+        .unwrap();
+        let error = SqlRows::postgres(address.parse().unwrap())
+            .await
+            .unwrap_err();
+        assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
+        assert!(error.to_string().contains("newer version"), "{error}");
+    }
+
+    #[tokio::test]
+    async fn one_copy_hears_what_another_does_also_after_the_database_was_away() {
+        let Some(mut server) = PostgresServer::start().await else {
+            return;
+        };
+        let address = server.database().await;
+        let (here, there) = (rows_at(&address).await, rows_at(&address).await);
+        let mut changes = here.changes().await.unwrap().unwrap();
+        let mut heard = async |awaited: Change| {
+            let hear = async { while changes.next().await.unwrap() != awaited {} };
+            let patience = Duration::from_secs(10);
+            tokio::time::timeout(patience, hear).await.unwrap();
+        };
+        let new = new_case(&there, "a").await;
+        there.insert(&new).await.unwrap();
+        heard(Change::Queued).await;
+        claim(&there).await.unwrap();
+        heard(Change::Changed(new.id)).await;
+
+        server.stop();
+        assert!(there.check().await.is_err());
+        server.start_again().await;
+        let mut hears = std::pin::pin!(heard(Change::Deleted(new.id)));
+        // It listens again at some moment within the next seconds.
+        loop {
+            there.delete(&new.id).await.unwrap();
+            tokio::select! {
+                () = &mut hears => break,
+                () = tokio::time::sleep(Duration::from_millis(200)) => {}
+            }
+            there.insert(&new_case(&there, "a").await).await.unwrap();
+        }
+    }
+}

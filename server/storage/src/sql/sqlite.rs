@@ -1,0 +1,316 @@
+//! SQLite: how its file is opened and kept sound.
+//!
+//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL` a committed row may be lost with the power. Writing transactions
+//! begin as `IMMEDIATE`, so that none fails half-way because another one wrote. SQLite knows the time to the millisecond.
+
+use std::path::Path;
+use std::time::Duration;
+
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
+    SqliteSynchronous,
+};
+use sqlx::{Connection as _, Row as _, Sqlite, Transaction};
+
+use super::connection::Database;
+use super::{SqlRows, migrate, upkeep};
+use crate::StoreError;
+
+/// How long a transaction waits for another process's.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
+
+/// Connections to a file: one writes, the others read meanwhile.
+const CONNECTIONS: u32 = 4;
+
+/// The time by the database's clock.
+pub(super) const NOW: &str = "SELECT CAST(unixepoch('subsec') * 1000 AS INTEGER) * 1000 AS now";
+
+impl SqlRows {
+    /// Opens a database file; creates and migrates it where necessary.
+    ///
+    /// # Errors
+    /// When the file cannot be used, or was written by a newer version.
+    pub async fn sqlite(file: &Path) -> Result<Self, StoreError> {
+        let options = SqliteConnectOptions::new()
+            .filename(file)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .pragma("secure_delete", "ON");
+        open(options, CONNECTIONS).await
+    }
+
+    /// A database that goes with its last user.
+    ///
+    /// # Errors
+    /// When there is no memory for it.
+    pub async fn in_memory() -> Result<Self, StoreError> {
+        open(SqliteConnectOptions::new().in_memory(true), 1).await
+    }
+}
+
+async fn open(options: SqliteConnectOptions, connections: u32) -> Result<SqlRows, StoreError> {
+    let options = options.foreign_keys(true).busy_timeout(BUSY_TIMEOUT);
+    let pool = SqlitePoolOptions::new()
+        .max_connections(connections)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .after_release(|connection, _| Box::pin(async { is_reusable(connection).await }))
+        .connect_with(options)
+        .await?;
+    migrate(&sqlx::migrate!("migrations/sqlite"), &pool).await?;
+    let rows = SqlRows::of(Database::Sqlite(pool));
+    upkeep::add_missing_digests(&rows.database).await?;
+    Ok(rows)
+}
+
+pub(super) async fn begin(pool: &SqlitePool) -> Result<Transaction<'static, Sqlite>, sqlx::Error> {
+    pool.begin_with("BEGIN IMMEDIATE").await
+}
+
+/// Whether a connection that was given back can be used again.
+///
+/// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows then fails, and
+/// sqlx counts the connection as inside its transaction for ever: every later `BEGIN` on it fails. Such a connection is closed.
+async fn is_reusable(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    // A rollback that is under way is over once the connection answers.
+    connection.ping().await?;
+    Ok(!connection.is_in_transaction())
+}
+
+/// Whether the file can be written. Changes nothing.
+pub(super) async fn check(pool: &SqlitePool) -> Result<(), StoreError> {
+    let mut transaction = begin(pool).await?;
+    sqlx::query("UPDATE fence SET value = value")
+        .execute(&mut *transaction)
+        .await?;
+    Ok(transaction.rollback().await?)
+}
+
+impl Database {
+    /// Whether the structure of SQLite's file is whole; PostgreSQL answers for itself.
+    ///
+    /// # Errors
+    /// When it is not, in SQLite's words.
+    pub(super) async fn check_file(&self) -> Result<(), StoreError> {
+        let Self::Sqlite(pool) = self else {
+            return Ok(());
+        };
+        let found: String = sqlx::query_scalar("PRAGMA quick_check(1)")
+            .fetch_one(pool)
+            .await?;
+        match found.as_str() {
+            "ok" => Ok(()),
+            fault => Err(StoreError::DamagedFile(fault.to_owned())),
+        }
+    }
+
+    /// Writes SQLite's log into the file and empties it. What was deleted is in neither from then on (`secure_delete` has
+    /// overwritten it).
+    ///
+    /// What fails is done at the next deletion, or when the file is opened or closed.
+    pub(super) async fn empty_log(&self) {
+        let Self::Sqlite(pool) = self else {
+            return;
+        };
+        let emptied = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)")
+            .fetch_one(pool)
+            .await;
+        match emptied.and_then(|row| row.try_get::<i64, _>(0)) {
+            Ok(0) => {}
+            Ok(_) => tracing::warn!("the database's log is emptied later: somebody reads it"),
+            Err(error) => tracing::warn!(%error, "the database's log is emptied later"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use case::{CaseId, CaseState, ObjectKind};
+
+    use super::*;
+    use crate::{CaseRows as _, ObjectName, Pinned, testing};
+
+    const HOUR: Duration = Duration::from_secs(3600);
+
+    fn pool(rows: &SqlRows) -> &SqlitePool {
+        match &rows.database {
+            Database::Sqlite(pool) => pool,
+            Database::Postgres(_) => unreachable!("these rows are in SQLite"),
+        }
+    }
+
+    /// Rows in a file that may not grow any further, on one connection.
+    async fn full_rows(directory: &Path) -> SqlRows {
+        let options = SqliteConnectOptions::new()
+            .filename(directory.join("rows.sqlite"))
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal);
+        let rows = open(options, 1).await.unwrap();
+        // Less than there is: SQLite takes the size of the file for it.
+        sqlx::query("PRAGMA max_page_count = 1")
+            .execute(pool(&rows))
+            .await
+            .unwrap();
+        rows
+    }
+
+    fn many_pins() -> Pinned {
+        let pin = |number: u32| ObjectName {
+            kind: ObjectKind::Volume,
+            digest: blake3::hash(&number.to_le_bytes()),
+        };
+        Pinned {
+            holder: "somebody".to_owned(),
+            names: (0..500).map(pin).collect(),
+        }
+    }
+
+    #[tokio::test]
+    async fn rows_go_on_after_the_disk_was_full() {
+        let directory = tempfile::tempdir().unwrap();
+        let rows = full_rows(directory.path()).await;
+        let full = rows.pin(&many_pins(), HOUR).await.unwrap_err();
+        assert!(full.is_full(), "{full:?}");
+        // The connection was closed; another one does not have its limit.
+        rows.check().await.unwrap();
+        rows.pin(&many_pins(), HOUR).await.unwrap();
+    }
+
+    /// A file with a ready case, whose facts hold a word that is nowhere else.
+    async fn with_a_ready_case(file: &Path) -> (SqlRows, CaseId) {
+        let rows = SqlRows::sqlite(file).await.unwrap();
+        let new = testing::new_case(&rows, "volume").await;
+        rows.insert(&new).await.unwrap();
+        let claim = testing::claim(&rows).await.unwrap();
+        let derived = testing::pinned(&rows, &[]).await;
+        rows.publish(&claim, &derived, &testing::facts())
+            .await
+            .unwrap();
+        (rows, new.id)
+    }
+
+    fn holds(file: &Path, word: &str) -> bool {
+        let bytes = std::fs::read(file).unwrap_or_default();
+        bytes
+            .windows(word.len())
+            .any(|part| part == word.as_bytes())
+    }
+
+    #[tokio::test]
+    async fn nothing_of_a_deleted_case_stays_in_the_file_or_its_log() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let log = directory.path().join("rows.sqlite-wal");
+        let (rows, id) = with_a_ready_case(&file).await;
+        rows.rename(&id, "CANARY-LABEL").await.unwrap();
+        let words = ["CANARY-LABEL".to_owned(), id.to_string()];
+        for word in &words {
+            assert!(holds(&file, word) || holds(&log, word), "{word}");
+        }
+        rows.delete(&id).await.unwrap();
+        for word in &words {
+            assert!(!holds(&file, word) && !holds(&log, word), "{word}");
+        }
+        rows.close().await;
+        assert!(!log.exists());
+    }
+
+    #[tokio::test]
+    async fn a_digit_that_flips_in_the_facts_is_found_and_they_are_made_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let (rows, id) = with_a_ready_case(&directory.path().join("rows.sqlite")).await;
+        let other = serde_json::to_string(&testing::facts()).unwrap().replacen(
+            "\"spacing_mm\":",
+            "\"spacing_mm\":1",
+            1,
+        );
+        for found_by_list in [false, true] {
+            sqlx::query("UPDATE cases SET facts = ?, state = 'ready', facts_digest = 'another'")
+                .bind(&other)
+                .execute(pool(&rows))
+                .await
+                .unwrap();
+            if found_by_list {
+                rows.cases(None, 10).await.unwrap();
+            }
+            let case = rows.case(&id).await.unwrap().unwrap();
+            assert_eq!((case.state, case.facts), (CaseState::Queued, None));
+            assert_eq!(rows.waiting().await.unwrap(), 1);
+        }
+    }
+
+    #[tokio::test]
+    async fn rows_of_an_earlier_version_get_digests() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let (rows, id) = with_a_ready_case(&file).await;
+        sqlx::query("UPDATE cases SET facts_digest = NULL")
+            .execute(pool(&rows))
+            .await
+            .unwrap();
+        rows.close().await;
+        let rows = SqlRows::sqlite(&file).await.unwrap();
+        let digest: Option<String> = sqlx::query_scalar("SELECT facts_digest FROM cases")
+            .fetch_one(pool(&rows))
+            .await
+            .unwrap();
+        assert!(digest.is_some());
+        let case = rows.case(&id).await.unwrap().unwrap();
+        assert_eq!(case.state, CaseState::Ready);
+    }
+
+    #[tokio::test]
+    async fn a_damaged_file_is_not_opened_for_work() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let (rows, _) = with_a_ready_case(&file).await;
+        // The pages of an index that nobody owns.
+        let mut connection = pool(&rows).acquire().await.unwrap();
+        for statement in [
+            "PRAGMA writable_schema = ON",
+            "DELETE FROM sqlite_schema WHERE name = 'jobs_by_age'",
+        ] {
+            sqlx::query(statement)
+                .execute(&mut *connection)
+                .await
+                .unwrap();
+        }
+        drop(connection);
+        rows.close().await;
+        let rows = SqlRows::sqlite(&file).await.unwrap();
+        let error = rows.forget_holders().await.unwrap_err();
+        assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
+    }
+
+    #[tokio::test]
+    async fn a_check_writes_nothing() {
+        let rows = SqlRows::in_memory().await.unwrap();
+        rows.check().await.unwrap();
+        let value: i64 = sqlx::query_scalar("SELECT value FROM fence")
+            .fetch_one(pool(&rows))
+            .await
+            .unwrap();
+        assert_eq!(value, 0);
+    }
+
+    #[tokio::test]
+    async fn rows_of_a_newer_version_are_refused_in_words_and_left_as_they_are() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let rows = SqlRows::sqlite(&file).await.unwrap();
+        sqlx::query(
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+             VALUES (9999, 'later', TRUE, x'00', 0)",
+        )
+        .execute(pool(&rows))
+        .await
+        .unwrap();
+        pool(&rows).close().await;
+        let before = std::fs::read(&file).unwrap();
+        let error = SqlRows::sqlite(&file).await.unwrap_err();
+        assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
+        assert!(error.to_string().contains("newer version"), "{error}");
+        assert_eq!(std::fs::read(&file).unwrap(), before);
+    }
+}

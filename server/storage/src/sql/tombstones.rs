@@ -1,0 +1,128 @@
+//! Tombstones: what is being removed, and by whom.
+
+use super::connection::Connection;
+use super::{microseconds, pins};
+use crate::rows::Sweep;
+use crate::{ObjectName, StoreError};
+
+/// Whether one of the objects has a tombstone.
+pub(super) async fn any_of(
+    connection: &mut Connection,
+    names: &[ObjectName],
+) -> Result<bool, StoreError> {
+    for name in names {
+        let row = connection.query(
+            "SELECT EXISTS (SELECT 1 FROM tombstones WHERE kind = $1 AND digest = $2) AS marked",
+        )
+        .bind(name.kind.name())
+        .bind(name.digest.to_string())
+        .fetch_one()
+        .await?;
+        if row.get("marked")? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+pub(super) async fn abandoned(
+    connection: &mut Connection,
+    now: i64,
+    limit: usize,
+) -> Result<Vec<ObjectName>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT kind, digest FROM pins WHERE expires_at <= $1
+         UNION SELECT kind, digest FROM tombstones WHERE lease_until <= $1 LIMIT $2",
+        )
+        .bind(now)
+        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+        .fetch_all()
+        .await?;
+    rows.iter().map(pins::read_name).collect()
+}
+
+pub(super) async fn mark(
+    connection: &mut Connection,
+    names: &[ObjectName],
+    sweep: &Sweep,
+    now: i64,
+) -> Result<Vec<ObjectName>, StoreError> {
+    let mut marked = Vec::new();
+    for name in names {
+        forget_expired_pins(connection, name, now).await?;
+        if !is_needed(connection, name).await? && take(connection, name, sweep, now).await? {
+            marked.push(*name);
+        }
+    }
+    Ok(marked)
+}
+
+async fn forget_expired_pins(
+    connection: &mut Connection,
+    name: &ObjectName,
+    now: i64,
+) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM pins WHERE kind = $1 AND digest = $2 AND expires_at <= $3")
+        .bind(name.kind.name())
+        .bind(name.digest.to_string())
+        .bind(now)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Whether a case refers to the object, or a pin that is left protects it.
+async fn is_needed(connection: &mut Connection, name: &ObjectName) -> Result<bool, StoreError> {
+    let row = connection
+        .query(
+            "SELECT EXISTS (SELECT 1 FROM case_objects WHERE kind = $1 AND digest = $2)
+             OR EXISTS (SELECT 1 FROM pins WHERE kind = $1 AND digest = $2) AS needed",
+        )
+        .bind(name.kind.name())
+        .bind(name.digest.to_string())
+        .fetch_one()
+        .await?;
+    row.get("needed")
+}
+
+/// Leaves a tombstone, or takes over one whose lease has ended; whether it is the sweep's own now.
+async fn take(
+    connection: &mut Connection,
+    name: &ObjectName,
+    sweep: &Sweep,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let taken = connection.query(
+        "INSERT INTO tombstones (kind, digest, holder, lease_until) VALUES ($1, $2, $3, $4)
+         ON CONFLICT (kind, digest) DO UPDATE SET holder = excluded.holder, lease_until = excluded.lease_until
+         WHERE tombstones.lease_until <= $5",
+    )
+    .bind(name.kind.name())
+    .bind(name.digest.to_string())
+    .bind(&sweep.holder)
+    .bind(now + microseconds(sweep.lease))
+    .bind(now)
+    .execute()
+    .await?;
+    Ok(taken > 0)
+}
+
+pub(super) async fn bury(connection: &mut Connection, holder: &str) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM tombstones WHERE holder = $1")
+        .bind(holder)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE tombstones SET lease_until = $1")
+        .bind(now)
+        .execute()
+        .await?;
+    Ok(())
+}
