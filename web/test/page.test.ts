@@ -149,6 +149,13 @@ test("a case is found by its name, and says what it is at", () => {
   );
 });
 
+test("a case in the list tells its day, its voxels and, of DICOM files, its sequence", () => {
+  assert.equal(caseStatus(SHOWN), "Jan 1, 2026 · 1 × 1 × 2 mm");
+  const volume = { ...SHOWN.volume, sequence: "*tfl3d1, TR 2300" };
+  assert.equal(caseStatus({ ...SHOWN, volume }), "Jan 1, 2026 · 1 × 1 × 2 mm · *tfl3d1, TR 2300");
+  assert.ok(matches({ ...SHOWN, volume }, "tfl3d"));
+});
+
 test("the reasons of a verdict are the server's sentences, or the page's in another language", () => {
   const quality = {
     state: "review",
