@@ -249,6 +249,18 @@ impl Cases {
         }
     }
 
+    /// What an annotated picture says of a case: see [`Case::identity`](case::Case::identity). `None` where nothing is written.
+    ///
+    /// # Errors
+    /// When there is no such case.
+    pub async fn identity(&self, id: &CaseId, annotate: bool) -> Result<Option<String>, Error> {
+        if !annotate {
+            return Ok(None);
+        }
+        let case = self.store().case(id).await?.ok_or(Error::NoSuchCase)?;
+        Ok(Some(case.identity()))
+    }
+
     /// The verdict on the mask of a case that was asked about a moment ago.
     pub fn known_quality(&self, id: &CaseId) -> Option<QualityState> {
         let (_, facts) = self.remembered.ready.get(id)?;
