@@ -512,7 +512,7 @@ mod tests {
     use super::*;
     use crate::frame::frame;
     use crate::objects::Unreadable;
-    use crate::{Objects, SqlRows};
+    use crate::{Objects, Spool, SqlRows};
 
     fn subject(rows: SqlRows, keep: impl Send + Sync + 'static) -> RowsSubject {
         let clock = rows.clone();
@@ -603,17 +603,16 @@ mod tests {
         for length in [0, 1, (16 << 20) - 72, 17_000_000] {
             let mut contents = vec![0; length];
             blake3::Hasher::new().finalize_xof().fill(&mut contents);
-            let file = tempfile::NamedTempFile::new().unwrap();
-            std::fs::write(file.path(), &contents).unwrap();
-            let digest = blake3::hash(&contents);
+            let directory = tempfile::tempdir().unwrap();
+            let mut spool = Spool::begin(directory.path().to_owned()).await.unwrap();
+            spool.write(contents.clone().into()).await.unwrap();
+            let file = spool.finish().await.unwrap();
             let name = ObjectName {
                 kind: ObjectKind::SourceVolume,
-                digest,
+                digest: *file.digest(),
             };
-            objects
-                .put_file(&name, file.path(), length as u64)
-                .await
-                .unwrap();
+            assert_eq!(file.digest(), &blake3::hash(&contents));
+            objects.put_file(&name, &file).await.unwrap();
             assert!(
                 objects.get(&name).await.unwrap() == contents,
                 "{length} bytes"
