@@ -9,25 +9,21 @@ use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use render::{KeyedLayers, RenderBackend, RenderJob, SizedMesh};
 use storage::{Store, StoreError};
-use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, WarmModel};
-use crate::pictures::{Graphics, GraphicsOptions, PictureJob, PictureRequest, window_of};
+use crate::pictures::{Graphics, GraphicsOptions};
+use crate::room::RoomToCheck;
 
 /// How many cases are remembered to be ready.
 const REMEMBERED_CASES: usize = 4096;
 
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
-
-/// How long an upload waits for room to be checked.
-const LONGEST_WAIT_FOR_CHECK: Duration = Duration::from_secs(30);
 
 /// How the application is set up.
 #[derive(Debug, Clone)]
@@ -67,11 +63,6 @@ pub enum StartError {
     Store(#[from] StoreError),
 }
 
-fn thousands(voxels: usize) -> u32 {
-    let most = Semaphore::MAX_PERMITS.min(u32::MAX as usize);
-    u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
-}
-
 /// Everything that a protocol needs to serve cases. Cheap to clone.
 ///
 /// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
@@ -87,9 +78,7 @@ pub struct Cases {
     pub graphics: Graphics,
     /// Where DICOM files are read.
     pub dicom: Arc<DicomReader>,
-    head: HeadLimits,
-    /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
-    checking: Arc<Semaphore>,
+    pub(crate) checks: RoomToCheck,
     ready: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
     forget_hooks: Arc<ForgetHooks>,
 }
@@ -120,44 +109,33 @@ impl Cases {
     pub async fn open(options: Options) -> Result<Self, StartError> {
         let extractor = Extractor::open(options.network.as_deref())?;
         tracing::info!("brains are extracted {}", extractor.words());
-        let store = Store::open_with(&options.data, options.store).await?;
+        let store = Store::open_with(&options.data, options.store.clone()).await?;
         let library = Library::new(store, Pipeline::new(extractor).into(), options.limits);
+        Ok(Self::on(library, &options))
+    }
+
+    /// The application on a library.
+    pub(crate) fn on(library: Library, options: &Options) -> Self {
         let dicom = DicomReader::new(
-            options.dicom_program,
+            options.dicom_program.clone(),
             options.limits,
             options.max_dicom_bytes,
         );
-        Ok(Self {
+        Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
             library,
             queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
-            head: options.head,
-            checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
+            checks: RoomToCheck::new(options.head, options.limits),
             ready: Arc::new(Cache::new(REMEMBERED_CASES)),
             forget_hooks: Arc::default(),
-        })
+        }
     }
 
     /// Where the cases are.
     pub fn store(&self) -> &Store {
         self.library.store()
-    }
-
-    /// Room to check an upload, until it is dropped; `start` is the first 64 kB of its volume. Its voxels are in memory meanwhile, so that
-    /// volumes wait for each other by their size.
-    ///
-    /// # Errors
-    /// [`Error::Failure`] where the header is not that of a head; [`Error::Busy`] where others take too long.
-    pub async fn room_to_check(&self, start: &[u8]) -> Result<SemaphorePermit<'_>, Error> {
-        let limits = self.library.limits();
-        let weight = thousands(self.head.check(start, &limits)?).min(thousands(limits.max_voxels));
-        let permit = self.checking.acquire_many(weight);
-        match tokio::time::timeout(LONGEST_WAIT_FOR_CHECK, permit).await {
-            Ok(permit) => permit.map_err(|_| Error::Unavailable),
-            Err(_elapsed) => Err(Error::Busy),
-        }
     }
 
     /// A case.
@@ -230,36 +208,5 @@ impl Cases {
         for hook in self.forget_hooks.lock().iter() {
             hook(id);
         }
-    }
-
-    /// Gets everything ready that a picture needs. Call it in a turn of [`Cases::queue`]: a mesh may have to be walked first.
-    ///
-    /// # Errors
-    /// When the mesh cannot be had.
-    pub async fn picture_job(
-        &self,
-        warm: &WarmModel,
-        request: &PictureRequest,
-        backend: RenderBackend,
-    ) -> Result<PictureJob, Error> {
-        let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
-        let mesh = if backend.needs_mesh() {
-            let size = request.mesh_size()?;
-            let mesh = warm.shrink(size, request.paths, depth_mm).await?;
-            Some(SizedMesh { size, mesh })
-        } else {
-            None
-        };
-        let window = window_of(&warm.facts);
-        Ok(PictureJob {
-            job: RenderJob {
-                case: warm.keyed(),
-                request: request.at(depth_mm, window)?,
-                mesh,
-                layers: KeyedLayers::default(),
-            },
-            asked: request.renderer,
-            backend,
-        })
     }
 }

@@ -9,22 +9,24 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use crate::handover::Handover;
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
     Quality,
 };
 use imaging::Limits;
-use pipeline::{Derived, Pipeline, Source, StoredBrain, settled};
+use pipeline::{Derived, Pipeline, ReadSource, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
 
 /// What a worker does with an upload: the objects and facts of a case, or why there are none.
 ///
-/// It is told each step as it begins, and ends soon after the flag is raised.
+/// What was read of the upload already comes with it. It is told each step as it begins, and ends soon after the flag is raised.
 pub type PrepareFn = dyn Fn(
         &Source,
+        Option<ReadSource>,
         &Parameters,
         &Limits,
         &(dyn Fn(Progress) + Sync),
@@ -55,10 +57,13 @@ impl From<Pipeline> for Preparation {
     fn from(pipeline: Pipeline) -> Self {
         Self {
             has_network: pipeline.has_network(),
-            prepare: Arc::new(move |source, parameters, limits, observe, cancelled| {
-                let prepared = pipeline.prepare(source, parameters, limits, observe, cancelled);
-                prepared.map(Derived::of)
-            }),
+            prepare: Arc::new(
+                move |source, read, parameters, limits, observe, cancelled| {
+                    let how = (parameters, limits);
+                    let prepared = pipeline.prepare_read(source, read, how, observe, cancelled);
+                    prepared.map(Derived::of)
+                },
+            ),
         }
     }
 }
@@ -84,6 +89,8 @@ struct Inner {
     /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Several processes may
     /// make the same case again at once: each writes the same objects, under pins of its own.
     rebuilding: tokio::sync::Mutex<()>,
+    /// Volumes that were read to be checked.
+    handover: Handover,
 }
 
 impl Library {
@@ -95,6 +102,7 @@ impl Library {
                 preparation,
                 limits,
                 rebuilding: tokio::sync::Mutex::default(),
+                handover: Handover::default(),
             }),
         }
     }
@@ -119,16 +127,22 @@ impl Library {
         self.inner.preparation.has_network
     }
 
+    /// Volumes that were read to be checked, on their way to the workers.
+    pub(crate) fn handover(&self) -> &Handover {
+        &self.inner.handover
+    }
+
     /// Prepares a case on the calling thread.
     pub(crate) fn prepare(
         &self,
-        source: &Source,
+        (source, read): (&Source, Option<ReadSource>),
         parameters: &Parameters,
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
         let prepare = &self.inner.preparation.prepare;
-        prepare(source, parameters, &self.inner.limits, observe, cancelled)
+        let limits = &self.inner.limits;
+        prepare(source, read, parameters, limits, observe, cancelled)
     }
 
     /// Makes a case of files in memory and queues its preparation. The parameters are [`settled`] first.
@@ -195,7 +209,7 @@ impl Library {
         }
     }
 
-    /// The uploaded files of a case; `None`, reported, where one is missing or damaged.
+    /// The uploaded files of a case; `None`, reported, if one is missing or damaged.
     ///
     /// # Errors
     /// When the store cannot be reached.
@@ -204,36 +218,45 @@ impl Library {
         id: &CaseId,
         names: &[ObjectName],
     ) -> Result<Option<Source>, StoreError> {
-        let Some(volume) = self
-            .store()
-            .read(id, names, ObjectKind::SourceVolume)
-            .await?
-        else {
+        let store = self.store();
+        let Some(volume) = store.read(id, names, ObjectKind::SourceVolume).await? else {
             return Ok(None);
         };
-        let mut source = Source {
+        let mask = self.read_if_any(id, names, ObjectKind::SourceMask).await?;
+        let dicom = self.read_if_any(id, names, ObjectKind::SourceDicom).await?;
+        Ok(mask.zip(dicom).map(|(mask, dicom)| Source {
             volume,
+            mask,
+            dicom,
+            brain: None,
+        }))
+    }
+
+    /// What a preparation of a volume and mask that were read already needs besides; as [`Library::source`].
+    pub(crate) async fn source_besides(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+    ) -> Result<Option<Source>, StoreError> {
+        let dicom = self.read_if_any(id, names, ObjectKind::SourceDicom).await?;
+        Ok(dicom.map(|dicom| Source {
+            dicom,
             ..Source::default()
-        };
-        if names.iter().any(|name| name.kind == ObjectKind::SourceMask) {
-            source.mask = self.store().read(id, names, ObjectKind::SourceMask).await?;
-            if source.mask.is_none() {
-                return Ok(None);
-            }
+        }))
+    }
+
+    /// An uploaded file that a case may have, or `None` in it; `None`, reported, if it is missing or damaged.
+    async fn read_if_any(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+        kind: ObjectKind,
+    ) -> Result<Option<Option<Bytes>>, StoreError> {
+        if names.iter().all(|name| name.kind != kind) {
+            return Ok(Some(None));
         }
-        if names
-            .iter()
-            .any(|name| name.kind == ObjectKind::SourceDicom)
-        {
-            source.dicom = self
-                .store()
-                .read(id, names, ObjectKind::SourceDicom)
-                .await?;
-            if source.dicom.is_none() {
-                return Ok(None);
-            }
-        }
-        Ok(Some(source))
+        let read = self.store().read(id, names, kind).await?;
+        Ok(read.map(Some))
     }
 
     /// Makes the derived objects of a ready case again, or makes the case failed where that is impossible.
@@ -306,7 +329,7 @@ impl Library {
         let library = self.clone();
         let derived = tokio::task::spawn_blocking(move || {
             let never = AtomicBool::new(false);
-            library.prepare(&source, &parameters, &|_| {}, &never)
+            library.prepare((&source, None), &parameters, &|_| {}, &never)
         });
         Ok(derived.await?)
     }

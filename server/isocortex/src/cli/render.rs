@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use case::CaseId;
 use cases::models::{Models, PathKind};
 use cases::pictures::{
-    GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
-    backend_for, encode, window_of,
+    CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob,
+    PictureRequest, backend_for, encode, warm_job,
 };
 use cases::{ConcurrencyLimit, Error, Library};
 use clap::Args;
 use render::choice::Renderer;
-use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
+use render::{Background, ColorMap, NamedView};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
@@ -106,7 +106,7 @@ struct PictureArgs {
 }
 
 impl PictureArgs {
-    fn request(&self) -> Result<PictureRequest, Error> {
+    fn checked(&self) -> Result<CheckedPicture, Error> {
         let request = PictureRequest {
             depth_mm: self.depth,
             view: self.view,
@@ -126,29 +126,28 @@ impl PictureArgs {
             paths: self.paths,
             annotate: self.annotate,
         };
-        request.check()?;
-        Ok(request)
+        request.checked()
     }
 }
 
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
-    let query = args.picture.request()?;
+    let picture = args.picture.checked()?;
     check_output(&args.output)?;
-    let picture = super::block_on(async {
+    let png = super::block_on(async {
         // Looked for while the case is read; splatting needs none.
-        let use_of = if query.renderer == Renderer::Splat {
+        let use_of = if picture.asked.renderer == Renderer::Splat {
             GpuUse::Off
         } else {
             args.gpu
         };
         let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
         match case_id(&args.input) {
-            Some(id) => of_case(args, id, &query, &graphics).await,
-            None => of_file(args, &query, &graphics).await,
+            Some(id) => of_case(args, id, &picture, &graphics).await,
+            None => of_file(args, &picture, &graphics).await,
         }
     })?;
-    write_output(&args.output, &picture)
+    write_output(&args.output, &png)
 }
 
 /// An id, unless there is a file of that name.
@@ -160,7 +159,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn of_case(
     args: &RenderArgs,
     id: CaseId,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
@@ -180,45 +179,21 @@ async fn of_case(
             "the store has no such case that is ready",
         )
     })?;
-    let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = model.shrink(size, query.paths, depth_mm).await;
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
-    } else {
-        None
-    };
-    let job = RenderJob {
-        case: model.keyed(),
-        request: query.at(depth_mm, window_of(&model.facts))?,
-        mesh,
-        layers: KeyedLayers::default(),
-    };
-    drawn(job, backend, Some(&id), query).await
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let job = warm_job(&model, picture, backend).await?;
+    drawn(job, Some(&id), picture.asked.annotate).await
 }
 
-async fn drawn(
-    job: RenderJob,
-    backend: RenderBackend,
-    id: Option<&CaseId>,
-    query: &PictureRequest,
-) -> Result<Vec<u8>, CliError> {
-    let metadata = ImageMetadata::of(id, &job);
-    let picture = PictureJob {
-        job,
-        asked: query.renderer,
-        backend,
-    };
+async fn drawn(job: PictureJob, id: Option<&CaseId>, annotate: bool) -> Result<Vec<u8>, CliError> {
+    let metadata = ImageMetadata::of(id, &job.job);
     let turn = ConcurrencyLimit::new(1, 0).turn().await?;
-    let drawn = picture.draw(&turn).await?;
-    Ok(encode(drawn, &metadata, query.annotate)?.png)
+    let drawn = job.draw(&turn).await?;
+    Ok(encode(drawn, &metadata, annotate)?.png)
 }
 
 async fn of_file(
     args: &RenderArgs,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let is_case = head_of(&args.input)?.starts_with(case_file::MAGIC);
@@ -233,21 +208,11 @@ async fn of_file(
             &args.options.pipeline()?,
         )?)
     };
-    let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = case.shrink(size, query.paths, depth_mm);
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
-    } else {
-        None
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let shrink = async |depth_mm| {
+        let shrunk = case.shrink(picture.mesh, picture.asked.paths, depth_mm);
+        Ok(shrunk?)
     };
-    let job = RenderJob {
-        case: case.keyed(),
-        request: query.at(depth_mm, window_of(&case.facts))?,
-        mesh,
-        layers: KeyedLayers::default(),
-    };
-    drawn(job, backend, None, query).await
+    let job = picture.job((case.keyed(), &case.facts), backend, shrink);
+    drawn(job.await?, None, picture.asked.annotate).await
 }

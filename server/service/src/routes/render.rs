@@ -7,10 +7,12 @@ use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use case::CaseFacts;
 use cases::Cases;
-use cases::pictures::{EncodedImage, ImageMetadata, PictureRequest, backend_for, encode};
+use cases::pictures::{
+    CheckedPicture, EncodedImage, ImageMetadata, PictureRequest, backend_for, encode, warm_job,
+};
 
 use super::depth_headers;
-use super::query::{ApiQuery, CasePath, Checked};
+use super::query::{ApiQuery, Asked, CasePath};
 use crate::conditional::{self, Content, Form, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
@@ -18,9 +20,11 @@ use crate::problem::{AppError, Problem};
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
 
-impl Checked for PictureRequest {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(PictureRequest::check(self)?)
+impl Asked for PictureRequest {
+    type Values = CheckedPicture;
+
+    fn checked(&self) -> Result<CheckedPicture, AppError> {
+        Ok(PictureRequest::checked(self)?)
     }
 }
 
@@ -47,32 +51,35 @@ impl Checked for PictureRequest {
 pub async fn get_render(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<PictureRequest>,
+    ApiQuery {
+        asked,
+        values: picture,
+    }: ApiQuery<PictureRequest>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let question = Question {
         id,
         route: "render",
-        query: &query,
+        query: &asked,
         request: &request,
     };
     // Before the backend: looking for a graphics device may take seconds, and a case that is not there none.
     cases.ready(&id).await?;
-    let backend = backend_for(query.renderer, &cases.graphics).await;
+    let backend = backend_for(asked.renderer, &cases.graphics).await;
     // Renderers differ in their pixels, and graphics devices, too.
     let form = Form::of(PNG).variant(backend.to_string());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
-        let picture = cases.picture_job(&model, &query, backend).await?;
-        let metadata = ImageMetadata::of(Some(&id), &picture.job);
-        let drawn = picture.draw(&turn).await?;
-        let annotate = query.annotate;
+        let job = warm_job(&model, &picture, backend).await?;
+        let metadata = ImageMetadata::of(Some(&id), &job.job);
+        let drawn = job.draw(&turn).await?;
+        let annotate = asked.annotate;
         let image = turn
             .run(move || encode(drawn, &metadata, annotate))
             .await??;
-        let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
+        let mut headers = depth_headers(picture.depth.shown_in(&facts));
         describe(&image, &mut headers);
         Ok(Content {
             variant: Some(image.backend.to_string()),

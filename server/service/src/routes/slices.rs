@@ -6,11 +6,11 @@ use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest};
+use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest, Window};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::query::{ApiQuery, CasePath, Checked};
+use super::query::{ApiQuery, Asked, CasePath};
 use super::render::PNG;
 use crate::conditional::{Form, Question};
 use crate::negotiate::media_type;
@@ -19,8 +19,8 @@ use case::CaseFacts;
 use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::{
-    NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size, window_of,
-    window_or,
+    DepthMm, NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size,
+    window_of, window_of_numbers,
 };
 
 /// A picture of a slice.
@@ -63,44 +63,55 @@ pub struct SliceQuery {
     annotate: bool,
 }
 
-impl Checked for SliceQuery {
-    fn check(&self) -> Result<(), AppError> {
-        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
-            return Err(AppError::out_of_range(
-                "position_mm",
-                "must be a finite number of mm",
-            ));
-        }
-        if self.depth_mm.0.iter().any(|&mm| mm < 0.0) {
-            return Err(AppError::Query {
-                kind: "depth-negative",
-                parameter: "depth_mm".into(),
-                detail: "must not be negative: depth is counted inwards from the envelope".into(),
-            });
-        }
-        check_annotation(self.annotate, [self.width, self.height])?;
-        let any_window = render::Window::between(0.0, 1.0);
-        self.request(SlicePlane::Axial, 0.0, any_window).map(drop)
-    }
+/// A slice that can be asked of every case.
+#[derive(Debug)]
+pub struct SliceValues {
+    /// Where, if not in the middle of the case.
+    position_mm: Option<f64>,
+    /// Through which window, if not the case's own.
+    window: Option<Window>,
+    /// Everything else, of the axial plane through the origin.
+    request: SliceRequest,
 }
 
-impl SliceQuery {
-    fn request(
-        &self,
-        plane: SlicePlane,
-        default_position_mm: f64,
-        default_window: render::Window,
-    ) -> Result<SliceRequest, AppError> {
-        Ok(SliceRequest::new(SliceParameters {
-            plane,
-            position_mm: self.position_mm.unwrap_or(default_position_mm),
+impl Asked for SliceQuery {
+    type Values = SliceValues;
+
+    fn checked(&self) -> Result<SliceValues, AppError> {
+        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
+            let detail = "must be a finite number of mm";
+            return Err(AppError::out_of_range("position_mm", detail));
+        }
+        for &depth_mm in &self.depth_mm.0 {
+            DepthMm::check_sign(depth_mm)?;
+        }
+        check_annotation(self.annotate, [self.width, self.height])?;
+        let window = self.window.map(window_of_numbers).transpose()?;
+        let request = SliceRequest::new(SliceParameters {
+            plane: SlicePlane::Axial,
+            position_mm: self.position_mm.unwrap_or(0.0),
             depths_mm: self.depth_mm.0.clone(),
             zoom: self.zoom,
             pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
             size: picture_size(self.width, self.height)?,
-            window: window_or(self.window, default_window)?,
+            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
             colormap: self.colormap,
-        })?)
+        })?;
+        Ok(SliceValues {
+            position_mm: self.position_mm,
+            window,
+            request,
+        })
+    }
+}
+
+impl SliceValues {
+    /// The slice of a case.
+    fn of_case(self, plane: SlicePlane, facts: &CaseFacts) -> SliceRequest {
+        let middle_mm = || middle_mm(facts, plane.axis());
+        let position_mm = self.position_mm.unwrap_or_else(middle_mm);
+        let window = self.window.unwrap_or_else(|| window_of(facts));
+        self.request.shown(plane, position_mm, window)
     }
 }
 
@@ -133,7 +144,7 @@ pub async fn get_slice(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<SliceQuery>,
+    ApiQuery { asked, values }: ApiQuery<SliceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
@@ -148,17 +159,16 @@ pub async fn get_slice(
     let question = Question {
         id,
         route: "slices",
-        query: &query,
+        query: &asked,
         request: &request,
     };
     let work = async |facts: Arc<CaseFacts>| {
-        let middle_mm = middle_mm(&facts, plane.axis());
-        let drawing = query.request(plane, middle_mm, window_of(&facts))?;
+        let slice = values.of_case(plane, &facts);
         let model = cases.model(&id).await?;
-        let (case, annotate) = (id.to_string(), query.annotate);
+        let (case, annotate) = (id.to_string(), asked.annotate);
         let picture = cases
             .queue
-            .run(move || draw(&model, &case, &drawing, annotate));
+            .run(move || draw(&model, &case, &slice, annotate));
         Ok(Bytes::from(picture.await??).into())
     };
     let form = Form::of(PNG).variant(plane.name());

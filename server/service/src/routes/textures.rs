@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
-use super::query::{ApiQuery, CasePath, Checked};
+use super::query::{ApiQuery, Asked, CasePath};
 use crate::conditional::{self, Content, Form, Question};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
@@ -54,10 +54,12 @@ fn every_voxel() -> usize {
     1
 }
 
-impl Checked for VolumeQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for VolumeQuery {
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
         match self.bits {
-            8 | 16 => Ok(()),
+            8 | 16 => Ok(*self),
             bits => Err(AppError::out_of_range(
                 "bits",
                 format!("is {bits}; it must be 8 or 16"),
@@ -66,9 +68,12 @@ impl Checked for VolumeQuery {
     }
 }
 
-impl Checked for DistanceQuery {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(check_count("step", self.step, 1, MAX_STEP)?)
+impl Asked for DistanceQuery {
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
+        check_count("step", self.step, 1, MAX_STEP)?;
+        Ok(*self)
     }
 }
 
@@ -99,7 +104,7 @@ pub async fn get_volume(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<VolumeQuery>,
+    ApiQuery { values: query, .. }: ApiQuery<VolumeQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let texture = move |model: &Arc<WarmModel>| match query.bits {
@@ -152,7 +157,7 @@ pub async fn get_distance(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<DistanceQuery>,
+    ApiQuery { values: query, .. }: ApiQuery<DistanceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let texture = move |model: &Arc<WarmModel>| match query.step {

@@ -9,7 +9,7 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
-use cases::pictures::{ImageMetadata, backend_for};
+use cases::pictures::{ImageMetadata, PictureRequest, backend_for, warm_job};
 
 use self::files::{File, Picture};
 use self::plan::{Form, parse};
@@ -66,20 +66,21 @@ pub async fn create_renders(
     let kind = media_type(&request, offered)?;
     cases.ready(&id).await?;
     let model = cases.model(&id).await?;
-    let asked = (plan.pictures.clone(), plan.form.parameters());
+    let pictures = plan.pictures.iter().map(|picture| picture.asked.clone());
+    let asked: (Vec<PictureRequest>, _) = (pictures.collect(), plan.form.parameters());
     let mut file = File::new(plan.form, plan.pictures.len());
     let mut backends = Vec::new();
     // One place in the queue for all; between the pictures others get their turn, and a client that left ends the work.
     let queued = cases.queue.enter()?;
-    for (number, request) in plan.pictures.into_iter().enumerate() {
-        let backend = backend_for(request.renderer, &cases.graphics).await;
+    for (number, picture) in plan.pictures.into_iter().enumerate() {
+        let backend = backend_for(picture.asked.renderer, &cases.graphics).await;
         let turn = queued.turn().await?;
-        let job = cases.picture_job(&model, &request, backend).await?;
+        let job = warm_job(&model, &picture, backend).await?;
         let picture = Picture {
             number,
             metadata: ImageMetadata::of(Some(&id), &job.job),
             drawn: job.draw(&turn).await?,
-            request,
+            request: picture.asked,
         };
         let add = move || file.add(picture).map(|backend| (file, backend.to_string()));
         let backend;
