@@ -2,7 +2,7 @@
 
 mod agreement;
 mod attacks;
-mod bad_input;
+mod circles;
 mod dicom;
 mod extraction;
 mod faults;
@@ -10,7 +10,6 @@ mod golden;
 mod head;
 mod heads;
 mod hygiene;
-mod immutable;
 mod interface;
 mod kill;
 mod layers;
@@ -21,7 +20,6 @@ mod renderers;
 mod renders;
 mod restart;
 mod scenes;
-mod security;
 #[path = "../../server/imaging/tests/it/series_builder.rs"]
 #[allow(dead_code, reason = "the tests of another crate use more of it")]
 mod series_builder;
