@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use case::{Failure, FailureKind, Progress, Stage};
-use pipeline::{Derived, ReadSource, Source};
+use pipeline::{Derived, Input};
 use storage::{
     Claim, Count, LeaseTerms, Published, Publisher, Release, Store, StoreError, frame_all,
 };
@@ -178,7 +178,11 @@ impl Worker {
         let mut derived = tokio::task::spawn_blocking({
             let (library, claim) = (self.library.clone(), claim.clone());
             let cancelled = cancelled.clone();
-            move || derive(&library, &claim, (&source, read), &progress, &cancelled)
+            move || {
+                let source = &source;
+                let input = Input { source, read };
+                derive(&library, &claim, input, &progress, &cancelled)
+            }
         });
         let mut heartbeat = tokio::time::interval(self.store.options().heartbeat);
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -333,7 +337,7 @@ impl Worker {
 fn derive(
     library: &Library,
     claim: &Claim,
-    upload: (&Source, Option<ReadSource>),
+    input: Input<'_>,
     progress: &watch::Sender<Option<Progress>>,
     cancelled: &AtomicBool,
 ) -> Result<Derived, Failure> {
@@ -341,7 +345,7 @@ fn derive(
         progress.send_replace(Some(now));
         library.store().signals().progress(&claim.id, Some(now));
     };
-    library.prepare(upload, &claim.parameters, &observe, cancelled)
+    library.prepare(input, &claim.parameters, &observe, cancelled)
 }
 
 /// The preparation took longer than it may.

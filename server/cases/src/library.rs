@@ -16,7 +16,7 @@ use case::{
     Quality,
 };
 use imaging::Limits;
-use pipeline::{Derived, Pipeline, ReadSource, Source, StoredBrain, settled};
+use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
@@ -25,8 +25,7 @@ use storage::{
 ///
 /// What was read of the upload already comes with it. It is told each step as it begins, and ends soon after the flag is raised.
 pub type PrepareFn = dyn Fn(
-        &Source,
-        Option<ReadSource>,
+        Input<'_>,
         &Parameters,
         &Limits,
         &(dyn Fn(Progress) + Sync),
@@ -57,13 +56,10 @@ impl From<Pipeline> for Preparation {
     fn from(pipeline: Pipeline) -> Self {
         Self {
             has_network: pipeline.has_network(),
-            prepare: Arc::new(
-                move |source, read, parameters, limits, observe, cancelled| {
-                    let how = (parameters, limits);
-                    let prepared = pipeline.prepare_read(source, read, how, observe, cancelled);
-                    prepared.map(Derived::of)
-                },
-            ),
+            prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
+                let prepared = pipeline.prepare_read(input, parameters, limits, observe, cancelled);
+                prepared.map(Derived::of)
+            }),
         }
     }
 }
@@ -135,14 +131,14 @@ impl Library {
     /// Prepares a case on the calling thread.
     pub(crate) fn prepare(
         &self,
-        (source, read): (&Source, Option<ReadSource>),
+        input: Input<'_>,
         parameters: &Parameters,
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
         let prepare = &self.inner.preparation.prepare;
         let limits = &self.inner.limits;
-        prepare(source, read, parameters, limits, observe, cancelled)
+        prepare(input, parameters, limits, observe, cancelled)
     }
 
     /// Makes a case of files in memory and queues its preparation. The parameters are [`settled`] first.
@@ -329,7 +325,7 @@ impl Library {
         let library = self.clone();
         let derived = tokio::task::spawn_blocking(move || {
             let never = AtomicBool::new(false);
-            library.prepare((&source, None), &parameters, &|_| {}, &never)
+            library.prepare((&source).into(), &parameters, &|_| {}, &never)
         });
         Ok(derived.await?)
     }

@@ -73,7 +73,7 @@ mod tests {
         let mut third = Box::pin(room.enter(&start));
         assert!(poll!(&mut third).is_pending());
         drop(first);
-        third.await.unwrap();
+        let _third = third.await.unwrap();
     }
 
     #[tokio::test]

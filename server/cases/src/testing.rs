@@ -46,8 +46,8 @@ impl Fake {
         let fake = Arc::clone(self);
         Preparation {
             has_network: true,
-            prepare: Arc::new(move |source, _, _, _, observe, cancelled| {
-                fake.run(source, observe, cancelled)
+            prepare: Arc::new(move |input, _, _, observe, cancelled| {
+                fake.run(input.source, observe, cancelled)
             }),
         }
     }

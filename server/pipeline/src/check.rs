@@ -29,6 +29,21 @@ pub struct ReadSource {
     pub(super) took: Duration,
 }
 
+/// What a preparation begins with.
+#[derive(Debug)]
+pub struct Input<'a> {
+    /// The upload. If it was read already, neither its volume nor its mask is looked at.
+    pub source: &'a Source,
+    /// What was read of it.
+    pub read: Option<ReadSource>,
+}
+
+impl<'a> From<&'a Source> for Input<'a> {
+    fn from(source: &'a Source) -> Self {
+        Self { source, read: None }
+    }
+}
+
 /// Whether an upload can be prepared, as far as reading it and bringing its mask to the working grid tell.
 ///
 /// It takes about a tenth of a preparation. What it finds a preparation would find too, with the same [`Failure`].

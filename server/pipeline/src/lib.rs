@@ -40,7 +40,7 @@ use self::failure::from_geometry;
 use self::source::{check_intensities, read_sound_volume};
 use self::steps::Steps;
 
-pub use self::check::{Checked, ReadSource, check, settled};
+pub use self::check::{Checked, Input, ReadSource, check, settled};
 pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
 pub use self::head_limits::HeadLimits;
@@ -67,8 +67,7 @@ impl Prepared {
 
 /// Computes everything of a case, as [`Pipeline::prepare`] says, of what was read before if anything was.
 fn prepare(
-    source: &Source,
-    read: Option<ReadSource>,
+    Input { source, read }: Input<'_>,
     (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
     mut steps: Steps<'_>,
 ) -> Result<Prepared, Failure> {
@@ -285,22 +284,22 @@ impl Pipeline {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Prepared, Failure> {
-        self.prepare_read(source, None, (parameters, limits), observe, cancelled)
+        self.prepare_read(source.into(), parameters, limits, observe, cancelled)
     }
 
-    /// The same of an upload that was read when it was checked: its volume and mask are not read again.
+    /// The same of an upload that may have been read when it was checked: then its volume and mask are not read again.
     ///
     /// # Errors
     /// As [`Pipeline::prepare`].
     pub fn prepare_read(
         &self,
-        source: &Source,
-        read: Option<ReadSource>,
-        (parameters, limits): (&Parameters, &Limits),
+        input: Input<'_>,
+        parameters: &Parameters,
+        limits: &Limits,
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Prepared, Failure> {
         let how = (parameters, limits, &*self.extractor);
-        prepare(source, read, how, Steps::new(observe, cancelled))
+        prepare(input, how, Steps::new(observe, cancelled))
     }
 }

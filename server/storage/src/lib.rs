@@ -39,6 +39,8 @@ mod sql;
 mod submit;
 #[cfg(any(test, feature = "conformance"))]
 pub mod testing;
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::fmt;

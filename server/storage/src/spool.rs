@@ -173,3 +173,72 @@ pub struct Upload {
     /// Whose head it is, where the volume was made of DICOM files.
     pub dicom: Option<Spooled>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn an_upload_has_room_before_it_and_is_hashed_as_it_comes() {
+        let directory = tempfile::tempdir().unwrap();
+        for (pieces, whole) in [
+            (&[][..], ""),
+            (&["a"], "a"),
+            (&["one ", "", "and another"], "one and another"),
+        ] {
+            let mut spool = Spool::begin(directory.path().to_owned()).await.unwrap();
+            for piece in pieces {
+                spool
+                    .write(Bytes::from_static(piece.as_bytes()))
+                    .await
+                    .unwrap();
+            }
+            assert_eq!(
+                (spool.len(), spool.is_empty()),
+                (whole.len() as u64, whole.is_empty())
+            );
+            let spooled = spool.finish().await.unwrap();
+            assert_eq!(
+                (spooled.len(), spooled.is_empty()),
+                (whole.len() as u64, whole.is_empty())
+            );
+            assert_eq!(spooled.digest(), &blake3::hash(whole.as_bytes()));
+            assert_eq!(spooled.read().await.unwrap(), whole);
+            assert_eq!(
+                spooled.head(3).await.unwrap(),
+                &whole.as_bytes()[..whole.len().min(3)]
+            );
+            let file = std::fs::read(spooled.path()).unwrap();
+            assert_eq!(file, [&[0; HEADER_LENGTH], whole.as_bytes()].concat());
+        }
+        assert_eq!(
+            std::fs::read_dir(directory.path()).unwrap().count(),
+            0,
+            "all are dropped"
+        );
+    }
+
+    #[tokio::test]
+    async fn a_file_that_another_process_wrote_is_moved_and_hashed() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("elsewhere");
+        std::fs::write(&file, [&[0; HEADER_LENGTH][..], b"volume"].concat()).unwrap();
+        let taken = Spooled::take(&file, directory.path()).unwrap();
+        assert!(!file.exists());
+        assert_eq!(taken.digest(), &blake3::hash(b"volume"));
+        assert_eq!(taken.read().await.unwrap(), "volume");
+        drop(taken);
+        for bytes in [&b""[..], &[0; HEADER_LENGTH - 1]] {
+            std::fs::write(&file, bytes).unwrap();
+            assert!(
+                Spooled::take(&file, directory.path()).is_err(),
+                "it has no room"
+            );
+        }
+        assert!(
+            Spooled::take(&file, directory.path()).is_err(),
+            "there is none"
+        );
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
+}

@@ -54,15 +54,13 @@ async fn setup() -> Setup {
     let (noted, pipeline) = (Arc::clone(&was_read), Pipeline::default());
     let preparation = Preparation {
         has_network: false,
-        prepare: Arc::new(
-            move |source, read, parameters, limits, observe, cancelled| {
-                noted.lock().unwrap().push(read.is_some());
-                assert_eq!(read.is_some(), source.volume.is_empty());
-                let how = (parameters, limits);
-                let prepared = pipeline.prepare_read(source, read, how, observe, cancelled);
-                prepared.map(Derived::of)
-            },
-        ),
+        prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
+            let was_read = input.read.is_some();
+            noted.lock().unwrap().push(was_read);
+            assert_eq!(was_read, input.source.volume.is_empty());
+            let prepared = pipeline.prepare_read(input, parameters, limits, observe, cancelled);
+            prepared.map(Derived::of)
+        }),
     };
     let store = Store::open_with(directory.path(), options.store.clone());
     let library = Library::new(store.await.unwrap(), preparation, options.limits);

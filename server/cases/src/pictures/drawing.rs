@@ -41,7 +41,8 @@ impl CheckedPicture {
     /// Those of `shrink`.
     pub async fn job(
         &self,
-        (case, facts): (KeyedModel, &CaseFacts),
+        case: KeyedModel,
+        facts: &CaseFacts,
         backend: RenderBackend,
         shrink: impl AsyncFnOnce(f32) -> Result<ShrunkMesh, Error>,
     ) -> Result<PictureJob, Error> {
@@ -79,8 +80,9 @@ pub async fn warm_job(
         let mesh = warm.shrink(picture.mesh, picture.asked.paths, depth_mm);
         Ok(mesh.await?)
     };
-    let case = (warm.keyed(), &warm.facts);
-    picture.job(case, backend, shrink).await
+    picture
+        .job(warm.keyed(), &warm.facts, backend, shrink)
+        .await
 }
 
 /// A picture that was drawn.

@@ -213,6 +213,6 @@ async fn of_file(
         let shrunk = case.shrink(picture.mesh, picture.asked.paths, depth_mm);
         Ok(shrunk?)
     };
-    let job = picture.job((case.keyed(), &case.facts), backend, shrink);
+    let job = picture.job(case.keyed(), &case.facts, backend, shrink);
     drawn(job.await?, None, picture.asked.annotate).await
 }

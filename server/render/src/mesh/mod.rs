@@ -97,7 +97,7 @@ impl Surface for DrawnMesh<'_> {
 
 #[cfg(test)]
 mod tests {
-    use geometry::{BuiltModel, Grid, PathTable, Paths, phantom};
+    use geometry::{BuiltModel, Grid, MeshSize, PathTable, Paths, phantom};
     use glam::DVec3;
 
     use super::*;

@@ -16,7 +16,7 @@ use super::cases::CaseView;
 use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::render::PNG;
 use super::upload::{Incoming, is_form, refuse_too_large, submitted};
-use crate::conditional::{self, Content, Form, Question};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use crate::state::Uploads;
@@ -131,7 +131,7 @@ async fn answer(
             ..Bytes::from(file.ok_or(Error::NoSuchCase)?).into()
         })
     };
-    question.answer(cases, Form::of(GZIP), work).await
+    question.answer(cases, Format::of(GZIP), work).await
 }
 
 /// How a version differs from its case.
@@ -305,7 +305,7 @@ pub async fn get_quality(
         };
         Ok(Bytes::from(turn.run(draw).await??).into())
     };
-    question.answer(&cases, Form::of(PNG), work).await
+    question.answer(&cases, Format::of(PNG), work).await
 }
 
 /// What the sheet says of the mask.

@@ -14,7 +14,7 @@ use utoipa::IntoParams;
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::depth_headers;
 use super::query::{ApiQuery, Asked, CasePath};
-use crate::conditional::{Content, Form, Question};
+use crate::conditional::{Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use crate::wire;
@@ -185,7 +185,7 @@ pub async fn get_mesh(
             ..body.into()
         })
     };
-    question.answer(&cases, Form::of(format), work).await
+    question.answer(&cases, Format::of(format), work).await
 }
 
 fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
@@ -237,8 +237,8 @@ pub async fn get_triangles(
         query: &asked,
         request: &request,
     };
-    let form = Form::compressed(POSITIONS, &request);
-    let coding = form.coding();
+    let format = Format::compressed(POSITIONS, &request);
+    let coding = format.coding();
     let work = async |_| {
         let kind = BodyKind::Triangles(size);
         let encode = |size: MeshSize| wire::triangles(&size.triangles());
@@ -246,7 +246,7 @@ pub async fn get_triangles(
         let body = bodies.get(BodyKey { id, kind, coding }, size, encode);
         Ok(body.await?.into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 /// The mesh at every depth
@@ -282,8 +282,8 @@ pub async fn get_paths(
         query: &asked,
         request: &request,
     };
-    let form = Form::compressed(PATHS, &request);
-    let coding = form.coding();
+    let format = Format::compressed(PATHS, &request);
+    let coding = format.coding();
     let work = async |_| {
         let paths = asked.paths;
         let model = cases.model(&id).await?;
@@ -293,5 +293,5 @@ pub async fn get_paths(
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
         Ok(body.await?.into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }

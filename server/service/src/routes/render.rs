@@ -13,7 +13,7 @@ use cases::pictures::{
 
 use super::depth_headers;
 use super::query::{ApiQuery, Asked, CasePath};
-use crate::conditional::{self, Content, Form, Question};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 
@@ -68,7 +68,7 @@ pub async fn get_render(
     cases.ready(&id).await?;
     let backend = backend_for(asked.renderer, &cases.graphics).await;
     // Renderers differ in their pixels, and graphics devices, too.
-    let form = Form::of(PNG).variant(backend.to_string());
+    let format = Format::of(PNG).variant(backend.to_string());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
@@ -87,7 +87,7 @@ pub async fn get_render(
             headers,
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 /// What every picture names as its maker.

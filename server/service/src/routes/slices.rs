@@ -12,7 +12,7 @@ use utoipa::IntoParams;
 
 use super::query::{ApiQuery, Asked, CasePath};
 use super::render::PNG;
-use crate::conditional::{Form, Question};
+use crate::conditional::{Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use case::CaseFacts;
@@ -171,8 +171,8 @@ pub async fn get_slice(
             .run(move || draw(&model, &case, &slice, annotate));
         Ok(Bytes::from(picture.await??).into())
     };
-    let form = Form::of(PNG).variant(plane.name());
-    question.answer(&cases, form, work).await
+    let format = Format::of(PNG).variant(plane.name());
+    question.answer(&cases, format, work).await
 }
 
 fn draw(

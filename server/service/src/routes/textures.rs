@@ -11,7 +11,7 @@ use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::query::{ApiQuery, Asked, CasePath};
-use crate::conditional::{self, Content, Form, Question};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::wire::{self, Texture, Voxels};
@@ -118,10 +118,13 @@ pub async fn get_volume(
         request: &request,
     };
     answer(
+        &cases,
+        &bodies,
         question,
-        (&cases, &bodies),
-        BodyKind::Volume(query.bits),
-        texture,
+        Source {
+            kind: BodyKind::Volume(query.bits),
+            texture,
+        },
     )
     .await
 }
@@ -171,24 +174,34 @@ pub async fn get_distance(
         request: &request,
     };
     answer(
+        &cases,
+        &bodies,
         question,
-        (&cases, &bodies),
-        BodyKind::Distance(query.step),
-        texture,
+        Source {
+            kind: BodyKind::Distance(query.step),
+            texture,
+        },
     )
     .await
 }
 
-async fn answer(
-    question: Question<'_, impl Serialize>,
-    (cases, bodies): (&Cases, &Bodies),
+/// Where a texture comes from.
+struct Source<F> {
     kind: BodyKind,
-    texture: impl FnOnce(&Arc<WarmModel>) -> Texture,
+    texture: F,
+}
+
+async fn answer(
+    cases: &Cases,
+    bodies: &Bodies,
+    question: Question<'_, impl Serialize>,
+    source: Source<impl FnOnce(&Arc<WarmModel>) -> Texture>,
 ) -> Result<Response, AppError> {
+    let Source { kind, texture } = source;
     let (id, request) = (question.id, question.request);
     media_type(request, &[MEDIA_TYPE])?;
-    let form = Form::compressed(MEDIA_TYPE, request);
-    let coding = form.coding();
+    let format = Format::compressed(MEDIA_TYPE, request);
+    let coding = format.coding();
     let work = async |_| {
         let texture = texture(&cases.model(&id).await?);
         let headers = layout(&texture);
@@ -205,7 +218,7 @@ async fn answer(
             ..body.into()
         })
     };
-    question.answer(cases, form, work).await
+    question.answer(cases, format, work).await
 }
 
 /// The headers that say how to read a texture.

@@ -10,7 +10,7 @@ use storage::testing::assert_nothing_left_over;
 
 use super::{GRACE, expected, load, object_files, open, ready};
 use crate::jobs::Workers;
-use crate::testing::{Fake, settled, settled_state, source, submit};
+use crate::testing::{Fake, settled, settled_state, submit};
 
 /// Ways to damage a file of a given length.
 fn damage(file: &Path, way: usize) {

@@ -9,7 +9,7 @@ use tempfile::TempDir;
 
 use super::{GRACE, expected, load, open, ready};
 use crate::jobs::Workers;
-use crate::testing::{options, settled, settled_state, source};
+use crate::testing::{settled, settled_state};
 
 /// What the first version of the program left behind: its schema, and a ready case in its rows, with its source stored.
 async fn first_versions_folder(directory: &TempDir) -> CaseId {

@@ -32,12 +32,12 @@ pub(in crate::routes) struct Incoming<'a> {
 }
 
 /// Why no further piece can be read.
-pub(in crate::routes) trait Unreadable: std::error::Error + 'static {
+pub(in crate::routes) trait PieceError: std::error::Error + 'static {
     /// The answer to whoever sent it, if it was sent fast enough.
     fn refusal(&self, limits: &UploadLimits) -> AppError;
 }
 
-impl Unreadable for MultipartError {
+impl PieceError for MultipartError {
     fn refusal(&self, limits: &UploadLimits) -> AppError {
         match self.status() {
             StatusCode::PAYLOAD_TOO_LARGE => too_large(limits),
@@ -49,7 +49,7 @@ impl Unreadable for MultipartError {
     }
 }
 
-impl Unreadable for axum::Error {
+impl PieceError for axum::Error {
     fn refusal(&self, _limits: &UploadLimits) -> AppError {
         AppError::Upload {
             kind: "body-unreadable",
@@ -85,8 +85,8 @@ impl<'a> Incoming<'a> {
     /// Waits for what comes next, but not for ever.
     ///
     /// # Errors
-    /// [`AppError::Upload`] if it comes too late or too slowly; [`Unreadable::refusal`].
-    pub(super) async fn in_time<T, E: Unreadable>(
+    /// [`AppError::Upload`] if it comes too late or too slowly; [`PieceError::refusal`].
+    pub(super) async fn in_time<T, E: PieceError>(
         &self,
         piece: impl Future<Output = Result<T, E>>,
     ) -> Result<T, AppError> {
@@ -111,7 +111,7 @@ impl<'a> Incoming<'a> {
         }
     }
 
-    async fn next<E: Unreadable>(
+    async fn next<E: PieceError>(
         &self,
         pieces: &mut (impl Stream<Item = Result<Bytes, E>> + Unpin),
     ) -> Result<Option<Bytes>, AppError> {
@@ -123,7 +123,7 @@ impl<'a> Incoming<'a> {
     ///
     /// # Errors
     /// [`AppError::TooLarge`], what comes too late or cannot be read, or the disk's.
-    pub(in crate::routes) async fn spool<E: Unreadable>(
+    pub(in crate::routes) async fn spool<E: PieceError>(
         &self,
         mut pieces: impl Stream<Item = Result<Bytes, E>> + Unpin,
     ) -> Result<Spooled, AppError> {
