@@ -86,7 +86,7 @@ pub struct Limits {
     pub max_voxel_ratio: f64,
     /// How many cases may wait to be prepared.
     pub max_queued_cases: usize,
-    /// Renders that may wait for a thread.
+    /// Pictures, meshes and checks of uploads that may wait.
     pub max_queued_renders: usize,
     /// Whether the maps of the junction of grey and white matter are made.
     pub maps: MapsUse,
@@ -147,7 +147,7 @@ impl Default for Prepare {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Render {
-    /// Threads that render.
+    /// Pictures, meshes and checks of uploads that are computed at a time.
     pub threads: usize,
     /// Whether pictures may be drawn by a graphics device.
     pub gpu: GpuUse,

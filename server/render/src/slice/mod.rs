@@ -161,6 +161,20 @@ impl SliceRequest {
         Ok(Self { parameters, camera })
     }
 
+    /// The same of another plane, at a place of a case within ±10,000 mm, through a window.
+    #[must_use]
+    pub fn shown(self, plane: SlicePlane, position_mm: f64, window: Window) -> Self {
+        Self {
+            camera: self.camera.turned_to(plane.view()),
+            parameters: SliceParameters {
+                plane,
+                position_mm: position_mm.clamp(-1e4, 1e4),
+                window,
+                ..self.parameters
+            },
+        }
+    }
+
     /// The parameters, which are right.
     pub fn parameters(&self) -> &SliceParameters {
         &self.parameters
