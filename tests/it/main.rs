@@ -2,6 +2,7 @@
 
 mod agreement;
 mod attacks;
+mod backup;
 mod bad_input;
 mod dicom;
 mod extraction;
@@ -14,6 +15,7 @@ mod immutable;
 mod interface;
 mod kill;
 mod layers;
+mod maps;
 mod masks;
 mod nifti;
 mod openapi;
@@ -26,6 +28,7 @@ mod security;
 #[allow(dead_code, reason = "the tests of another crate use more of it")]
 mod series_builder;
 mod server;
+mod several_machines;
 mod sides;
 mod sockets;
 mod stored;

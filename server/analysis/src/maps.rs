@@ -144,7 +144,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
         ],
         candidates,
         tissue,
-        widths: WidthTable::new(parameters.edge_filters(&block)),
+        widths: parameters.width_table(block.spacing_mm),
         grid: block.grid,
     })
 }
@@ -222,11 +222,12 @@ impl MapParameters {
         }
     }
 
-    fn edge_filters(&self, block: &Block) -> EdgeFilters {
-        EdgeFilters {
-            gradient_mm: Slope::sigma_for(self.gradient_mm, block.spacing_mm),
+    /// From sharpness to the width of a junction, for voxels of these edges.
+    pub fn width_table(&self, spacing_mm: [f64; 3]) -> WidthTable {
+        WidthTable::new(EdgeFilters {
+            gradient_mm: Slope::sigma_for(self.gradient_mm, spacing_mm),
             half_width: self.half_width,
             window_mm: self.window_mm,
-        }
+        })
     }
 }

@@ -21,6 +21,15 @@ pub enum Error {
         /// How far it has come.
         state: CaseState,
     },
+    /// The maps of the case are being made.
+    #[error("the maps of this case are being made; try again in a moment")]
+    LayerNotReady,
+    /// The case has no maps.
+    #[error("{reason}")]
+    MapsUndefined {
+        /// Why: a sentence.
+        reason: String,
+    },
     /// The input cannot be used, now or when it was prepared.
     #[error(transparent)]
     Failure(#[from] Failure),
@@ -70,6 +79,10 @@ impl From<StoreError> for Error {
         match error {
             StoreError::QueueFull => Self::Busy,
             full if full.is_full() => Self::StorageFull,
+            away if away.is_away() => {
+                tracing::warn!(error = &away as &dyn std::error::Error, "the store is away");
+                Self::Unavailable
+            }
             other => Self::Store(other),
         }
     }

@@ -287,6 +287,7 @@ impl Worker {
         if published == Published::Done {
             self.store.signals().count(Count::Prepared);
             tracing::info!(job = claim.fence, "a case is ready");
+            self.library.ensure_maps(&claim.id);
         } else {
             tracing::info!(
                 job = claim.fence,

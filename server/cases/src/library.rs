@@ -2,6 +2,7 @@
 //!
 //! Everything but the uploaded files is derived from them: a derived object that is missing or damaged is made again here.
 
+mod maps;
 #[cfg(test)]
 mod tests;
 
@@ -9,6 +10,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use self::maps::MapsDesk;
+pub use self::maps::{LoadedMaps, MapsState};
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
@@ -81,20 +84,44 @@ struct Inner {
     preparation: Preparation,
     /// What uploads may ask for.
     limits: Limits,
-    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Several processes may
-    /// make the same case again at once: each writes the same objects, under pins of its own.
+    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Of one case there is one
+    /// at a time in all processes ([`Store::rebuild_alone`]).
     rebuilding: tokio::sync::Mutex<()>,
+    /// `None` if no maps are made.
+    maps: Option<MapsDesk>,
 }
 
 impl Library {
-    /// The cases of a store, prepared so, within limits on what uploads may ask for.
+    /// The cases of a store, prepared so, within limits on what uploads may ask for, without maps.
     pub fn new(store: Store, preparation: Preparation, limits: Limits) -> Self {
+        Self::on(store, preparation, limits, None)
+    }
+
+    /// The same with maps, of which so many bytes are kept in memory.
+    pub fn with_maps(
+        store: Store,
+        preparation: Preparation,
+        limits: Limits,
+        cache_bytes: u64,
+    ) -> Self {
+        let library = Self::on(store, preparation, limits, Some(MapsDesk::new(cache_bytes)));
+        let weak = Arc::downgrade(&library.inner);
+        library.store().on_delete(move |id| {
+            if let Some(inner) = weak.upgrade() {
+                Self { inner }.forget_maps(id);
+            }
+        });
+        library
+    }
+
+    fn on(store: Store, preparation: Preparation, limits: Limits, maps: Option<MapsDesk>) -> Self {
         Self {
             inner: Arc::new(Inner {
                 store,
                 preparation,
                 limits,
                 rebuilding: tokio::sync::Mutex::default(),
+                maps,
             }),
         }
     }
@@ -181,18 +208,22 @@ impl Library {
             Attempt::Bad => {}
         }
         let _one_at_a_time = self.inner.rebuilding.lock().await;
-        // Somebody else may have done it meanwhile.
-        if let Attempt::Read(value) = self.store().read_derived(id, kinds, &decode).await? {
-            return Ok(Some(value));
-        }
-        self.rebuild(id).await?;
-        match self.store().read_derived(id, kinds, &decode).await? {
-            Attempt::Read(value) => Ok(Some(value)),
-            Attempt::NoCase => Ok(None),
-            Attempt::Bad => Err(StoreError::Objects(
-                "derived objects cannot be read right after they were written".into(),
-            )),
-        }
+        let read_or_rebuild = async {
+            // Somebody else may have done it meanwhile.
+            if let Attempt::Read(value) = self.store().read_derived(id, kinds, &decode).await? {
+                return Ok(Some(value));
+            }
+            self.rebuild(id).await?;
+            match self.store().read_derived(id, kinds, &decode).await? {
+                Attempt::Read(value) => Ok(Some(value)),
+                Attempt::NoCase => Ok(None),
+                Attempt::Bad => Err(StoreError::Objects(
+                    "derived objects cannot be read right after they were written".into(),
+                )),
+            }
+        };
+        let loaded = self.store().rebuild_alone(id, read_or_rebuild).await?;
+        Ok(loaded.flatten())
     }
 
     /// The uploaded files of a case; `None`, reported, where one is missing or damaged.

@@ -10,6 +10,7 @@ mod cuts;
 mod extractor;
 mod failure;
 mod head_limits;
+pub mod maps;
 mod own_mask;
 pub mod quality;
 mod steps;

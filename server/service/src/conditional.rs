@@ -18,8 +18,8 @@ const FORMAT_VERSION: u8 = 2;
 /// How long answers stay fresh: a pure function of id and query never goes stale.
 const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
-/// The client asks again each time, and gets 304 if nothing has changed.
-pub const REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
+/// The client keeps the answer, asks again each time, and gets 304 if nothing has changed.
+pub const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 
 /// A strong entity tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -109,6 +109,7 @@ pub struct Form {
     named: Option<String>,
     coding: Coding,
     vary: &'static str,
+    cache_control: HeaderValue,
 }
 
 impl Form {
@@ -120,6 +121,7 @@ impl Form {
             named: None,
             coding: Coding::Identity,
             vary: "accept",
+            cache_control: IMMUTABLE,
         }
     }
 
@@ -141,10 +143,25 @@ impl Form {
         }
     }
 
+    /// The same form of an answer that a later version of this program may give otherwise: caches ask each time whether it is the same.
+    #[must_use]
+    pub fn revalidated(self) -> Self {
+        Self {
+            cache_control: REVALIDATE,
+            ..self
+        }
+    }
+
     /// The same form, with what the answer says of the case that can change: the client asks for it again each time.
     #[must_use]
     pub fn named(self, named: Option<String>) -> Self {
-        Self { named, ..self }
+        match named {
+            None => self,
+            Some(_) => Self {
+                named,
+                ..self.revalidated()
+            },
+        }
     }
 
     /// How the answer is compressed.
@@ -190,14 +207,10 @@ impl<Q: serde::Serialize> Question<'_, Q> {
             let negotiated = (variant.trim_end(), form.coding);
             EntityTag::of_answer(&self.id, self.route, self.query, negotiated)
         };
-        let cache_control = match form.named {
-            Some(_) => REVALIDATE,
-            None => IMMUTABLE,
-        };
         let tag = tag_of(&form.variant);
         let facts = cases.ready(&self.id).await?;
         if tag.is_known_to(self.request) {
-            return Ok(not_modified(&tag, form.vary, cache_control));
+            return Ok(not_modified(&tag, form.vary, form.cache_control));
         }
         let content = work(facts).await?;
         Representation {
@@ -207,7 +220,7 @@ impl<Q: serde::Serialize> Question<'_, Q> {
             body: content.body,
             headers: content.headers,
             vary: form.vary,
-            cache_control,
+            cache_control: form.cache_control,
         }
         .respond(self.request)
     }

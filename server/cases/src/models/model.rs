@@ -79,6 +79,11 @@ impl WarmModel {
         }))
     }
 
+    /// The case.
+    pub fn id(&self) -> &CaseId {
+        &self.id
+    }
+
     /// The model itself.
     pub fn model(&self) -> &Arc<DeformableModel> {
         &self.model

@@ -1,6 +1,6 @@
 //! What may be asked for in a picture: one request for HTTP and the command line.
 
-use case::CaseFacts;
+use case::{CaseFacts, MapName};
 use geometry::{DeformableModel, MeshSize};
 use render::choice::Renderer;
 use render::{
@@ -9,7 +9,7 @@ use render::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::Numbers;
+use super::{LayerChoice, Numbers};
 use crate::error::Error;
 use crate::models::PathKind;
 
@@ -118,10 +118,35 @@ pub struct PictureRequest {
     #[cfg_attr(feature = "openapi", param(inline, default = "flow"))]
     pub paths: PathKind,
     /// Whether label, day and first digits of the case, depth, window, scale, directions and the notice of research use are written into
-    /// the picture.
+    /// the picture, with an overlay its colours too.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,
+    /// What is seen in place of the case's intensities, with the window in its values: a map of the junction of grey and white matter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub layer: Option<MapName>,
+    /// What lies in colours above the grey texture: a map of the junction of grey and white matter. Undefined parts are transparent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub overlay: Option<MapName>,
+    /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,6"))]
+    pub overlay_window: Option<Numbers<2>>,
+    /// The overlay's colours; by default those of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub overlay_colormap: Option<ColorMap>,
+    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude; above it the overlay fades in over a
+    /// tenth of its window. By default that of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overlay_threshold: Option<f64>,
+    /// How much the overlay hides of what is below it, 0 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1))]
+    pub overlay_opacity: Option<f64>,
 }
 
 impl Default for PictureRequest {
@@ -144,6 +169,12 @@ impl Default for PictureRequest {
             points: default_count(),
             paths: default_paths(),
             annotate: false,
+            layer: None,
+            overlay: None,
+            overlay_window: None,
+            overlay_colormap: None,
+            overlay_threshold: None,
+            overlay_opacity: None,
         }
     }
 }
@@ -163,6 +194,7 @@ impl PictureRequest {
             ));
         }
         check_annotation(self.annotate, [self.width, self.height])?;
+        self.layers().check()?;
         // Any window and depth will do: those of the case are right by themselves.
         self.at(0.0, Window::between(0.0, 1.0)).map(drop)
     }
@@ -188,6 +220,18 @@ impl PictureRequest {
             background: self.background,
         };
         Ok(RenderRequest::new(parameters)?)
+    }
+
+    /// The layers that are asked for.
+    pub fn layers(&self) -> LayerChoice {
+        LayerChoice {
+            layer: self.layer,
+            overlay: self.overlay,
+            overlay_window: self.overlay_window,
+            overlay_colormap: self.overlay_colormap,
+            overlay_threshold: self.overlay_threshold,
+            overlay_opacity: self.overlay_opacity,
+        }
     }
 
     /// From where the head is seen: the name of the view, or the orientation.

@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use case::CaseId;
+use case::{CaseId, MapName};
 use cases::models::{Models, PathKind};
 use cases::pictures::{
     GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
     backend_for, encode, window_of,
 };
-use cases::{ConcurrencyLimit, Error, Library};
+use cases::{ConcurrencyLimit, Error, Library, Preparation};
 use clap::Args;
+use pipeline::Limits;
 use render::choice::Renderer;
 use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
 use storage::Store;
@@ -103,6 +104,34 @@ struct PictureArgs {
     /// Writes the case's label, day and first digits, depth, window, scale, directions and the notice of research use into the picture.
     #[arg(long)]
     annotate: bool,
+    /// What is seen in place of the intensities: a map of the junction of grey and white matter.
+    #[arg(long, value_parser = choices::map())]
+    layer: Option<MapName>,
+    /// What lies in colours above the texture: a map of the junction of grey and white matter.
+    #[arg(long, value_parser = choices::map())]
+    overlay: Option<MapName>,
+    /// The values of the overlay's first and last colour. [default: those of the map]
+    #[arg(
+        long,
+        value_name = "LOW,HIGH",
+        requires = "overlay",
+        allow_hyphen_values = true
+    )]
+    overlay_window: Option<Numbers<2>>,
+    /// The overlay's colours. [default: those of the map]
+    #[arg(long, value_parser = choices::colormap(), requires = "overlay")]
+    overlay_colormap: Option<ColorMap>,
+    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude. [default: that of the map]
+    #[arg(
+        long,
+        value_name = "VALUE",
+        requires = "overlay",
+        allow_hyphen_values = true
+    )]
+    overlay_threshold: Option<f64>,
+    /// How much the overlay hides of what is below it, 0 to 1. [default: that of the map]
+    #[arg(long, value_name = "SHARE", requires = "overlay")]
+    overlay_opacity: Option<f64>,
 }
 
 impl PictureArgs {
@@ -125,6 +154,12 @@ impl PictureArgs {
             points: self.points,
             paths: self.paths,
             annotate: self.annotate,
+            layer: self.layer,
+            overlay: self.overlay,
+            overlay_window: self.overlay_window,
+            overlay_colormap: self.overlay_colormap,
+            overlay_threshold: self.overlay_threshold,
+            overlay_opacity: self.overlay_opacity,
         };
         request.check()?;
         Ok(request)
@@ -172,7 +207,13 @@ async fn of_case(
         );
         return Err(CliError::new(ExitStatus::NoInput, message));
     }
-    let library = Library::of(Store::open(&data).await?);
+    let store = Store::open(&data).await?;
+    let choice = query.layers();
+    let library = if choice.is_any() {
+        Library::with_maps(store, Preparation::default(), Limits::default(), u64::MAX)
+    } else {
+        Library::of(store)
+    };
     let model = Models::new(library.clone(), u64::MAX).get(&id).await?;
     let model = model.ok_or_else(|| {
         CliError::new(
@@ -180,6 +221,11 @@ async fn of_case(
             "the store has no such case that is ready",
         )
     })?;
+    let layers = if choice.is_any() {
+        choice.of_maps(&*library.maps_now(&id).await?.found()?)?
+    } else {
+        KeyedLayers::default()
+    };
     let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
     let backend = backend_for(query.renderer, graphics).await;
     let mesh = if backend.needs_mesh() {
@@ -192,9 +238,9 @@ async fn of_case(
     };
     let job = RenderJob {
         case: model.keyed(),
-        request: query.at(depth_mm, window_of(&model.facts))?,
+        request: query.at(depth_mm, choice.window_or(window_of(&model.facts)))?,
         mesh,
-        layers: KeyedLayers::default(),
+        layers,
     };
     let case = library.store().case(&id).await?;
     let named = case.filter(|_| query.annotate).map(|case| case.identity());
@@ -235,6 +281,12 @@ async fn of_file(
             &args.options.pipeline()?,
         )?)
     };
+    let choice = query.layers();
+    let layers = if choice.is_any() {
+        choice.of_maps(&case.maps()?)?
+    } else {
+        KeyedLayers::default()
+    };
     let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
     let backend = backend_for(query.renderer, graphics).await;
     let mesh = if backend.needs_mesh() {
@@ -247,9 +299,9 @@ async fn of_file(
     };
     let job = RenderJob {
         case: case.keyed(),
-        request: query.at(depth_mm, window_of(&case.facts))?,
+        request: query.at(depth_mm, choice.window_or(window_of(&case.facts)))?,
         mesh,
-        layers: KeyedLayers::default(),
+        layers,
     };
     let metadata = ImageMetadata::of(None, &job);
     drawn(job, backend, metadata, query).await

@@ -185,7 +185,7 @@ impl SliceRequest {
 
 /// Draws a slice through the native volume with the contours of the isosurfaces.
 ///
-/// Each pixel is sampled once, through the affine; outside of the volume, and where a layer is undefined, it is black. The n-th depth's
+/// Each pixel is sampled once, through the affine; outside of the volume, and if a layer is undefined there, it is black. The n-th depth's
 /// contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red, white), over and over. The picture is grey,
 /// a byte a pixel, where it has neither contours nor colours nor an overlay.
 pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {

@@ -8,6 +8,7 @@ use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::layers::MapsView;
 use super::query::{ApiQuery, CasePath, Checked, NoQuery};
 use crate::problem::{AppError, Problem};
 use case::Quality;
@@ -112,6 +113,9 @@ pub struct ReadyView {
     /// `failed`, so does the header `X-Isocortex-Quality` of whatever shows the case.
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
+    /// How far the maps of the junction of grey and white matter are; in the answer about one case alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maps: Option<MapsView>,
     /// Wall time of each step of the preparation, in ms.
     timings: Vec<TimingView>,
 }
@@ -219,6 +223,12 @@ pub struct Links {
     quality: String,
     /// Slices: append `/axial`, `/coronal` or `/sagittal`.
     slices: String,
+    /// Its layers: maps of the junction of grey and white matter.
+    layers: String,
+    /// Places where that junction is less sharp than around it and on the other side.
+    candidates: String,
+    /// What lies along the way through a point: append `?position=x,y,z`.
+    profile: String,
     /// Whose head it is, of a ready case that was made of DICOM files.
     #[serde(skip_serializing_if = "Option::is_none")]
     dicom: Option<String>,
@@ -240,6 +250,9 @@ impl Links {
             envelope: below("envelope"),
             quality: below("quality"),
             slices: below("slices"),
+            layers: below("layers"),
+            candidates: below("candidates"),
+            profile: below("profile"),
             dicom: is_dicom.then(|| below("dicom")),
             this,
         }
@@ -326,6 +339,7 @@ impl From<CaseFacts> for ReadyView {
                 },
             },
             quality: facts.quality,
+            maps: None,
             timings: facts
                 .timings
                 .into_iter()
@@ -428,8 +442,11 @@ pub async fn get_case(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let case = cases.case(&id).await?;
-    Ok(fresh_json(StatusCode::OK, &CaseView::from(case)))
+    let mut view = CaseView::from(cases.case(&id).await?);
+    if let Some(ready) = &mut view.ready {
+        ready.maps = Some(MapsView::from(&cases.library.maps(&id).await?));
+    }
+    Ok(fresh_json(StatusCode::OK, &view))
 }
 
 /// Delete a case and all that was computed of it

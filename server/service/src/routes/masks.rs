@@ -31,7 +31,7 @@ use pipeline::read_volume;
 use storage::{NewMask, Spooled, Version};
 
 /// What a packed NIfTI file is.
-const GZIP: &str = "application/gzip";
+pub(super) const GZIP: &str = "application/gzip";
 
 /// The brain mask on the working grid
 ///

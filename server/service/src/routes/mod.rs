@@ -1,12 +1,14 @@
 //! The addresses of the service and what answers there.
 
 pub mod bodies;
+pub mod candidates;
 pub mod cases;
 pub mod dicom;
 pub mod documents;
 pub mod events;
 mod guarded;
 pub mod health;
+pub mod layers;
 pub mod masks;
 pub mod mesh;
 pub mod query;
@@ -56,6 +58,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
         (name = "meshes", description = "The mesh at a depth, or at all depths"),
         (name = "masks", description = "The mask of the brain: had, replaced, judged"),
         (name = "textures", description = "Voxels, for clients that draw"),
+        (name = "layers", description = "Maps of the junction of grey and white matter, and the places that stand out in them"),
         (name = "pictures", description = "PNG pictures made by the server"),
         (name = "service", description = "The server itself"),
     )
@@ -78,6 +81,12 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(masks::get_mask))
         .routes(routes!(masks::get_envelope))
         .routes(routes!(masks::get_quality))
+        .routes(routes!(layers::list_layers))
+        .routes(routes!(layers::get_layer))
+        .routes(routes!(layers::get_layer_volume))
+        .routes(routes!(layers::get_layer_nifti))
+        .routes(routes!(candidates::get_candidates))
+        .routes(routes!(candidates::get_profile))
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))

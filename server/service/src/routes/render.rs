@@ -7,7 +7,10 @@ use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use case::CaseFacts;
 use cases::Cases;
-use cases::pictures::{EncodedImage, ImageMetadata, PictureRequest, backend_for, encode};
+use cases::pictures::{
+    EncodedImage, ImageMetadata, LayerChoice, PictureRequest, backend_for, encode,
+};
+use pipeline::maps::MAPS_FORMAT;
 
 use super::depth_headers;
 use super::query::{ApiQuery, CasePath, Checked};
@@ -61,10 +64,9 @@ pub async fn get_render(
     cases.ready(&id).await?;
     let backend = backend_for(query.renderer, &cases.graphics).await;
     // Renderers differ in their pixels, and graphics devices, too.
+    let layers = query.layers();
     let named = cases.identity(&id, query.annotate).await?;
-    let form = Form::of(PNG)
-        .variant(backend.to_string())
-        .named(named.clone());
+    let form = form_with_layers(backend.to_string(), &layers).named(named.clone());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
@@ -78,12 +80,31 @@ pub async fn get_render(
         let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
         describe(&image, &mut headers);
         Ok(Content {
-            variant: Some(image.backend.to_string()),
+            variant: Some(with_maps_format(image.backend.to_string(), &layers)),
             body: image.png.into(),
             headers,
         })
     };
     question.answer(&cases, form, work).await
+}
+
+/// The form of a picture: one with layers is to be asked for again, for maps may come in another version.
+pub(super) fn form_with_layers(variant: String, layers: &LayerChoice) -> Form {
+    let form = Form::of(PNG).variant(with_maps_format(variant, layers));
+    if layers.is_any() {
+        form.revalidated()
+    } else {
+        form
+    }
+}
+
+/// Tells pictures with one version of maps from those with another.
+pub(super) fn with_maps_format(variant: String, layers: &LayerChoice) -> String {
+    if layers.is_any() {
+        format!("{variant}; maps {MAPS_FORMAT}")
+    } else {
+        variant
+    }
 }
 
 /// What every picture names as its maker.

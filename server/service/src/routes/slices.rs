@@ -6,21 +6,21 @@ use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest};
+use render::{ColorMap, KeyedLayers, SliceParameters, SlicePlane, SliceRequest};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::query::{ApiQuery, CasePath, Checked};
-use super::render::PNG;
-use crate::conditional::{Form, Question};
+use super::render::{PNG, form_with_layers};
+use crate::conditional::Question;
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
-use case::CaseFacts;
+use case::{CaseFacts, MapName};
 use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::{
-    NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size, window_of,
-    window_or,
+    LayerChoice, NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size,
+    window_of, window_or,
 };
 
 /// A picture of a slice.
@@ -61,6 +61,30 @@ pub struct SliceQuery {
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
+    /// What is seen in place of the case's intensities, with the window in its values: a map of the junction of grey and white matter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    layer: Option<MapName>,
+    /// What lies in colours above the grey texture: a map of the junction of grey and white matter. Undefined parts are transparent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    overlay: Option<MapName>,
+    /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(value_type = Option<String>, example = "2.5,6")]
+    overlay_window: Option<Numbers<2>>,
+    /// The overlay's colours; by default those of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    overlay_colormap: Option<ColorMap>,
+    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude; above it the overlay fades in over a
+    /// tenth of its window. By default that of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    overlay_threshold: Option<f64>,
+    /// How much the overlay hides of what is below it, 0 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(minimum = 0, maximum = 1)]
+    overlay_opacity: Option<f64>,
 }
 
 impl Checked for SliceQuery {
@@ -79,12 +103,24 @@ impl Checked for SliceQuery {
             });
         }
         check_annotation(self.annotate, [self.width, self.height])?;
+        self.layers().check()?;
         let any_window = render::Window::between(0.0, 1.0);
         self.request(SlicePlane::Axial, 0.0, any_window).map(drop)
     }
 }
 
 impl SliceQuery {
+    fn layers(&self) -> LayerChoice {
+        LayerChoice {
+            layer: self.layer,
+            overlay: self.overlay,
+            overlay_window: self.overlay_window,
+            overlay_colormap: self.overlay_colormap,
+            overlay_threshold: self.overlay_threshold,
+            overlay_opacity: self.overlay_opacity,
+        }
+    }
+
     fn request(
         &self,
         plane: SlicePlane,
@@ -154,26 +190,29 @@ pub async fn get_slice(
     let named = cases.identity(&id, query.annotate).await?;
     let work = async |facts: Arc<CaseFacts>| {
         let middle_mm = middle_mm(&facts, plane.axis());
-        let drawing = query.request(plane, middle_mm, window_of(&facts))?;
+        let choice = query.layers();
+        let window = choice.window_or(window_of(&facts));
+        let drawing = query.request(plane, middle_mm, window)?;
         let model = cases.model(&id).await?;
+        let layers = choice.of_case(&cases.library, &id).await?;
         let (case, named) = (id.to_string(), named.clone());
         let picture = cases
             .queue
-            .run(move || draw(&model, &case, &drawing, named.as_deref()));
+            .run(move || draw(&model, &layers, (&case, &drawing), named.as_deref()));
         Ok(Bytes::from(picture.await??).into())
     };
-    let form = Form::of(PNG).variant(plane.name()).named(named.clone());
+    let form = form_with_layers(plane.name().to_owned(), &query.layers()).named(named.clone());
     question.answer(&cases, form, work).await
 }
 
 /// Draws a slice; `named` is written into it, with all else that an annotation has.
 fn draw(
     model: &WarmModel,
-    case: &str,
-    request: &SliceRequest,
+    layers: &KeyedLayers,
+    (case, request): (&str, &SliceRequest),
     named: Option<&str>,
 ) -> Result<Vec<u8>, AppError> {
-    let scene = model.scene();
+    let scene = model.scene().with_layers(layers.layers());
     let mut frame = render::draw_slice(&scene, request);
     if named.is_some() {
         frame = render::annotate_slice(

@@ -19,7 +19,7 @@ use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::check_count;
 
-const MEDIA_TYPE: &str = "application/octet-stream";
+pub(super) const MEDIA_TYPE: &str = "application/octet-stream";
 
 /// The coarsest that depths are sent.
 const MAX_STEP: usize = 16;
@@ -204,7 +204,7 @@ async fn answer(
 }
 
 /// The headers that say how to read a texture.
-fn layout(texture: &Texture) -> HeaderMap {
+pub(super) fn layout(texture: &Texture) -> HeaderMap {
     let size = texture.size.map(|side| side.to_string()).join(",");
     let affine = texture.patient_from_voxel.map(|x| x.to_string()).join(",");
     let mut headers = HeaderMap::new();

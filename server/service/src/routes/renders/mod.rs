@@ -9,12 +9,12 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
-use cases::pictures::{ImageMetadata, backend_for};
+use cases::pictures::{ImageMetadata, PictureRequest, backend_for};
 
 use self::files::{File, Picture};
 use self::plan::{Form, parse};
 use super::query::{ApiQuery, CasePath, NoQuery};
-use super::render::PNG;
+use super::render::{PNG, with_maps_format};
 use crate::conditional::{self, EntityTag};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
@@ -67,6 +67,9 @@ pub async fn create_renders(
     cases.ready(&id).await?;
     let model = cases.model(&id).await?;
     let asked = (plan.pictures.clone(), plan.form.parameters());
+    let mut pictures = plan.pictures.iter();
+    let with_layers = pictures.find(|picture| picture.layers().is_any());
+    let layers = with_layers.map(PictureRequest::layers).unwrap_or_default();
     let mut file = File::new(plan.form, plan.pictures.len());
     let mut backends = Vec::new();
     // One place in the queue for all; between the pictures others get their turn, and a client that left ends the work.
@@ -97,7 +100,8 @@ pub async fn create_renders(
     let name = HeaderName::from_static("x-isocortex-renderer");
     let backends = backends.join("; ");
     conditional::insert(headers, name, &backends);
-    let tag = EntityTag::of_answer(&id, "renders", &asked, (&backends, Coding::Identity));
+    let made_by = with_maps_format(backends, &layers);
+    let tag = EntityTag::of_answer(&id, "renders", &asked, (&made_by, Coding::Identity));
     headers.insert(header::ETAG, tag.header());
     Ok(response)
 }

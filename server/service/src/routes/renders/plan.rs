@@ -229,15 +229,22 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
     let first = &pictures[0];
     for (number, picture) in pictures.iter().enumerate() {
         let path = format!("renders[{number}]");
-        let of_first = (first.width, first.height, first.colormap, first.background);
+        let of_first = (
+            first.width,
+            first.height,
+            first.colormap,
+            first.background,
+            first.overlay.is_some(),
+        );
         if (
             picture.width,
             picture.height,
             picture.colormap,
             picture.background,
+            picture.overlay.is_some(),
         ) != of_first
         {
-            let detail = "must have the width, height, colormap and background of the first picture of its sheet";
+            let detail = "must have the width, height, colormap and background of the first picture of its sheet, and like it an overlay or none";
             return Err(out_of_range(&path, detail));
         }
         let cell = [
