@@ -1,4 +1,4 @@
-// A layer above the texture: source-over, transparent where it is undefined.
+// A layer above the texture: source-over, transparent if it is undefined.
 
 // How much a value hides of what is below it, 0 to 1.
 fn overlay_share(value: f32) -> f32 {

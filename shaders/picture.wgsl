@@ -58,12 +58,12 @@ struct Picture {
     // What is at most this is transparent; above it an overlay fades in over 1 / steepness.
     overlay_threshold: f32,
     overlay_steepness: f32,
-    // 0 where there is no overlay.
+    // 0 if there is no overlay.
     overlay_opacity: f32,
     overlay_color_row: u32,
-    // 1 where the threshold is one of magnitudes.
+    // 1 if the threshold is one of magnitudes.
     overlay_is_diverging: u32,
-    // 1 where the volume is a layer, whose texels' second part says whether they are defined.
+    // 1 if the volume is a layer: the second part of its texels is then whether they are defined.
     volume_has_gaps: u32,
 }
 

@@ -1,6 +1,6 @@
 // Values between voxel centres; beyond the outermost centres they are constant.
 
-// A texel's value, and which share of it is defined: both are filtered between voxels, and what is undefined has no say.
+// A texel's value, and which share of it is defined: both are filtered between voxels, and undefined voxels do not contribute.
 fn defined_part(texel: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(texel.x / max(texel.y, 1e-6), texel.y);
 }

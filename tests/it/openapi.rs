@@ -42,6 +42,12 @@ async fn every_route_is_described_in_openapi_3_1() {
         "put /v1/cases/{id}/mask",
         "get /v1/cases/{id}/envelope",
         "get /v1/cases/{id}/quality",
+        "get /v1/cases/{id}/layers",
+        "get /v1/cases/{id}/layers/{layer}",
+        "get /v1/cases/{id}/layers/{layer}/volume",
+        "get /v1/cases/{id}/layers/{layer}/nifti",
+        "get /v1/cases/{id}/candidates",
+        "get /v1/cases/{id}/profile",
     ]
     .map(str::to_owned)
     .into();

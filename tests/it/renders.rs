@@ -203,90 +203,19 @@ async fn a_sweep_goes_from_depth_to_depth() {
 }
 
 #[tokio::test]
-async fn what_is_wrong_is_named_by_its_path() {
+async fn a_sweep_comes_back_if_asked_to_and_shows_neither_end_twice() {
     let (server, case) = server_and_case().await;
-    let wide = json!({"width": 4096, "height": 4096});
-    let one = picture(1.0, "left");
-    let many: Vec<_> = (0..257).map(|_| one.clone()).collect();
-    let column: Vec<_> = (0..30)
-        .map(|depth| picture(f64::from(depth), "left"))
-        .collect();
-    let wrong = [
-        (json!({"renders": [one, {"deep": 1}]}), "renders[1]"),
-        (json!({"picture": 1}), "."),
-        (json!({"renders": [{"zoom": 0}]}), "renders[0].zoom"),
-        (
-            json!({"renders": [{"depth_mm": -1}]}),
-            "renders[0].depth_mm",
-        ),
-        (
-            json!({"renders": [{"orientation": [0, 0, 0, 0]}]}),
-            "renders[0].orientation",
-        ),
-        (
-            json!({"renders": [{"orientation": [0, 0, 1]}]}),
-            "renders[0].orientation",
-        ),
-        (json!({"renders": [{"view": "askew"}]}), "renders[0].view"),
-        (json!({"renders": []}), "renders"),
-        (json!({"renders": many}), "renders"),
-        (json!({"renders": [wide, wide, wide, wide, one]}), "."),
-        (json!({}), "."),
-        (
-            json!({"renders": [one], "sweep": {"from_mm": 0, "to_mm": 1, "frames": 2, "render": {}}}),
-            ".",
-        ),
-        (
-            json!({"sheet": true, "swivel": {"frames": 2, "render": {}}}),
-            "sheet",
-        ),
-        (json!({"sheet": true, "renders": [one, one]}), "renders[1]"),
-        (
-            json!({"sheet": true, "renders": [one, {"view": "right"}]}),
-            "renders[1]",
-        ),
-        (json!({"sheet": true, "renders": column}), "sheet"),
-        (
-            json!({"swivel": {"frames": 1, "render": {}}}),
-            "swivel.frames",
-        ),
-        (
-            json!({"swivel": {"frames": 257, "render": {}}}),
-            "swivel.frames",
-        ),
-        (
-            json!({"swivel": {"frames": 4, "delay_ms": 0, "render": {}}}),
-            "swivel.delay_ms",
-        ),
-        (
-            json!({"swivel": {"frames": 256, "render": {"width": 513}}}),
-            ".",
-        ),
-        (
-            json!({"sweep": {"from_mm": -1, "to_mm": 5, "frames": 4, "render": {}}}),
-            "sweep.from_mm",
-        ),
-        (
-            json!({"sweep": {"from_mm": 1, "to_mm": 5, "frames": 4, "render": {"depth_mm": 2}}}),
-            "sweep.render.depth_mm",
-        ),
-    ];
-    for (body, path) in wrong {
-        let answer = ask(&server, &case, &body).await;
-        assert_eq!(answer.status, StatusCode::BAD_REQUEST, "{path}");
-        answer.problem();
-        assert_eq!(answer.json()["parameter"], path, "{answer:?}");
+    let render = json!({"width": 96, "height": 96});
+    let body = json!({"sweep": {"from_mm": 2, "to_mm": 8, "frames": 3, "there_and_back": true, "render": render}});
+    let peel = frames(&ask(&server, &case, &body).await);
+    assert_eq!(peel.len(), 4);
+    for (frame, depth) in peel.iter().zip([2, 5, 8, 5]) {
+        let still = pixels(&server, &case, &format!("depth_mm={depth}")).await;
+        assert!(*frame == still, "{depth} mm");
     }
-    for text in ["", "{", "[]", "{} {}", "\u{1}"] {
-        let answer = post(&server, &case, "*/*", text).await;
-        assert_eq!(answer.status, StatusCode::BAD_REQUEST, "{text}");
-        answer.problem();
-    }
-    let long = post(&server, &case, "*/*", " ".repeat(2 << 20)).await;
-    assert_eq!(
-        (long.status.as_u16(), long.problem().as_str()),
-        (413, "body-too-large")
-    );
+    let long = json!({"sweep": {"from_mm": 2, "to_mm": 8, "frames": 130, "there_and_back": true, "render": render}});
+    let answer = ask(&server, &case, &long).await;
+    assert_eq!(answer.json()["parameter"], "sweep.frames", "{answer:?}");
 }
 
 #[tokio::test]

@@ -165,6 +165,11 @@ impl StoredMap {
         &self.codes
     }
 
+    /// The codes, taken out.
+    pub fn into_codes(self) -> Vec<u8> {
+        self.codes
+    }
+
     /// The value of a voxel; NaN where it is undefined.
     pub fn value(&self, index: usize) -> f32 {
         self.scale.value(self.codes[index])

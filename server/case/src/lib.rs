@@ -6,6 +6,7 @@
 mod facts;
 mod failure;
 mod id;
+mod maps;
 mod object;
 mod parameters;
 mod progress;
@@ -14,6 +15,7 @@ mod quality;
 pub use facts::{Case, CaseFacts, CutFacts, DicomFacts, PlaneFacts, SphereFacts, WindowFacts};
 pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
+pub use maps::{CandidateFacts, MapName, PatientSide};
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};

@@ -19,11 +19,13 @@ pub enum ObjectKind {
     Forest,
     /// The table of paths of the default mesh.
     Paths,
+    /// The maps of the junction of grey and white matter, or why there are none; made once the case is ready.
+    Maps,
 }
 
 impl ObjectKind {
     /// Every kind.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::SourceVolume,
         Self::SourceMask,
         Self::SourceDicom,
@@ -32,9 +34,10 @@ impl ObjectKind {
         Self::Envelope,
         Self::Forest,
         Self::Paths,
+        Self::Maps,
     ];
 
-    /// The kinds that are computed from the uploaded files.
+    /// The kinds that a preparation computes from the uploaded files.
     pub const DERIVED: [Self; 5] = [
         Self::Mask,
         Self::Volume,
@@ -54,6 +57,7 @@ impl ObjectKind {
             Self::Envelope => "envelope",
             Self::Forest => "forest",
             Self::Paths => "paths",
+            Self::Maps => "maps",
         }
     }
 
@@ -73,6 +77,7 @@ impl ObjectKind {
             Self::Paths => 6,
             Self::Mask => 7,
             Self::SourceDicom => 8,
+            Self::Maps => 9,
         }
     }
 

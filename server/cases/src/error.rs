@@ -21,6 +21,15 @@ pub enum Error {
         /// How far it has come.
         state: CaseState,
     },
+    /// The maps of the case are being made.
+    #[error("the maps of this case are being made; try again in a moment")]
+    LayerNotReady,
+    /// The case has no maps.
+    #[error("{reason}")]
+    MapsUndefined {
+        /// Why: a sentence.
+        reason: String,
+    },
     /// The input cannot be used, now or when it was prepared.
     #[error(transparent)]
     Failure(#[from] Failure),

@@ -1,12 +1,50 @@
 //! What can be told of an upload at once, before it is queued.
 
-use super::brain::{closing_radius_mm, given_mask, to_working_grid};
-use super::extractor::network_missing;
-use super::{Limits, Source, from_geometry, read_volume};
-use case::{Failure, MaskSource, Parameters};
+use std::time::{Duration, Instant};
 
-/// Whether an upload can be prepared, as far as reading it and bringing its mask to the working grid tell; and the parameters
-/// with which it will be, as [`settled`] makes them.
+use super::Limits;
+use super::brain::{Placed, closing_radius_mm, given_mask, moved};
+use super::extractor::network_missing;
+use super::failure::from_geometry;
+use super::source::{Source, read_sound_volume, read_volume};
+use case::{Failure, MaskSource, Parameters};
+use geometry::Volume;
+
+/// An upload that can be prepared.
+#[derive(Debug)]
+pub struct Checked {
+    /// The parameters with which it will be, as [`settled`] makes them.
+    pub parameters: Parameters,
+    /// What was read, so that the preparation need not read it again.
+    pub read: ReadSource,
+}
+
+/// The volume of an upload, read, and its mask.
+#[derive(Debug)]
+pub struct ReadSource {
+    pub(super) volume: Volume,
+    /// `None` if the brain must be extracted.
+    pub(super) given: Option<Placed>,
+    /// How long reading took.
+    pub(super) took: Duration,
+}
+
+/// What a preparation begins with.
+#[derive(Debug)]
+pub struct Input<'a> {
+    /// The upload. If it was read already, neither its volume nor its mask is looked at.
+    pub source: &'a Source,
+    /// What was read of it.
+    pub read: Option<ReadSource>,
+}
+
+impl<'a> From<&'a Source> for Input<'a> {
+    fn from(source: &'a Source) -> Self {
+        Self { source, read: None }
+    }
+}
+
+/// Whether an upload can be prepared, as far as reading it and bringing its mask to the working grid tell.
 ///
 /// It takes about a tenth of a preparation. What it finds a preparation would find too, with the same [`Failure`].
 ///
@@ -17,19 +55,32 @@ pub fn check(
     parameters: Parameters,
     limits: &Limits,
     has_network: bool,
-) -> Result<Parameters, Failure> {
+) -> Result<Checked, Failure> {
     parameters.check()?;
-    let volume = read_volume(source, limits)?;
-    super::check_intensities(&volume)?;
+    let begun = Instant::now();
+    let volume = read_sound_volume(source, limits)?;
     let given = given_mask(source, &volume, (&parameters, limits))?;
-    let Some((mask, _)) = given else {
-        // Whether there is a brain in the volume, the extraction tells.
-        return extracting(parameters, has_network);
+    let given = given.map(|given| given.on_working_grid(volume.grid()));
+    let read = ReadSource {
+        given: given.transpose()?,
+        volume,
+        took: begun.elapsed(),
     };
-    let brain = to_working_grid(&mask, &parameters, volume.grid())?;
-    let radius_mm = closing_radius_mm(&parameters);
-    geometry::check_closing(brain.mask().grid(), radius_mm).map_err(from_geometry)?;
-    Ok(parameters)
+    let parameters = match &read.given {
+        Some(given) => {
+            let moved = match parameters.offset_mm {
+                0.0 => None,
+                offset_mm => Some(moved(given.brain.clone(), offset_mm)?),
+            };
+            let grid = moved.as_ref().unwrap_or(&given.brain).mask().grid();
+            let radius_mm = closing_radius_mm(&parameters);
+            geometry::check_closing(grid, radius_mm).map_err(from_geometry)?;
+            parameters
+        }
+        // Whether there is a brain in the volume, the extraction tells.
+        None => extracting(parameters, has_network)?,
+    };
+    Ok(Checked { parameters, read })
 }
 
 /// The parameters with which an upload will be prepared: where the brain must be extracted and there is no network, the method

@@ -2,7 +2,8 @@
 
 use geometry::Grid;
 
-use super::{Limits, from_imaging};
+use super::Limits;
+use super::failure::from_imaging;
 use case::{Failure, FailureKind};
 
 /// What the volume of a head may measure. Anything else is refused before it is queued: a few kilobytes of a volume that no scanner

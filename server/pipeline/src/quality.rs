@@ -4,7 +4,7 @@ use case::{MaskMethod, Quality, QualityNumbers, QualityState};
 use extraction::{Judgement, MaskNumbers, Method, Reason, Verdict};
 use geometry::{BrainMask, Envelope, Grid};
 
-use super::rows_of;
+use super::affine::rows_of;
 
 /// Joins what was measured of a supplied mask with what is thought of it, if it was looked at in its volume.
 ///

@@ -117,8 +117,8 @@ impl Layer {
         &self.values
     }
 
-    /// The value at a position (LPS mm of the case), interpolated between the voxels that are defined; `None` where most of what is
-    /// around it is undefined, and outside.
+    /// The value at a position (LPS mm of the case), interpolated between the voxels that are defined; `None` outside, and
+    /// if most of what is around it is undefined.
     pub fn value_at(&self, position_in_case: DVec3) -> Option<f32> {
         let position = self.voxel_from_case.transform_point3(position_in_case);
         self.sampler()
@@ -159,7 +159,7 @@ pub(crate) enum LayerSampler<'a> {
 }
 
 impl LayerSampler<'_> {
-    /// The value at a position in voxel coordinates, and which share of it is defined, 0 to 1. Undefined voxels have no say in the value.
+    /// The value at a position in voxel coordinates, and which share of it is defined, 0 to 1. Undefined voxels do not contribute to the value.
     pub(crate) fn at(&self, position: [f32; 3]) -> [f32; 2] {
         match self {
             Self::Codes {

@@ -18,6 +18,9 @@ const FORMAT_VERSION: u8 = 2;
 /// How long answers stay fresh: a pure function of id and query never goes stale.
 const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
+/// The client keeps the answer, asks again each time, and gets 304 if nothing has changed.
+pub const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
+
 /// A strong entity tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EntityTag(HeaderValue);
@@ -96,24 +99,29 @@ pub struct Question<'a, Q> {
     pub request: &'a HeaderMap,
 }
 
-/// The form in which a question is answered.
+/// The format in which a question is answered.
 #[derive(Debug)]
-pub struct Form {
+pub struct Format {
     media_type: &'static str,
     /// What else tells answers to one question apart; by default the media type.
     variant: String,
+    /// What the answer says of the case that can change.
+    named: Option<String>,
     coding: Coding,
     vary: &'static str,
+    cache_control: HeaderValue,
 }
 
-impl Form {
+impl Format {
     /// A media type that was negotiated, not compressed.
     pub fn of(media_type: &'static str) -> Self {
         Self {
             media_type,
             variant: media_type.to_owned(),
+            named: None,
             coding: Coding::Identity,
             vary: "accept",
+            cache_control: IMMUTABLE,
         }
     }
 
@@ -126,12 +134,33 @@ impl Form {
         }
     }
 
-    /// The same form, told apart by something else than its media type.
+    /// The same format, told apart by something else than its media type.
     #[must_use]
     pub fn variant(self, variant: impl Into<String>) -> Self {
         Self {
             variant: variant.into(),
             ..self
+        }
+    }
+
+    /// The same form of an answer that a later version of this program may give otherwise: caches ask each time whether it is the same.
+    #[must_use]
+    pub fn revalidated(self) -> Self {
+        Self {
+            cache_control: REVALIDATE,
+            ..self
+        }
+    }
+
+    /// The same form, with what the answer says of the case that can change: the client asks for it again each time.
+    #[must_use]
+    pub fn named(self, named: Option<String>) -> Self {
+        match named {
+            None => self,
+            Some(_) => Self {
+                named,
+                ..self.revalidated()
+            },
         }
     }
 
@@ -144,11 +173,11 @@ impl Form {
 /// What was found out for an answer.
 #[derive(Debug, Default)]
 pub struct Content {
-    /// The bytes, in the coding of the form.
+    /// The bytes, in the coding of the format.
     pub body: Bytes,
     /// What else to say about them.
     pub headers: HeaderMap,
-    /// The variant of the form, if the work decided on another one.
+    /// The variant of the format, if the work decided on another one.
     pub variant: Option<String>,
 }
 
@@ -169,26 +198,29 @@ impl<Q: serde::Serialize> Question<'_, Q> {
     pub async fn answer(
         self,
         cases: &Cases,
-        form: Form,
+        format: Format,
         work: impl AsyncFnOnce(Arc<CaseFacts>) -> Result<Content, AppError>,
     ) -> Result<Response, AppError> {
         let tag_of = |variant: &str| {
-            EntityTag::of_answer(&self.id, self.route, self.query, (variant, form.coding))
+            let named = format.named.as_deref().unwrap_or_default();
+            let variant = format!("{variant} {named}");
+            let negotiated = (variant.trim_end(), format.coding);
+            EntityTag::of_answer(&self.id, self.route, self.query, negotiated)
         };
-        let tag = tag_of(&form.variant);
+        let tag = tag_of(&format.variant);
         let facts = cases.ready(&self.id).await?;
         if tag.is_known_to(self.request) {
-            return Ok(not_modified(&tag, form.vary, IMMUTABLE));
+            return Ok(not_modified(&tag, format.vary, format.cache_control));
         }
         let content = work(facts).await?;
         Representation {
             tag: content.variant.as_deref().map_or(tag, tag_of),
-            media_type: form.media_type,
-            coding: form.coding,
+            media_type: format.media_type,
+            coding: format.coding,
             body: content.body,
             headers: content.headers,
-            vary: form.vary,
-            cache_control: IMMUTABLE,
+            vary: format.vary,
+            cache_control: format.cache_control,
         }
         .respond(self.request)
     }
@@ -343,6 +375,7 @@ mod tests {
         assert_eq!(content_range("bytes=2-4"), "bytes 2-4/10");
         assert_eq!(content_range("bytes=7-"), "bytes 7-9/10");
         assert_eq!(content_range("bytes=-3"), "bytes 7-9/10");
+        assert_eq!(content_range("bytes=-99"), "bytes 0-9/10");
         assert_eq!(content_range("bytes=0-999"), "bytes 0-9/10");
     }
 

@@ -115,6 +115,9 @@ pub enum AppError {
     /// The address does not take this method.
     #[error("this address does not take this method; /docs lists those it takes")]
     MethodNotAllowed,
+    /// No such layer.
+    #[error("the case has no layer of this name; `/v1/cases/{{id}}/layers` lists those it has")]
+    NoSuchLayer,
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
     TimedOut,
@@ -212,6 +215,7 @@ impl AppError {
             Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
             Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
             Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
+            Self::NoSuchLayer => (StatusCode::NOT_FOUND, "no-such-layer"),
             Self::NoSuchRoute => (StatusCode::NOT_FOUND, "no-such-address"),
             Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
             Self::TimedOut | Self::TooManyPictures { .. } => {
@@ -255,6 +259,8 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
     let (status, kind) = match error {
         Error::NoSuchCase => (StatusCode::NOT_FOUND, "no-such-case"),
         Error::NotReady { .. } => (StatusCode::CONFLICT, "case-not-ready"),
+        Error::LayerNotReady => (StatusCode::CONFLICT, "layer-not-ready"),
+        Error::MapsUndefined { .. } => (StatusCode::CONFLICT, "maps-undefined"),
         Error::Failure(failure) => return (status_of(failure.kind), failure.name.clone().into()),
         Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
         Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
@@ -311,7 +317,7 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             let value = HeaderValue::from_str(&format!("bytes */{length}")).ok()?;
             Some((header::CONTENT_RANGE, value))
         }
-        AppError::Cases(Error::NotReady { .. }) => {
+        AppError::Cases(Error::NotReady { .. } | Error::LayerNotReady) => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
         }
         // To come again does not help.

@@ -28,6 +28,7 @@ mod directory;
 mod error;
 mod frame;
 mod inspect;
+mod link;
 mod location;
 mod name;
 mod objects;
@@ -42,6 +43,8 @@ mod sql;
 mod submit;
 #[cfg(any(test, feature = "conformance"))]
 pub mod testing;
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::fmt;
@@ -275,6 +278,17 @@ impl Store {
         let mut spool = self.spool().await?;
         spool.write(bytes).await?;
         spool.finish().await
+    }
+
+    /// Takes over a file in [`Store::scratch`] that another process has written, with [`Spooled::START`] bytes of room before its
+    /// contents.
+    ///
+    /// # Errors
+    /// When the disk fails.
+    pub async fn spool_file(&self, file: std::path::PathBuf) -> Result<Spooled, StoreError> {
+        let scratch = self.scratch();
+        let taken = tokio::task::spawn_blocking(move || Spooled::take(&file, &scratch));
+        Ok(taken.await??)
     }
 
     /// A directory for the files of an upload, which goes with its handle.

@@ -1,6 +1,6 @@
 //! Objects: immutable files, addressed by what is in them, behind the `object_store` crate.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -9,8 +9,8 @@ use object_store::local::LocalFileSystem;
 use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutPayload};
 use tokio::io::AsyncReadExt;
 
-use super::frame::{FrameError, Framed, HEADER_LENGTH, plain_header, unframe};
-use super::{ObjectName, StoreError};
+use super::frame::{FrameError, Framed, plain_header, unframe};
+use super::{ObjectName, Spooled, StoreError, link};
 
 /// Files are copied into the store in parts of this size, which S3 accepts too (5 MiB at least).
 const PART_LENGTH: usize = 8 << 20;
@@ -33,12 +33,17 @@ pub enum Unreadable {
 #[derive(Debug, Clone)]
 pub struct Objects {
     files: Arc<dyn ObjectStore>,
+    /// Where they are, if that is a directory of this machine.
+    directory: Option<PathBuf>,
 }
 
 impl Objects {
     /// Objects in any object store.
     pub fn new(files: Arc<dyn ObjectStore>) -> Self {
-        Self { files }
+        Self {
+            files,
+            directory: None,
+        }
     }
 
     /// Objects in a directory, made where it is missing. What was put is on the disk when the call returns.
@@ -48,7 +53,10 @@ impl Objects {
     pub fn in_directory(directory: &Path) -> Result<Self, StoreError> {
         std::fs::create_dir_all(directory)?;
         let files = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
-        Ok(Self::new(Arc::new(files)))
+        Ok(Self {
+            directory: Some(directory.to_owned()),
+            ..Self::new(Arc::new(files))
+        })
     }
 
     /// Writes an object, over one that is there: it may be damaged. Readers see the old one or the new one, whole.
@@ -62,18 +70,32 @@ impl Objects {
         Ok(())
     }
 
-    /// Writes an object from a file, of which at most a part is in memory.
+    /// Makes an object of a spooled file, over one that is there. In a directory on the same disk it is the same file under another
+    /// name; elsewhere it is copied, with at most a part in memory.
     ///
     /// # Errors
     /// When the object store fails.
-    pub async fn put_file(
+    pub async fn put_file(&self, name: &ObjectName, file: &Spooled) -> Result<(), StoreError> {
+        let header = plain_header(name, file.len());
+        if let Some(directory) = &self.directory {
+            let place = directory.join(name.path().as_ref());
+            let file = file.path().to_owned();
+            let linked = tokio::task::spawn_blocking(move || link::link(&file, &header, &place));
+            if linked.await?? {
+                return Ok(());
+            }
+        }
+        self.copy_file(name, header.to_vec(), file).await
+    }
+
+    async fn copy_file(
         &self,
         name: &ObjectName,
-        file: &Path,
-        length: u64,
+        header: Vec<u8>,
+        file: &Spooled,
     ) -> Result<(), StoreError> {
         let mut upload = self.files.put_multipart(&name.path()).await?;
-        let written = write_parts(&mut *upload, plain_header(name, length), file).await;
+        let written = write_parts(&mut *upload, header, file).await;
         if written.is_err() {
             // Parts of an object that nobody finishes stay in a bucket for ever; what cannot be taken back either is its owner's rule.
             let _given_up = upload.abort().await;
@@ -166,11 +188,11 @@ impl Objects {
 /// Writes a header and a file, of which at most a part is in memory.
 async fn write_parts(
     upload: &mut dyn MultipartUpload,
-    header: [u8; HEADER_LENGTH],
-    file: &Path,
+    header: Vec<u8>,
+    file: &Spooled,
 ) -> Result<(), StoreError> {
-    let mut file = tokio::fs::File::open(file).await?;
-    let mut part = header.to_vec();
+    let mut file = file.open().await?;
+    let mut part = header;
     loop {
         part.reserve_exact(PART_LENGTH - part.len());
         while part.len() < PART_LENGTH && file.read_buf(&mut part).await? > 0 {}

@@ -1,12 +1,17 @@
 //! Uploads on their way in: temporary files, hashed as they come.
+//!
+//! Each begins with room for the header of an object, so that it becomes one by another name of the same file: an upload is written
+//! once ([`Objects::put_file`](super::Objects::put_file)).
 
+use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use tempfile::TempPath;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncReadExt, AsyncSeekExt as _, AsyncWriteExt};
 
 use super::StoreError;
+use super::frame::HEADER_LENGTH;
 
 /// How much is hashed and written at once.
 const BUFFER_LENGTH: usize = 1 << 20;
@@ -30,8 +35,10 @@ impl Spool {
         .await??;
         let (file, path) = named.into_parts();
         let file = tokio::fs::File::from_std(file);
+        let mut file = tokio::io::BufWriter::with_capacity(BUFFER_LENGTH, file);
+        file.write_all(&[0; HEADER_LENGTH]).await?;
         Ok(Self {
-            file: tokio::io::BufWriter::with_capacity(BUFFER_LENGTH, file),
+            file,
             path,
             hasher: blake3::Hasher::new(),
             length: 0,
@@ -81,6 +88,30 @@ pub struct Spooled {
 }
 
 impl Spooled {
+    /// Where in the file the uploaded bytes begin.
+    pub const START: u64 = HEADER_LENGTH as u64;
+
+    /// Takes over a file that was written elsewhere, with as much room before its bytes. It is moved into `directory`.
+    ///
+    /// The bytes are hashed here: whoever can still write to the file damages the object, which is found when it is read.
+    pub(super) fn take(file: &Path, directory: &Path) -> io::Result<Self> {
+        let path = tempfile::Builder::new()
+            .prefix("upload-")
+            .make_in(directory, |path| std::fs::rename(file, path))?
+            .into_temp_path();
+        let mut file = std::fs::File::open(&path)?;
+        let length = file.metadata()?.len().checked_sub(Self::START);
+        let length = length.ok_or(io::ErrorKind::UnexpectedEof)?;
+        file.seek(SeekFrom::Start(Self::START))?;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(file.take(length))?;
+        Ok(Self {
+            path,
+            digest: hasher.finalize(),
+            length,
+        })
+    }
+
     /// BLAKE3 of the bytes.
     pub fn digest(&self) -> &blake3::Hash {
         &self.digest
@@ -102,9 +133,16 @@ impl Spooled {
     /// When the disk fails.
     pub async fn head(&self, length: u64) -> Result<Vec<u8>, StoreError> {
         let mut head = Vec::new();
-        let file = tokio::fs::File::open(&self.path).await?;
+        let file = self.open().await?;
         file.take(length).read_to_end(&mut head).await?;
         Ok(head)
+    }
+
+    /// The file, at the beginning of the uploaded bytes.
+    pub(super) async fn open(&self) -> Result<tokio::fs::File, StoreError> {
+        let mut file = tokio::fs::File::open(&self.path).await?;
+        file.seek(SeekFrom::Start(Self::START)).await?;
+        Ok(file)
     }
 
     /// All bytes.
@@ -112,10 +150,14 @@ impl Spooled {
     /// # Errors
     /// When the disk fails.
     pub async fn read(&self) -> Result<Bytes, StoreError> {
-        Ok(tokio::fs::read(&self.path).await?.into())
+        let file = Bytes::from(tokio::fs::read(&self.path).await?);
+        if file.len() < HEADER_LENGTH {
+            return Err(io::Error::from(io::ErrorKind::UnexpectedEof).into());
+        }
+        Ok(file.slice(HEADER_LENGTH..))
     }
 
-    /// Where the file is.
+    /// Where the file is. The uploaded bytes begin at [`Spooled::START`].
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -130,4 +172,73 @@ pub struct Upload {
     pub mask: Option<Spooled>,
     /// Whose head it is, where the volume was made of DICOM files.
     pub dicom: Option<Spooled>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn an_upload_has_room_before_it_and_is_hashed_as_it_comes() {
+        let directory = tempfile::tempdir().unwrap();
+        for (pieces, whole) in [
+            (&[][..], ""),
+            (&["a"], "a"),
+            (&["one ", "", "and another"], "one and another"),
+        ] {
+            let mut spool = Spool::begin(directory.path().to_owned()).await.unwrap();
+            for piece in pieces {
+                spool
+                    .write(Bytes::from_static(piece.as_bytes()))
+                    .await
+                    .unwrap();
+            }
+            assert_eq!(
+                (spool.len(), spool.is_empty()),
+                (whole.len() as u64, whole.is_empty())
+            );
+            let spooled = spool.finish().await.unwrap();
+            assert_eq!(
+                (spooled.len(), spooled.is_empty()),
+                (whole.len() as u64, whole.is_empty())
+            );
+            assert_eq!(spooled.digest(), &blake3::hash(whole.as_bytes()));
+            assert_eq!(spooled.read().await.unwrap(), whole);
+            assert_eq!(
+                spooled.head(3).await.unwrap(),
+                &whole.as_bytes()[..whole.len().min(3)]
+            );
+            let file = std::fs::read(spooled.path()).unwrap();
+            assert_eq!(file, [&[0; HEADER_LENGTH], whole.as_bytes()].concat());
+        }
+        assert_eq!(
+            std::fs::read_dir(directory.path()).unwrap().count(),
+            0,
+            "all are dropped"
+        );
+    }
+
+    #[tokio::test]
+    async fn a_file_that_another_process_wrote_is_moved_and_hashed() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("elsewhere");
+        std::fs::write(&file, [&[0; HEADER_LENGTH][..], b"volume"].concat()).unwrap();
+        let taken = Spooled::take(&file, directory.path()).unwrap();
+        assert!(!file.exists());
+        assert_eq!(taken.digest(), &blake3::hash(b"volume"));
+        assert_eq!(taken.read().await.unwrap(), "volume");
+        drop(taken);
+        for bytes in [&b""[..], &[0; HEADER_LENGTH - 1]] {
+            std::fs::write(&file, bytes).unwrap();
+            assert!(
+                Spooled::take(&file, directory.path()).is_err(),
+                "it has no room"
+            );
+        }
+        assert!(
+            Spooled::take(&file, directory.path()).is_err(),
+            "there is none"
+        );
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
 }

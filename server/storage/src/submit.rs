@@ -68,7 +68,12 @@ impl Version {
 
     /// The name of the version, given the objects of the case; `None` where there is no volume among them.
     pub fn id(&self, of: &[ObjectName]) -> Option<CaseId> {
-        id_of(&self.sources(of), &self.parameters)
+        self.id_with(of, &self.parameters)
+    }
+
+    /// Its name with other parameters.
+    pub fn id_with(&self, of: &[ObjectName], parameters: &Parameters) -> Option<CaseId> {
+        id_of(&self.sources(of), parameters)
     }
 }
 
@@ -229,8 +234,7 @@ impl Store {
         for (name, file) in &inputs.sources {
             match file {
                 Some(file) => {
-                    let put = self.inner.objects.put_file(name, file.path(), file.len());
-                    put.await?;
+                    self.inner.objects.put_file(name, file).await?;
                 }
                 None if stored.contains(name) => {}
                 None => return Ok(None),

@@ -20,7 +20,16 @@ pub struct MidsagittalPlane {
     offset_mm: f64,
 }
 
+/// How far from 1 the length of a normal may be.
+const LENGTH_TOLERANCE: f64 = 1e-6;
+
 impl MidsagittalPlane {
+    /// A plane that was fitted before; `None` if the normal has not length 1, or a number is not finite.
+    pub fn new(normal: DVec3, offset_mm: f64) -> Option<Self> {
+        let is_unit = (normal.length() - 1.0).abs() <= LENGTH_TOLERANCE;
+        (is_unit && offset_mm.is_finite()).then_some(Self { normal, offset_mm })
+    }
+
     /// The unit normal, LPS, which points to the patient's left.
     pub fn normal(&self) -> DVec3 {
         self.normal

@@ -1,5 +1,6 @@
 //! Warm models: what rendering needs of a case, kept in memory within a budget of bytes.
 
+mod cache;
 mod model;
 #[cfg(test)]
 mod tests;
@@ -9,8 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 
 use case::{CaseId, CaseState};
 use storage::StoreError;
@@ -69,7 +70,7 @@ impl Models {
     /// Models of the cases of a library, `budget_bytes` of them at most.
     pub fn new(library: Library, budget_bytes: u64) -> Self {
         let inner = Arc::new(Inner {
-            cache: new_cache(budget_bytes),
+            cache: cache::one_shard(ByBytes, budget_bytes, 32),
             begun: Instant::now(),
             library: library.clone(),
         });
@@ -143,30 +144,18 @@ impl Inner {
     async fn load(&self, id: &CaseId) -> Result<Entry, NotLoaded> {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
-            Ok(Some(model)) => Ok(Entry {
-                model: Arc::new(model),
-                seen_ms: Arc::new(AtomicU64::new(seen_ms)),
-            }),
+            Ok(Some(model)) => {
+                // A case of before there were maps gets them when it is opened.
+                self.library.ensure_maps(id);
+                Ok(Entry {
+                    model: Arc::new(model),
+                    seen_ms: Arc::new(AtomicU64::new(seen_ms)),
+                })
+            }
             Ok(None) => Err(NotLoaded::NotReady),
             Err(error) => Err(NotLoaded::Failed(error)),
         }
     }
-}
-
-fn new_cache(budget_bytes: u64) -> Cache<CaseId, Entry, ByBytes> {
-    // One shard: a shard cannot hold a model that is larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(32)
-        .weight_capacity(budget_bytes)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
 }
 
 impl fmt::Debug for Models {

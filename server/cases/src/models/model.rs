@@ -11,13 +11,14 @@ use geometry::{
 };
 use pipeline::codec::{decode_forest, decode_paths, decode_volume};
 use pipeline::envelope_of;
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 use render::Scene;
 use render::gpu::{CaseKey, KeyedModel};
 use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
+use super::cache;
 use crate::library::Library;
 
 /// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.
@@ -73,10 +74,15 @@ impl WarmModel {
         Ok(loaded.map(|(model, facts)| Self {
             model: Arc::new(model),
             facts,
-            tables: new_tables(),
+            tables: cache::one_shard(ByBytes, TABLES_BYTES, 8),
             library: library.clone(),
             id: *id,
         }))
+    }
+
+    /// The case.
+    pub fn id(&self) -> &CaseId {
+        &self.id
     }
 
     /// The model itself.
@@ -241,22 +247,6 @@ impl Weighter<TableKey, Arc<PathTable>> for ByBytes {
     fn weight(&self, _: &TableKey, table: &Arc<PathTable>) -> u64 {
         table.bytes() as u64
     }
-}
-
-fn new_tables() -> Cache<TableKey, Arc<PathTable>, ByBytes> {
-    // One shard: a shard cannot hold a table that is larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(8)
-        .weight_capacity(TABLES_BYTES)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
 }
 
 impl fmt::Debug for WarmModel {

@@ -26,4 +26,4 @@ pub(crate) use source::GZIP_MAGIC;
 pub use mask::read_mask;
 pub use stored::{read_grid, read_volume};
 pub(crate) use write::write_samples;
-pub use write::{write_depth_map, write_mask, write_volume};
+pub use write::{write_depth_map, write_mask, write_numbers, write_volume};

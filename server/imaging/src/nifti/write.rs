@@ -59,6 +59,25 @@ pub fn write_volume(volume: &Volume) -> Result<Vec<u8>, ImagingError> {
     })
 }
 
+/// Numbers as `.nii.gz`, in single precision; NaN if a voxel has none.
+///
+/// # Errors
+/// If a side has more than 32,767 voxels.
+///
+/// # Panics
+/// If there is not one number for each voxel of the grid.
+pub fn write_numbers(grid: &Grid, numbers: &[f32]) -> Result<Vec<u8>, ImagingError> {
+    assert_eq!(
+        numbers.len(),
+        grid.voxel_count(),
+        "one number for each voxel"
+    );
+    let header = header(grid, FLOAT32, UNSCALED)?;
+    pack(&header, numbers, |number, bytes| {
+        bytes.extend_from_slice(&number.to_le_bytes());
+    })
+}
+
 /// Samples as `.nii.gz`, with slope and intercept: in 16 bits if all are integers that fit, otherwise in single
 /// precision.
 ///

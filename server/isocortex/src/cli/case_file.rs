@@ -7,12 +7,15 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use case::{CaseFacts, ObjectKind};
+use cases::Error;
+use cases::library::LoadedMaps;
 use cases::models::PathKind;
 use geometry::{
     BuiltModel, DeformableModel, DepthMaps, DistanceMap, Forest, GeometryError, MeshSize, Paths,
     ShrunkMesh, distance_map,
 };
 use pipeline::codec::{decode_forest, decode_paths, decode_volume};
+use pipeline::maps::compute_maps;
 use pipeline::{Derived, Prepared, envelope_of};
 use render::gpu::{CaseKey, KeyedModel};
 
@@ -65,6 +68,17 @@ impl LocalCase {
             key: CaseKey(0),
             model: Arc::clone(&self.model),
         }
+    }
+
+    /// Its maps, computed now.
+    ///
+    /// # Errors
+    /// When they are undefined.
+    pub(super) fn maps(&self) -> Result<LoadedMaps, Error> {
+        let envelope = self.distance.envelope();
+        let maps = compute_maps(&self.facts, envelope, self.model.volume());
+        maps.map(|maps| LoadedMaps::new(0, maps))
+            .map_err(|reason| Error::MapsUndefined { reason })
     }
 
     /// The mesh at a depth.

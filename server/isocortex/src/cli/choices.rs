@@ -1,6 +1,6 @@
 //! The words of the interface on the command line: each with what it means, for `--help`.
 
-use case::{MaskKind, MaskSource};
+use case::{MapName, MaskKind, MaskSource};
 use cases::models::PathKind;
 use cases::pictures::GpuUse;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -126,6 +126,43 @@ pub(super) fn colormap() -> impl TypedValueParser<Value = ColorMap> {
         (ColorMap::Hot, "hot", "Black, red, yellow, white"),
         (ColorMap::Viridis, "viridis", "Dark blue, green, yellow"),
         (ColorMap::Bone, "bone", "Grey with a tinge of blue"),
+        (
+            ColorMap::VermilionYellow,
+            "vermilion-yellow",
+            "Vermilion to yellow, for overlays of one side",
+        ),
+        (
+            ColorMap::BlueOrange,
+            "blue-orange",
+            "Sky blue through grey to orange, for overlays of two signs",
+        ),
+    ])
+}
+
+/// A map of the junction of grey and white matter.
+pub(super) fn map() -> impl TypedValueParser<Value = MapName> {
+    one_of(&[
+        (
+            MapName::Blur,
+            "blur",
+            "How much less sharp it is than around it and on the other side",
+        ),
+        (MapName::Sharpness, "sharpness", "How sharp it is, per mm"),
+        (
+            MapName::Asymmetry,
+            "asymmetry",
+            "How much sharper it is than on the other side",
+        ),
+        (
+            MapName::IntensityAsymmetry,
+            "intensity-asymmetry",
+            "How much brighter it is than on the other side",
+        ),
+        (
+            MapName::Junction,
+            "junction",
+            "The density of voxels between grey and white matter",
+        ),
     ])
 }
 
@@ -176,6 +213,9 @@ mod tests {
         }
         for map in ColorMap::ALL {
             assert_eq!(read(colormap(), map.name()), Some(map));
+        }
+        for map in MapName::ALL {
+            assert_eq!(read(super::map(), map.name()), Some(map));
         }
         assert_eq!(read(super::view(), "above"), None);
     }

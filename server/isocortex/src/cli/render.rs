@@ -2,16 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use case::CaseId;
+use case::{CaseId, MapName};
 use cases::models::{Models, PathKind};
 use cases::pictures::{
-    GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
-    backend_for, encode, window_of,
+    CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob,
+    PictureRequest, backend_for, encode, warm_job,
 };
-use cases::{ConcurrencyLimit, Error, Library};
+use cases::{ConcurrencyLimit, Error, Library, Preparation};
 use clap::Args;
+use pipeline::Limits;
 use render::choice::Renderer;
-use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
+use render::{Background, ColorMap, KeyedLayers, NamedView};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
@@ -100,13 +101,41 @@ struct PictureArgs {
     /// What the vertices of the mesh follow, for the renderer mesh.
     #[arg(long, value_parser = choices::paths(), default_value = "flow")]
     paths: PathKind,
-    /// Writes depth, window, scale, directions and the notice of research use into the picture.
+    /// Writes the case's label, day and first digits, depth, window, scale, directions and the notice of research use into the picture.
     #[arg(long)]
     annotate: bool,
+    /// What is seen in place of the intensities: a map of the junction of grey and white matter.
+    #[arg(long, value_parser = choices::map())]
+    layer: Option<MapName>,
+    /// What lies in colours above the texture: a map of the junction of grey and white matter.
+    #[arg(long, value_parser = choices::map())]
+    overlay: Option<MapName>,
+    /// The values of the overlay's first and last colour. [default: those of the map]
+    #[arg(
+        long,
+        value_name = "LOW,HIGH",
+        requires = "overlay",
+        allow_hyphen_values = true
+    )]
+    overlay_window: Option<Numbers<2>>,
+    /// The overlay's colours. [default: those of the map]
+    #[arg(long, value_parser = choices::colormap(), requires = "overlay")]
+    overlay_colormap: Option<ColorMap>,
+    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude. [default: that of the map]
+    #[arg(
+        long,
+        value_name = "VALUE",
+        requires = "overlay",
+        allow_hyphen_values = true
+    )]
+    overlay_threshold: Option<f64>,
+    /// How much the overlay hides of what is below it, 0 to 1. [default: that of the map]
+    #[arg(long, value_name = "SHARE", requires = "overlay")]
+    overlay_opacity: Option<f64>,
 }
 
 impl PictureArgs {
-    fn request(&self) -> Result<PictureRequest, Error> {
+    fn checked(&self) -> Result<CheckedPicture, Error> {
         let request = PictureRequest {
             depth_mm: self.depth,
             view: self.view,
@@ -125,30 +154,35 @@ impl PictureArgs {
             points: self.points,
             paths: self.paths,
             annotate: self.annotate,
+            layer: self.layer,
+            overlay: self.overlay,
+            overlay_window: self.overlay_window,
+            overlay_colormap: self.overlay_colormap,
+            overlay_threshold: self.overlay_threshold,
+            overlay_opacity: self.overlay_opacity,
         };
-        request.check()?;
-        Ok(request)
+        request.checked()
     }
 }
 
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
-    let query = args.picture.request()?;
+    let picture = args.picture.checked()?;
     check_output(&args.output)?;
-    let picture = super::block_on(async {
+    let png = super::block_on(async {
         // Looked for while the case is read; splatting needs none.
-        let use_of = if query.renderer == Renderer::Splat {
+        let use_of = if picture.asked.renderer == Renderer::Splat {
             GpuUse::Off
         } else {
             args.gpu
         };
         let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
         match case_id(&args.input) {
-            Some(id) => of_case(args, id, &query, &graphics).await,
-            None => of_file(args, &query, &graphics).await,
+            Some(id) => of_case(args, id, &picture, &graphics).await,
+            None => of_file(args, &picture, &graphics).await,
         }
     })?;
-    write_output(&args.output, &picture)
+    write_output(&args.output, &png)
 }
 
 /// An id, unless there is a file of that name.
@@ -160,7 +194,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn of_case(
     args: &RenderArgs,
     id: CaseId,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
@@ -172,53 +206,47 @@ async fn of_case(
         );
         return Err(CliError::new(ExitStatus::NoInput, message));
     }
-    let library = Library::of(Store::open(&data).await?);
-    let model = Models::new(library, u64::MAX).get(&id).await?;
+    let store = Store::open(&data).await?;
+    let choice = picture.asked.layers();
+    let library = if choice.is_any() {
+        Library::with_maps(store, Preparation::default(), Limits::default(), u64::MAX)
+    } else {
+        Library::of(store)
+    };
+    let model = Models::new(library.clone(), u64::MAX).get(&id).await?;
     let model = model.ok_or_else(|| {
         CliError::new(
             ExitStatus::NoInput,
             "the store has no such case that is ready",
         )
     })?;
-    let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = model.shrink(size, query.paths, depth_mm).await;
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
+    let layers = if choice.is_any() {
+        choice.of_maps(&*library.maps_now(&id).await?.found()?)?
     } else {
-        None
+        KeyedLayers::default()
     };
-    let job = RenderJob {
-        case: model.keyed(),
-        request: query.at(depth_mm, window_of(&model.facts))?,
-        mesh,
-        layers: KeyedLayers::default(),
-    };
-    drawn(job, backend, Some(&id), query).await
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let job = warm_job(&model, picture, layers, backend).await?;
+    let case = library.store().case(&id).await?;
+    let is_named = picture.asked.annotate;
+    let named = case.filter(|_| is_named).map(|case| case.identity());
+    let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
+    drawn(job, metadata, is_named).await
 }
 
 async fn drawn(
-    job: RenderJob,
-    backend: RenderBackend,
-    id: Option<&CaseId>,
-    query: &PictureRequest,
+    job: PictureJob,
+    metadata: ImageMetadata,
+    annotate: bool,
 ) -> Result<Vec<u8>, CliError> {
-    let metadata = ImageMetadata::of(id, &job);
-    let picture = PictureJob {
-        job,
-        asked: query.renderer,
-        backend,
-    };
     let turn = ConcurrencyLimit::new(1, 0).turn().await?;
-    let drawn = picture.draw(&turn).await?;
-    Ok(encode(drawn, &metadata, query.annotate)?.png)
+    let drawn = job.draw(&turn).await?;
+    Ok(encode(drawn, &metadata, annotate)?.png)
 }
 
 async fn of_file(
     args: &RenderArgs,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let is_case = head_of(&args.input)?.starts_with(case_file::MAGIC);
@@ -233,21 +261,19 @@ async fn of_file(
             &args.options.pipeline()?,
         )?)
     };
-    let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = case.shrink(size, query.paths, depth_mm);
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
+    let choice = picture.asked.layers();
+    let layers = if choice.is_any() {
+        choice.of_maps(&case.maps()?)?
     } else {
-        None
+        KeyedLayers::default()
     };
-    let job = RenderJob {
-        case: case.keyed(),
-        request: query.at(depth_mm, window_of(&case.facts))?,
-        mesh,
-        layers: KeyedLayers::default(),
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let shrink = async |depth_mm| {
+        let shrunk = case.shrink(picture.mesh, picture.asked.paths, depth_mm);
+        Ok(shrunk?)
     };
-    drawn(job, backend, None, query).await
+    let job = picture.job(case.keyed(), &case.facts, layers, backend, shrink);
+    let job = job.await?;
+    let metadata = ImageMetadata::of(None, &job.job);
+    drawn(job, metadata, picture.asked.annotate).await
 }

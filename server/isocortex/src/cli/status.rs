@@ -110,8 +110,8 @@ impl From<Error> for CliError {
             Error::Parameter { .. } => ExitStatus::Usage,
             Error::NoSuchCase => ExitStatus::NoInput,
             Error::Failure(failure) => return failure.clone().into(),
-            Error::NotReady { .. } | Error::Busy => ExitStatus::Unavailable,
-            Error::Geometry(_) => ExitStatus::BadInput,
+            Error::NotReady { .. } | Error::LayerNotReady | Error::Busy => ExitStatus::Unavailable,
+            Error::Geometry(_) | Error::MapsUndefined { .. } => ExitStatus::BadInput,
             Error::Store(_) => ExitStatus::InputOutput,
             Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
         };

@@ -19,7 +19,7 @@ use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 use crate::logs::LogFormat;
 
 pub use self::renamed::RenamedKey;
-pub use self::sections::{DEFAULT_LISTEN, Http, Limits, Prepare, Render, Secret, Storage};
+pub use self::sections::{DEFAULT_LISTEN, Http, Limits, MapsUse, Prepare, Render, Secret, Storage};
 
 /// How much more than an upload the DICOM files in it may take when they are unpacked.
 const DICOM_UNPACKING: u64 = 4;
@@ -258,6 +258,7 @@ impl Config {
             render_threads: self.render.threads,
             max_queued_renders: self.limits.max_queued_renders,
             model_cache_bytes: self.render.model_cache_bytes,
+            makes_maps: self.limits.maps == MapsUse::On,
             graphics: GraphicsOptions {
                 use_of: self.render.gpu,
                 at_a_time: self.render.threads,

@@ -86,8 +86,21 @@ pub struct Limits {
     pub max_voxel_ratio: f64,
     /// How many cases may wait to be prepared.
     pub max_queued_cases: usize,
-    /// Renders that may wait for a thread.
+    /// Pictures, meshes and checks of uploads that may wait.
     pub max_queued_renders: usize,
+    /// Whether the maps of the junction of grey and white matter are made.
+    pub maps: MapsUse,
+}
+
+/// Whether maps are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MapsUse {
+    /// Once for each case, after it is ready.
+    #[default]
+    On,
+    /// Never.
+    Off,
 }
 
 impl Default for Limits {
@@ -103,6 +116,7 @@ impl Default for Limits {
             max_voxel_ratio: head.max_ratio,
             max_queued_cases: 64,
             max_queued_renders: 64,
+            maps: MapsUse::default(),
         }
     }
 }
@@ -133,7 +147,7 @@ impl Default for Prepare {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Render {
-    /// Threads that render.
+    /// Pictures, meshes and checks of uploads that are computed at a time.
     pub threads: usize,
     /// Whether pictures may be drawn by a graphics device.
     pub gpu: GpuUse,

@@ -33,6 +33,14 @@ pub enum GpuError {
         /// Bytes that may be used.
         limit: u64,
     },
+    /// A side of a layer is longer than the device's textures.
+    #[error("a layer is {longest} voxels long; the textures of the device are at most {limit}")]
+    LayerTooLarge {
+        /// Voxels along its longest side.
+        longest: usize,
+        /// Voxels that are possible.
+        limit: u32,
+    },
     /// The driver refuses what it was asked, or its thread failed.
     #[error("the graphics device failed: {reason}")]
     Failed {

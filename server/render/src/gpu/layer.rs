@@ -40,12 +40,10 @@ impl LayerTexture {
         max_side: u32,
     ) -> Result<Self, GpuError> {
         let size = layer.size();
-        if size.iter().any(|&side| side > max_side as usize) {
-            let needed = layer_bytes(layer);
-            return Err(GpuError::CaseTooLarge {
-                needed,
-                limit: needed,
-            });
+        let longest = size.into_iter().fold(0, usize::max);
+        if longest > max_side as usize {
+            let limit = max_side;
+            return Err(GpuError::LayerTooLarge { longest, limit });
         }
         let (view, scale, offset) = match layer.values() {
             LayerValues::Codes { codes, least, step } => {
@@ -73,7 +71,7 @@ impl LayerTexture {
         })
     }
 
-    /// What is bound where there is no overlay: a voxel that is undefined.
+    /// What is bound if there is no overlay: a voxel that is undefined.
     pub(super) fn none(open: &OpenDevice) -> TextureView {
         filled(open, TextureFormat::Rg8Unorm, [1; 3], &[[0_u8; 2]])
     }

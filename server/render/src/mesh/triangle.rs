@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::{DAffine3, DVec3};
 
-use super::Facets;
+use super::facets::Facets;
 use crate::Projection;
 
 /// Steps of a fixed-point pixel coordinate in a pixel: what graphics devices keep, too.

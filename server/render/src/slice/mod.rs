@@ -161,6 +161,20 @@ impl SliceRequest {
         Ok(Self { parameters, camera })
     }
 
+    /// The same of another plane, at a place of a case within ±10,000 mm, through a window.
+    #[must_use]
+    pub fn shown(self, plane: SlicePlane, position_mm: f64, window: Window) -> Self {
+        Self {
+            camera: self.camera.turned_to(plane.view()),
+            parameters: SliceParameters {
+                plane,
+                position_mm: position_mm.clamp(-1e4, 1e4),
+                window,
+                ..self.parameters
+            },
+        }
+    }
+
     /// The parameters, which are right.
     pub fn parameters(&self) -> &SliceParameters {
         &self.parameters
@@ -185,7 +199,7 @@ impl SliceRequest {
 
 /// Draws a slice through the native volume with the contours of the isosurfaces.
 ///
-/// Each pixel is sampled once, through the affine; outside of the volume, and where a layer is undefined, it is black. The n-th depth's
+/// Each pixel is sampled once, through the affine; outside of the volume, and if a layer is undefined there, it is black. The n-th depth's
 /// contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red, white), over and over. The picture is grey,
 /// a byte a pixel, where it has neither contours nor colours nor an overlay.
 pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {

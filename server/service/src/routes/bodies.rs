@@ -9,7 +9,7 @@ use quick_cache::sync::Cache;
 
 use crate::negotiate::Coding;
 use crate::problem::AppError;
-use case::CaseId;
+use case::{CaseId, MapName};
 use cases::models::PathKind;
 use cases::{Cases, ConcurrencyLimit};
 
@@ -25,6 +25,8 @@ pub enum BodyKind {
     Distance(usize),
     /// The triangles of a mesh.
     Triangles(MeshSize),
+    /// A layer's texture.
+    Layer(MapName),
     /// Every depth of a mesh.
     Paths(MeshSize, PathKind),
 }

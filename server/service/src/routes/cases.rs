@@ -8,7 +8,8 @@ use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::query::{ApiQuery, CasePath, Checked, NoQuery};
+use super::layers::MapsView;
+use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
 use case::Quality;
 use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, MaskKind};
@@ -112,6 +113,9 @@ pub struct ReadyView {
     /// `failed`, so does the header `X-Isocortex-Quality` of whatever shows the case.
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
+    /// How far the maps of the junction of grey and white matter are; in the answer about one case alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maps: Option<MapsView>,
     /// Wall time of each step of the preparation, in ms.
     timings: Vec<TimingView>,
 }
@@ -139,6 +143,9 @@ pub struct VolumeView {
     /// Numbers of the slices, from 1, that were missing among the DICOM files and are interpolated between their neighbours.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     interpolated_slices: Vec<usize>,
+    /// The scanner's name of the sequence and its times in ms, such as `*tfl3d1, TR 2300, TE 2.98, TI 900`; absent if it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sequence: Option<String>,
 }
 
 /// A sphere in the patient.
@@ -216,6 +223,12 @@ pub struct Links {
     quality: String,
     /// Slices: append `/axial`, `/coronal` or `/sagittal`.
     slices: String,
+    /// Its layers: maps of the junction of grey and white matter.
+    layers: String,
+    /// Places where that junction is less sharp than around it and on the other side.
+    candidates: String,
+    /// What lies along the way through a point: append `?position=x,y,z`.
+    profile: String,
     /// Whose head it is, of a ready case that was made of DICOM files.
     #[serde(skip_serializing_if = "Option::is_none")]
     dicom: Option<String>,
@@ -237,6 +250,9 @@ impl Links {
             envelope: below("envelope"),
             quality: below("quality"),
             slices: below("slices"),
+            layers: below("layers"),
+            candidates: below("candidates"),
+            profile: below("profile"),
             dicom: is_dicom.then(|| below("dicom")),
             this,
         }
@@ -293,6 +309,10 @@ impl From<CaseFacts> for ReadyView {
                 size: facts.native_size,
                 spacing_mm: facts.native_spacing_mm,
                 patient_from_voxel: facts.native_patient_from_voxel,
+                sequence: facts
+                    .dicom
+                    .as_ref()
+                    .and_then(|dicom| dicom.sequence.clone()),
                 interpolated_slices: facts
                     .dicom
                     .map(|dicom| dicom.interpolated_slices)
@@ -319,6 +339,7 @@ impl From<CaseFacts> for ReadyView {
                 },
             },
             quality: facts.quality,
+            maps: None,
             timings: facts
                 .timings
                 .into_iter()
@@ -358,21 +379,24 @@ pub struct ListQuery {
     limit: usize,
 }
 
-impl Checked for ListQuery {
-    fn check(&self) -> Result<(), AppError> {
-        check_count("limit", self.limit, 1, MAX_PAGE)?;
-        self.cursor().map(drop)
-    }
+/// A part of the list that there can be.
+#[derive(Debug)]
+pub struct ListValues {
+    after: Option<Cursor>,
+    limit: usize,
 }
 
-impl ListQuery {
-    fn cursor(&self) -> Result<Option<Cursor>, AppError> {
-        let Some(after) = &self.after else {
-            return Ok(None);
-        };
-        let cursor = Cursor::parse(after);
+impl Asked for ListQuery {
+    type Values = ListValues;
+
+    fn checked(&self) -> Result<ListValues, AppError> {
+        check_count("limit", self.limit, 1, MAX_PAGE)?;
         let unknown = || AppError::out_of_range("after", "is not the `next` of a page");
-        cursor.ok_or_else(unknown).map(Some)
+        let cursor = |text: &String| Cursor::parse(text).ok_or_else(unknown);
+        Ok(ListValues {
+            after: self.after.as_ref().map(cursor).transpose()?,
+            limit: self.limit,
+        })
     }
 }
 
@@ -396,9 +420,10 @@ pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response 
 )]
 pub async fn list_cases(
     State(cases): State<Cases>,
-    ApiQuery(query): ApiQuery<ListQuery>,
+    query: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let page = cases.store().cases(query.cursor()?, query.limit).await?;
+    let ListValues { after, limit } = query.values;
+    let page = cases.store().cases(after, limit).await?;
     let page = CasePage {
         cases: page.cases.into_iter().map(CaseView::from).collect(),
         next: page.next.map(|cursor| cursor.to_string()),
@@ -421,8 +446,11 @@ pub async fn get_case(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let case = cases.case(&id).await?;
-    Ok(fresh_json(StatusCode::OK, &CaseView::from(case)))
+    let mut view = CaseView::from(cases.case(&id).await?);
+    if let Some(ready) = &mut view.ready {
+        ready.maps = Some(MapsView::from(&cases.library.maps(&id).await?));
+    }
+    Ok(fresh_json(StatusCode::OK, &view))
 }
 
 /// Delete a case and all that was computed of it

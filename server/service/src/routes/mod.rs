@@ -1,12 +1,14 @@
 //! The addresses of the service and what answers there.
 
 pub mod bodies;
+pub mod candidates;
 pub mod cases;
 pub mod dicom;
 pub mod documents;
 pub mod events;
 mod guarded;
 pub mod health;
+pub mod layers;
 pub mod masks;
 pub mod mesh;
 pub mod query;
@@ -27,6 +29,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use ::cases::Cases;
+use ::cases::pictures::ShownDepth;
 use case::CaseId;
 
 use crate::auth::{self, Access};
@@ -56,6 +59,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
         (name = "meshes", description = "The mesh at a depth, or at all depths"),
         (name = "masks", description = "The mask of the brain: had, replaced, judged"),
         (name = "textures", description = "Voxels, for clients that draw"),
+        (name = "layers", description = "Maps of the junction of grey and white matter, and the places that stand out in them"),
         (name = "pictures", description = "PNG pictures made by the server"),
         (name = "service", description = "The server itself"),
     )
@@ -78,6 +82,12 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(masks::get_mask))
         .routes(routes!(masks::get_envelope))
         .routes(routes!(masks::get_quality))
+        .routes(routes!(layers::list_layers))
+        .routes(routes!(layers::get_layer))
+        .routes(routes!(layers::get_layer_volume))
+        .routes(routes!(layers::get_layer_nifti))
+        .routes(routes!(candidates::get_candidates))
+        .routes(routes!(candidates::get_profile))
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))
@@ -162,23 +172,17 @@ async fn say_quality(
 }
 
 /// Says at which depth an answer is, and whether more was asked for.
-pub(crate) fn depth_headers(asked_mm: f32, max_depth_mm: f32) -> HeaderMap {
-    let depth_mm = asked_mm.min(max_depth_mm);
+pub(crate) fn depth_headers(depth: ShownDepth) -> HeaderMap {
     let mut headers = HeaderMap::new();
     conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-mm"),
-        &depth_mm.to_string(),
+        &depth.mm.to_string(),
     );
-    let clamped = if asked_mm > max_depth_mm {
-        "true"
-    } else {
-        "false"
-    };
     conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-clamped"),
-        clamped,
+        &depth.is_clamped.to_string(),
     );
     headers
 }

@@ -7,20 +7,26 @@ use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use case::CaseFacts;
 use cases::Cases;
-use cases::pictures::{EncodedImage, ImageMetadata, PictureRequest, backend_for, encode};
+use cases::pictures::{
+    CheckedPicture, EncodedImage, ImageMetadata, LayerChoice, PictureRequest, backend_for, encode,
+    warm_job,
+};
+use pipeline::maps::MAPS_FORMAT;
 
 use super::depth_headers;
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{self, Content, Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
 
-impl Checked for PictureRequest {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(PictureRequest::check(self)?)
+impl Asked for PictureRequest {
+    type Values = CheckedPicture;
+
+    fn checked(&self) -> Result<CheckedPicture, AppError> {
+        Ok(PictureRequest::checked(self)?)
     }
 }
 
@@ -47,40 +53,65 @@ impl Checked for PictureRequest {
 pub async fn get_render(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<PictureRequest>,
+    ApiQuery {
+        asked,
+        values: picture,
+    }: ApiQuery<PictureRequest>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let question = Question {
         id,
         route: "render",
-        query: &query,
+        query: &asked,
         request: &request,
     };
     // Before the backend: looking for a graphics device may take seconds, and a case that is not there none.
     cases.ready(&id).await?;
-    let backend = backend_for(query.renderer, &cases.graphics).await;
+    let backend = backend_for(asked.renderer, &cases.graphics).await;
     // Renderers differ in their pixels, and graphics devices, too.
-    let form = Form::of(PNG).variant(backend.to_string());
+    let layers = asked.layers();
+    let named = cases.identity(&id, asked.annotate).await?;
+    let format = format_with_layers(backend.to_string(), &layers).named(named.clone());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
-        let picture = cases.picture_job(&model, &query, backend).await?;
-        let metadata = ImageMetadata::of(Some(&id), &picture.job);
-        let drawn = picture.draw(&turn).await?;
-        let annotate = query.annotate;
+        let keyed = layers.of_case(&cases.library, &id).await?;
+        let job = warm_job(&model, &picture, keyed, backend).await?;
+        let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
+        let drawn = job.draw(&turn).await?;
+        let annotate = asked.annotate;
         let image = turn
             .run(move || encode(drawn, &metadata, annotate))
             .await??;
-        let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
+        let mut headers = depth_headers(picture.depth.shown_in(&facts));
         describe(&image, &mut headers);
         Ok(Content {
-            variant: Some(image.backend.to_string()),
+            variant: Some(with_maps_format(image.backend.to_string(), &layers)),
             body: image.png.into(),
             headers,
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
+}
+
+/// The format of a picture: one with layers is to be asked for again, for maps may come in another version.
+pub(super) fn format_with_layers(variant: String, layers: &LayerChoice) -> Format {
+    let format = Format::of(PNG).variant(with_maps_format(variant, layers));
+    if layers.is_any() {
+        format.revalidated()
+    } else {
+        format
+    }
+}
+
+/// Tells pictures with one version of maps from those with another.
+pub(super) fn with_maps_format(variant: String, layers: &LayerChoice) -> String {
+    if layers.is_any() {
+        format!("{variant}; maps {MAPS_FORMAT}")
+    } else {
+        variant
+    }
 }
 
 /// What every picture names as its maker.

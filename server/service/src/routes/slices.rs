@@ -6,21 +6,21 @@ use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use render::{ColorMap, SliceParameters, SlicePlane, SliceRequest};
+use render::{ColorMap, KeyedLayers, SliceParameters, SlicePlane, SliceRequest, Window};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::query::{ApiQuery, CasePath, Checked};
-use super::render::PNG;
-use crate::conditional::{Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use super::render::{PNG, format_with_layers};
+use crate::conditional::Question;
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
-use case::CaseFacts;
+use case::{CaseFacts, MapName};
 use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::{
-    NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size, window_of,
-    window_or,
+    DepthMm, LayerChoice, NumberList, Numbers, check_annotation, default_side, default_zoom,
+    picture_size, window_of, window_of_numbers,
 };
 
 /// A picture of a slice.
@@ -57,50 +57,104 @@ pub struct SliceQuery {
     #[serde(default)]
     #[param(inline)]
     colormap: ColorMap,
-    /// Whether place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
+    /// Whether label, day and first digits of the case, place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
-}
-
-impl Checked for SliceQuery {
-    fn check(&self) -> Result<(), AppError> {
-        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
-            return Err(AppError::out_of_range(
-                "position_mm",
-                "must be a finite number of mm",
-            ));
-        }
-        if self.depth_mm.0.iter().any(|&mm| mm < 0.0) {
-            return Err(AppError::Query {
-                kind: "depth-negative",
-                parameter: "depth_mm".into(),
-                detail: "must not be negative: depth is counted inwards from the envelope".into(),
-            });
-        }
-        check_annotation(self.annotate, [self.width, self.height])?;
-        let any_window = render::Window::between(0.0, 1.0);
-        self.request(SlicePlane::Axial, 0.0, any_window).map(drop)
-    }
+    /// What is seen in place of the case's intensities, with the window in its values: a map of the junction of grey and white matter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    layer: Option<MapName>,
+    /// What lies in colours above the grey texture: a map of the junction of grey and white matter. Undefined parts are transparent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    overlay: Option<MapName>,
+    /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(value_type = Option<String>, example = "2.5,6")]
+    overlay_window: Option<Numbers<2>>,
+    /// The overlay's colours; by default those of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    overlay_colormap: Option<ColorMap>,
+    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude; above it the overlay fades in over a
+    /// tenth of its window. By default that of the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    overlay_threshold: Option<f64>,
+    /// How much the overlay hides of what is below it, 0 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(minimum = 0, maximum = 1)]
+    overlay_opacity: Option<f64>,
 }
 
 impl SliceQuery {
-    fn request(
-        &self,
-        plane: SlicePlane,
-        default_position_mm: f64,
-        default_window: render::Window,
-    ) -> Result<SliceRequest, AppError> {
-        Ok(SliceRequest::new(SliceParameters {
-            plane,
-            position_mm: self.position_mm.unwrap_or(default_position_mm),
+    fn layers(&self) -> LayerChoice {
+        LayerChoice {
+            layer: self.layer,
+            overlay: self.overlay,
+            overlay_window: self.overlay_window,
+            overlay_colormap: self.overlay_colormap,
+            overlay_threshold: self.overlay_threshold,
+            overlay_opacity: self.overlay_opacity,
+        }
+    }
+}
+
+/// A slice that can be asked of every case.
+#[derive(Debug)]
+pub struct SliceValues {
+    /// Where, if not in the middle of the case.
+    position_mm: Option<f64>,
+    /// Through which window, if not that of the layer or the case.
+    window: Option<Window>,
+    /// What lies in it besides intensities.
+    layers: LayerChoice,
+    /// Everything else, of the axial plane through the origin.
+    request: SliceRequest,
+}
+
+impl Asked for SliceQuery {
+    type Values = SliceValues;
+
+    fn checked(&self) -> Result<SliceValues, AppError> {
+        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
+            let detail = "must be a finite number of mm";
+            return Err(AppError::out_of_range("position_mm", detail));
+        }
+        for &depth_mm in &self.depth_mm.0 {
+            DepthMm::check_sign(depth_mm)?;
+        }
+        check_annotation(self.annotate, [self.width, self.height])?;
+        let layers = self.layers();
+        layers.check()?;
+        let window = self.window.map(window_of_numbers).transpose()?;
+        let request = SliceRequest::new(SliceParameters {
+            plane: SlicePlane::Axial,
+            position_mm: self.position_mm.unwrap_or(0.0),
             depths_mm: self.depth_mm.0.clone(),
             zoom: self.zoom,
             pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
             size: picture_size(self.width, self.height)?,
-            window: window_or(self.window, default_window)?,
+            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
             colormap: self.colormap,
-        })?)
+        })?;
+        Ok(SliceValues {
+            position_mm: self.position_mm,
+            window,
+            layers,
+            request,
+        })
+    }
+}
+
+impl SliceValues {
+    /// The slice of a case.
+    fn of_case(self, plane: SlicePlane, facts: &CaseFacts) -> SliceRequest {
+        let middle_mm = || middle_mm(facts, plane.axis());
+        let position_mm = self.position_mm.unwrap_or_else(middle_mm);
+        let usual = || self.layers.window_or(window_of(facts));
+        let window = self.window.unwrap_or_else(usual);
+        self.request.shown(plane, position_mm, window)
     }
 }
 
@@ -133,7 +187,7 @@ pub async fn get_slice(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<SliceQuery>,
+    ApiQuery { asked, values }: ApiQuery<SliceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
@@ -148,37 +202,41 @@ pub async fn get_slice(
     let question = Question {
         id,
         route: "slices",
-        query: &query,
+        query: &asked,
         request: &request,
     };
+    let named = cases.identity(&id, asked.annotate).await?;
+    let choice = values.layers;
     let work = async |facts: Arc<CaseFacts>| {
-        let middle_mm = middle_mm(&facts, plane.axis());
-        let drawing = query.request(plane, middle_mm, window_of(&facts))?;
+        let layers = values.layers.of_case(&cases.library, &id).await?;
+        let slice = values.of_case(plane, &facts);
         let model = cases.model(&id).await?;
-        let (case, annotate) = (id.to_string(), query.annotate);
+        let (case, named) = (id.to_string(), named.clone());
         let picture = cases
             .queue
-            .run(move || draw(&model, &case, &drawing, annotate));
+            .run(move || draw(&model, &layers, (&case, &slice), named.as_deref()));
         Ok(Bytes::from(picture.await??).into())
     };
-    let form = Form::of(PNG).variant(plane.name());
-    question.answer(&cases, form, work).await
+    let format = format_with_layers(plane.name().to_owned(), &choice).named(named.clone());
+    question.answer(&cases, format, work).await
 }
 
+/// Draws a slice; `named` is written into it, with all else that an annotation has.
 fn draw(
     model: &WarmModel,
-    case: &str,
-    request: &SliceRequest,
-    annotate: bool,
+    layers: &KeyedLayers,
+    (case, request): (&str, &SliceRequest),
+    named: Option<&str>,
 ) -> Result<Vec<u8>, AppError> {
-    let scene = model.scene();
+    let scene = model.scene().with_layers(layers.layers());
     let mut frame = render::draw_slice(&scene, request);
-    if annotate {
+    if named.is_some() {
         frame = render::annotate_slice(
             frame,
             request,
             &request.projection(&scene.bounds),
             &scene.layers,
+            named,
         );
     }
     let mut texts = render::slice_texts(case, request, &scene.layers);

@@ -16,7 +16,8 @@ pub use paths::paths;
 pub use ply::ply;
 pub use stl::stl;
 pub use texture::{
-    Texture, Voxels, coarse_depth_texture, depth_texture, quick_volume_texture, volume_texture,
+    Texture, Voxels, coarse_depth_texture, depth_texture, layer_texture, quick_volume_texture,
+    volume_texture,
 };
 
 /// The text that goes with every picture and mesh.

@@ -8,6 +8,7 @@ use geometry::{DepthField, Grid};
 use glam::{DAffine3, DVec3};
 
 use cases::models::WarmModel;
+use render::{Layer, LayerValues};
 
 /// A block of voxels and how to read them.
 #[derive(Debug)]
@@ -97,6 +98,33 @@ fn quick_range(model: &WarmModel) -> [f32; 2] {
     let low = (window.center - window.width).max(model.facts.intensity_min);
     let high = (window.center + window.width).min(model.facts.intensity_max);
     [low, high.max(low)]
+}
+
+/// A layer of eight bits on its grid.
+///
+/// # Panics
+/// If the layer is not of codes: those of maps are.
+pub fn layer_texture(grid: &Grid, layer: &Arc<Layer>) -> Texture {
+    struct Codes(Arc<Layer>);
+    impl AsRef<[u8]> for Codes {
+        fn as_ref(&self) -> &[u8] {
+            match self.0.values() {
+                LayerValues::Codes { codes, .. } => codes,
+                LayerValues::Numbers(_) => &[],
+            }
+        }
+    }
+    let LayerValues::Codes { least, step, .. } = *layer.values() else {
+        panic!("a map is stored in codes");
+    };
+    Texture {
+        voxels: Voxels::Shared(Bytes::from_owner(Codes(Arc::clone(layer)))),
+        format: "u8",
+        scale: step,
+        offset: least - step,
+        size: layer.size(),
+        patient_from_voxel: rows_of(grid.patient_from_voxel()),
+    }
 }
 
 /// The signed depth of a case on the working grid, in mm.

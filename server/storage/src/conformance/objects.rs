@@ -3,7 +3,7 @@
 use case::ObjectKind;
 
 use crate::frame::frame;
-use crate::{ObjectName, Objects, Unreadable};
+use crate::{ObjectName, Objects, Spool, Unreadable};
 
 /// Objects do what they must. There are none at first.
 pub async fn objects_do_what_they_must(objects: &Objects) {
@@ -50,17 +50,16 @@ async fn a_large_file_comes_back(objects: &Objects) {
     for length in [0, 1, (16 << 20) - 72, 17_000_000] {
         let mut contents = vec![0; length];
         blake3::Hasher::new().finalize_xof().fill(&mut contents);
-        let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), &contents).unwrap();
-        let digest = blake3::hash(&contents);
+        let directory = tempfile::tempdir().unwrap();
+        let mut spool = Spool::begin(directory.path().to_owned()).await.unwrap();
+        spool.write(contents.clone().into()).await.unwrap();
+        let file = spool.finish().await.unwrap();
         let name = ObjectName {
             kind: ObjectKind::SourceVolume,
-            digest,
+            digest: *file.digest(),
         };
-        objects
-            .put_file(&name, file.path(), length as u64)
-            .await
-            .unwrap();
+        assert_eq!(file.digest(), &blake3::hash(&contents));
+        objects.put_file(&name, &file).await.unwrap();
         assert!(
             objects.get(&name).await.unwrap() == contents,
             "{length} bytes"

@@ -1,0 +1,249 @@
+//! What lies along the way from the envelope through a point and further inwards, and on the other side of the head.
+
+use case::{CaseFacts, MapName, PatientSide};
+use geometry::{DeformableModel, DepthField};
+use glam::DVec3;
+use pipeline::maps::{JunctionWidth, stored_plane, width_table};
+use serde::Serialize;
+
+use crate::error::Error;
+use crate::library::LoadedMaps;
+use crate::models::WarmModel;
+
+/// The distance from one sample to the next, in mm.
+const STEP_MM: f64 = 0.5;
+
+/// How far inwards a profile goes beyond its point, in mm.
+const INWARDS_MM: f64 = 20.0;
+
+/// How far outwards it may go to the envelope, in mm.
+const OUTWARDS_MM: f64 = 60.0;
+
+/// Below this length a gradient has no direction: a ridge, from which every way leads outwards.
+const LEAST_GRADIENT: f32 = 0.2;
+
+/// The profile through a point and the one through its mirror image.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Profile {
+    /// Through the point that was asked for.
+    pub own: PointProfile,
+    /// Through the point mirrored at the plane between the hemispheres; absent if that point lies outside of the envelope, or the case
+    /// was prepared before the plane was fitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mirrored: Option<PointProfile>,
+    /// Why the values of maps are absent, if they are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub maps_undefined: Option<String>,
+}
+
+/// A point and what lies along the way through it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct PointProfile {
+    /// On which side of the plane between the hemispheres; absent without that plane.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub side: Option<PatientSide>,
+    /// How wide the junction of grey and white matter is there.
+    pub junction_width: JunctionWidthView,
+    /// The point itself.
+    pub point: ProfileSample,
+    /// From the envelope inwards, 0.5 mm apart, along the gradient of the depth. The point is one of them.
+    pub samples: Vec<ProfileSample>,
+}
+
+/// The width of the junction of grey and white matter at a point: the deviation of the error function that the rise of intensity from
+/// grey to white is most like.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = JunctionWidth))]
+pub struct JunctionWidthView {
+    /// `measured`, `under-1-mm` (sharper than these voxels can tell), `over-6-mm`, or `undefined` if there is no junction.
+    pub verdict: WidthVerdict,
+    /// If it was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mm: Option<f32>,
+}
+
+/// Whether the width of a junction was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub enum WidthVerdict {
+    /// It was.
+    #[serde(rename = "measured")]
+    Measured,
+    /// It is sharper than the voxels can tell.
+    #[serde(rename = "under-1-mm")]
+    UnderOneMm,
+    /// It is wider than the table.
+    #[serde(rename = "over-6-mm")]
+    OverSixMm,
+    /// There is no junction.
+    #[serde(rename = "undefined")]
+    Undefined,
+}
+
+/// A point of a profile. What is undefined there is null.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ProfileSample {
+    /// Along the way from the point that was asked for; negative outwards.
+    pub distance_mm: f64,
+    /// LPS mm.
+    pub position_in_patient: [f64; 3],
+    /// Below the envelope; null beside a face of the volume that cuts the brain.
+    pub depth_mm: Option<f32>,
+    /// The intensity, interpolated.
+    pub intensity: Option<f32>,
+    /// The map `blur`.
+    pub blur: Option<f32>,
+    /// The map `sharpness`, per mm.
+    pub sharpness: Option<f32>,
+    /// The map `asymmetry`.
+    pub asymmetry: Option<f32>,
+    /// The map `intensity-asymmetry`.
+    pub intensity_asymmetry: Option<f32>,
+    /// The map `junction`.
+    pub junction: Option<f32>,
+}
+
+/// The profile of a case through a point (LPS mm), with the values of its maps if there are any.
+///
+/// # Errors
+/// [`Error::Parameter`] if the point lies outside of the envelope.
+pub fn profile(
+    warm: &WarmModel,
+    maps: Result<&LoadedMaps, String>,
+    position_in_patient: DVec3,
+) -> Result<Profile, Error> {
+    let probe = Probe {
+        model: warm.model(),
+        facts: &warm.facts,
+        maps: maps.as_ref().ok().copied(),
+    };
+    let outside = || {
+        let detail =
+            "lies outside of the envelope: give LPS coordinates in mm of a point in the brain";
+        Error::out_of_range("position", detail)
+    };
+    let own = probe.point(position_in_patient).ok_or_else(outside)?;
+    let plane = stored_plane(&warm.facts);
+    Ok(Profile {
+        own,
+        mirrored: plane.and_then(|plane| probe.point(plane.reflected(position_in_patient))),
+        maps_undefined: maps.err(),
+    })
+}
+
+/// What is looked at.
+struct Probe<'a> {
+    model: &'a DeformableModel,
+    facts: &'a CaseFacts,
+    maps: Option<&'a LoadedMaps>,
+}
+
+impl Probe<'_> {
+    /// `None` outside of the envelope.
+    fn point(&self, position: DVec3) -> Option<PointProfile> {
+        (self.field_depth_mm(position) >= 0.0).then(|| {
+            let point = self.sample(position, 0.0);
+            let mut samples = self.way(position, -1.0);
+            samples.reverse();
+            samples.push(point);
+            samples.extend(self.way(position, 1.0));
+            PointProfile {
+                side: stored_plane(self.facts).map(|plane| {
+                    if plane.normal().dot(position) > plane.offset_mm() {
+                        PatientSide::Left
+                    } else {
+                        PatientSide::Right
+                    }
+                }),
+                junction_width: self.width(&point),
+                point,
+                samples,
+            }
+        })
+    }
+
+    /// The samples from a position on, inwards (1) or outwards (−1), until the envelope, a ridge or the greatest distance.
+    fn way(&self, start: DVec3, sign: f64) -> Vec<ProfileSample> {
+        let most_mm = if sign > 0.0 { INWARDS_MM } else { OUTWARDS_MM };
+        let mut here = start;
+        let mut samples = Vec::new();
+        for step in 1..=(most_mm / STEP_MM) as u32 {
+            let Some(direction) = self.inward(here) else {
+                break;
+            };
+            // Half a step first, so that the way does not leave a bend.
+            let middle = here + direction * (sign * STEP_MM / 2.0);
+            let direction = self.inward(middle).unwrap_or(direction);
+            here += direction * (sign * STEP_MM);
+            if self.field_depth_mm(here) < 0.0 {
+                break;
+            }
+            samples.push(self.sample(here, sign * STEP_MM * f64::from(step)));
+        }
+        samples
+    }
+
+    /// The direction inwards in the patient.
+    fn inward(&self, position: DVec3) -> Option<DVec3> {
+        let normals = self.model.normals();
+        let gradient = normals.gradient(in_voxels(normals, position));
+        (gradient.length() >= LEAST_GRADIENT).then(|| gradient.as_dvec3().normalize())
+    }
+
+    fn field_depth_mm(&self, position: DVec3) -> f32 {
+        let field = self.model.field();
+        field.depth_mm(in_voxels(field, position))
+    }
+
+    fn sample(&self, position: DVec3, distance_mm: f64) -> ProfileSample {
+        let volume = self.model.volume();
+        let in_volume = volume
+            .grid()
+            .voxel_from_patient()
+            .transform_point3(position);
+        let value = |name| {
+            self.maps
+                .and_then(|maps| maps.layer(name).value_at(position))
+        };
+        let depth_mm = self.field_depth_mm(position);
+        let field = self.model.field();
+        let voxel_mm = f64::from(field.spacing_mm());
+        let mut cuts = field.cuts().iter();
+        let is_known = cuts.all(|cut| cut.leaves(position, f64::from(depth_mm), voxel_mm));
+        ProfileSample {
+            distance_mm,
+            position_in_patient: position.to_array(),
+            depth_mm: is_known.then_some(depth_mm),
+            intensity: volume
+                .sample(in_volume.as_vec3())
+                .map(|stored| volume.intensity(stored)),
+            blur: value(MapName::Blur),
+            sharpness: value(MapName::Sharpness),
+            asymmetry: value(MapName::Asymmetry),
+            intensity_asymmetry: value(MapName::IntensityAsymmetry),
+            junction: value(MapName::Junction),
+        }
+    }
+
+    fn width(&self, point: &ProfileSample) -> JunctionWidthView {
+        let spacing_mm = self.model.volume().grid().spacing_mm();
+        let width = point
+            .sharpness
+            .and_then(|sharpness| width_table(spacing_mm).width(sharpness));
+        let (verdict, mm) = match width {
+            Some(JunctionWidth::Mm(mm)) => (WidthVerdict::Measured, Some(mm)),
+            Some(JunctionWidth::UnderOneMm) => (WidthVerdict::UnderOneMm, None),
+            Some(JunctionWidth::OverSixMm) => (WidthVerdict::OverSixMm, None),
+            None => (WidthVerdict::Undefined, None),
+        };
+        JunctionWidthView { verdict, mm }
+    }
+}
+
+fn in_voxels(field: &DepthField, position: DVec3) -> glam::Vec3 {
+    let voxel_from_patient = field.grid().voxel_from_patient();
+    voxel_from_patient.transform_point3(position).as_vec3()
+}

@@ -1,0 +1,69 @@
+//! The maps of a case, or why it has none.
+
+use analysis::{MapKind, StoredMap};
+use case::CandidateFacts;
+use serde::{Deserialize, Serialize};
+
+use super::bytes::Reader;
+use crate::maps::{CaseMaps, MAPS_FORMAT, MapsOrReason};
+
+/// The longest head that is read.
+const MAX_HEAD_BYTES: u32 = 1 << 20;
+
+/// What stands before the maps in their object.
+#[derive(Debug, Serialize, Deserialize)]
+struct ObjectHead {
+    format: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    undefined: Option<String>,
+    #[serde(default)]
+    candidates: Vec<CandidateFacts>,
+}
+
+/// The payload of maps, or of the reason for none.
+pub fn encode_maps(maps: &MapsOrReason) -> Vec<u8> {
+    let head = ObjectHead {
+        format: MAPS_FORMAT,
+        undefined: maps.as_ref().err().cloned(),
+        candidates: maps
+            .as_ref()
+            .map_or_else(|_| Vec::new(), |maps| maps.candidates.clone()),
+    };
+    let head = serde_json::to_vec(&head).expect("numbers and names");
+    let mut bytes = Vec::new();
+    let mut part = |part: &[u8]| {
+        bytes.extend_from_slice(&(part.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(part);
+    };
+    part(&head);
+    for map in maps.iter().flat_map(|maps| &maps.maps) {
+        part(&map.to_bytes());
+    }
+    bytes
+}
+
+/// The maps of a payload; `None` if it is damaged or of another format, and they must be computed again.
+pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
+    let mut reader = Reader(payload);
+    let length = reader.u32().filter(|&length| length <= MAX_HEAD_BYTES)?;
+    let head: ObjectHead = serde_json::from_slice(reader.take(length as usize)?).ok()?;
+    if head.format != MAPS_FORMAT {
+        return None;
+    }
+    if let Some(reason) = head.undefined {
+        return Some(Err(reason));
+    }
+    let mut maps = Vec::with_capacity(MapKind::ALL.len());
+    for kind in MapKind::ALL {
+        let length = reader.u32()?;
+        let map = StoredMap::from_bytes(reader.take(length as usize)?).ok()?;
+        if map.kind() != kind {
+            return None;
+        }
+        maps.push(map);
+    }
+    Some(Ok(CaseMaps {
+        maps,
+        candidates: head.candidates,
+    }))
+}

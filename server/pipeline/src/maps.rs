@@ -1,0 +1,212 @@
+//! The maps of a case: how sharp its junction of grey and white matter is, computed once and stored as one object.
+
+use analysis::{
+    Candidate, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined, MidsagittalPlane, Side,
+    StoredMap, WidthTable, midsagittal_plane,
+};
+use case::{CandidateFacts, CaseFacts, MapName, PatientSide, QualityState};
+use geometry::{DepthField, Envelope, Volume};
+use glam::DVec3;
+
+pub use analysis::{JunctionWidth, Scale, UNDEFINED as UNDEFINED_CODE};
+
+/// The version of the maps; part of the tags of everything that shows them.
+pub const MAPS_FORMAT: u32 = MAP_FORMAT;
+
+/// The maps of a case.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaseMaps {
+    /// One for each name, in the order of [`MapKind::ALL`].
+    pub(crate) maps: Vec<StoredMap>,
+    /// The places that are blurred most, highest first.
+    pub candidates: Vec<CandidateFacts>,
+}
+
+/// The maps of a case, or why it has none, in a sentence.
+pub type MapsOrReason = Result<CaseMaps, String>;
+
+impl CaseMaps {
+    /// One of the maps.
+    pub fn map(&self, name: MapName) -> &StoredMap {
+        &self.maps[kind_of(name) as usize]
+    }
+
+    /// The maps with their names.
+    pub fn into_named(self) -> impl Iterator<Item = (MapName, StoredMap)> {
+        let named = |map: StoredMap| (name_of(map.kind()), map);
+        self.maps.into_iter().map(named)
+    }
+}
+
+/// The unit of a map's values; empty if they have none.
+pub fn map_unit(name: MapName) -> &'static str {
+    kind_of(name).unit()
+}
+
+/// From the sharpness of a junction to its width, on voxels of these edges.
+pub fn width_table(spacing_mm: [f64; 3]) -> WidthTable {
+    MapParameters::STANDARD.width_table(spacing_mm)
+}
+
+/// The plane at which a case is mirrored: the stored one, or for a case that was prepared before there was one, that of its envelope.
+pub fn mirror_plane(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MidsagittalPlane {
+    stored_plane(facts).unwrap_or_else(|| midsagittal_plane(envelope, volume))
+}
+
+/// The stored plane at which a case is mirrored.
+pub fn stored_plane(facts: &CaseFacts) -> Option<MidsagittalPlane> {
+    let plane = facts.midsagittal.as_ref()?;
+    MidsagittalPlane::new(DVec3::from_array(plane.normal), plane.offset_mm)
+}
+
+/// Computes the maps of a case; the reason if they are undefined.
+pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MapsOrReason {
+    let depth = DepthField::new(&geometry::distance_map(envelope));
+    maps_of(
+        facts,
+        volume,
+        &depth,
+        &mirror_plane(facts, envelope, volume),
+    )
+}
+
+/// The same of a case whose depth is at hand.
+pub fn maps_of(
+    facts: &CaseFacts,
+    volume: &Volume,
+    depth: &DepthField,
+    plane: &MidsagittalPlane,
+) -> MapsOrReason {
+    let quality = facts.quality.as_ref().map(|quality| quality.state);
+    if quality == Some(QualityState::Failed) {
+        return Err(MapsUndefined::FailedEnvelope.to_string());
+    }
+    let head = Head {
+        volume,
+        depth,
+        plane,
+    };
+    let mut maps =
+        analysis::maps(head, &MapParameters::STANDARD).map_err(|reason| reason.to_string())?;
+    let candidates = std::mem::take(&mut maps.candidates);
+    Ok(CaseMaps {
+        candidates: candidates.iter().map(candidate_facts).collect(),
+        maps: maps.into_maps(),
+    })
+}
+
+fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
+    CandidateFacts {
+        position_in_patient: candidate.position_in_patient.to_array(),
+        depth_mm: candidate.depth_mm,
+        side: match candidate.side {
+            Side::Left => PatientSide::Left,
+            Side::Right => PatientSide::Right,
+        },
+        score: candidate.score,
+        size_mm: candidate.size_mm,
+    }
+}
+
+fn kind_of(name: MapName) -> MapKind {
+    match name {
+        MapName::Blur => MapKind::Blur,
+        MapName::Sharpness => MapKind::Sharpness,
+        MapName::Asymmetry => MapKind::Asymmetry,
+        MapName::IntensityAsymmetry => MapKind::IntensityAsymmetry,
+        MapName::Junction => MapKind::Junction,
+    }
+}
+
+fn name_of(kind: MapKind) -> MapName {
+    match kind {
+        MapKind::Blur => MapName::Blur,
+        MapKind::Sharpness => MapName::Sharpness,
+        MapKind::Asymmetry => MapName::Asymmetry,
+        MapKind::IntensityAsymmetry => MapName::IntensityAsymmetry,
+        MapKind::Junction => MapName::Junction,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::OnceLock;
+    use std::sync::atomic::AtomicBool;
+
+    use geometry::phantom;
+
+    use super::*;
+    use crate::codec::{decode_maps, encode_maps};
+    use crate::testing::upload;
+    use crate::{Limits, Pipeline, Prepared};
+
+    /// A head of 2 mm with a blurred lesion in the right frontal lobe.
+    fn prepared() -> &'static Prepared {
+        static PREPARED: OnceLock<Prepared> = OnceLock::new();
+        PREPARED.get_or_init(|| {
+            let source = upload(&phantom::head(2.0));
+            let never = AtomicBool::new(false);
+            let prepared = Pipeline::default().prepare(
+                &source,
+                &case::Parameters::default(),
+                &Limits::default(),
+                &|_| {},
+                &never,
+            );
+            prepared.unwrap()
+        })
+    }
+
+    fn maps(facts: &CaseFacts) -> MapsOrReason {
+        let prepared = prepared();
+        compute_maps(facts, prepared.envelope(), prepared.built.model.volume())
+    }
+
+    #[test]
+    fn maps_come_back_from_their_payload_and_another_format_does_not() {
+        let maps = maps(&prepared().facts);
+        assert!(!maps.as_ref().unwrap().candidates.is_empty());
+        let payload = encode_maps(&maps);
+        assert_eq!(decode_maps(&payload), Some(maps));
+        for length in [0, 3, 4, 40, payload.len() / 2, payload.len() - 1] {
+            assert_eq!(decode_maps(&payload[..length]), None, "{length}");
+        }
+        let format = format!("{{\"format\":{MAPS_FORMAT}");
+        let place = payload
+            .windows(format.len())
+            .position(|part| part == format.as_bytes());
+        let mut other = payload;
+        other[place.unwrap() + format.len() - 1] = b'0';
+        assert_eq!(decode_maps(&other), None);
+    }
+
+    #[test]
+    fn a_mask_that_is_not_to_be_believed_gives_the_reason_in_place_of_maps() {
+        let mut facts = prepared().facts.clone();
+        facts.quality.as_mut().unwrap().state = QualityState::Failed;
+        let none = maps(&facts);
+        let reason = none.as_ref().unwrap_err();
+        assert!(reason.contains("mask is judged as failed"), "{reason}");
+        assert_eq!(decode_maps(&encode_maps(&none)), Some(none));
+    }
+
+    #[test]
+    fn a_case_without_a_stored_plane_gets_the_same_maps() {
+        let facts = CaseFacts {
+            midsagittal: None,
+            ..prepared().facts.clone()
+        };
+        assert_eq!(maps(&facts), maps(&prepared().facts));
+    }
+
+    #[test]
+    fn every_map_is_found_under_its_name() {
+        let maps = maps(&prepared().facts).unwrap();
+        for name in MapName::ALL {
+            assert_eq!(name_of(maps.map(name).kind()), name);
+            assert_eq!(maps.map(name).kind().name(), name.name());
+        }
+        let named: Vec<_> = maps.clone().into_named().collect();
+        assert!(named.iter().all(|(name, map)| maps.map(*name) == map));
+    }
+}

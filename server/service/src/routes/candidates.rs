@@ -1,0 +1,242 @@
+//! The places of a case at which the junction is least sharp, and what lies along the way through a point.
+
+use std::fmt::Write as _;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use bytes::Bytes;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{Format, Question};
+use crate::negotiate::media_type;
+use crate::problem::{AppError, Problem};
+use case::CandidateFacts;
+use cases::library::MapsState;
+use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of};
+use cases::profile::{PointProfile, Profile, profile};
+use cases::{Cases, Error};
+use pipeline::maps::MAPS_FORMAT;
+
+const JSON: &str = "application/json";
+const CSV: &str = "text/csv";
+
+/// The most candidates in one answer.
+const MAX_CANDIDATES: usize = 60;
+
+/// How many candidates are wanted.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct CandidatesQuery {
+    /// The most candidates in the answer, the highest of them.
+    #[serde(default = "default_limit")]
+    #[param(minimum = 1, maximum = 60, default = 20)]
+    limit: usize,
+}
+
+fn default_limit() -> usize {
+    20
+}
+
+impl Asked for CandidatesQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
+        Ok(check_count("limit", self.limit, 1, MAX_CANDIDATES)?)
+    }
+}
+
+/// The candidates of a case.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct CandidateList {
+    /// Highest first.
+    candidates: Vec<CandidateFacts>,
+}
+
+/// Places where the junction is less sharp than around it and on the other side
+///
+/// Most are normal: they are places to look at, and nothing is detected. As JSON, or with `Accept: text/csv` as CSV.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/candidates", tag = "layers",
+    params(("id" = String, Path, description = "The case"), CandidatesQuery),
+    responses(
+        (status = 200, description = "The places, highest first", content((CandidateList = "application/json"), (String = "text/csv"))),
+        (status = 304, description = "The client has it already"),
+        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case or its maps are not ready, or the maps are undefined", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_candidates(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    ApiQuery { asked: query, .. }: ApiQuery<CandidatesQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    let kind = media_type(&request, &[JSON, CSV])?;
+    let question = Question {
+        id,
+        route: "candidates",
+        query: &query,
+        request: &request,
+    };
+    let format = Format::of(kind)
+        .variant(format!("{kind} {MAPS_FORMAT}"))
+        .revalidated();
+    let work = async |_| {
+        let maps = maps_of(&cases.library, &id).await?;
+        let candidates = maps.candidates.iter().take(query.limit).copied().collect();
+        let list = CandidateList { candidates };
+        let body = match kind {
+            CSV => list.csv().into_bytes(),
+            _ => json(&list)?,
+        };
+        Ok(Bytes::from(body).into())
+    };
+    question.answer(&cases, format, work).await
+}
+
+fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
+    serde_json::to_vec(value).map_err(|_| Error::Internal.into())
+}
+
+impl CandidateList {
+    fn csv(&self) -> String {
+        let mut text =
+            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm\r\n".to_owned();
+        for (rank, candidate) in (1..).zip(&self.candidates) {
+            let [x, y, z] = candidate.position_in_patient;
+            let side = candidate.side.name();
+            let CandidateFacts {
+                depth_mm,
+                score,
+                size_mm,
+                ..
+            } = candidate;
+            let row = format!("{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm}\r\n");
+            text.push_str(&row);
+        }
+        text
+    }
+}
+
+/// The point that a profile goes through.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct ProfileQuery {
+    /// LPS coordinates of a point below the envelope, in mm: `x,y,z`.
+    #[param(value_type = String, example = "-38,-42,30")]
+    position: Numbers<3>,
+}
+
+impl Asked for ProfileQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
+        if self.position.0.iter().any(|along| along.abs() > 1e4) {
+            let detail = "must be within -10000 to 10000 mm along each axis";
+            return Err(AppError::out_of_range("position", detail));
+        }
+        Ok(())
+    }
+}
+
+/// What lies along the way through a point, and through its mirror image
+///
+/// From the envelope inwards along the gradient of the depth: intensities, the maps, and at the point the width of the junction of grey
+/// and white matter. As JSON, or with `Accept: text/csv` the samples as CSV.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/profile", tag = "layers",
+    params(("id" = String, Path, description = "The case"), ProfileQuery),
+    responses(
+        (status = 200, description = "The profiles; without maps their values are null", content((Profile = "application/json"), (String = "text/csv"))),
+        (status = 304, description = "The client has it already"),
+        (status = 400, description = "A key or value of the query is wrong, or the point lies outside of the envelope", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case or its maps are not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_profile(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    ApiQuery { asked: query, .. }: ApiQuery<ProfileQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    let kind = media_type(&request, &[JSON, CSV])?;
+    cases.ready(&id).await?;
+    let maps = match cases.library.maps(&id).await? {
+        MapsState::Ready(maps) => Ok(maps),
+        MapsState::Undefined(reason) => Err(reason.to_string()),
+        MapsState::Off => Err(MAPS_OFF.to_owned()),
+        MapsState::Making => return Err(Error::LayerNotReady.into()),
+    };
+    let question = Question {
+        id,
+        route: "profile",
+        query: &query,
+        request: &request,
+    };
+    let has_maps = maps.is_ok();
+    let format = Format::of(kind)
+        .variant(format!("{kind} {MAPS_FORMAT} {has_maps}"))
+        .revalidated();
+    let work = async |_| {
+        let model = cases.model(&id).await?;
+        let position = DVec3::from_array(query.position.0);
+        let find = move || {
+            let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
+            profile(&model, maps, position)
+        };
+        let found = cases.queue.run(find).await??;
+        let body = match kind {
+            CSV => csv(&found).into_bytes(),
+            _ => json(&found)?,
+        };
+        Ok(Bytes::from(body).into())
+    };
+    question.answer(&cases, format, work).await
+}
+
+/// A row for each sample; what is undefined is empty.
+fn csv(profile: &Profile) -> String {
+    let mut text = "point,distance_mm,left_mm,posterior_mm,superior_mm,depth_mm,intensity,blur,sharpness,asymmetry,\
+                    intensity_asymmetry,junction\r\n"
+        .to_owned();
+    let points = [
+        ("own", Some(&profile.own)),
+        ("mirrored", profile.mirrored.as_ref()),
+    ];
+    for (name, PointProfile { samples, .. }) in points
+        .into_iter()
+        .filter_map(|(name, point)| Some((name, point?)))
+    {
+        for sample in samples {
+            let [x, y, z] = sample.position_in_patient;
+            let _ = write!(text, "{name},{},{x},{y},{z}", sample.distance_mm);
+            for value in [
+                sample.depth_mm,
+                sample.intensity,
+                sample.blur,
+                sample.sharpness,
+                sample.asymmetry,
+                sample.intensity_asymmetry,
+                sample.junction,
+            ] {
+                text.push(',');
+                if let Some(value) = value {
+                    let _ = write!(text, "{value}");
+                }
+            }
+            text.push_str("\r\n");
+        }
+    }
+    text
+}

@@ -1,0 +1,600 @@
+//! Maps of the junction of grey and white matter: made, stored, drawn and served.
+
+use std::io::Read as _;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::http::{Request, StatusCode};
+use cases::pictures::GpuUse;
+use geometry::{Grid, Mask, Rescale, Volume};
+use glam::DVec3;
+use isocortex::config::{Config, MapsUse};
+use serde_json::{Value, json};
+
+use crate::server::{Answer, Server};
+
+/// Half axes of the brain, in mm.
+const OUTLINE_MM: DVec3 = DVec3::new(62.0, 76.0, 56.0);
+/// How far below the outline fluid ends and white matter begins, in mm.
+const FLUID_MM: f64 = 5.0;
+const JUNCTION_MM: f64 = 12.0;
+/// The place at which the junction is blurred: on the patient's left, in front and above, LPS mm.
+const LESION: DVec3 = DVec3::new(36.0, -24.0, 26.0);
+const LESION_MM: f64 = 7.0;
+const SPACING_MM: f64 = 1.6;
+
+/// A smooth rise from 0 to 1 about 0, as wide as an error function of deviation 1.
+fn rise(place: f64) -> f64 {
+    1.0 / (1.0 + (-1.702 * place).exp())
+}
+
+/// About how far a position lies below the outline, in mm.
+fn below_outline(place: DVec3) -> f64 {
+    let scaled = place / OUTLINE_MM;
+    let radius = scaled.length().max(1e-9);
+    (1.0 - radius) * radius / (scaled / OUTLINE_MM).length().max(1e-9)
+}
+
+fn intensity(place: DVec3) -> f64 {
+    let below = below_outline(place);
+    if below < -4.0 {
+        return 0.0;
+    }
+    let into_lesion = (1.0 - (place.distance(LESION) - LESION_MM) / 2.0).clamp(0.0, 1.0);
+    let width_mm = 1.0 + 2.8 * into_lesion;
+    let white = rise((below - JUNCTION_MM) / width_mm);
+    let tissue = rise((below - FLUID_MM) / 0.8);
+    400.0 + 300.0 * (2.0 * tissue - 1.0 + white * tissue)
+}
+
+/// A head whose junction is blurred at one place on the left, as files: volume and mask.
+fn blurred_head() -> [Vec<u8>; 2] {
+    let size = [84, 102, 78];
+    let origin = DVec3::from_array(size.map(|side| (side - 1) as f64 / -2.0 * SPACING_MM));
+    let grid = Grid::aligned(size, [SPACING_MM; 3], origin).unwrap();
+    let place = |index: usize| {
+        let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
+        grid.patient_from_voxel().transform_point3(voxel)
+    };
+    let speckle = |index: usize| f64::from((index as u32).wrapping_mul(2_654_435_761) >> 24) / 32.0;
+    let count = grid.voxel_count();
+    let value = |index: usize| match intensity(place(index)) {
+        outside if outside <= 0.0 => 0,
+        inside => (inside + speckle(index)) as u16,
+    };
+    let unscaled = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+    let voxels = (0..count).map(value).collect();
+    let brain = (0..count).map(|index| below_outline(place(index)) > 0.0);
+    let mask = Mask::new(grid.clone(), brain.collect()).unwrap();
+    let volume = Volume::new(grid, voxels, unscaled).unwrap();
+    [
+        imaging::nifti::write_volume(&volume).unwrap(),
+        imaging::nifti::write_mask(&mask).unwrap(),
+    ]
+}
+
+async fn server_with(configure: impl FnOnce(&mut Config)) -> (Server, String) {
+    let server = Server::start_with(|config| {
+        config.render.gpu = GpuUse::Off;
+        configure(config);
+    })
+    .await;
+    let [volume, mask] = blurred_head();
+    let case = server
+        .prepared(&[("volume", &volume), ("mask", &mask)])
+        .await;
+    (server, case)
+}
+
+/// The answer once what it needs is no longer being made.
+async fn settled(server: &Server, address: &str) -> Answer {
+    for _ in 0..1200 {
+        let answer = server.get(address).await;
+        let is_waiting =
+            answer.status == StatusCode::CONFLICT && answer.problem() == "layer-not-ready";
+        if !is_waiting {
+            return answer;
+        }
+        assert_eq!(answer.header("retry-after"), "2");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    panic!("{address} is still being made");
+}
+
+/// A server with the blurred head, and its maps made.
+async fn ready() -> (Server, String) {
+    let (server, case) = server_with(|_| {}).await;
+    let answer = settled(&server, &format!("{case}/candidates")).await;
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    (server, case)
+}
+
+fn picture(answer: &Answer) -> image::RgbImage {
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    image::load_from_memory(&answer.body).unwrap().into_rgb8()
+}
+
+/// The coloured pixels of the left and of the right half of a picture.
+fn coloured(picture: &image::RgbImage) -> [usize; 2] {
+    let half = picture.width() / 2;
+    let is_coloured = |pixel: &image::Rgb<u8>| pixel.0[0].abs_diff(pixel.0[2]) > 24;
+    let count = |range: std::ops::Range<u32>| {
+        let pixels = picture.enumerate_pixels();
+        pixels
+            .filter(|(x, _, pixel)| range.contains(x) && is_coloured(pixel))
+            .count()
+    };
+    [count(0..half), count(half..picture.width())]
+}
+
+#[tokio::test]
+async fn a_blur_on_the_left_is_coloured_there_and_not_on_the_right() {
+    let (server, case) = ready().await;
+    let candidates = server.get(&format!("{case}/candidates")).await.json();
+    let first = &candidates["candidates"][0];
+    assert_eq!(first["side"], "left", "{candidates}");
+    let position: [f64; 3] = serde_json::from_value(first["position_in_patient"].clone()).unwrap();
+    let off_mm = DVec3::from_array(position).distance(LESION);
+    assert!(off_mm < 12.0, "{off_mm} mm: {first}");
+    let depth_mm = first["depth_mm"].as_f64().unwrap();
+    for renderer in ["splat", "trace", "mesh"] {
+        let sides = async |view: &str| {
+            let query =
+                format!("renderer={renderer}&view={view}&overlay=blur&width=200&height=200");
+            let address = format!("{case}/render?depth_mm={depth_mm}&{query}");
+            coloured(&picture(&server.get(&address).await))
+        };
+        assert!(
+            sides("left").await.iter().sum::<usize>() > 200,
+            "{renderer}"
+        );
+        assert_eq!(sides("right").await, [0, 0], "{renderer}");
+        // Facing the patient, the left is at the right of the picture; seen from above it is at the left.
+        let [left, right] = sides("anterior").await;
+        assert!(left == 0 && right > 50, "{renderer}: {left} {right}");
+        let [left, right] = sides("superior").await;
+        assert!(left > 50 && right == 0, "{renderer}: {left} {right}");
+    }
+    for (plane, along, is_at_right) in [("axial", 2, true), ("coronal", 1, true)] {
+        let address = format!(
+            "{case}/slices/{plane}?position_mm={}&overlay=blur&width=200&height=200",
+            position[along]
+        );
+        let [left, right] = coloured(&picture(&server.get(&address).await));
+        assert!(
+            is_at_right && left == 0 && right > 20,
+            "{plane}: {left} {right}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn pictures_without_layers_are_what_they_were_and_those_with_layers_are_not() {
+    let (server, case) = ready().await;
+    let plain = format!("{case}/render?depth_mm=12&width=160&height=160");
+    let before = server.get(&plain).await;
+    assert_eq!(before.grey().width(), 160);
+    assert!(before.header("cache-control").contains("immutable"));
+    let mut tags = vec![before.header("etag").to_owned()];
+    for layers in [
+        "overlay=blur",
+        "overlay=blur&overlay_opacity=0.5",
+        "overlay=blur&overlay_threshold=1",
+        "overlay=asymmetry&overlay_window=-3,3",
+        "overlay=sharpness&overlay_colormap=hot",
+        "layer=sharpness",
+        "layer=sharpness&overlay=blur",
+        "layer=junction&window=0.5,2",
+    ] {
+        let answer = server.get(&format!("{plain}&{layers}")).await;
+        assert_eq!(answer.status, StatusCode::OK, "{layers}: {answer:?}");
+        assert_ne!(answer.body, before.body, "{layers}");
+        assert_eq!(answer.header("cache-control"), "private, no-cache");
+        let tag = answer.header("etag").to_owned();
+        assert!(!tags.contains(&tag), "{layers}");
+        let known = [("if-none-match", tag.as_str())];
+        let again = server.get_with(&format!("{plain}&{layers}"), &known).await;
+        assert_eq!(again.status, StatusCode::NOT_MODIFIED);
+        tags.push(tag);
+    }
+    assert_eq!(server.get(&plain).await.body, before.body);
+}
+
+#[tokio::test]
+async fn an_annotated_picture_has_the_colours_of_its_overlay_and_the_state_names_it() {
+    let (server, case) = ready().await;
+    // From the right nothing but the legend is coloured.
+    let address = format!("{case}/render?depth_mm=12&view=right&overlay=blur&width=400&height=400");
+    let bare = picture(&server.get(&address).await);
+    assert_eq!(coloured(&bare), [0, 0]);
+    let answer = server.get(&format!("{address}&annotate=true")).await;
+    let [left, right] = coloured(&picture(&answer));
+    assert!(left == 0 && right > 300, "{left} {right}");
+    let reader = png::Decoder::new(std::io::Cursor::new(&answer.body))
+        .read_info()
+        .unwrap();
+    let texts = &reader.info().uncompressed_latin1_text;
+    let text = |name: &str| texts.iter().find(|text| text.keyword == name).unwrap();
+    assert_eq!(text("overlay").text, "blur");
+    assert_eq!(text("overlay_window").text, "2.5,6");
+    assert_eq!(text("overlay_colormap").text, "vermilion-yellow");
+}
+
+#[tokio::test]
+async fn many_pictures_have_layers_as_the_single_ones() {
+    let (server, case) = ready().await;
+    let post = async |body: Value| {
+        let request = Request::post(format!("{case}/renders")).header("accept", "*/*");
+        server
+            .send(request.body(Body::from(body.to_string())).unwrap())
+            .await
+    };
+    let one = |view: &str, overlay: Value| {
+        let size = 160;
+        json!({"depth_mm": 12, "view": view, "width": size, "height": size, "overlay": overlay})
+    };
+    let answer = post(json!({"renders": [one("left", json!("blur"))]})).await;
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    let mut zip = zip::ZipArchive::new(std::io::Cursor::new(&answer.body)).unwrap();
+    let mut png = Vec::new();
+    zip.by_index(0).unwrap().read_to_end(&mut png).unwrap();
+    let query = "depth_mm=12&view=left&width=160&height=160&overlay=blur";
+    let single = server.get(&format!("{case}/render?{query}")).await;
+    assert!(png == single.body);
+    let renders = [one("left", json!("blur")), one("right", Value::Null)];
+    let refused = post(json!({"sheet": true, "renders": renders})).await;
+    assert_eq!(refused.problem(), "body-value-out-of-range");
+    assert_eq!(refused.json()["parameter"], "renders[1]");
+    let renders = [one("left", json!("blur")), one("right", json!("asymmetry"))];
+    let sheet = post(json!({"sheet": true, "renders": renders})).await;
+    assert_eq!(sheet.status, StatusCode::OK, "{sheet:?}");
+    let wrong = post(json!({"renders": [one("left", json!("blurr"))]})).await;
+    assert_eq!(wrong.status, StatusCode::BAD_REQUEST);
+    assert_eq!(wrong.json()["parameter"], "renders[0].overlay");
+}
+
+#[tokio::test]
+async fn wrong_keys_of_layers_are_named() {
+    let (server, case) = ready().await;
+    for (query, kind, parameter) in [
+        ("overlay=smile", "query-value-unreadable", "overlay"),
+        ("layer=smile", "query-value-unreadable", "layer"),
+        (
+            "overlay_opacity=0.5",
+            "query-value-out-of-range",
+            "overlay_opacity",
+        ),
+        (
+            "overlay=blur&overlay_opacity=2",
+            "query-value-out-of-range",
+            "overlay_opacity",
+        ),
+        (
+            "overlay=blur&overlay_window=3,1",
+            "query-value-out-of-range",
+            "overlay_window",
+        ),
+        (
+            "overlay=blur&overlay_window=3",
+            "query-value-unreadable",
+            "overlay_window",
+        ),
+        (
+            "overlay=blur&overlay_threshold=NaN",
+            "query-value-out-of-range",
+            "overlay_threshold",
+        ),
+        (
+            "overlay=blur&overlay_colormap=jet",
+            "query-value-unreadable",
+            "overlay_colormap",
+        ),
+        ("overlays=blur", "query-unknown-key", ""),
+    ] {
+        for route in ["render", "slices/axial"] {
+            let answer = server.get(&format!("{case}/{route}?{query}")).await;
+            assert_eq!(
+                answer.status,
+                StatusCode::BAD_REQUEST,
+                "{query}: {answer:?}"
+            );
+            assert_eq!(answer.problem(), kind, "{query}");
+            let named = answer.json()["parameter"]
+                .as_str()
+                .unwrap_or_default()
+                .to_owned();
+            assert_eq!(named, parameter, "{query}");
+        }
+    }
+    for (route, status, kind) in [
+        ("layers/smile", 404, "no-such-layer"),
+        ("layers/smile/volume", 404, "no-such-layer"),
+        ("layers/smile/nifti", 404, "no-such-layer"),
+        ("candidates?limit=0", 400, "query-value-out-of-range"),
+        ("candidates?limit=61", 400, "query-value-out-of-range"),
+        ("profile", 400, "query-key-missing"),
+        ("profile?position=1,2", 400, "query-value-unreadable"),
+        ("profile?position=500,0,0", 400, "query-value-out-of-range"),
+        ("profile?position=1e9,0,0", 400, "query-value-out-of-range"),
+    ] {
+        let answer = server.get(&format!("{case}/{route}")).await;
+        assert_eq!(answer.status.as_u16(), status, "{route}: {answer:?}");
+        assert_eq!(answer.problem(), kind, "{route}");
+    }
+}
+
+#[tokio::test]
+async fn layers_are_listed_and_their_voxels_are_those_of_the_nifti() {
+    let (server, case) = ready().await;
+    let list = server.get(&format!("{case}/layers")).await.json();
+    let names: Vec<_> = list["layers"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|layer| layer["name"].as_str().unwrap())
+        .collect();
+    let expected = [
+        "blur",
+        "sharpness",
+        "asymmetry",
+        "intensity-asymmetry",
+        "junction",
+    ];
+    assert_eq!(names, expected);
+    for (number, name) in expected.into_iter().enumerate() {
+        let one = server.get(&format!("{case}/layers/{name}")).await.json();
+        assert_eq!(one, list["layers"][number]);
+        assert_eq!(one["state"], "ready");
+        let volume = server.get(&format!("{case}/layers/{name}/volume")).await;
+        assert_eq!(volume.status, StatusCode::OK, "{volume:?}");
+        let number = |header: &str| volume.header(header).parse::<f32>().unwrap();
+        let [scale, offset] = ["x-isocortex-scale", "x-isocortex-offset"].map(number);
+        assert_eq!(volume.header("x-isocortex-undefined"), "0");
+        assert_eq!(volume.header("x-isocortex-format"), "u8");
+        let size: Vec<usize> = volume
+            .header("x-isocortex-size")
+            .split(',')
+            .map(|side| side.parse().unwrap())
+            .collect();
+        assert_eq!(volume.body.len(), size.iter().product::<usize>());
+        let file = server.get(&format!("{case}/layers/{name}/nifti")).await;
+        assert!(
+            file.header("content-disposition")
+                .contains(&format!("{name}.nii.gz"))
+        );
+        let mut nifti = Vec::new();
+        flate2::read::GzDecoder::new(&file.body[..])
+            .read_to_end(&mut nifti)
+            .unwrap();
+        let numbers = nifti[352..].chunks_exact(4);
+        assert_eq!(numbers.len(), volume.body.len());
+        let mut defined = 0;
+        for (&code, bytes) in volume.body.iter().zip(numbers) {
+            let found = f32::from_le_bytes(bytes.try_into().unwrap());
+            assert_eq!(code == 0, found.is_nan());
+            if code > 0 {
+                let expected = f32::from(code) * scale + offset;
+                assert!(
+                    (found - expected).abs() < 1e-4,
+                    "{name}: {found} {expected}"
+                );
+                defined += 1;
+            }
+        }
+        assert!(defined > 1000, "{name}: {defined}");
+    }
+    let packed = [("accept-encoding", "zstd")];
+    let packed = server
+        .get_with(&format!("{case}/layers/blur/volume"), &packed)
+        .await;
+    let whole = server.get(&format!("{case}/layers/blur/volume")).await;
+    assert_eq!(packed.header("content-encoding"), "zstd");
+    assert!(zstd::decode_all(&packed.body[..]).unwrap() == whole.body);
+}
+
+#[tokio::test]
+async fn candidates_descend_and_come_as_csv_as_well() {
+    let (server, case) = ready().await;
+    let list = server
+        .get(&format!("{case}/candidates?limit=5"))
+        .await
+        .json();
+    let list = list["candidates"].as_array().unwrap();
+    assert_eq!(list.len(), 5);
+    let scores: Vec<_> = list
+        .iter()
+        .map(|one| one["score"].as_f64().unwrap())
+        .collect();
+    assert!(scores.is_sorted_by(|a, b| a >= b), "{scores:?}");
+    let accept = [("accept", "text/csv")];
+    let csv = server
+        .get_with(&format!("{case}/candidates?limit=5"), &accept)
+        .await;
+    assert_eq!(csv.header("content-type"), "text/csv");
+    let text = String::from_utf8(csv.body.to_vec()).unwrap();
+    let rows: Vec<_> = text.split_terminator("\r\n").collect();
+    assert_eq!(rows.len(), 6);
+    assert!(
+        rows[1].starts_with("1,") && rows[1].contains(",left,"),
+        "{text}"
+    );
+}
+
+#[tokio::test]
+async fn a_profile_tells_how_wide_the_junction_is_on_both_sides() {
+    let (server, case) = ready().await;
+    let candidates = server.get(&format!("{case}/candidates")).await.json();
+    let position = &candidates["candidates"][0]["position_in_patient"];
+    let [x, y, z]: [f64; 3] = serde_json::from_value(position.clone()).unwrap();
+    let address = format!("{case}/profile?position={x},{y},{z}");
+    let profile = server.get(&address).await.json();
+    let [own, mirrored] = ["own", "mirrored"].map(|name| &profile[name]);
+    assert_eq!([&own["side"], &mirrored["side"]], ["left", "right"]);
+    let width = |point: &Value| point["junction_width"]["mm"].as_f64();
+    let [blurred, sharp] = [width(own).unwrap(), width(mirrored).unwrap_or(1.0)];
+    assert!(blurred > 1.4 * sharp, "{blurred} {sharp}");
+    assert!(own["point"]["blur"].as_f64().unwrap() > 2.5);
+    assert_eq!(own["point"]["position_in_patient"], *position);
+    let samples = own["samples"].as_array().unwrap();
+    let depths: Vec<_> = samples
+        .iter()
+        .map(|one| one["depth_mm"].as_f64().unwrap())
+        .collect();
+    assert!(depths.is_sorted(), "{depths:?}");
+    assert!(
+        depths[0] < 1.0 && *depths.last().unwrap() > 20.0,
+        "{depths:?}"
+    );
+    let intensities: Vec<_> = samples
+        .iter()
+        .map(|one| one["intensity"].as_f64().unwrap())
+        .collect();
+    let [first, last] = [intensities[0], *intensities.last().unwrap()];
+    assert!(first < 300.0 && last > 900.0, "{intensities:?}");
+    let csv = server.get_with(&address, &[("accept", "text/csv")]).await;
+    let text = String::from_utf8(csv.body.to_vec()).unwrap();
+    let rows = samples.len() + mirrored["samples"].as_array().unwrap().len();
+    assert_eq!(text.split_terminator("\r\n").count(), rows + 1);
+}
+
+/// The files of stored maps.
+fn stored_maps(server: &Server) -> Vec<std::path::PathBuf> {
+    let mut files = server.stored_files();
+    files.retain(|file| file.to_string_lossy().contains("maps"));
+    files
+}
+
+#[tokio::test]
+async fn a_restarted_server_serves_the_same_maps_and_makes_them_again_if_they_are_gone() {
+    let (server, case) = ready().await;
+    let routes = [
+        "candidates",
+        "layers/blur/volume",
+        "render?depth_mm=12&overlay=blur",
+    ];
+    let mut before = Vec::new();
+    for route in routes {
+        before.push(server.get(&format!("{case}/{route}")).await);
+    }
+    let server = server.restart().await;
+    for (route, before) in routes.iter().zip(&before) {
+        let after = server.get(&format!("{case}/{route}")).await;
+        assert_eq!(after.status, StatusCode::OK, "{route}: {after:?}");
+        assert!(after.body == before.body, "{route}");
+        assert_eq!(after.header("etag"), before.header("etag"));
+    }
+    let [file] = &stored_maps(&server)[..] else {
+        panic!("one object of maps: {:?}", server.stored_files());
+    };
+    let damages: [fn(&std::path::Path); 2] = [
+        |file| std::fs::remove_file(file).unwrap(),
+        |file| {
+            let mut bytes = std::fs::read(file).unwrap();
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 1;
+            std::fs::write(file, bytes).unwrap();
+        },
+    ];
+    let mut server = server;
+    for damage in damages {
+        // Nothing of the maps is in memory after a start.
+        server = server.restart().await;
+        damage(file);
+        let address = format!("{case}/{}", routes[0]);
+        let answer = server.get(&address).await;
+        assert_eq!(answer.status, StatusCode::CONFLICT);
+        assert_eq!(answer.problem(), "layer-not-ready");
+        assert_eq!(answer.header("retry-after"), "2");
+        let state = server.get(&case).await.json()["maps"]["state"].clone();
+        assert!(
+            ["making", "ready"].map(Value::from).contains(&state),
+            "{state}"
+        );
+        // The case itself stays ready meanwhile.
+        let plain = server.get(&format!("{case}/render?depth_mm=12")).await;
+        assert_eq!(plain.status, StatusCode::OK);
+        for (route, before) in routes.iter().zip(&before) {
+            let after = settled(&server, &format!("{case}/{route}")).await;
+            assert!(after.body == before.body, "{route}");
+        }
+        assert!(file.exists());
+    }
+    assert_eq!(
+        server.get(&case).await.json()["maps"],
+        json!({"state": "ready"})
+    );
+}
+
+#[tokio::test]
+async fn switched_off_there_are_no_maps_and_a_stored_case_gets_them_when_it_is_opened_later() {
+    let (server, case) = server_with(|config| config.limits.maps = MapsUse::Off).await;
+    let said = server.get(&case).await.json()["maps"].clone();
+    assert_eq!(said["state"], "off");
+    for route in [
+        "candidates",
+        "layers/blur/volume",
+        "render?overlay=blur",
+        "slices/axial?layer=blur",
+    ] {
+        let answer = server.get(&format!("{case}/{route}")).await;
+        assert_eq!(answer.status, StatusCode::CONFLICT, "{route}");
+        assert_eq!(answer.problem(), "maps-undefined");
+        assert!(
+            answer.json()["detail"]
+                .as_str()
+                .unwrap()
+                .contains("`limits.maps` is off")
+        );
+        assert_eq!(
+            answer.header("retry-after"),
+            "",
+            "to come again does not help"
+        );
+    }
+    let profile = server
+        .get(&format!("{case}/profile?position=30,-20,30"))
+        .await
+        .json();
+    assert_eq!(profile["own"]["point"]["blur"], Value::Null);
+    assert!(profile["maps_undefined"].as_str().unwrap().contains("off"));
+    assert!(stored_maps(&server).is_empty());
+    let server = server
+        .restart_with(|config| config.limits.maps = MapsUse::On)
+        .await;
+    // A picture is enough.
+    let opened = server.get(&format!("{case}/render?depth_mm=12")).await;
+    assert_eq!(opened.status, StatusCode::OK);
+    for _ in 0..1200 {
+        if !stored_maps(&server).is_empty() {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    let answer = settled(&server, &format!("{case}/candidates")).await;
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+}
+
+#[tokio::test]
+async fn a_head_of_coarse_voxels_has_no_maps_and_says_why() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let case = server.plain_case().await;
+    let answer = settled(&server, &format!("{case}/candidates")).await;
+    assert_eq!(answer.status, StatusCode::CONFLICT, "{answer:?}");
+    assert_eq!(answer.problem(), "maps-undefined");
+    let detail = answer.json()["detail"].clone();
+    assert!(detail.as_str().unwrap().contains("4.00 mm"), "{detail}");
+    let said = server.get(&case).await.json()["maps"].clone();
+    assert_eq!(said, json!({"state": "undefined", "reason": detail}));
+    let layer = server.get(&format!("{case}/layers/blur")).await.json();
+    assert_eq!(layer["state"], "undefined");
+    let refused = server.get(&format!("{case}/render?overlay=blur")).await;
+    assert_eq!(refused.problem(), "maps-undefined");
+    let plain = server.get(&format!("{case}/render")).await;
+    assert_eq!(plain.status, StatusCode::OK);
+    // The list of cases asks for no maps.
+    let list = server.get("/v1/cases").await.json();
+    assert_eq!(list["cases"][0].get("maps"), None);
+}
