@@ -15,7 +15,7 @@ use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
-use crate::models::{Models, WarmModel};
+use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
 use crate::pictures::{Graphics, GraphicsOptions};
 use crate::room::RoomToCheck;
 
@@ -27,9 +27,6 @@ const REMEMBERED_CASES: usize = 4096;
 
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
-
-/// For how long if the database cannot be reached.
-pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
 
 /// How the application is set up.
 #[derive(Debug, Clone)]

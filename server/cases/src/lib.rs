@@ -3,6 +3,7 @@
 //! It knows neither HTTP nor DICOM's network: what can go wrong is an [`Error`], which each protocol puts into its own words.
 
 mod application;
+mod cache;
 pub mod dicom;
 mod error;
 mod handover;

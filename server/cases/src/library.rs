@@ -2,6 +2,7 @@
 //!
 //! Everything but the uploaded files is derived from them: a derived object that is missing or damaged is made again here.
 
+mod desk;
 mod maps;
 #[cfg(test)]
 mod tests;
@@ -10,8 +11,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use self::maps::MapsDesk;
-pub use self::maps::{LoadedMaps, MapsState};
+use self::desk::MapsDesk;
+pub use self::desk::{LoadedMaps, MapsState};
 use crate::handover::Handover;
 use bytes::Bytes;
 use case::{

@@ -10,6 +10,9 @@ use crate::problem::AppError;
 /// zstd's own default: within a few percent of the best here at a hundredth of its time.
 const ZSTD_LEVEL: i32 = 3;
 
+/// What a packed NIfTI file is.
+pub(crate) const GZIP: &str = "application/gzip";
+
 /// How a body is compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coding {

@@ -1,171 +1,20 @@
 //! The maps of cases: made once after a case is ready, stored as one of its objects, and kept in memory while they are looked at.
 
-use std::collections::HashMap;
-use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 use bytes::Bytes;
-use case::{CandidateFacts, CaseFacts, CaseId, MapName, ObjectKind};
-use geometry::Grid;
-use glam::DAffine3;
+use case::{CaseFacts, CaseId, ObjectKind};
 use pipeline::codec::{decode_maps, decode_volume, encode_maps};
 use pipeline::envelope_of;
-use pipeline::maps::{CaseMaps, MapsOrReason, compute_maps, map_unit};
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
-use render::{KeyedLayer, Layer, LayerKey, LayerValues};
+use pipeline::maps::{MapsOrReason, compute_maps};
 use storage::{Publisher, StoreError, frame_all};
-use tokio::sync::Semaphore;
 
 use super::Library;
+use super::desk::{LoadedMaps, Make, MapsDesk, MapsState};
 
 /// The most cases whose maps wait to be made; others are taken up when they are asked for again.
 const MOST_WAITING: usize = 64;
-
-/// The fewest entries that the cache makes room for in its books.
-const EXPECTED_CASES: usize = 16;
-
-/// The maps of a case in memory, ready to be drawn.
-#[derive(Debug)]
-pub struct LoadedMaps {
-    key: u128,
-    grid: Grid,
-    layers: Vec<(MapName, Arc<Layer>)>,
-    /// The places that are blurred most, highest first.
-    pub candidates: Vec<CandidateFacts>,
-}
-
-impl LoadedMaps {
-    /// Takes over the maps of a case, whose layers get keys made of `key`.
-    pub fn new(key: u128, mut maps: CaseMaps) -> Self {
-        let candidates = std::mem::take(&mut maps.candidates);
-        let grid = maps.map(MapName::Blur).grid().clone();
-        let layers = maps.into_named().map(|(name, map)| {
-            let scale = map.scale();
-            let values = LayerValues::Codes {
-                least: scale.least,
-                step: scale.step,
-                codes: map.into_codes(),
-            };
-            let texts = [name.name(), map_unit(name)];
-            let layer = Layer::new(texts, &grid, DAffine3::IDENTITY, values);
-            (name, Arc::new(layer.expect("all maps have the same grid")))
-        });
-        Self {
-            key,
-            layers: layers.collect(),
-            grid,
-            candidates,
-        }
-    }
-
-    /// Where the voxels of all maps are: a block of the volume's own grid.
-    pub fn grid(&self) -> &Grid {
-        &self.grid
-    }
-
-    /// One of the maps.
-    pub fn layer(&self, name: MapName) -> &Arc<Layer> {
-        let found = self.layers.iter().find(|(other, _)| *other == name);
-        &found.expect("there is one of each name").1
-    }
-
-    /// One of the maps, and the key under which a graphics device keeps its texture.
-    pub fn keyed(&self, name: MapName) -> KeyedLayer {
-        KeyedLayer {
-            key: LayerKey(self.key ^ (1 + name as u128)),
-            layer: Arc::clone(self.layer(name)),
-        }
-    }
-
-    fn bytes(&self) -> u64 {
-        let layers = self.layers.iter();
-        layers.map(|(_, layer)| layer.bytes() as u64).sum()
-    }
-}
-
-/// How far the maps of a case are.
-#[derive(Debug, Clone)]
-pub enum MapsState {
-    /// They are there.
-    Ready(Arc<LoadedMaps>),
-    /// There are none, and why: a sentence.
-    Undefined(Arc<str>),
-    /// They are being made.
-    Making,
-    /// This server makes none.
-    Off,
-}
-
-/// What is remembered of the maps of a case.
-type Known = Result<Arc<LoadedMaps>, Arc<str>>;
-
-/// Whether maps that are there already are made again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Make {
-    IfMissing,
-    Again,
-}
-
-/// The maps in memory and those that are being made.
-pub(super) struct MapsDesk {
-    known: Cache<CaseId, Known, ByBytes>,
-    /// Waiting and at work. Held for moments.
-    making: Mutex<HashMap<CaseId, Make>>,
-    /// Of one case at a time: the filters take every core and some 100 MB.
-    one_at_a_time: Semaphore,
-}
-
-impl MapsDesk {
-    /// Nothing yet, and at most so many bytes in memory.
-    pub(super) fn new(cache_bytes: u64) -> Self {
-        Self {
-            known: new_cache(cache_bytes),
-            making: Mutex::default(),
-            one_at_a_time: Semaphore::new(1),
-        }
-    }
-
-    fn making(&self) -> MutexGuard<'_, HashMap<CaseId, Make>> {
-        self.making.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl fmt::Debug for MapsDesk {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("MapsDesk")
-            .field("known", &self.known.len())
-            .field("making", &self.making().len())
-            .finish_non_exhaustive()
-    }
-}
-
-#[derive(Debug, Clone)]
-struct ByBytes;
-
-impl Weighter<CaseId, Known> for ByBytes {
-    fn weight(&self, _: &CaseId, known: &Known) -> u64 {
-        known.as_ref().map_or(1, |maps| maps.bytes().max(1))
-    }
-}
-
-fn new_cache(cache_bytes: u64) -> Cache<CaseId, Known, ByBytes> {
-    // One shard: a shard cannot hold maps that are larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(EXPECTED_CASES)
-        .weight_capacity(cache_bytes)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
-}
 
 /// Why maps were not read.
 enum NotRead {
