@@ -3,6 +3,7 @@
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use imaging::Limits;
+use isocortex::config::MapsUse;
 use serde_json::Value;
 
 use crate::head::{SPACING_MM, head, mask_of, orientations, plain_head};
@@ -232,7 +233,8 @@ async fn other_parameters_make_a_version_of_the_same_mask() {
 
 #[tokio::test]
 async fn what_cannot_be_a_mask_is_refused_in_words_and_leaves_nothing() {
-    let server = Server::start().await;
+    // No maps are stored meanwhile.
+    let server = Server::start_with(|config| config.limits.maps = MapsUse::Off).await;
     let case = server.plain_case().await;
     let files = server.stored_files();
     let mask = mask_of(&plain_head());

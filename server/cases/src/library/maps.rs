@@ -15,7 +15,7 @@ use pipeline::maps::{CaseMaps, MapsOrReason, compute_maps, map_unit};
 use quick_cache::sync::{Cache, DefaultLifecycle};
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
-use storage::{Publisher, StoreError, frame_all};
+use storage::{ObjectName, Publisher, StoreError, frame_all};
 use tokio::sync::Semaphore;
 
 use super::Library;
@@ -101,7 +101,7 @@ pub enum MapsState {
 /// What is remembered of the maps of a case.
 type Known = Result<Arc<LoadedMaps>, Arc<str>>;
 
-/// Whether maps that are there already are made again.
+/// Whether it is enough that maps are stored, or they must be readable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Make {
     IfMissing,
@@ -270,11 +270,13 @@ impl Library {
         let Ok(_turn) = desk.one_at_a_time.acquire().await else {
             return Ok(());
         };
-        if make == Make::IfMissing {
-            let names = self.store().rows().objects(id).await?;
-            if names.iter().any(|name| name.kind == ObjectKind::Maps) {
-                return Ok(());
-            }
+        // Somebody else may have made them meanwhile.
+        let are_there = match make {
+            Make::IfMissing => self.maps_object(id).await?.is_some(),
+            Make::Again => self.read_maps(id).await?.is_some(),
+        };
+        if are_there {
+            return Ok(());
         }
         let begun = Instant::now();
         let compute = |facts: &CaseFacts, payloads: &[Bytes]| {
@@ -302,13 +304,18 @@ impl Library {
         Ok(())
     }
 
+    /// The object of the maps of a case; `None` if it has none yet.
+    async fn maps_object(&self, id: &CaseId) -> Result<Option<ObjectName>, StoreError> {
+        let names = self.store().rows().objects(id).await?;
+        Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
+    }
+
     /// The stored maps of a case; `None` if they are missing, damaged or of another version.
     async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
-        let names = self.store().rows().objects(id).await?;
-        if !names.iter().any(|name| name.kind == ObjectKind::Maps) {
+        let Some(name) = self.maps_object(id).await? else {
             return Ok(None);
-        }
-        let Some(payload) = self.store().read(id, &names, ObjectKind::Maps).await? else {
+        };
+        let Some(payload) = self.store().read(id, &[name], ObjectKind::Maps).await? else {
             return Ok(None);
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;
