@@ -1,5 +1,5 @@
-# Every command a person or the continuous integration needs; `make help` lists them.
-# The work is done by the small scripts in scripts/, so that each can also be run alone.
+# All commands for people and the continuous integration; `make help` lists them. The scripts in scripts/ do the work and can also
+# be run alone.
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
@@ -8,36 +8,36 @@ SHELL := /bin/bash
 help: ## list these commands
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-web: ## bundle the page into web/dist, which the server carries
+web: ## bundle the page into web/dist, which the program embeds
 	@scripts/web.sh
 
 demo: ## build, prepare a real head and serve the page at a printed address
 	@scripts/demo.sh
 
-test: ## set up what is missing, then format, lints and every test, the browser's included
+test: ## install what is missing, then check format and lints and run all tests, also in a browser
 	@scripts/setup.sh test
 	@scripts/test.sh all
 
-check: ## format, lints and the fast tests, with nothing installed
+check: ## check format and lints and run the fast tests; installs nothing
 	@scripts/test.sh fast
 
-faults: ## attack the program with everything in tests/faults/ and show what it does to it
+faults: ## attack the program with everything in tests/faults/ and report broken expectations
 	@scripts/faults.sh
 
-bench: ## count the instructions of every hot step and compare with the recorded base (without valgrind: times)
+bench: ## count the instructions of every hot step and compare with the recorded base (times, if valgrind is missing)
 	@scripts/bench.sh
 
 bench-record: ## record the counted instructions as the base
 	@scripts/bench.sh record
 
-bench-times: ## the time of every hot step
+bench-times: ## measure the time of every hot step
 	@scripts/bench.sh times
 
-bench-peers: ## measure other programs on the same head, turn by turn with ours
+bench-peers: ## measure other programs on the same head, in alternation with ours
 	@scripts/bench-peers.sh
 
-bench-registration: ## how far registrations of synthetic pairs are off, ours and SimpleITK's
+bench-registration: ## measure the error of registrations of synthetic pairs, ours and SimpleITK's
 	@scripts/bench-registration.sh
 
-setup: ## install what demo and test want from Debian, where that is allowed
+setup: ## install the Debian packages for demo and test, if allowed
 	@scripts/setup.sh all

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# How far registrations of synthetic pairs are off, ours and SimpleITK's on the same pairs. Arguments are heads, VOLUME:MASK
-# each; without any, those below ISOCORTEX_TEST_DATA. SimpleITK is fetched from PyPI into target/peers-registration.
+# Measures the error of registrations of synthetic pairs, ours and SimpleITK's on the same pairs. Arguments are heads as
+# VOLUME:MASK; without any, the heads below ISOCORTEX_TEST_DATA. SimpleITK is fetched from PyPI into target/peers-registration.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"

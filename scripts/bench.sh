@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# The benchmarks, in a release build, on one thread. Arguments: what to do, and parts of the names of steps to do it with.
-#   instructions  counts the instructions of every hot step with valgrind, prints the change against the recorded base, and
-#                 fails where a step takes more than 5 % more (this is what runs without arguments, where valgrind is installed)
-#   record        counts them and records them as the base: after a change that is meant, and after another compiler
-#   times         the time of each step, and Criterion's of each crate on a head of real size
+# Runs the benchmarks in a release build on one thread. Arguments: an action, and parts of the names of steps.
+#   instructions  counts the instructions of every hot step with valgrind, prints the change from the recorded base, and fails if a
+#                 step takes over 5 % more (the default if valgrind is installed)
+#   record        records the counts as the base, after an intended change or with another compiler
+#   times         measures the time of each step, and runs the Criterion benches of each crate on a head of real size
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -15,13 +15,13 @@ need_rust
 what=${1:-}
 [ $# = 0 ] || shift
 
-# The programs of steps, built; one path a line.
+# Builds the programs of steps and prints their paths, one per line.
 programs() {
   cargo bench --locked -q -p isocortex-bench --bench steps --no-run --message-format=json |
     sed -nE '/"kind":\["bench"\]/s/.*"executable":"([^"]+)".*/\1/p'
 }
 
-# Whether the name $1 holds one of the other arguments, or there are none.
+# Whether the name $1 contains one of the other arguments, or there are none.
 is_wanted() {
   local name=$1 part
   shift
@@ -30,13 +30,13 @@ is_wanted() {
   return 1
 }
 
-# The instructions of step $2 of program $1. Fails with 2 where valgrind does not know an instruction of it.
+# Prints the instructions of step $2 of program $1. Fails with 2 if valgrind lacks an instruction of it.
 count() {
   local out=$scratch/callgrind.out
   valgrind -q --tool=callgrind --collect-atstart=no --toggle-collect='*isocortex_counted_step*' \
     --callgrind-out-file="$out" "$1" --count "$2" >"$scratch/log" 2>&1 || {
     if grep -q 'Illegal opcode' "$scratch/log"; then
-      say "not counted, since this valgrind does not know an instruction of it: $2"
+      say "not counted, because this valgrind lacks an instruction of it: $2"
       return 2
     fi
     say "valgrind failed on $2:"
@@ -46,7 +46,7 @@ count() {
   sed -nE 's/^(totals|summary): ([0-9]+).*/\2/p' "$out" | tail -n 1
 }
 
-# Prints `name TAB instructions` for each step that the arguments want.
+# Prints `name TAB instructions` for each selected step.
 count_all() {
   local program name instructions
   for program in $programs; do
@@ -61,7 +61,7 @@ count_all() {
   done
 }
 
-# What the counts depend on beside the code.
+# Prints what the counts depend on besides the code.
 circumstances() {
   local program
   program=$(head -n 1 <<<"$programs")
@@ -82,7 +82,7 @@ compare() {
       printf "%16d  %+7.2f %%  %s%s\n", $2, 100 * (ratio - 1), $1, verdict
     }
     END {
-      printf "%d steps against the base (%s): %d take over %.0f %% more instructions\n", seen, substr(recorded, 3), slower, 100 * (most - 1)
+      printf "%d steps compared with the base (%s): %d take over %.0f %% more instructions\n", seen, substr(recorded, 3), slower, 100 * (most - 1)
       exit slower > 0
     }' "$BASE" "$found"
 }
@@ -114,14 +114,14 @@ case "$what" in
       [ -f "$BASE" ] || die "there is no base in $BASE; record one: scripts/bench.sh record"
       now=$(circumstances)
       [ "$now" = "$(head -n 1 "$BASE")" ] ||
-        say "other circumstances than the base's, so some change is theirs: now ${now#\# }; then $(head -n 1 "$BASE" | cut -c3-)"
+        say "the base was recorded with another setup, which may explain changes: now ${now#\# }; base $(head -n 1 "$BASE" | cut -c3-)"
       count_all "$@" >"$scratch/found"
       compare "$scratch/found"
     fi
     ;;
   times)
     if [ -z "${ISOCORTEX_TEST_DATA:-}" ]; then
-      say "ISOCORTEX_TEST_DATA is not set: benchmarks on real heads look beside the checkout, and say so if they find none."
+      say "ISOCORTEX_TEST_DATA is not set: benchmarks on real heads look beside the checkout and report if they find none."
     fi
     cargo bench --locked -p isocortex-bench --bench steps
     RAYON_NUM_THREADS=1 exec cargo bench --locked --workspace --exclude isocortex-bench --benches -- "$@"

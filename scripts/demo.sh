@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the server and serves a prepared head. Takes the arguments of `isocortex demo`.
+# Builds the server and serves a prepared head. Accepts the arguments of `isocortex demo`.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -9,14 +9,14 @@ if [ -z "${ISOCORTEX_DEMO_VOLUME:-}" ]; then
   if head=$(scripts/head.sh); then
     export ISOCORTEX_DEMO_VOLUME=$head/ch2.nii.gz ISOCORTEX_DEMO_MASK=$head/ch2bet.nii.gz
   else
-    say "no real head is to be had here; the demo takes a phantom head instead."
+    say "no real head is available; the demo uses a synthetic head."
   fi
 fi
 
 if network=$(scripts/network.sh); then
   export ISOCORTEX_NETWORK=$network
 else
-  say "without the network's weights, a head that comes without a mask has its brain found by tree pruning."
+  say "the network's weights are not available; tree pruning extracts the brains of heads without a mask."
 fi
 
 scripts/web.sh
@@ -24,10 +24,10 @@ say "building the server (the first time takes some minutes)"
 cargo build --release --locked --package isocortex --bin isocortex
 server=$(target_dir)/release/isocortex
 
-# Opens the page as soon as the server prints its address; the demo goes on whatever becomes of that.
+# Opens the page as soon as the server prints its address; the demo continues even if that fails.
 open_page() {
   local line address opened=
-  # An interrupt ends the server alone: what it says while it stops is still read here.
+  # An interrupt ends only the server; its last output is still read here.
   trap '' INT
   while IFS= read -r line; do
     printf '%s\n' "$line"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds the program, attacks it with each program of tests/faults/ (or those named), and says which expectations were broken.
-# ISOCORTEX_BINARY attacks another program instead, such as an older one.
+# Builds the program, attacks it with each program of tests/faults/ (or the named ones), and reports broken expectations.
+# Set ISOCORTEX_BINARY to attack another program, such as an older one.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"

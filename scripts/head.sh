@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Finds or fetches the demo's head: Colin27 (ch2.nii.gz) and its brain mask (ch2bet.nii.gz), both of Debian's
-# package mricron-data. Prints the folder that holds them; fails, with a word why, where there is none to be had.
+# Finds or fetches the demo's head: Colin27 (ch2.nii.gz) and its brain mask (ch2bet.nii.gz), from the Debian package
+# mricron-data. Prints the folder that contains them, or fails and reports why.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -8,7 +8,7 @@ set -euo pipefail
 readonly PACKAGE=mricron-data
 readonly UNPACKED=demo-data/mricron
 
-# The folder below $1 with both files, if any.
+# The folder below $1 with both files, if there is one.
 folder_below() {
   local volume
   [ -d "$1" ] || return 1
@@ -20,16 +20,16 @@ find_folder() {
   folder_below /usr/share/mricron || folder_below "$PWD/$UNPACKED"
 }
 
-# Fetches the package and unpacks it into the checkout: no right to install is needed for that.
+# Fetches the package and unpacks it into the checkout, which needs no right to install.
 unpack_package() {
   local scratch private
   { have apt-get && have dpkg-deb; } || {
-    say "no apt-get and dpkg-deb here to fetch $PACKAGE with"
+    say "apt-get and dpkg-deb are needed to fetch $PACKAGE"
     return 1
   }
   [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] || return 1
   scratch=$(mktemp -d)
-  # Lists and caches of our own: those of the machine may be empty, and only root may fill them.
+  # Separate lists and caches: those of the machine may be empty, and only root may fill them.
   mkdir -p "$scratch/lists/partial" "$scratch/cache/archives/partial"
   private=(-q -o "Dir::State::Lists=$scratch/lists" -o "Dir::Cache=$scratch/cache" -o Debug::NoLocking=1
     -o APT::Sandbox::User="$(id -un)" -o Acquire::Retries=2)
@@ -43,7 +43,7 @@ unpack_package() {
     rm -rf "$scratch"
     return 0
   fi
-  say "could not fetch $PACKAGE (no network, or not in this distribution). The last words of apt:"
+  say "could not fetch $PACKAGE (no network, or not in this distribution). The last output of apt:"
   tail -n 3 "$scratch/log" | sed 's/^/    /' >&2
   rm -rf "$scratch"
   return 1

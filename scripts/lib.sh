@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# What the scripts share. To be sourced; it changes into the root of the checkout.
+# Functions for the scripts. Source this file; it changes to the root of the checkout.
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 
@@ -16,8 +16,8 @@ need_rust() {
   have cargo || die "cargo is missing. Install a Rust toolchain (rustup is the usual way) and run this again."
 }
 
-# The command that gains the right to install, or failure where there is none.
-# ISOCORTEX_NO_INSTALL=1 forbids installing altogether.
+# Prints the command prefix for installing, or fails if this account may not install.
+# ISOCORTEX_NO_INSTALL=1 forbids installing.
 install_right() {
   [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] || return 1
   have apt-get || return 1
@@ -35,44 +35,44 @@ package_installed() {
   [ "$(dpkg-query -W -f '${db:Status-Status}' "$1" 2>/dev/null)" = installed ]
 }
 
-# Runs apt-get as $1 says, waiting for another one to finish, its words kept in the file $2.
+# Runs apt-get with the prefix $1, waits for other instances, and appends the output to the file $2.
 apt_get() {
   local right=$1 log=$2
   shift 2
-  # $right is one or more words of ours, split on purpose.
+  # $right is one or more words, split on purpose.
   # shellcheck disable=SC2086
   $right DEBIAN_FRONTEND=noninteractive apt-get -q -o DPkg::Lock::Timeout=300 -o Acquire::Retries=2 "$@" \
     >>"$log" 2>&1 </dev/null
 }
 
-# `apt-get update`; the lock on the lists is not waited for by apt itself.
+# `apt-get update`; apt itself does not wait for the lock on the lists.
 apt_update() {
   local right=$1 log=$2 attempt
   for attempt in 1 2 3 4 5 6; do
     : >"$log"
     apt_get "$right" "$log" update && return 0
     grep -q 'Could not get lock' "$log" || return 1
-    say "another apt is at work; waiting (${attempt} of 6)"
+    say "another apt is running; waiting (${attempt} of 6)"
     sleep 20
   done
   return 1
 }
 
-# Installs Debian packages; where that cannot be done, says why in one line and fails.
+# Installs Debian packages, or reports in one line why it cannot and fails.
 install_packages() {
   local right log status=0
   right=$(install_right) || {
-    say "not installed, since this account may not install packages here: $*"
+    say "not installed, because this account may not install packages: $*"
     return 1
   }
   log=$(mktemp)
   say "installing from Debian: $*"
-  # The lists at hand may be missing or stale, so a failure is followed by an update and one more try.
+  # The package lists may be missing or stale, so a failure leads to an update and a second attempt.
   apt_get "$right" "$log" install -y --no-install-recommends "$@" ||
     { apt_update "$right" "$log" && apt_get "$right" "$log" install -y --no-install-recommends "$@"; } ||
     status=$?
   if [ "$status" != 0 ]; then
-    say "could not install $* (no network, or not in this distribution). The last words of apt:"
+    say "could not install $* (no network, or not in this distribution). The last output of apt:"
     tail -n 4 "$log" | sed 's/^/    /' >&2
   fi
   rm -f "$log"

@@ -1,4 +1,4 @@
--- Requests for wrk: `wrk ... -s load.lua URL -- KIND CASE`. Depths and turns change, so that no cache of whole answers helps.
+-- Requests for wrk: `wrk ... -s load.lua URL -- KIND CASE`. Depths and angles vary, so that no cache of whole answers helps.
 local variants = 389
 local kind, case, count
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# How many requests a second a server of its own answers, with Debian's wrk: meshes, paths, pictures and the list of the cases, to
-# 1, 16, 64 and 256 connections. Server and clients share this machine. Prints a table; an answer 503 (come again later) counts as
-# an error. Arguments: seconds for each line (3), and the most connections (256).
+# Measures the requests per second of a separate server with Debian's wrk: meshes, paths, pictures and the list of cases, on 1, 16, 64
+# and 256 connections. Server and clients share this machine. Prints a table; an answer 503 counts as an error.
+# Arguments: seconds per line (3), and the greatest number of connections (256).
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -28,7 +28,7 @@ until page=$(grep -oE 'http://[^ ]+' "$scratch/said"); do
   sleep 0.2
 done
 address=${page%%/#*} case=${page##*/#}
-# The first answers read the case from the disk.
+# The first answers read the case from disk.
 for route in mesh "render?renderer=splat"; do curl -sS -o "$scratch/warm" "$address/v1/cases/$case/$route"; done
 
 {
@@ -43,4 +43,4 @@ for route in mesh "render?renderer=splat"; do curl -sS -o "$scratch/warm" "$addr
   done
 } | column -s, -t
 memory=$(awk '/^VmHWM/ { printf "%.0f", $2 / 1024 }' "/proc/$server/status" 2>/dev/null || true)
-[ -z "$memory" ] || say "The server held at most $memory MiB."
+[ -z "$memory" ] || say "The server used at most $memory MiB."

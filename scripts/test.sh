@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Runs the checks: `fast` (format, lints, unit tests) or `all` (also the integration, documentation and browser
-# tests). Every step runs even if an earlier one failed; the last line says what passed. One profile and one set
-# of features throughout, so that nothing is compiled twice.
+# Runs the checks: `fast` (format, lints, unit tests) or `all` (also the integration, documentation and browser tests).
+# Every step runs even if an earlier one failed; the last line is a summary. All steps use one profile and one set of
+# features, so that nothing is compiled twice.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -12,7 +12,7 @@ passed=() failed=() skipped=() counted=0
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 
-# step NAME COMMAND...: runs it, shows it and remembers how it went.
+# step NAME COMMAND...: runs the command, shows its output and records the result.
 step() {
   local name=$1 started=$SECONDS
   shift
@@ -31,7 +31,7 @@ skip() {
   skipped+=("$1")
 }
 
-# Adds the tests that the last step's runner says it passed (cargo test, nextest and node print it differently).
+# Adds the number of tests that the last step reports as passed (cargo test, nextest and node print it differently).
 count_tests() {
   local number
   while read -r number; do
@@ -42,7 +42,7 @@ count_tests() {
     -e 's/^[#ℹ] pass ([0-9]+)$/\1/p')
 }
 
-# rust_tests TARGETS...: with nextest where it is installed.
+# rust_tests TARGETS...: uses nextest if it is installed.
 rust_tests() {
   if have cargo-nextest; then
     cargo nextest run --locked --workspace --no-fail-fast --no-tests=pass "$@"
@@ -60,7 +60,7 @@ browser_tests() {
 
 [ -d "${ISOCORTEX_TEST_DATA:-../shared/data}" ] ||
   skip 'tests on real heads' 'set ISOCORTEX_TEST_DATA to their folder'
-# The server carries the page: nothing can be compiled without it.
+# The program embeds the page, so it must be bundled before anything is compiled.
 scripts/web.sh
 step format cargo fmt --all --check
 step lints cargo clippy --locked --workspace --all-targets -- -D warnings

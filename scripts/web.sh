@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Bundles the page into web/dist, which the server carries; fetches the bundler first where it is missing or stale.
+# Bundles the page into web/dist, which the program embeds; first fetches the bundler if it is missing or stale.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -9,8 +9,8 @@ if ! have node || ! have npm; then
 fi
 if ! [ web/node_modules/.package-lock.json -nt web/package-lock.json ]; then
   [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] ||
-    die "web/node_modules is missing or stale; run npm ci in web/ (ISOCORTEX_NO_INSTALL=1 forbids doing it from here)."
-  say "fetching what bundles and tests the page (npm ci in web/)"
+    die "web/node_modules is missing or stale, and ISOCORTEX_NO_INSTALL=1 forbids installing; run npm ci in web/."
+  say "fetching the packages that bundle and test the page (npm ci in web/)"
   npm ci --prefix web --no-audit --no-fund --ignore-scripts --loglevel=error
 fi
 node web/build.mjs

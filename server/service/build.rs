@@ -1,8 +1,10 @@
-//! Looks for the bundled page, which the program carries.
+//! Lists the bundled page, which the program carries.
 
-use std::path::PathBuf;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
 
-/// What `web/build.mjs` makes.
+/// What `web/build.mjs` makes in any case; the scripts that are fetched on demand have names of their own.
 const FILES: [&str; 6] = [
     "index.html",
     "main.js",
@@ -16,13 +18,32 @@ fn main() {
     // Asked while running: a program that was built for another checkout may be run for this one.
     let package = std::env::var_os("CARGO_MANIFEST_DIR").expect("cargo names the package's folder");
     let folder = PathBuf::from(package).join("../../web/dist");
+    println!("cargo::rerun-if-changed={}", folder.display());
     for name in FILES {
-        let file = folder.join(name);
-        println!("cargo::rerun-if-changed={}", file.display());
-        if !file.is_file() {
+        if !folder.join(name).is_file() {
             println!(
                 "cargo::error=web/dist/{name} is missing: run `make web` to bundle the page (it needs Node and npm)"
             );
         }
     }
+    let out = std::env::var_os("OUT_DIR").expect("cargo names the folder for what is made");
+    fs::write(PathBuf::from(out).join("page_files.rs"), list(&folder))
+        .expect("the list is written");
+}
+
+/// The files with their bytes, as an expression: a slice of names and bytes in the order of the names.
+fn list(folder: &Path) -> String {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+    paths.sort();
+    let mut text = String::from("&[\n");
+    for path in paths.iter().filter(|path| path.is_file()) {
+        println!("cargo::rerun-if-changed={}", path.display());
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let path = path.canonicalize().expect("a file that is there");
+        writeln!(text, "    ({name:?}, include_bytes!({path:?}).as_slice()),")
+            .expect("a string takes all");
+    }
+    text.push_str("]\n");
+    text
 }

@@ -24,6 +24,8 @@ import {
   shown,
   skip,
   startServer,
+  typeDepth,
+  until,
 } from "./support.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
@@ -89,7 +91,9 @@ test("a volume and its mask that are dropped become a case, which is shown when 
     { name: "DOE-JANE-mask.nii", bytes: brainMask() },
     { name: "DOE-JANE.nii", bytes: markedVolume() },
   ]);
-  assert.match(await page.locator(".chosen").innerText(), /Volume, 0\.6 MB · mask, 0\.6 MB/);
+  await page.waitForFunction(() =>
+    /Volume, 0\.6 MB · mask, 0\.6 MB/.test(document.querySelector(".chosen")?.textContent ?? ""),
+  );
   await page.locator("#upload-name").fill("Marked");
   await page.locator("#upload button[type=submit]").click();
   await page.waitForSelector(row("ready"), { timeout: 60_000 });
@@ -233,7 +237,7 @@ test(
     assert.ok(there < 0.45, String(there));
     await page.locator("dialog.server-picture button[value=close]").click();
     const waiting = page.waitForEvent("download");
-    await page.getByRole("button", { name: "Screenshot" }).click();
+    await page.getByRole("button", { name: "Save picture" }).click();
     const saved = await markIn(await readFile(await (await waiting).path()), "the screenshot");
     assert.ok(saved < 0.45, String(saved));
   },
@@ -296,7 +300,7 @@ test(
     await shown(page);
     await page.locator(".layouts button[value=slices]").click();
     await page.getByRole("button", { name: "Superior", exact: true }).click();
-    await page.locator("#depth").fill("11.5");
+    await typeDepth(page, 11.5);
     await page.locator("#zoom").fill("1");
     const left = await fragment(page);
     await page.locator("#upload-name").fill("Second");
@@ -333,7 +337,7 @@ test(
     assert.deepEqual([second.d, second.v, second.l, second.z], ["11.5", "superior", "slices", undefined]);
     assert.equal(await page.locator(".fresh-badge:visible").count(), 0, "it is new no more");
     await page.getByRole("button", { name: "Anterior", exact: true }).click();
-    await page.locator("#depth").fill("4");
+    await typeDepth(page, 4);
     await rested(page);
     await go("Marked");
     await shown(page);
@@ -366,7 +370,13 @@ test(
         { name: "again-mask.nii", bytes: brainMask() },
         { name: "again.nii", bytes: markedVolume() },
       ]);
-      assert.equal(await page.locator(".chosen-names").innerText(), "again.nii\nagain-mask.nii");
+      assert.equal(
+        await until(
+          () => page.locator(".chosen-names").innerText(),
+          (names) => names !== "",
+        ),
+        "again.nii\nagain-mask.nii",
+      );
       await page.locator("#upload-name").fill(name);
       await page.locator("#upload button[type=submit]").click();
     };
@@ -452,7 +462,7 @@ test(
     await slow.page.goto(`${origin}/?renderer=server#${id}`);
     await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
     assert.equal(await slow.page.locator(".viewer[data-loaded=true]").count(), 0, "the volume is still on its way");
-    await slow.page.waitForFunction(() => /\d MB/.test(document.querySelector(".notices")?.textContent ?? ""));
+    await slow.page.waitForFunction(() => /\d MB/.test(document.querySelector(".loading-line")?.textContent ?? ""));
     await slow.page.locator(".cancel-load").click();
     await slow.page.waitForFunction(() => document.querySelector("#live")?.textContent === "Loading was cancelled.");
     await slow.context.close();
@@ -499,9 +509,12 @@ test(
 test("a server that dies is missed in words, and found again when it is back", { skip, timeout: 90_000 }, async () => {
   const port = Number(new URL(origin).port);
   await server.stop("SIGKILL");
-  await page.locator("#depth").fill("6.5");
+  await typeDepth(page, 6.5);
   await page.waitForSelector("#silence:not([hidden])", { timeout: 20_000 });
   assert.match(await page.locator("#silence").innerText(), /does not answer/);
+  // It is said once, and in words.
+  const said = await page.evaluate(() => document.body.innerText.match(/does not answer|unreachable/gi)?.length);
+  assert.equal(said, 1);
   server = await startServer({ command: "serve", data: path.join(scratch.folder, "data"), port });
   await page.waitForSelector("#silence", { state: "hidden", timeout: 20_000 });
   await page.waitForSelector("#surface[data-depth='6.5']", { timeout: 20_000 });

@@ -167,12 +167,15 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
 async function servePage(context: BrowserContext): Promise<void> {
   const folder = process.env.ISOCORTEX_PAGE;
   if (!folder) return;
-  const file = /^\/(|main\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
+  const file = /^\/(|[\w-]+\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
   await context.route(
     (url) => file.test(url.pathname),
     async (route) => {
       const name = new URL(route.request().url()).pathname.slice(1) || "index.html";
-      const response = await route.fetch();
+      // The program has other names for the parts of its own page; its headers are the same for all scripts.
+      const response = await route.fetch(
+        name.endsWith(".js") ? { url: new URL("/main.js", route.request().url()).href } : {},
+      );
       await route.fulfill({ response, body: await readFile(path.resolve(ROOT, folder, name)) });
     },
   );
@@ -266,6 +269,12 @@ export async function until<Value>(
     if (isGood(value) || Date.now() > deadline) return value;
     await new Promise((resolve) => setTimeout(resolve, 50));
   }
+}
+
+/** Types a depth into its box. */
+export async function typeDepth(page: Page, depth_mm: number): Promise<void> {
+  await page.locator("#depth-number").fill(String(depth_mm));
+  await page.keyboard.press("Enter");
 }
 
 /** The parts of the address's fragment: `id` and the rest by key. */

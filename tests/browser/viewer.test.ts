@@ -20,6 +20,7 @@ import {
   shown,
   skip,
   startServer,
+  typeDepth,
   until,
 } from "./support.ts";
 
@@ -59,7 +60,10 @@ const reset = async (): Promise<void> => {
   await page.goto(`${origin}#${id}`);
   await page.locator(".layouts button[value=single]").click();
   await page.getByRole("button", { name: "Reset the view" }).click();
-  await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "8");
+  await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "10");
+  // What the test before has shown may still be there.
+  const { x, d } = await fragment(page);
+  assert.deepEqual([x, d], [undefined, undefined]);
 };
 const surface = async (): Promise<{ x: number; y: number; width: number; height: number }> => {
   const box = await page.locator("#surface").boundingBox();
@@ -228,14 +232,14 @@ test("everything that a drag does a button does as well", { skip }, async () => 
   await click("Deeper");
   await click("Deeper");
   await click("Shallower");
-  assert.equal(await depth(), 8.5);
+  assert.equal(await depth(), 10.5);
   await click("Superior");
   assert.equal((await fragment(page)).v, "superior");
   await click("Narrow");
   assert.ok((await fragment(page)).w);
   await page.locator("#zoom").fill("1");
   assert.equal((await fragment(page)).z, "2");
-  await page.locator("#depth").fill("12");
+  await typeDepth(page, 12);
   assert.equal(await depth(), 12);
 });
 
@@ -279,7 +283,7 @@ test("a double click marks a point: slices, numbers and the depth profile follow
   assert.ok(left > 20, "the left view shows the left side: LPS counts to the left");
   assert.match(await text(".point .position"), /^L\s\d+\.\d · [AP]\s\d+\.\d · [SI]\s\d+\.\d$/);
   assert.match(await text(".point .voxel"), /^\d+, \d+, \d+$/);
-  assert.equal(await text(".point .depth"), "8.0 mm");
+  assert.equal(await text(".point .depth"), "10.0 mm");
   assert.match(await text(".point .intensity"), /^\d/);
   await page.waitForFunction(
     (position) =>
@@ -428,7 +432,7 @@ test("a late answer never stands over a newer one", { skip }, async () => {
     if ((held += 1) === 1) await new Promise((resolve) => setTimeout(resolve, 1200));
     await route.continue();
   });
-  for (const value of ["9", "10", "11.5"]) await page.locator("#depth").fill(value);
+  for (const value of [9, 12, 11.5]) await typeDepth(page, value);
   await page.waitForSelector(".slice.axial[data-depth='11.5']");
   await page.waitForTimeout(600);
   assert.equal(await page.locator(".slice.axial").getAttribute("data-depth"), "11.5");
@@ -570,7 +574,7 @@ test("letters, cube, colour bar, scale, depth and notice are those of the pictur
     Math.abs((bar?.width ?? 0) - (mm * Math.min(pane.width, pane.height)) / (2 * sphere)) < 1.5,
     "the scale bar is as long as it says",
   );
-  assert.match(await text("#surface .overlay:not(.other) .pane-title"), /^8\.0 mm/);
+  assert.match(await text("#surface .overlay:not(.other) .pane-title"), /^10\.0 mm/);
   assert.equal(await text(".research"), "For research use only. Not for diagnosis.");
   assert.match(await text("#surface .overlay:not(.other) .pane-notice"), /research use only/i);
 });
@@ -593,14 +597,14 @@ test("the address holds the state: a reload restores it, Back goes back, nonsens
   assert.equal(await depth(), 11.2);
   await page.goto(`${origin}#${id}&d=abc&v=up&q=0,0,0,0&x=999,999,999&%E0%A4%A&z=2`);
   await page.waitForSelector("#surface[data-drawn=true]");
-  const remark = await text(".remark span");
+  const remark = await text(".notices .remark span");
   for (const part of ["d=abc", "v=up", "q=0,0,0,0", "x=999,999,999", "%E0%A4%A"])
     assert.ok(remark.includes(part), remark);
   assert.ok(!remark.includes("z=2"), remark);
   assert.equal((await fragment(page)).z, "2", "what can be read is taken");
   await keep(page, "unread-address");
-  await page.locator(".remark button").click();
-  await page.waitForSelector(".remark", { state: "hidden" });
+  await page.locator(".notices .remark button").click();
+  await page.waitForSelector(".notices .remark", { state: "hidden" });
   for (const nonsense of [`#${id.slice(1)}`, "#%%%", "#<img src=x>", "#&&&", `#x${id}`]) {
     await page.goto(`${origin}${nonsense}`);
     await page.waitForFunction(() => /names no case/.test(document.querySelector("#case-note")?.textContent ?? ""));
@@ -624,9 +628,9 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   await reset();
   await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
   const waiting = page.waitForEvent("download");
-  await page.getByRole("button", { name: "Screenshot" }).click();
+  await page.getByRole("button", { name: "Save picture" }).click();
   const download = await waiting;
-  assert.equal(download.suggestedFilename(), `isocortex-${id.slice(0, 8)}-8.0mm.png`);
+  assert.equal(download.suggestedFilename(), `isocortex-${id.slice(0, 8)}-10.0mm.png`);
   const png = readFileSync(await download.path());
   const box = await page.locator(".panes").boundingBox();
   assert.equal(png.readUInt32BE(16), Math.round(box?.width ?? 0));
@@ -636,18 +640,18 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   const address = await page.locator("#server-address").inputValue();
   const answer = await fetch(address);
   assert.equal(answer.headers.get("content-type"), "image/png");
-  assert.match(address, /depth_mm=8&view=left/);
+  assert.match(address, /depth_mm=10&view=left/);
   await page.locator("dialog.server-picture button[value=close]").click();
 });
 
 test("what is shown is read out: depth, side, place and grey", { skip }, async () => {
   await reset();
   await page.waitForFunction(() =>
-    /^Depth 8\.0 millimetres, Left\. Middle of the picture: L\s\d.* millimetres, 8\.0 millimetres deep, grey \d/.test(
+    /^Depth 10\.0 millimetres, Left\. Middle of the picture: L\s\d.* millimetres, 10\.0 millimetres deep, grey \d/.test(
       document.querySelector("#surface-keys")?.textContent ?? "",
     ),
   );
-  await page.locator("#depth").fill("14.5");
+  await typeDepth(page, 14.5);
   await page.waitForFunction(() => document.querySelector("#live")?.textContent?.includes("Depth 14.5 millimetres"));
 });
 
@@ -712,7 +716,7 @@ test(
         await page.locator("#add").evaluate((form) => form.setAttribute("open", ""));
         await check(`${language} ${theme}`);
         if (theme === "light") await keep(page, `light-${language}`);
-        for (const layout of ["single", "mirror"]) {
+        for (const layout of ["single", "mirror", "both"]) {
           await page.locator(`.layouts button[value=${layout}]`).click();
           await page.waitForSelector(`body[data-layout=${layout}]`);
           await check(`${language} ${theme} ${layout}`);
@@ -720,7 +724,8 @@ test(
         for (const [name, opener] of [
           ["help", ".bar .icon-button >> nth=-1"],
           ["confirm-delete", "#case-list .delete"],
-          ["server-picture", ".panel .group:last-child button >> nth=1"],
+          ["server-picture", ".panel .group:last-child button >> nth=2"],
+          ["series", ".panel .group:last-child button >> nth=3"],
         ] as const) {
           await page.locator(opener).click();
           await page.waitForSelector(`dialog.${name}`);
@@ -759,12 +764,12 @@ test("a tablet shows every view without scrolling sideways", { skip }, async () 
   await page.setViewportSize({ width: 820, height: 1180 });
   await page.reload();
   await shown(page);
-  for (const layout of ["single", "slices", "mirror"]) {
+  for (const layout of ["single", "slices", "mirror", "both"]) {
     await page.locator(`.layouts button[value=${layout}]`).click();
     await page.waitForSelector(`body[data-layout=${layout}]`);
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= 820), layout);
     assert.ok((await surface()).height > 350, layout);
-    if (layout === "slices")
+    if (layout === "slices" || layout === "both")
       await page.waitForFunction(() => document.querySelectorAll(".slice-image img").length === 3);
     await keep(page, `tablet-${layout}`);
   }

@@ -35,8 +35,11 @@ struct Layer {
     never_others: &'static [&'static str],
 }
 
-/// What speaks HTTP or reads a command line: the business of `service`, `pacs` and the program alone.
-const PROTOCOLS: &[&str] = &["axum", "hyper", "tower-http", "clap", "utoipa"];
+/// What serves HTTP or reads a command line: the business of `service`, `pacs` and the program alone.
+const PROTOCOLS: &[&str] = &["axum", "tower-http", "clap", "utoipa"];
+
+/// What speaks HTTP: `storage` asks object stores by it, and nothing below does.
+const HTTP: &[&str] = &["hyper"];
 
 const FILES_AND_TASKS: &[&str] = &["tokio", "sqlx", "object_store"];
 
@@ -188,11 +191,12 @@ fn no_layer_needs_what_is_above_or_beside_it() {
         match layer.name {
             "service" => {}
             // A program of its own, which reads a command line and speaks no HTTP.
-            "bench" => assert_needs_none_of(&package, &needed, &["axum", "hyper", "tower-http"]),
+            "bench" => assert_needs_none_of(&package, &needed, &["axum", "tower-http"]),
             _ => assert_needs_none_of(&package, &needed, PROTOCOLS),
         }
         if !["storage", "cases", "service"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, FILES_AND_TASKS);
+            assert_needs_none_of(&package, &needed, HTTP);
         }
     }
 }

@@ -2,6 +2,7 @@
 
 mod agreement;
 mod attacks;
+mod backup;
 mod bad_input;
 mod dicom;
 mod extraction;
@@ -27,6 +28,7 @@ mod security;
 #[allow(dead_code, reason = "the tests of another crate use more of it")]
 mod series_builder;
 mod server;
+mod several_machines;
 mod sides;
 mod sockets;
 mod stored;

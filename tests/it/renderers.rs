@@ -431,3 +431,46 @@ async fn annotations_are_written_on_request_only() {
     assert_eq!(corner(&plain), 0);
     assert!(corner(&annotated) > 50);
 }
+
+#[tokio::test]
+async fn an_annotated_picture_names_its_case_and_follows_its_label() {
+    let server = without_graphics().await;
+    let head = crate::head::plain_head().bytes();
+    let labelled = async |name: &str| {
+        let parameters = format!(r#"{{"name": "{name}"}}"#);
+        server
+            .prepared(&[("volume", &head), ("parameters", parameters.as_bytes())])
+            .await
+    };
+    let case = labelled("First").await;
+    for picture in ["render?depth_mm=6", "slices/axial?position_mm=0"] {
+        let plain = server.get(&format!("{case}/{picture}")).await;
+        assert!(
+            plain.header("cache-control").contains("immutable"),
+            "{plain:?}"
+        );
+        let address = format!("{case}/{picture}&annotate=true");
+        let first = server.get(&address).await;
+        assert_eq!(
+            first.header("cache-control"),
+            "no-cache",
+            "its label may change"
+        );
+        let known = [("if-none-match", first.header("etag"))];
+        let again = server.get_with(&address, &known).await;
+        assert_eq!(again.status, StatusCode::NOT_MODIFIED);
+        assert_eq!(labelled("Another label").await, case);
+        let renamed = server.get_with(&address, &known).await;
+        assert_eq!(renamed.status, StatusCode::OK);
+        // Label, day and id stand in the first line, and nowhere else.
+        let (before, after) = (first.grey(), renamed.grey());
+        let differs = |(x, y): (u32, u32)| before.get_pixel(x, y) != after.get_pixel(x, y);
+        let places = (0..512).flat_map(|y| (0..512).map(move |x| (x, y)));
+        let rows: Vec<_> = places
+            .filter(|&place| differs(place))
+            .map(|(_, y)| y)
+            .collect();
+        assert!(rows.len() > 20 && rows.iter().all(|&y| y < 40), "{picture}");
+        assert_eq!(labelled("First").await, case);
+    }
+}

@@ -203,6 +203,22 @@ async fn a_sweep_goes_from_depth_to_depth() {
 }
 
 #[tokio::test]
+async fn a_sweep_comes_back_if_asked_to_and_shows_neither_end_twice() {
+    let (server, case) = server_and_case().await;
+    let render = json!({"width": 96, "height": 96});
+    let body = json!({"sweep": {"from_mm": 2, "to_mm": 8, "frames": 3, "there_and_back": true, "render": render}});
+    let peel = frames(&ask(&server, &case, &body).await);
+    assert_eq!(peel.len(), 4);
+    for (frame, depth) in peel.iter().zip([2, 5, 8, 5]) {
+        let still = pixels(&server, &case, &format!("depth_mm={depth}")).await;
+        assert!(*frame == still, "{depth} mm");
+    }
+    let long = json!({"sweep": {"from_mm": 2, "to_mm": 8, "frames": 130, "there_and_back": true, "render": render}});
+    let answer = ask(&server, &case, &long).await;
+    assert_eq!(answer.json()["parameter"], "sweep.frames", "{answer:?}");
+}
+
+#[tokio::test]
 async fn what_is_wrong_is_named_by_its_path() {
     let (server, case) = server_and_case().await;
     let wide = json!({"width": 4096, "height": 4096});

@@ -1,14 +1,17 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { COLOR_TABLE, colorRow } from "../src/gl/colors.ts";
+import tables from "../shaders/colors.json";
+import { COLOR_NAMES, colorRow, colorTable } from "../src/gl/colors.ts";
 
 test("colours are those of the server's tests", () => {
+  assert.deepEqual(Object.keys(tables).sort(), [...COLOR_NAMES].sort());
+  const table = colorTable(tables);
   const color = (name: Parameters<typeof colorRow>[0], level: number): number[] => {
     const start = 1024 * colorRow(name) + 4 * level;
-    return [...COLOR_TABLE.subarray(start, start + 4)];
+    return [...table.subarray(start, start + 4)];
   };
-  assert.equal(COLOR_TABLE.length, 7 * 1024);
+  assert.equal(table.length, 7 * 1024);
   assert.deepEqual(color("grey", 77), [77, 77, 77, 255]);
   assert.deepEqual(color("inverted", 77), [178, 178, 178, 255]);
   assert.deepEqual(

@@ -25,7 +25,6 @@ import {
   firstState,
   presetWindow,
   stepDepth,
-  sweptDepth,
   WINDOW_PRESETS,
   windowBetween,
   windowEnds,
@@ -117,12 +116,6 @@ test("depth goes in whole steps and stays in the case", () => {
   assert.equal(stepDepth(8.3, -1, 0.1), 8.2);
   assert.equal(deepen({ ...FIRST, depth_mm: 41 }, SHOWN, 1, false).depth_mm, 41.23);
   assert.equal(deepen({ ...FIRST, depth_mm: 0.2 }, SHOWN, -1, false).depth_mm, 0);
-});
-
-test("a sweep turns round at both ends", () => {
-  assert.deepEqual(sweptDepth(8, 1, SHOWN), [8.5, 1]);
-  assert.deepEqual(sweptDepth(41, 1, SHOWN), [40.5, -1]);
-  assert.deepEqual(sweptDepth(0, -1, SHOWN), [0.5, 1]);
 });
 
 test("the presets are windows of the case's own, all different", () => {

@@ -30,6 +30,8 @@ test("every part of a state comes back from the address, which stays short", () 
     window: { center: 512.5, width: 99.25 },
     colormap: "viridis",
     slab_mm: 1.5,
+    averages_shallow: false,
+    outlines_mm: [0, 20.5],
     ambient: 0.55,
     way: "exact",
     layout: "mirror",

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, before, test } from "node:test";
 
 import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/base/api.ts";
-import { caseIdentity, caseStatus } from "../src/base/case-words.ts";
+import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts";
 import { matches } from "../src/page/cases.ts";
 import { pathOf, ticks } from "../src/page/chart.ts";
 import { EventReader } from "../src/base/events.ts";
@@ -149,6 +149,25 @@ test("a case is found by its name, and says what it is at", () => {
   );
 });
 
+test("a case in the list tells its day, its voxels and, of DICOM files, its sequence", () => {
+  assert.equal(caseStatus(SHOWN), "Jan 1, 2026 · 1 × 1 × 2 mm");
+  const volume = { ...SHOWN.volume, sequence: "*tfl3d1, TR 2300" };
+  assert.equal(caseStatus({ ...SHOWN, volume }), "Jan 1, 2026 · 1 × 1 × 2 mm · *tfl3d1, TR 2300");
+  assert.ok(matches({ ...SHOWN, volume }, "tfl3d"));
+});
+
+test("the reasons of a verdict are the server's sentences, or the page's in another language", () => {
+  const quality = {
+    state: "review",
+    method: "supplied",
+    reasons: ["the mask has 400 ml", "it is odd"],
+    reason_codes: ["mask-volume", "a-code-of-tomorrow"],
+  } as const;
+  assert.deepEqual(reasonWords(quality), ["The mask has 400 ml.", "It is odd."]);
+  speak("pt-BR", portuguese as Words);
+  assert.deepEqual(reasonWords(quality), ["O volume da máscara não é o de um encéfalo.", "It is odd."]);
+});
+
 const file = (name: string, size = 1000): { name: string; size: number } => ({ name, size });
 
 test("a case is told from all others by label, day and the first digits of its id", () => {
@@ -182,7 +201,15 @@ test("a file is sent under a name that tells nothing", () => {
 
 test("preferences that are damaged are as at first", () => {
   const first = readPreferences(null, ["en"]);
-  assert.deepEqual(first, { language: "en", theme: "dark", drag: "up-darker", wheel: "zoom", shortcuts: true });
+  assert.deepEqual(first, {
+    language: "en",
+    theme: "dark",
+    drag: "up-darker",
+    wheel: "zoom",
+    shortcuts: true,
+    knows_depth: false,
+    list_width: 260,
+  });
   for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3}'])
     assert.deepEqual(readPreferences(text, ["en"]), first, text);
   assert.equal(readPreferences('{"theme":"light"}', ["en"]).theme, "light");

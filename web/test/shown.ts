@@ -7,6 +7,9 @@ export const SHOWN: ReadyCase = {
   name: "A case",
   created_at: "2026-01-01T00:00:00Z",
   state: "ready",
+  closing_radius_mm: 10,
+  mask_kind: "brain",
+  offset_mm: 0,
   grid: {
     size: [100, 120, 90],
     spacing_mm: 1,

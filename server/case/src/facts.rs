@@ -101,6 +101,9 @@ fn first_pipeline() -> u32 {
 pub struct DicomFacts {
     /// Numbers of the missing slices that were interpolated, from 1.
     pub interpolated_slices: Vec<usize>,
+    /// The scanner's name of the sequence and its times in ms; `None` if the files name none, or the case is older than this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sequence: Option<String>,
 }
 
 /// A case, as stored in its row.
@@ -124,4 +127,43 @@ pub struct Case {
     pub next: Vec<CaseId>,
     /// The time of the first upload.
     pub created_at: Timestamp,
+}
+
+impl Case {
+    /// What no two cases have in common, for people: the label, the day of the upload (UTC) and the first digits of the id.
+    ///
+    /// The label is what a user gave, never an identity out of DICOM.
+    pub fn identity(&self) -> String {
+        let id = self.id.to_string();
+        let day = self.created_at.strftime("%Y-%m-%d").to_string();
+        let parts = [self.parameters.name.as_deref(), Some(&day), Some(&id[..8])];
+        parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_case_is_told_by_label_day_and_the_first_digits_of_its_id() {
+        let case = Case {
+            id: CaseId::parse("0123456789abcdef0123456789abcdef").unwrap(),
+            parameters: Parameters {
+                name: Some("A head".to_owned()),
+                ..Parameters::default()
+            },
+            state: CaseState::Queued,
+            progress: None,
+            failure: None,
+            facts: None,
+            previous: None,
+            next: Vec::new(),
+            created_at: "2026-03-01T23:59:59Z".parse().unwrap(),
+        };
+        assert_eq!(case.identity(), "A head · 2026-03-01 · 01234567");
+        let parameters = Parameters::default();
+        let unnamed = Case { parameters, ..case };
+        assert_eq!(unnamed.identity(), "2026-03-01 · 01234567");
+    }
 }

@@ -10,7 +10,7 @@ use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use render::{RenderBackend, RenderJob, SizedMesh};
-use storage::{Store, StoreError};
+use storage::{Location, Store, StoreError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
@@ -29,14 +29,17 @@ const REMEMBERED_CASES: usize = 4096;
 /// For how long: another server on the same store may delete a case.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
+/// For how long if the database cannot be reached.
+pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
+
 /// How long an upload waits for room to be checked.
 const LONGEST_WAIT_FOR_CHECK: Duration = Duration::from_secs(30);
 
 /// How the application is set up.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The directory of the store.
-    pub data: PathBuf,
+    /// Where the store is.
+    pub location: Location,
     /// How the store behaves.
     pub store: storage::Options,
     /// The weights of the network that extracts brains; by default those beside the program.
@@ -77,6 +80,23 @@ fn thousands(voxels: usize) -> u32 {
     u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
 }
 
+/// Opens the store, with what prepares its cases.
+///
+/// # Errors
+/// When the store or the network cannot be opened.
+pub async fn open_library(options: &Options) -> Result<Library, StartError> {
+    let extractor = Extractor::open(options.network.as_deref())?;
+    tracing::info!("brains are extracted {}", extractor.words());
+    let store = Store::open_at(&options.location, options.store.clone()).await?;
+    let preparation = Pipeline::new(extractor).into();
+    Ok(if options.makes_maps {
+        let cache_bytes = options.model_cache_bytes / MAPS_PART;
+        Library::with_maps(store, preparation, options.limits, cache_bytes)
+    } else {
+        Library::new(store, preparation, options.limits)
+    })
+}
+
 /// Everything that a protocol needs to serve cases. Cheap to clone.
 ///
 /// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
@@ -95,25 +115,44 @@ pub struct Cases {
     head: HeadLimits,
     /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
     checking: Arc<Semaphore>,
-    ready: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
-    forget_hooks: Arc<ForgetHooks>,
+    remembered: Arc<Remembered>,
 }
 
 type ForgetHook = Box<dyn Fn(&CaseId) + Send + Sync>;
 
-/// Who else remembers something of cases. Held for moments.
-#[derive(Default)]
-struct ForgetHooks(Mutex<Vec<ForgetHook>>);
+/// The cases that were ready a moment ago, and who else remembers something of cases.
+struct Remembered {
+    ready: Cache<CaseId, (Instant, Arc<CaseFacts>)>,
+    /// Held for moments.
+    hooks: Mutex<Vec<ForgetHook>>,
+}
 
-impl ForgetHooks {
-    fn lock(&self) -> MutexGuard<'_, Vec<ForgetHook>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+impl Remembered {
+    fn hooks(&self) -> MutexGuard<'_, Vec<ForgetHook>> {
+        self.hooks.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn forget(&self, id: &CaseId) {
+        self.ready.remove(id);
+        for hook in self.hooks().iter() {
+            hook(id);
+        }
     }
 }
 
-impl fmt::Debug for ForgetHooks {
+impl Default for Remembered {
+    fn default() -> Self {
+        Self {
+            ready: Cache::new(REMEMBERED_CASES),
+            hooks: Mutex::default(),
+        }
+    }
+}
+
+impl fmt::Debug for Remembered {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "ForgetHooks({})", self.lock().len())
+        let (ready, hooks) = (self.ready.len(), self.hooks().len());
+        write!(formatter, "Remembered({ready} cases, {hooks} hooks)")
     }
 }
 
@@ -123,16 +162,15 @@ impl Cases {
     /// # Errors
     /// When the store or the network cannot be opened.
     pub async fn open(options: Options) -> Result<Self, StartError> {
-        let extractor = Extractor::open(options.network.as_deref())?;
-        tracing::info!("brains are extracted {}", extractor.words());
-        let store = Store::open_with(&options.data, options.store).await?;
-        let preparation = Pipeline::new(extractor).into();
-        let library = if options.makes_maps {
-            let cache_bytes = options.model_cache_bytes / MAPS_PART;
-            Library::with_maps(store, preparation, options.limits, cache_bytes)
-        } else {
-            Library::new(store, preparation, options.limits)
-        };
+        // In a box: the compiler rejects futures that hold each other much deeper.
+        let library = Box::pin(open_library(&options)).await?;
+        let remembered = Arc::<Remembered>::default();
+        let weak = Arc::downgrade(&remembered);
+        library.store().on_delete(move |id| {
+            if let Some(remembered) = weak.upgrade() {
+                remembered.forget(id);
+            }
+        });
         let dicom = DicomReader::new(
             options.dicom_program,
             options.limits,
@@ -146,8 +184,7 @@ impl Cases {
             dicom: Arc::new(dicom),
             head: options.head,
             checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
-            ready: Arc::new(Cache::new(REMEMBERED_CASES)),
-            forget_hooks: Arc::default(),
+            remembered,
         })
     }
 
@@ -184,16 +221,27 @@ impl Cases {
     /// # Errors
     /// [`Error::NoSuchCase`], [`Error::NotReady`], the failure of a failed case, or the store's.
     pub async fn ready(&self, id: &CaseId) -> Result<Arc<CaseFacts>, Error> {
-        if let Some((since, facts)) = self.ready.get(id)
+        let remembered = self.remembered.ready.get(id);
+        if let Some((since, facts)) = &remembered
             && since.elapsed() < REMEMBERED_FOR
+        {
+            return Ok(Arc::clone(facts));
+        }
+        let asked = self.store().case(id).await;
+        if let Err(error) = &asked
+            && error.is_away()
+            && let Some((since, facts)) = remembered
+            && since.elapsed() < REMEMBERED_WHILE_AWAY
         {
             return Ok(facts);
         }
-        let case = self.case(id).await?;
+        let case = asked?.ok_or(Error::NoSuchCase)?;
         match (case.state, case.facts, case.failure) {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);
-                self.ready.insert(*id, (Instant::now(), Arc::clone(&facts)));
+                self.remembered
+                    .ready
+                    .insert(*id, (Instant::now(), Arc::clone(&facts)));
                 Ok(facts)
             }
             (CaseState::Failed, _, Some(failure)) => Err(failure.into()),
@@ -201,9 +249,21 @@ impl Cases {
         }
     }
 
+    /// What an annotated picture says of a case: see [`Case::identity`](case::Case::identity). `None` where nothing is written.
+    ///
+    /// # Errors
+    /// When there is no such case.
+    pub async fn identity(&self, id: &CaseId, annotate: bool) -> Result<Option<String>, Error> {
+        if !annotate {
+            return Ok(None);
+        }
+        let case = self.store().case(id).await?.ok_or(Error::NoSuchCase)?;
+        Ok(Some(case.identity()))
+    }
+
     /// The verdict on the mask of a case that was asked about a moment ago.
     pub fn known_quality(&self, id: &CaseId) -> Option<QualityState> {
-        let (_, facts) = self.ready.get(id)?;
+        let (_, facts) = self.remembered.ready.get(id)?;
         facts.quality.as_ref().map(|quality| quality.state)
     }
 
@@ -216,7 +276,7 @@ impl Cases {
             return Ok(model);
         }
         // It was ready a moment ago, but is deleted or, with its source lost, failed by now.
-        self.forget(id);
+        self.remembered.forget(id);
         self.ready(id).await?;
         Err(Error::Unavailable)
     }
@@ -227,20 +287,13 @@ impl Cases {
     /// As [`Store::delete`].
     pub async fn delete(&self, id: &CaseId) -> Result<bool, Error> {
         let deleted = self.store().delete(id).await;
-        self.forget(id);
+        self.remembered.forget(id);
         Ok(deleted?)
     }
 
-    /// Calls `hook` whenever a case turns out to be gone, or is removed by this process.
+    /// Calls `hook` whenever a case turns out to be gone, or is removed by this process or, as far as the database tells, by others.
     pub fn on_forget(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
-        self.forget_hooks.lock().push(Box::new(hook));
-    }
-
-    fn forget(&self, id: &CaseId) {
-        self.ready.remove(id);
-        for hook in self.forget_hooks.lock().iter() {
-            hook(id);
-        }
+        self.remembered.hooks().push(Box::new(hook));
     }
 
     /// Gets everything ready that a picture needs. Call it in a turn of [`Cases::queue`]: a mesh may have to be walked first.

@@ -79,6 +79,10 @@ impl From<StoreError> for Error {
         match error {
             StoreError::QueueFull => Self::Busy,
             full if full.is_full() => Self::StorageFull,
+            away if away.is_away() => {
+                tracing::warn!(error = &away as &dyn std::error::Error, "the store is away");
+                Self::Unavailable
+            }
             other => Self::Store(other),
         }
     }

@@ -14,7 +14,7 @@ pub mod profile;
 #[cfg(test)]
 mod testing;
 
-pub use application::{Cases, Options, StartError};
+pub use application::{Cases, Options, StartError, open_library};
 pub use error::Error;
 pub use library::{Library, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};

@@ -84,8 +84,8 @@ struct Inner {
     preparation: Preparation,
     /// What uploads may ask for.
     limits: Limits,
-    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Several processes may
-    /// make the same case again at once: each writes the same objects, under pins of its own.
+    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Of one case there is one
+    /// at a time in all processes ([`Store::rebuild_alone`]).
     rebuilding: tokio::sync::Mutex<()>,
     /// `None` if no maps are made.
     maps: Option<MapsDesk>,
@@ -208,18 +208,22 @@ impl Library {
             Attempt::Bad => {}
         }
         let _one_at_a_time = self.inner.rebuilding.lock().await;
-        // Somebody else may have done it meanwhile.
-        if let Attempt::Read(value) = self.store().read_derived(id, kinds, &decode).await? {
-            return Ok(Some(value));
-        }
-        self.rebuild(id).await?;
-        match self.store().read_derived(id, kinds, &decode).await? {
-            Attempt::Read(value) => Ok(Some(value)),
-            Attempt::NoCase => Ok(None),
-            Attempt::Bad => Err(StoreError::Objects(
-                "derived objects cannot be read right after they were written".into(),
-            )),
-        }
+        let read_or_rebuild = async {
+            // Somebody else may have done it meanwhile.
+            if let Attempt::Read(value) = self.store().read_derived(id, kinds, &decode).await? {
+                return Ok(Some(value));
+            }
+            self.rebuild(id).await?;
+            match self.store().read_derived(id, kinds, &decode).await? {
+                Attempt::Read(value) => Ok(Some(value)),
+                Attempt::NoCase => Ok(None),
+                Attempt::Bad => Err(StoreError::Objects(
+                    "derived objects cannot be read right after they were written".into(),
+                )),
+            }
+        };
+        let loaded = self.store().rebuild_alone(id, read_or_rebuild).await?;
+        Ok(loaded.flatten())
     }
 
     /// The uploaded files of a case; `None`, reported, where one is missing or damaged.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use cases::Cases;
+use cases::{Cases, Library};
 use service::state::{AppState, HttpOptions, UploadLimits};
 
 use crate::config::{Config, ConfigError};
@@ -35,6 +35,15 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
         body_cache_bytes: config.http.body_cache_bytes,
         answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
     };
-    let cases = Cases::open(config.cases()).await?;
+    let cases = Cases::open(config.cases()?).await?;
     Ok(AppState::new(cases, options))
+}
+
+/// Opens the store to prepare its cases, and nothing else.
+///
+/// # Errors
+/// When the configuration is not right, or the store cannot be opened.
+pub async fn open_library(config: &Config) -> Result<Library, StartError> {
+    config.check()?;
+    Ok(cases::open_library(&config.cases()?).await?)
 }

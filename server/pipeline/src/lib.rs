@@ -162,9 +162,30 @@ impl From<GeometryError> for Refused {
 
 /// What clients are told of the DICOM files: nothing that says whose they are.
 fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
+    let stored = attributes(stored)?;
     Ok(DicomFacts {
-        interpolated_slices: attributes(stored)?.interpolated_slices,
+        sequence: sequence_of(&stored.attributes),
+        interpolated_slices: stored.interpolated_slices,
     })
+}
+
+/// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are left out.
+fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
+    let parts = [
+        ("SequenceName", ""),
+        ("RepetitionTime", "TR "),
+        ("EchoTime", "TE "),
+        ("InversionTime", "TI "),
+    ];
+    let told = parts.iter().filter_map(|(keyword, before)| {
+        let (_, value) = attributes.iter().find(|(name, _)| name == keyword)?;
+        // Of several echoes, the first.
+        let first = value.split('\\').next().unwrap_or_default().trim();
+        let is_fit = !first.is_empty() && first.len() <= 16 && !first.contains(char::is_control);
+        is_fit.then(|| format!("{before}{first}"))
+    });
+    let told: Vec<_> = told.collect();
+    (!told.is_empty()).then(|| told.join(", "))
 }
 
 /// The attributes of DICOM files as they are stored.

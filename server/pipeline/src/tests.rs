@@ -412,3 +412,27 @@ fn of_real_heads_only_the_stripped_one_is_its_own_mask() {
         prepared.facts.max_depth_mm
     );
 }
+
+#[test]
+fn a_sequence_is_told_by_the_scanner_s_words_and_times_alone() {
+    let of = |attributes: &[(&str, &str)]| {
+        let owned = attributes
+            .iter()
+            .map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
+        sequence_of(&owned.collect::<Vec<_>>())
+    };
+    let told = of(&[
+        ("PatientName", "Doe^Jane"),
+        ("SeriesDescription", "MPRAGE Doe"),
+        ("SequenceName", "*tfl3d1"),
+        ("RepetitionTime", "2300"),
+        ("EchoTime", "2.98\\5.1"),
+        ("InversionTime", ""),
+    ]);
+    assert_eq!(told.unwrap(), "*tfl3d1, TR 2300, TE 2.98");
+    assert_eq!(of(&[("SeriesDescription", "MPRAGE Doe")]), None);
+    assert_eq!(
+        of(&[("SequenceName", "a name that is as long as a sentence")]),
+        None
+    );
+}

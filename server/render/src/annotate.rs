@@ -12,6 +12,9 @@ use crate::{
 /// The smallest side of a picture that is written into, in pixels: the notice needs so much.
 pub const MIN_ANNOTATED_SIDE: u32 = 128;
 
+/// The letters of a day and of the first digits of an id, with what separates them: ` 2026-01-01 · 01234567`.
+const DAY_AND_ID: usize = 22;
+
 /// What stands at the foot of a picture.
 const NOTICE: &str = "research use only";
 
@@ -28,7 +31,7 @@ const BAR_GREY: u8 = 96;
 const SECOND_LETTER: f64 = 0.5;
 
 /// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture; with layers
-/// also the name of the texture, and the colours of the overlay with their values.
+/// also the name of the texture, and the colours of the overlay with their values. `named` is the first line.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it.
 pub fn annotate(
@@ -36,22 +39,25 @@ pub fn annotate(
     request: &RenderRequest,
     projection: &Projection,
     layers: &Layers<'_>,
+    named: Option<&str>,
 ) -> Frame {
     let parameters = request.parameters();
+    let mut canvas = canvas_of(frame);
     let lines = lines(
         format!("{} mm", short(parameters.depth_mm)),
         parameters.window,
         layers,
     );
-    let mut canvas = canvas_of(frame);
+    let corner = Corner::new(&canvas, named, lines);
     let orientation = parameters.camera.orientation();
-    write_over(&mut canvas, &lines, (orientation, projection));
+    write_over(&mut canvas, &corner, (orientation, projection));
     color_bar(&mut canvas, layers, projection.size());
     canvas.into_frame()
 }
 
 /// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the edges and the
 /// notice of research use into a slice; with layers also the name of the texture, and the colours of the overlay with their values.
+/// `named` is the first line.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it, and one with more contours than fit above its middle says how
 /// many more there are.
@@ -60,6 +66,7 @@ pub fn annotate_slice(
     request: &SliceRequest,
     projection: &Projection,
     layers: &Layers<'_>,
+    named: Option<&str>,
 ) -> Frame {
     let parameters = request.parameters();
     let (plane, position_mm) = (parameters.plane, parameters.position_mm);
@@ -69,13 +76,14 @@ pub fn annotate_slice(
         letter_at(plane, position_mm),
         short(position_mm.abs())
     );
-    let lines = lines(place, parameters.window, layers);
     let mut canvas = canvas_of(frame);
+    let lines = lines(place, parameters.window, layers);
+    let corner = Corner::new(&canvas, named, lines);
     let orientation = request.camera().orientation();
-    write_over(&mut canvas, &lines, (orientation, projection));
+    write_over(&mut canvas, &corner, (orientation, projection));
     let size = projection.size();
-    let corner = [size.width() as i32, size.height() as i32 / 2];
-    legend(&mut canvas, &parameters.depths_mm, corner);
+    let right = [size.width() as i32, size.height() as i32 / 2];
+    legend(&mut canvas, &parameters.depths_mm, &corner, right);
     color_bar(&mut canvas, layers, size);
     canvas.into_frame()
 }
@@ -90,6 +98,49 @@ fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
     let window = format!("C {} W {}", short(window.centre()), short(window.width()));
     let base = layers.base.map(Layer::title);
     [place, window].into_iter().chain(base).collect()
+}
+
+/// What is written in the upper left corner.
+struct Corner {
+    lines: Vec<String>,
+    /// Whether the first line names the case; it may be as wide as the picture.
+    is_named: bool,
+}
+
+impl Corner {
+    /// The name of the case, as far as it fits, before the other lines.
+    fn new(canvas: &Canvas, named: Option<&str>, others: Vec<String>) -> Self {
+        let room = canvas.size().width() as i32 - canvas.line_height();
+        let first = named.map(|words| fitting(canvas, words, room));
+        Self {
+            is_named: first.is_some(),
+            lines: first.into_iter().chain(others).collect(),
+        }
+    }
+}
+
+/// The text, or its beginning and its last 22 letters, day and id, as far as they fit. Letters that the font lacks become `?`.
+fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
+    let is_drawn = |letter: char| matches!(letter, ' '..='~' | '\u{a1}'..='\u{ff}');
+    let known = |letter: char| if is_drawn(letter) { letter } else { '?' };
+    let mut letters: Vec<char> = text.chars().map(known).collect();
+    let fits = |letters: &[char]| {
+        let text: String = letters.iter().collect();
+        canvas.text_width(&text) <= room
+    };
+    let end = letters.len().saturating_sub(DAY_AND_ID);
+    if fits(&letters) || end == 0 {
+        return letters.into_iter().collect();
+    }
+    for kept in (0..end).rev() {
+        let mut shorter = letters[..kept].to_vec();
+        shorter.extend("... ".chars());
+        shorter.extend(&letters[end..]);
+        if fits(&shorter) {
+            return shorter.into_iter().collect();
+        }
+    }
+    letters.split_off(end).into_iter().collect()
 }
 
 /// The colours of an overlay on grey, with the values of their ends, its threshold, and its name, in the lower right quarter.
@@ -144,7 +195,7 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
 /// Writes what all pictures have: two or three lines in the corner, a scale bar, the patient's directions and the notice.
 fn write_over(
     canvas: &mut Canvas,
-    lines: &[String],
+    Corner { lines, is_named }: &Corner,
     (orientation, projection): (DQuat, &Projection),
 ) {
     let size = projection.size();
@@ -163,7 +214,7 @@ fn write_over(
     canvas.write(&right, end, middle);
     // The lines in the corner have the top to themselves where the picture is narrow.
     let at = centred(canvas, &up);
-    let top = if side < 320 {
+    let top = if side < 320 || *is_named {
         margin + lines.len() as i32 * line
     } else {
         margin
@@ -184,10 +235,10 @@ fn write_over(
 /// The depths of contours with their colours, down from the upper right corner as far as to the middle.
 ///
 /// They begin below the lines of the other corner, which may be as wide as the picture.
-fn legend(canvas: &mut Canvas, depths_mm: &[f64], [width, middle]: [i32; 2]) {
+fn legend(canvas: &mut Canvas, depths_mm: &[f64], corner: &Corner, [width, middle]: [i32; 2]) {
     let line = canvas.line_height();
     let margin = line / 2;
-    let first = margin + 2 * line;
+    let first = margin + if corner.is_named { 3 } else { 2 } * line;
     let room = ((middle - line - first) / line).max(1) as usize;
     let shown = if depths_mm.len() > room {
         room - 1
@@ -282,7 +333,7 @@ mod tests {
         };
         let projection = request.parameters().camera.projection(&sphere, size);
         let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
-        annotate(black, &request, &projection, &Layers::default())
+        annotate(black, &request, &projection, &Layers::default(), None)
     }
 
     /// White pixels in the boxes at the left and right edge, halfway down.
@@ -338,7 +389,7 @@ mod tests {
         };
         let projection = request.projection(&sphere);
         let black = Frame::new(size, PixelFormat::Rgb8, vec![0; 3 * size.pixel_count()]);
-        annotate_slice(black, &request, &projection, &Layers::default())
+        annotate_slice(black, &request, &projection, &Layers::default(), None)
     }
 
     #[test]
@@ -374,6 +425,51 @@ mod tests {
             let frame = annotated_slice(SlicePlane::Coronal, vec![3.0; 16], side);
             assert_eq!(frame.size().width(), side);
         }
+    }
+
+    #[test]
+    fn a_case_is_named_and_its_day_and_id_stay_where_the_label_has_no_room() {
+        let size = FrameSize::new(256, 256).unwrap();
+        let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
+        let canvas = canvas_of(black.clone());
+        let named = "A head · 2026-03-01 · 01234567";
+        assert_eq!(fitting(&canvas, named, 1000), named);
+        let long = format!("{}{named}", "long ".repeat(40));
+        let short = fitting(&canvas, &long, 250);
+        assert!(
+            short.starts_with("long") && short.ends_with("...  2026-03-01 · 01234567"),
+            "{short}"
+        );
+        assert!(canvas.text_width(&short) <= 250);
+        assert_eq!(fitting(&canvas, "頭 · 2026", 1000), "? · 2026");
+        let request = RenderRequest::new(RenderParameters {
+            size,
+            ..RenderParameters::new(Window::between(0.0, 100.0))
+        });
+        let request = request.unwrap();
+        let sphere = BoundingSphere {
+            centre_in_patient: DVec3::ZERO,
+            radius_mm: 100.0,
+        };
+        let projection = request.parameters().camera.projection(&sphere, size);
+        let lit = |named| {
+            let frame = annotate(
+                black.clone(),
+                &request,
+                &projection,
+                &Layers::default(),
+                named,
+            );
+            // The third line of the corner.
+            let line = canvas.line_height() as u32;
+            let rows = 5 * line / 2..7 * line / 2;
+            let places = rows.flat_map(|y| (0..100).map(move |x| (x, y)));
+            places
+                .filter(|&(x, y)| frame.pixel(x, y).unwrap()[0] == 255)
+                .count()
+        };
+        assert_eq!(lit(None), 0);
+        assert!(lit(Some(named)) > 20);
     }
 
     #[test]

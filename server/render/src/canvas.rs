@@ -32,6 +32,11 @@ impl Canvas {
         }
     }
 
+    /// The picture's size.
+    pub(crate) fn size(&self) -> FrameSize {
+        self.size
+    }
+
     /// Pixels from one line to the next.
     pub(crate) fn line_height(&self) -> i32 {
         self.lettering.line_height() as i32

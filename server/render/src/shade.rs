@@ -262,7 +262,7 @@ impl<'a> Shade<'a> {
                 (Some(slab), _) => {
                     self.sample_each(&mut block, [first, row], |column, position| {
                         self.slab_mean(slab, position, points.inward[column])
-                    })
+                    });
                 }
             }
             block.finish(self.window, self.light);

@@ -18,8 +18,8 @@ const FORMAT_VERSION: u8 = 2;
 /// How long answers stay fresh: a pure function of id and query never goes stale.
 const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
-/// Kept, and asked about each time.
-const REVALIDATED: HeaderValue = HeaderValue::from_static("private, no-cache");
+/// The client keeps the answer, asks again each time, and gets 304 if nothing has changed.
+pub const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 
 /// A strong entity tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -105,6 +105,8 @@ pub struct Form {
     media_type: &'static str,
     /// What else tells answers to one question apart; by default the media type.
     variant: String,
+    /// What the answer says of the case that can change.
+    named: Option<String>,
     coding: Coding,
     vary: &'static str,
     cache_control: HeaderValue,
@@ -116,6 +118,7 @@ impl Form {
         Self {
             media_type,
             variant: media_type.to_owned(),
+            named: None,
             coding: Coding::Identity,
             vary: "accept",
             cache_control: IMMUTABLE,
@@ -144,8 +147,20 @@ impl Form {
     #[must_use]
     pub fn revalidated(self) -> Self {
         Self {
-            cache_control: REVALIDATED,
+            cache_control: REVALIDATE,
             ..self
+        }
+    }
+
+    /// The same form, with what the answer says of the case that can change: the client asks for it again each time.
+    #[must_use]
+    pub fn named(self, named: Option<String>) -> Self {
+        match named {
+            None => self,
+            Some(_) => Self {
+                named,
+                ..self.revalidated()
+            },
         }
     }
 
@@ -187,7 +202,10 @@ impl<Q: serde::Serialize> Question<'_, Q> {
         work: impl AsyncFnOnce(Arc<CaseFacts>) -> Result<Content, AppError>,
     ) -> Result<Response, AppError> {
         let tag_of = |variant: &str| {
-            EntityTag::of_answer(&self.id, self.route, self.query, (variant, form.coding))
+            let named = form.named.as_deref().unwrap_or_default();
+            let variant = format!("{variant} {named}");
+            let negotiated = (variant.trim_end(), form.coding);
+            EntityTag::of_answer(&self.id, self.route, self.query, negotiated)
         };
         let tag = tag_of(&form.variant);
         let facts = cases.ready(&self.id).await?;

@@ -10,9 +10,10 @@ use std::time::Duration;
 
 use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
 
-use super::ObjectName;
+use super::frame::frame;
 use super::rows::{CaseRows, Inserted, NewCase, Pinned, Published, Release, Sweep};
 use super::testing::{claim, facts, failure, name, new_case, pinned};
+use super::{ObjectName, Objects, Unreadable};
 
 /// How long jobs are leased here.
 const LEASE: Duration = Duration::from_secs(30);
@@ -66,6 +67,9 @@ macro_rules! rows_conformance {
                 a_sweep_buries_its_own_tombstones_alone
                 a_deleted_case_cannot_be_published
                 a_ready_case_gets_other_objects_or_fails
+                a_rebuild_is_one_process_s_until_its_lease_ends
+                a_case_of_another_store_is_adopted_as_it_is_there
+                what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
             }
     };
@@ -490,6 +494,78 @@ pub async fn a_ready_case_gets_other_objects_or_fails(subject: &RowsSubject) {
     assert_eq!(state(rows, &new).await, Some(CaseState::Failed));
 }
 
+pub async fn a_rebuild_is_one_process_s_until_its_lease_ends(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    let begin = async |holder| rows.begin_rebuild(&new.id, holder, LEASE).await.unwrap();
+    assert!(begin("first").await);
+    assert!(!begin("second").await);
+    subject.pass(29);
+    // It goes on.
+    assert!(begin("first").await);
+    subject.pass(29);
+    assert!(!begin("second").await);
+    rows.end_rebuild(&new.id, "second").await.unwrap();
+    assert!(!begin("second").await);
+    rows.end_rebuild(&new.id, "first").await.unwrap();
+    assert!(begin("second").await);
+    subject.pass(30);
+    assert!(begin("third").await);
+    rows.delete(&new.id).await.unwrap();
+    assert!(!begin("third").await);
+}
+
+pub async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let new = insert(rows, "a").await;
+    let leased = claim(rows).await.unwrap();
+    let preparing = rows.case(&new.id).await.unwrap().unwrap();
+    let published = derived(rows, "a").await;
+    rows.publish(&leased, &published, &facts()).await.unwrap();
+    let mut ready = rows.case(&new.id).await.unwrap().unwrap();
+    let names = rows.objects(&new.id).await.unwrap();
+    // What is ready here is not made otherwise.
+    let again = pinned(rows, &names).await;
+    assert!(!rows.adopt(&preparing, &again).await.unwrap());
+    assert_eq!(rows.case(&new.id).await.unwrap().unwrap(), ready);
+    rows.unpin(&again).await.unwrap();
+
+    rows.delete(&new.id).await.unwrap();
+    let sources = pinned(rows, &new.sources.names).await;
+    assert!(rows.adopt(&preparing, &sources).await.unwrap());
+    let queued = rows.case(&new.id).await.unwrap().unwrap();
+    assert_eq!(
+        (queued.state, queued.created_at),
+        (CaseState::Queued, ready.created_at)
+    );
+    assert_eq!(rows.waiting().await.unwrap(), 1);
+
+    ready.parameters.name = Some("another".to_owned());
+    assert!(
+        rows.adopt(&ready, &pinned(rows, &names).await)
+            .await
+            .unwrap()
+    );
+    assert_eq!(rows.case(&new.id).await.unwrap().unwrap(), ready);
+    assert_eq!(rows.objects(&new.id).await.unwrap(), names);
+    assert_eq!(rows.waiting().await.unwrap(), 0);
+}
+
+pub async fn what_nobody_needs_is_told(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let needed = insert(rows, "needed").await.sources.names[0];
+    let [unknown, pin, marked] =
+        ["unknown", "pin", "marked"].map(|of| name(ObjectKind::Volume, of));
+    pinned(rows, &[pin]).await;
+    rows.mark(&[marked], &sweep("a sweep")).await.unwrap();
+    let unneeded = rows
+        .unneeded(&[needed, unknown, pin, marked])
+        .await
+        .unwrap();
+    assert_eq!(unneeded, [unknown]);
+    rows.inspect().await.unwrap();
+}
+
 pub async fn holders_that_are_dead_hold_nothing(subject: &RowsSubject) {
     let rows = &*subject.rows;
     let new = insert(rows, "a").await;
@@ -498,8 +574,10 @@ pub async fn holders_that_are_dead_hold_nothing(subject: &RowsSubject) {
     pinned(rows, &names[..1]).await;
     rows.unpin(&pinned(rows, &names[1..]).await).await.unwrap();
     rows.mark(&names[1..], &sweep("dead")).await.unwrap();
+    assert!(rows.begin_rebuild(&new.id, "dead", LEASE).await.unwrap());
     rows.forget_holders().await.unwrap();
     assert_eq!(claim(rows).await.unwrap().id, new.id);
+    assert!(rows.begin_rebuild(&new.id, "alive", LEASE).await.unwrap());
     let mut abandoned = rows.abandoned(10).await.unwrap();
     abandoned.sort_by_key(|name| name.digest.to_string());
     let mut expected = names.to_vec();
@@ -507,12 +585,74 @@ pub async fn holders_that_are_dead_hold_nothing(subject: &RowsSubject) {
     assert_eq!(abandoned, expected);
 }
 
+/// Objects do what they must; there are none at first.
+pub async fn objects_do_what_they_must(objects: &Objects) {
+    an_object_comes_back_and_goes(objects).await;
+    a_damaged_object_is_told_and_written_over(objects).await;
+    a_large_file_comes_back(objects).await;
+}
+
+async fn an_object_comes_back_and_goes(objects: &Objects) {
+    let framed = frame(ObjectKind::Forest, vec![7; 5000].into());
+    assert!(matches!(
+        objects.get(&framed.name).await,
+        Err(Unreadable::Missing)
+    ));
+    objects.put(&framed).await.unwrap();
+    assert_eq!(objects.get(&framed.name).await.unwrap(), vec![7; 5000]);
+    assert_eq!(objects.list().await.unwrap(), [framed.name]);
+    objects.delete(&framed.name).await.unwrap();
+    objects.delete(&framed.name).await.unwrap();
+    assert!(matches!(
+        objects.get(&framed.name).await,
+        Err(Unreadable::Missing)
+    ));
+    objects.check().await.unwrap();
+}
+
+async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
+    let mut framed = frame(ObjectKind::Volume, (0..200).collect::<Vec<u8>>().into());
+    let sound = framed.clone();
+    let mut payload = framed.payload.to_vec();
+    payload[100] ^= 1;
+    framed.payload = payload.into();
+    objects.put(&framed).await.unwrap();
+    assert!(matches!(
+        objects.get(&framed.name).await,
+        Err(Unreadable::Damaged(_))
+    ));
+    objects.put(&sound).await.unwrap();
+    assert!(objects.get(&framed.name).await.is_ok());
+}
+
+async fn a_large_file_comes_back(objects: &Objects) {
+    // Three parts, of which the last is short; with the header the second ends in the file's middle.
+    for length in [0, 1, (16 << 20) - 72, 17_000_000] {
+        let mut contents = vec![0; length];
+        blake3::Hasher::new().finalize_xof().fill(&mut contents);
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), &contents).unwrap();
+        let digest = blake3::hash(&contents);
+        let name = ObjectName {
+            kind: ObjectKind::SourceVolume,
+            digest,
+        };
+        objects
+            .put_file(&name, file.path(), length as u64)
+            .await
+            .unwrap();
+        assert!(
+            objects.get(&name).await.unwrap() == contents,
+            "{length} bytes"
+        );
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::frame;
-    use crate::objects::Unreadable;
-    use crate::{Objects, SqlRows};
+    use crate::SqlRows;
+    use crate::testing::s3::{BUCKET, S3Server};
 
     fn subject(rows: SqlRows, keep: impl Send + Sync + 'static) -> RowsSubject {
         let clock = rows.clone();
@@ -538,86 +678,41 @@ mod tests {
         file: super::rows_in_a_file,
     }
 
-    fn objects_in_memory() -> Objects {
-        Objects::new(Arc::new(object_store::memory::InMemory::new()))
-    }
-
-    fn objects_in_a_directory() -> (Objects, tempfile::TempDir) {
-        let directory = tempfile::tempdir().unwrap();
-        let objects = Objects::in_directory(directory.path()).unwrap();
-        (objects, directory)
-    }
-
     #[tokio::test]
     async fn objects_in_memory_do_what_they_must() {
-        all_of(&objects_in_memory).await;
+        let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
+        objects_do_what_they_must(&objects).await;
     }
 
     #[tokio::test]
     async fn objects_in_a_directory_do_what_they_must() {
-        let (objects, _directory) = objects_in_a_directory();
-        all_of(&|| objects.clone()).await;
+        let directory = tempfile::tempdir().unwrap();
+        let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
+        objects_do_what_they_must(&objects).await;
     }
 
-    async fn all_of(objects: &dyn Fn() -> Objects) {
-        an_object_comes_back_and_goes(&objects()).await;
-        a_damaged_object_is_told_and_written_over(&objects()).await;
-        a_large_file_comes_back(&objects()).await;
-    }
-
-    async fn an_object_comes_back_and_goes(objects: &Objects) {
-        let framed = frame(ObjectKind::Forest, vec![7; 5000].into());
-        assert!(matches!(
-            objects.get(&framed.name).await,
-            Err(Unreadable::Missing)
-        ));
-        objects.put(&framed).await.unwrap();
-        assert_eq!(objects.get(&framed.name).await.unwrap(), vec![7; 5000]);
-        assert_eq!(objects.list().await.unwrap(), [framed.name]);
-        objects.delete(&framed.name).await.unwrap();
-        objects.delete(&framed.name).await.unwrap();
-        assert!(matches!(
-            objects.get(&framed.name).await,
-            Err(Unreadable::Missing)
-        ));
-        objects.check().await.unwrap();
-    }
-
-    async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
-        let mut framed = frame(ObjectKind::Volume, (0..200).collect::<Vec<u8>>().into());
-        let sound = framed.clone();
-        let mut payload = framed.payload.to_vec();
-        payload[100] ^= 1;
-        framed.payload = payload.into();
-        objects.put(&framed).await.unwrap();
-        assert!(matches!(
-            objects.get(&framed.name).await,
-            Err(Unreadable::Damaged(_))
-        ));
-        objects.put(&sound).await.unwrap();
-        assert!(objects.get(&framed.name).await.is_ok());
-    }
-
-    async fn a_large_file_comes_back(objects: &Objects) {
-        // Three parts, of which the last is short; with the header the second ends in the file's middle.
-        for length in [0, 1, (16 << 20) - 72, 17_000_000] {
-            let mut contents = vec![0; length];
-            blake3::Hasher::new().finalize_xof().fill(&mut contents);
-            let file = tempfile::NamedTempFile::new().unwrap();
-            std::fs::write(file.path(), &contents).unwrap();
-            let digest = blake3::hash(&contents);
-            let name = ObjectName {
-                kind: ObjectKind::SourceVolume,
-                digest,
-            };
-            objects
-                .put_file(&name, file.path(), length as u64)
-                .await
-                .unwrap();
-            assert!(
-                objects.get(&name).await.unwrap() == contents,
-                "{length} bytes"
-            );
+    #[tokio::test]
+    async fn objects_in_a_bucket_do_what_they_must() {
+        let Some(mut server) = S3Server::start().await else {
+            return;
+        };
+        let mut variables = server
+            .variables()
+            .map(|(name, value)| (name.to_owned(), value));
+        for prefix in ["", "a/b"] {
+            let objects = Objects::in_bucket_with(BUCKET, prefix, &variables.clone().into());
+            objects_do_what_they_must(&objects.unwrap()).await;
         }
+        // What is not to be had names no secret.
+        variables[2].1 = "CANARY".to_owned();
+        let objects = Objects::in_bucket_with(BUCKET, "", &variables.into()).unwrap();
+        let refused = objects.check().await.unwrap_err();
+        assert!(
+            !format!("{refused} {refused:?}").contains("CANARY"),
+            "{refused:?}"
+        );
+        server.stop();
+        let away = objects.check().await.unwrap_err();
+        assert!(away.is_away(), "{away:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! The directory of a store: `rows.sqlite`, `objects/`, `uploads/` and `lock`.
+//! The directory of a process: `uploads/` and `lock`, and `rows.sqlite` and `objects/` unless these have other places.
 //!
 //! Every process that uses it holds a shared lock on `lock`, which the kernel takes back when the process ends, however
 //! it ends. A process that gets the lock for itself alone knows that no other one lives: what is unfinished is a leftover.
@@ -30,7 +30,6 @@ impl Directory {
     ) -> Result<Self, E> {
         create_private(root)?;
         keep_private(root, "the folder of the store");
-        std::fs::create_dir_all(root.join("objects"))?;
         std::fs::create_dir_all(root.join("uploads"))?;
         let lock = OpenOptions::new()
             .create(true)
@@ -54,6 +53,11 @@ impl Directory {
     pub(super) fn uploads(&self) -> PathBuf {
         self.root.join("uploads")
     }
+}
+
+/// Removes the files of unfinished objects that nobody has written to for long: those of other machines are left alone.
+pub(super) fn sweep_shared(objects: &Path) -> io::Result<()> {
+    sweep_staged(objects, STALE_AFTER)
 }
 
 /// Creates a directory that its owner alone may enter: it will hold images of patients.
@@ -80,7 +84,16 @@ fn sweep(root: &Path, age: Duration) -> io::Result<()> {
     for entry in std::fs::read_dir(root.join("uploads"))? {
         remove_if_older(&entry?.path(), age)?;
     }
-    for kind in subdirectories(&root.join("objects"))? {
+    let objects = root.join("objects");
+    match objects.is_dir() {
+        true => sweep_staged(&objects, age),
+        false => Ok(()),
+    }
+}
+
+/// Removes the files of unfinished objects that nobody has written to for `age`.
+fn sweep_staged(objects: &Path, age: Duration) -> io::Result<()> {
+    for kind in subdirectories(objects)? {
         for prefix in subdirectories(&kind)? {
             for entry in std::fs::read_dir(prefix)? {
                 let path = entry?.path();

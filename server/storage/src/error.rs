@@ -8,6 +8,10 @@ use sqlx::error::DatabaseError;
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
 const FULL: [&str; 2] = ["13", "53100"];
 
+/// PostgreSQL's codes for a server that is stopping or starting, has too many connections, is a standby by now, or kept a transaction
+/// waiting for too long.
+const AWAY: [&str; 6] = ["57P01", "57P02", "57P03", "53300", "25006", "55P03"];
+
 /// Why the store could not do what was asked. The sentences are fit for clients; the sources are for the log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -47,6 +51,23 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// Whether the database or the object store cannot be reached just now; both may be back in a moment.
+    pub fn is_away(&self) -> bool {
+        let cause = match self {
+            Self::Rows(cause) | Self::Objects(cause) => cause,
+            _ => return false,
+        };
+        let object_store = cause.downcast_ref::<object_store::Error>();
+        let in_bucket = |error: &object_store::Error| matches!(error, object_store::Error::Generic { store, .. } if *store == crate::s3::NAME);
+        match cause.downcast_ref::<sqlx::Error>() {
+            Some(sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut) => true,
+            Some(sqlx::Error::Database(error)) => {
+                error.code().is_some_and(|code| AWAY.contains(&&*code))
+            }
+            _ => object_store.is_some_and(in_bucket),
+        }
+    }
+
     /// Whether the reason is a disk that is full, or a quota that is used up.
     pub fn is_full(&self) -> bool {
         let reasons = std::iter::successors(Some(self as &dyn Error), |&error| error.source());

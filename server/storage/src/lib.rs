@@ -23,15 +23,19 @@
 
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
+mod copy;
 mod directory;
 mod error;
 mod frame;
+mod inspect;
+mod location;
 mod name;
 mod objects;
 mod page;
 mod private;
 mod publish;
 pub mod rows;
+mod s3;
 mod signals;
 mod spool;
 mod sql;
@@ -53,8 +57,11 @@ use tokio::task::JoinSet;
 use self::directory::Directory;
 use case::{Case, CaseId};
 
+pub use self::copy::Copied;
 pub use self::error::StoreError;
 pub use self::frame::{Framed, frame};
+pub use self::inspect::{Finding, Inspected};
+pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 pub use self::name::ObjectName;
 pub use self::objects::{Objects, Unreadable};
 pub use self::page::{Cursor, Page};
@@ -173,20 +180,33 @@ impl Store {
     /// # Errors
     /// When the directory or its database cannot be used.
     pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
+        Self::open_at(&directory.into(), options).await
+    }
+
+    /// Opens the store at a location; creates it, migrates it, sweeps leftovers.
+    ///
+    /// # Errors
+    /// When the folder, the database or the objects cannot be used.
+    pub async fn open_at(location: &Location, options: Options) -> Result<Self, StoreError> {
         let mut alone = false;
+        let has_own_rows = location.database.is_none();
         let forget_dead_holders = async |root: &Path| {
             alone = true;
-            let rows = SqlRows::sqlite(&rows_file(root)).await?;
-            rows.forget_holders().await?;
-            rows.close().await;
+            if has_own_rows {
+                let rows = SqlRows::sqlite(&rows_file(root)).await?;
+                rows.forget_holders().await?;
+                rows.close().await;
+            }
             Ok(())
         };
-        let place = Directory::open::<StoreError>(directory, forget_dead_holders).await?;
-        let rows = SqlRows::sqlite(&rows_file(directory)).await?;
-        let objects = Objects::in_directory(&directory.join("objects"))?;
+        let folder = &location.folder;
+        let place = Directory::open::<StoreError>(folder, forget_dead_holders).await?;
+        let rows = open_rows(location).await?;
+        let objects = open_objects(location)?;
         let store = Self::new(Arc::new(rows), objects, Place::Directory(place), options);
         store.collect().await?;
-        if alone {
+        // Objects elsewhere may belong to somebody else's rows.
+        if alone && has_own_rows && location.objects.is_none() {
             store.collect_unknown().await?;
         }
         Ok(store)
@@ -469,6 +489,26 @@ fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
         .tempfile_in(directory)?;
     probe.write_all(b"check")?;
     probe.as_file().sync_data()
+}
+
+async fn open_rows(location: &Location) -> Result<SqlRows, StoreError> {
+    match &location.database {
+        None => SqlRows::sqlite(&rows_file(&location.folder)).await,
+        Some(DatabaseAddress::Sqlite(file)) => SqlRows::sqlite(file).await,
+        Some(DatabaseAddress::Postgres(options)) => SqlRows::postgres((**options).clone()).await,
+    }
+}
+
+fn open_objects(location: &Location) -> Result<Objects, StoreError> {
+    match &location.objects {
+        None => Objects::in_directory(&location.folder.join("objects")),
+        Some(ObjectsAddress::Folder(folder)) => {
+            let objects = Objects::in_directory(folder)?;
+            directory::sweep_shared(folder)?;
+            Ok(objects)
+        }
+        Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix),
+    }
 }
 
 fn rows_file(root: &Path) -> std::path::PathBuf {

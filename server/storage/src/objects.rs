@@ -6,10 +6,10 @@ use std::sync::Arc;
 use bytes::Bytes;
 use futures_util::TryStreamExt as _;
 use object_store::local::LocalFileSystem;
-use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
+use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutPayload};
 use tokio::io::AsyncReadExt;
 
-use super::frame::{Framed, plain_header, unframe};
+use super::frame::{FrameError, Framed, HEADER_LENGTH, plain_header, unframe};
 use super::{ObjectName, StoreError};
 
 /// Files are copied into the store in parts of this size, which S3 accepts too (5 MiB at least).
@@ -41,11 +41,12 @@ impl Objects {
         Self { files }
     }
 
-    /// Objects in a directory that exists. What was put is on the disk when the call returns.
+    /// Objects in a directory, made where it is missing. What was put is on the disk when the call returns.
     ///
     /// # Errors
     /// When the directory cannot be used.
     pub fn in_directory(directory: &Path) -> Result<Self, StoreError> {
+        std::fs::create_dir_all(directory)?;
         let files = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
         Ok(Self::new(Arc::new(files)))
     }
@@ -72,28 +73,40 @@ impl Objects {
         length: u64,
     ) -> Result<(), StoreError> {
         let mut upload = self.files.put_multipart(&name.path()).await?;
-        let mut file = tokio::fs::File::open(file).await?;
-        let mut part = plain_header(name, length).to_vec();
-        loop {
-            part.reserve_exact(PART_LENGTH - part.len());
-            while part.len() < PART_LENGTH && file.read_buf(&mut part).await? > 0 {}
-            let last = part.len() < PART_LENGTH;
-            if !part.is_empty() {
-                upload.put_part(std::mem::take(&mut part).into()).await?;
-            }
-            if last {
-                break;
-            }
+        let written = write_parts(&mut *upload, plain_header(name, length), file).await;
+        if written.is_err() {
+            // Parts of an object that nobody finishes stay in a bucket for ever; what cannot be taken back either is its owner's rule.
+            let _given_up = upload.abort().await;
         }
-        upload.complete().await?;
-        Ok(())
+        written
     }
 
     /// The payload of an object, checked.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// When it is missing or damaged, or the object store fails.
     pub async fn get(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
+        self.read(name).await.map(|(payload, _framed)| payload)
+    }
+
+    /// The bytes of an object as it is stored, checked.
+    ///
+    /// # Errors
+    /// As [`Objects::get`].
+    pub async fn get_framed(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
+        self.read(name).await.map(|(_payload, framed)| framed)
+    }
+
+    /// Writes the bytes of an object of another store, over one that is there.
+    ///
+    /// # Errors
+    /// When the object store fails.
+    pub async fn put_framed(&self, name: &ObjectName, framed: Bytes) -> Result<(), StoreError> {
+        self.files.put(&name.path(), framed.into()).await?;
+        Ok(())
+    }
+
+    async fn read(&self, name: &ObjectName) -> Result<(Bytes, Bytes), Unreadable> {
         let answer = match self.files.get(&name.path()).await {
             Ok(answer) => answer.bytes().await,
             Err(error) => Err(error),
@@ -105,10 +118,10 @@ impl Objects {
         };
         let name = *name;
         // Hashing and unpacking take milliseconds.
-        tokio::task::spawn_blocking(move || unframe(&name, &framed))
+        tokio::task::spawn_blocking(move || Ok((unframe(&name, &framed)?, framed)))
             .await
             .map_err(StoreError::from)?
-            .map_err(|fault| Unreadable::Damaged(fault.to_string()))
+            .map_err(|fault: FrameError| Unreadable::Damaged(fault.to_string()))
     }
 
     /// The names of all objects. What is called otherwise is none of them, and is left out.
@@ -148,4 +161,27 @@ impl Objects {
             Err(error) => Err(error.into()),
         }
     }
+}
+
+/// Writes a header and a file, of which at most a part is in memory.
+async fn write_parts(
+    upload: &mut dyn MultipartUpload,
+    header: [u8; HEADER_LENGTH],
+    file: &Path,
+) -> Result<(), StoreError> {
+    let mut file = tokio::fs::File::open(file).await?;
+    let mut part = header.to_vec();
+    loop {
+        part.reserve_exact(PART_LENGTH - part.len());
+        while part.len() < PART_LENGTH && file.read_buf(&mut part).await? > 0 {}
+        let last = part.len() < PART_LENGTH;
+        if !part.is_empty() {
+            upload.put_part(std::mem::take(&mut part).into()).await?;
+        }
+        if last {
+            break;
+        }
+    }
+    upload.complete().await?;
+    Ok(())
 }

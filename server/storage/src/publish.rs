@@ -1,6 +1,7 @@
 //! Derived objects: written when a case is prepared, read when it is shown.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use bytes::Bytes;
 use case::{CaseFacts, CaseId, CaseState, ObjectKind};
@@ -9,10 +10,17 @@ use super::frame::{Framed, frame};
 use super::objects::Unreadable;
 use super::rows::{Claim, Pinned, Published};
 use super::signals::Count;
+use super::submit::unique_holder;
 use super::{ObjectName, Store, StoreError};
 
 /// How often derived objects are written again because a pin was lost.
 const PUBLISH_ATTEMPTS: usize = 3;
+
+/// How long a rebuild is left to a process that has not been heard of.
+const REBUILD_LEASE: Duration = Duration::from_secs(30);
+
+/// How often to look whether another process has ended its rebuild.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
 
 /// On whose behalf derived objects are published.
 #[derive(Debug, Clone, Copy)]
@@ -130,6 +138,41 @@ impl Store {
         stored.map(Some).ok_or_else(|| {
             StoreError::Objects("the DICOM attributes of a case are missing or damaged".into())
         })
+    }
+
+    /// Runs a rebuild of a case while no other process runs one; `None` where there is no such case.
+    ///
+    /// # Errors
+    /// Those of the rebuild, or when the rows cannot be written.
+    pub async fn rebuild_alone<T>(
+        &self,
+        id: &CaseId,
+        rebuild: impl Future<Output = Result<T, StoreError>>,
+    ) -> Result<Option<T>, StoreError> {
+        let holder = unique_holder();
+        while !self
+            .rows()
+            .begin_rebuild(id, &holder, REBUILD_LEASE)
+            .await?
+        {
+            if self.rows().case(id).await?.is_none() {
+                return Ok(None);
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+        let mut rebuild = std::pin::pin!(rebuild);
+        let mut heartbeat = tokio::time::interval(REBUILD_LEASE / 3);
+        let rebuilt = loop {
+            tokio::select! {
+                rebuilt = &mut rebuild => break rebuilt,
+                _ = heartbeat.tick() => {
+                    // Where it is lost somebody else does the same, which does no harm.
+                    let _kept = self.rows().begin_rebuild(id, &holder, REBUILD_LEASE).await;
+                }
+            }
+        };
+        self.rows().end_rebuild(id, &holder).await?;
+        rebuilt.map(Some)
     }
 
     /// Makes derived objects durable, then publishes them in one transaction. Leaves nothing where that fails.

@@ -182,6 +182,17 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Makes a ready case failed: its source is lost. Whether it was ready.
     async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError>;
 
+    /// Takes the rebuild of a case for a time, or keeps it for longer; `false` where another one has it, or there is no such case.
+    async fn begin_rebuild(
+        &self,
+        id: &CaseId,
+        holder: &str,
+        lease: Duration,
+    ) -> Result<bool, StoreError>;
+
+    /// Leaves the rebuild of a case to others, if it is still the holder's.
+    async fn end_rebuild(&self, id: &CaseId, holder: &str) -> Result<(), StoreError>;
+
     /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has ended.
     async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError>;
 
@@ -196,11 +207,21 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// The objects are gone: takes the tombstones of a sweep away, if they are still its own.
     async fn bury(&self, holder: &str) -> Result<(), StoreError>;
 
+    /// Those of the given objects that no case needs, no pin protects and no sweep removes.
+    async fn unneeded(&self, names: &[ObjectName]) -> Result<Vec<ObjectName>, StoreError>;
+
+    /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into references; one that
+    /// is not ready or failed is queued. `false`, and nothing has changed, where it is ready here and not there.
+    async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError>;
+
     /// Ends every lease and expires every pin: no other process lives that could hold one.
     async fn forget_holders(&self) -> Result<(), StoreError>;
 
     /// Whether the rows can be read and written. Changes nothing.
     async fn check(&self) -> Result<(), StoreError>;
+
+    /// Whether the database itself is whole, as far as it can tell. Takes as long as reading it.
+    async fn inspect(&self) -> Result<(), StoreError>;
 
     /// The changes of all processes from now on, as they are committed; `None` where the database cannot tell them. Some may be
     /// missed: whoever waits for one also looks from time to time.

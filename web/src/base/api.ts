@@ -113,8 +113,9 @@ export interface CasePage {
   readonly next?: string;
 }
 
-export async function listCases(after: string | null): Promise<CasePage> {
-  const query = after ? `?${new URLSearchParams({ after })}` : "";
+export async function listCases(after: string | null, limit = 0): Promise<CasePage> {
+  const pairs = { ...(after ? { after } : {}), ...(limit > 0 ? { limit: String(limit) } : {}) };
+  const query = Object.keys(pairs).length > 0 ? `?${new URLSearchParams(pairs)}` : "";
   return (await send(`v1/cases${query}`, { cache: "no-store" })).json() as Promise<CasePage>;
 }
 
@@ -145,6 +146,36 @@ export async function watchCase(id: string, signal: AbortSignal, hear: (now: Cas
 /** A picture of a case; `path` begins with the case's id. */
 export async function getPicture(path: string, signal?: AbortSignal): Promise<Blob> {
   return (await send(`v1/cases/${path}`, signal ? { signal } : {})).blob();
+}
+
+/** Asks for a file that is made of a JSON body. */
+export async function postForFile(path: string, body: unknown): Promise<Blob> {
+  const headers = { "content-type": "application/json" };
+  return (await send(path, { method: "POST", headers, body: JSON.stringify(body) })).blob();
+}
+
+/** Makes a version of a case: of another mask, which is the body, or with other parameters. */
+export async function makeVersion(
+  id: string,
+  parameters: Readonly<Record<string, string>>,
+  mask: File | null,
+): Promise<Uploaded> {
+  const query = new URLSearchParams(parameters);
+  const response = await send(`v1/cases/${id}/mask?${query}`, { method: "PUT", ...(mask ? { body: mask } : {}) });
+  return { created: (await response.json()) as Case, wasThere: response.status === 200 };
+}
+
+/** A file of a case, as bytes. */
+export async function getFile(path: string): Promise<Blob> {
+  return (await send(`v1/cases/${path}`)).blob();
+}
+
+/** Attributes of the DICOM files that a case was made of, by keyword: patient data, asked for only when wanted. */
+export async function getDicom(id: string): Promise<Readonly<Record<string, string>>> {
+  const answer = (await (await send(`v1/cases/${id}/dicom`, { cache: "no-store" })).json()) as {
+    attributes?: Record<string, string>;
+  };
+  return answer.attributes ?? {};
 }
 
 /** How many bytes of an upload are sent. */

@@ -1,7 +1,7 @@
 // A case in words.
 
-import type { Case, ReadyCase } from "../model/case.ts";
-import { day, known, moment, number, t } from "./i18n.ts";
+import type { Case, Quality, ReadyCase } from "../model/case.ts";
+import { day, known, moment, number, spoken, t } from "./i18n.ts";
 import { sentence } from "./problem-words.ts";
 
 /** A case's name in the list. */
@@ -18,7 +18,9 @@ export function caseStatus(one: Case): string {
       return t(stage) + (typeof fraction === "number" ? ` · ${number(100 * fraction)} %` : "");
     }
     case "ready":
-      return `${day(one.created_at)} · ${voxelWords(one)}`;
+      return [day(one.created_at), voxelWords(one), one.volume.sequence ?? ""]
+        .filter((part) => part !== "")
+        .join(" · ");
     case "failed":
       return failureWords(one);
   }
@@ -34,6 +36,13 @@ function failureWords(one: Case & { state: "failed" }): string {
   return one.error?.detail ? sentence(one.error.detail) : t("case.failed");
 }
 
+/** Why a mask is doubtful: in the server's sentences, which have numbers, or in the page's own in another language. */
+export const reasonWords = ({ reasons, reason_codes }: Quality): readonly string[] =>
+  reasons.map((reason, at) => {
+    const key = spoken() === "en" ? null : known(`reason.${reason_codes?.[at] ?? ""}`);
+    return key ? t(key) : sentence(reason);
+  });
+
 /** What tells a case from its versions, which have its name. */
 export function versionOf(one: Case): string {
   const isVersion = one.previous !== undefined;
@@ -42,7 +51,7 @@ export function versionOf(one: Case): string {
 }
 
 /** The edges of a voxel as it was acquired; one number where they are alike. */
-function voxelWords({ volume: { spacing_mm } }: ReadyCase): string {
+export function voxelWords({ volume: { spacing_mm } }: ReadyCase): string {
   const edges = spacing_mm.map((edge) => number(edge, edge % 1 === 0 ? 0 : 2));
   return `${new Set(edges).size === 1 ? edges[0] : edges.join(" × ")} mm`;
 }

@@ -9,6 +9,10 @@ export function sentence(words: string): string {
   return /[.!?…]$/.test(first) ? first : `${first}.`;
 }
 
+/** What a pane says of a problem; nothing where there is none, or where the page says it: the server is silent. */
+export const troubleWords = (problem: unknown): string =>
+  problem === null || (problem instanceof Problem && problem.kind === "unreachable") ? "" : problemWords(problem);
+
 export function problemWords(problem: unknown): string {
   if (!(problem instanceof Problem)) return t("problem.unexpected");
   const key = known(`problem.${problem.kind}`);

@@ -1,7 +1,8 @@
 // Numbers of a place, in words.
 
 import type { ReadyCase } from "../model/case.ts";
-import { number } from "./i18n.ts";
+import { type ViewState, shallowMean, slabOf } from "../model/state.ts";
+import { number, t } from "./i18n.ts";
 import { type Vec3, inverted, transform } from "../model/space.ts";
 
 const SIDES = [
@@ -15,6 +16,14 @@ export function positionWords(position_in_patient: Vec3): string {
   return position_in_patient
     .map((value, axis) => `${SIDES[axis]?.[value < 0 ? 1 : 0] ?? ""}\u00a0${number(Math.abs(value), 1)}`)
     .join(" · ");
+}
+
+/** The depth of a state, and over how much of it intensities are averaged, where they are. */
+export function depthWords(state: Pick<ViewState, "depth_mm" | "slab_mm" | "averages_shallow">): string {
+  const depth = `${number(state.depth_mm, 1)} mm`;
+  if (state.slab_mm > 0) return t("depth.slab", { depth, slab: number(state.slab_mm, 1) });
+  const mean_mm = slabOf(state) > 0 ? shallowMean(state.depth_mm) : 0;
+  return mean_mm > 0 ? t("depth.mean", { depth, mean: number(mean_mm, 1) }) : depth;
 }
 
 /** The voxel of the volume as it was acquired, counted from 0; null beside the volume. */

@@ -3,6 +3,7 @@
 import names from "../../shaders/names.json";
 import type { Fields } from "./uniforms.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
+import type { ColorName } from "./colors.ts";
 
 export type Gl = WebGL2RenderingContext;
 type BlockName = keyof typeof names.blocks;
@@ -17,6 +18,12 @@ export class TooLarge extends GlError {}
 
 /** The shaders' texts; `names.json` says what their variables are called. */
 export type ShaderTexts = Readonly<Record<ShaderName, string>>;
+
+/** What the painter draws with that is of no case: the shaders, and the tables of the colours. */
+export interface Equipment {
+  readonly shaders: ShaderTexts;
+  readonly colors: Readonly<Record<ColorName, string>>;
+}
 
 export const SHADER_NAMES = Object.keys(names.shaders) as ShaderName[];
 

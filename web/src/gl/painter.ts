@@ -1,7 +1,7 @@
 // Draws what it has been given of a case, with the server's own shaders. It fetches nothing and knows nothing of the
 // page.
 
-import { COLOR_TABLE } from "./colors.ts";
+import { colorTable } from "./colors.ts";
 import { STEPS_PER_VOXEL } from "../model/field.ts";
 import { findEncodings, type Encoding, type Encodings } from "./formats.ts";
 import {
@@ -21,7 +21,7 @@ import {
   UNITS,
   type DepthTarget,
   type Gl,
-  type ShaderTexts,
+  type Equipment,
   type Target,
   type Vertices,
 } from "./gl.ts";
@@ -123,7 +123,7 @@ export class Painter {
   #depths: DepthTarget | null = null;
 
   /** Compiles the shaders and finds out what the device can do. */
-  constructor(gl: Gl, texts: ShaderTexts, shown: CaseMaps) {
+  constructor(gl: Gl, { shaders: texts, colors }: Equipment, shown: CaseMaps) {
     this.#gl = gl;
     this.#case = shown;
     const encodings = findEncodings(gl);
@@ -137,13 +137,9 @@ export class Painter {
       reduce: createTranslated(gl, texts, "screen.vert.glsl", "reduce.frag.glsl"),
       trace: createTranslated(gl, texts, "screen.vert.glsl", "trace.frag.glsl"),
     };
+    const table = colorTable(colors);
     gl.activeTexture(gl.TEXTURE0 + UNITS.colors);
-    createTable(
-      gl,
-      { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE },
-      [256, COLOR_TABLE.length / 1024],
-      COLOR_TABLE,
-    );
+    createTable(gl, { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE }, [256, table.length / 1024], table);
     // Pictures without an overlay read nothing of it, but a texture must be there.
     gl.activeTexture(gl.TEXTURE0 + UNITS.overlay);
     createBlock(gl, { internal: gl.RG8, layout: gl.RG, type: gl.UNSIGNED_BYTE }, [1, 1, 1]);

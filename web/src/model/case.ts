@@ -56,17 +56,36 @@ export interface FailedCase extends AnyCase {
 /** How far a mask is to be trusted. */
 export interface Quality {
   readonly state: "ok" | "review" | "failed";
+  /** How the mask was made: `supplied`, `volume`, `network` or `tree_pruning`. */
+  readonly method: string;
+  readonly numbers?: { readonly brain_ml: number };
   /** In the server's words. */
   readonly reasons: readonly string[];
+  /** What each of them is called; absent where the case is older than these names. */
+  readonly reason_codes?: readonly string[];
 }
 
 /** A case that can be shown. Lengths are in mm, positions in LPS. */
 export interface ReadyCase extends AnyCase {
   readonly state: "ready";
+  /** Radius of the ball that closes the mask. */
+  readonly closing_radius_mm: number;
+  /** `envelope`: the mask is not closed. */
+  readonly mask_kind: "brain" | "envelope";
+  /** By how much the mask was made larger. */
+  readonly offset_mm: number;
   /** The working grid: isotropic, along the patient's axes. */
   readonly grid: { readonly size: Vec3; readonly spacing_mm: number; readonly patient_from_voxel: Affine };
   /** The volume as it was acquired. */
-  readonly volume: { readonly size: Vec3; readonly spacing_mm: Vec3; readonly patient_from_voxel: Affine };
+  readonly volume: {
+    readonly size: Vec3;
+    readonly spacing_mm: Vec3;
+    readonly patient_from_voxel: Affine;
+    /** The scanner's name of the sequence, with its times. */
+    readonly sequence?: string;
+    /** Numbers of slices that were missing. */
+    readonly interpolated_slices?: readonly number[];
+  };
   readonly max_depth_mm: number;
   readonly envelope_ml: number;
   /** What zoom 1 fits into a picture. */
@@ -77,6 +96,8 @@ export interface ReadyCase extends AnyCase {
   readonly cuts?: readonly MirrorPlane[];
   readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
   readonly quality?: Quality;
+  /** `dicom`, where it was made of such files. */
+  readonly links?: { readonly dicom?: string };
 }
 
 export type Case = WaitingCase | FailedCase | ReadyCase;

@@ -1,9 +1,10 @@
 // What a command makes of a state: pure.
 
+import { facing, outwardAt, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn, zoomAt } from "./controls.ts";
-import type { Vec2 } from "./space.ts";
-import { type ViewState, firstState, presetWindow } from "./state.ts";
+import type { Vec2, Vec3 } from "./space.ts";
+import { type Layout, type ViewState, firstState, isHalved, presetWindow } from "./state.ts";
 
 /** `size` is that of the pane, in pixels; `isStep`: Back undoes it. */
 export function changeOf(
@@ -28,8 +29,8 @@ export function changeOf(
     case "invert":
       return { change: invert(state), isStep: true };
     case "reset": {
-      const { layout, way, convention } = state;
-      return { change: { ...firstState(shown), layout, way, convention }, isStep: true };
+      const { layout, way, convention, outlines_mm, averages_shallow } = state;
+      return { change: { ...firstState(shown), layout, way, convention, outlines_mm, averages_shallow }, isStep: true };
     }
   }
 }
@@ -38,4 +39,16 @@ export function changeOf(
 function inThousandths([x, y]: Vec2, size: Vec2): Vec2 {
   const unit = Math.min(...size) / 1000;
   return [x * unit, y * unit];
+}
+
+/** The change to a layout. The left side is what the mirrored right one is compared with. */
+export function laidOut(layout: Layout, { orientation }: ViewState): Change {
+  const needsLeft = isHalved({ layout }) && towardsViewer(orientation)[0] < 0.2;
+  return { layout, ...(needsLeft ? lookFrom("left") : {}) };
+}
+
+/** The change that brings a position to the viewer; none in the middle itself, which has no side. */
+export function turnedTo(position: Vec3, shown: ReadyCase): Change {
+  const outward = outwardAt(position, shown.envelope_sphere);
+  return Math.hypot(...outward) > 0.5 ? { orientation: facing(outward), pan_mm: [0, 0] } : {};
 }

@@ -13,6 +13,7 @@ import {
   type ViewState,
   WAYS,
   ZOOM_RANGE,
+  boundOutlines,
   clamp,
   clampDepth,
   firstState,
@@ -57,10 +58,12 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   say("w", windowText(state.window), windowText(first.window));
   say("m", state.colormap, first.colormap);
   say("s", short(state.slab_mm, 1), "0");
+  say("g", state.averages_shallow ? "1" : "0", "1");
   say("a", short(state.ambient, 2), short(first.ambient, 2));
   say("r", state.way, first.way);
   say("l", state.layout, first.layout);
   say("c", state.convention === "neurological" ? "n" : "", "");
+  say("o", list(state.outlines_mm, 1), "");
   say("x", state.crosshair_mm ? list(state.crosshair_mm, 1) : "", "");
   return `#${[shown.id, ...pairs.map(([key, text]) => `${key}=${text}`)].join("&")}`;
 }
@@ -119,10 +122,16 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string) => Re
     },
     m: (text) => word(text, COLORMAPS, (colormap) => ({ colormap })),
     s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
+    g: (text) => word(text, ["0", "1"], (averages) => ({ averages_shallow: averages === "1" })),
     a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),
     r: (text) => word(text, WAYS, (way) => ({ way })),
     l: (text) => word(text, LAYOUTS, (layout) => ({ layout })),
     c: (text) => word(text, ["n"], () => ({ convention: "neurological" })),
+    o: (text) => {
+      const depths = numbers(text, text.split(",").length);
+      const kept = depths && boundOutlines(depths, shown);
+      return kept ? { change: { outlines_mm: kept }, isWhole: kept.length === depths.length } : UNREAD;
+    },
     x: (text) => {
       const position = numbers(text, 3) as Vec3 | null;
       const isNear = position?.every(

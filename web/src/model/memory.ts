@@ -2,7 +2,7 @@
 
 import type { ReadyCase } from "./case.ts";
 import { StateHistory } from "./history.ts";
-import { type ViewState, clampDepth, firstState } from "./state.ts";
+import { type ViewState, boundOutlines, clampDepth, firstState } from "./state.ts";
 
 /** A case as it was left. */
 export interface Left {
@@ -34,6 +34,15 @@ export class ViewMemory {
 
 /** The first state of a case, seen as another case was. */
 export function carriedOver(from: ViewState, shown: ReadyCase): ViewState {
-  const { orientation, layout, convention, way } = from;
-  return { ...firstState(shown), orientation, layout, convention, way, depth_mm: clampDepth(from.depth_mm, shown) };
+  const { orientation, layout, convention, way, averages_shallow } = from;
+  return {
+    ...firstState(shown),
+    orientation,
+    layout,
+    convention,
+    way,
+    averages_shallow,
+    outlines_mm: boundOutlines(from.outlines_mm, shown),
+    depth_mm: clampDepth(from.depth_mm, shown),
+  };
 }

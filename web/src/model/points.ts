@@ -7,7 +7,7 @@ import { mirrorPlane, reflected } from "./midsagittal.ts";
 import { type Profile, profileAt } from "./profile.ts";
 import type { Sampler } from "./sampler.ts";
 import { type Vec2, type Vec3, scale } from "./space.ts";
-import type { ViewState } from "./state.ts";
+import { type ViewState, isHalved } from "./state.ts";
 
 /** The point of the surface that is seen at a place of the pane. */
 export interface Picked {
@@ -39,10 +39,10 @@ export class Points {
     this.#volume = volume;
   }
 
-  /** What is seen at a place of a pane of `size`, of which each half is a view in the layout `mirror`; else null. */
+  /** What is seen at a place of a pane of `size`, of which each half is a view beside the mirrored one; else null. */
   pick(state: ViewState, [x, y]: Vec2, pane: Vec2): Picked | null {
     const sphere = this.#case.envelope_sphere;
-    const isMirror = state.layout === "mirror";
+    const isMirror = isHalved(state);
     const size: Vec2 = isMirror ? [pane[0] / 2, pane[1]] : pane;
     const isOther = isMirror && x >= size[0];
     const view = isOther ? mirrored(state, mirrorPlane(this.#case), sphere) : state;

@@ -2,7 +2,7 @@
 
 import { viewName } from "./camera.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import type { ViewState } from "./state.ts";
+import { type ViewState, drawnStill, slabOf } from "./state.ts";
 import type { MeshSize } from "./wire.ts";
 
 /** The mesh of the page: 8,000 triangles. */
@@ -22,7 +22,16 @@ function addColours(query: URLSearchParams, state: ViewState): void {
 /** What of a state a render depends on. */
 export type RenderState = Pick<
   ViewState,
-  "depth_mm" | "orientation" | "zoom" | "pan_mm" | "window" | "colormap" | "slab_mm" | "ambient" | "way"
+  | "depth_mm"
+  | "orientation"
+  | "zoom"
+  | "pan_mm"
+  | "window"
+  | "colormap"
+  | "slab_mm"
+  | "averages_shallow"
+  | "ambient"
+  | "way"
 >;
 
 /** The query of a render of `size` pixels. */
@@ -34,10 +43,12 @@ export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
   if (state.zoom !== 1) query.set("zoom", short(state.zoom, 4));
   if (state.pan_mm.some((part) => part !== 0)) query.set("pan", state.pan_mm.map((part) => short(part, 2)).join(","));
   addColours(query, state as ViewState);
-  if (state.slab_mm > 0) query.set("slab_mm", short(state.slab_mm, 2));
+  const slab_mm = slabOf(state);
+  if (slab_mm > 0) query.set("slab_mm", short(slab_mm, 3));
   query.set("ambient", short(state.ambient, 3));
-  query.set("renderer", state.way === "exact" ? "trace" : "mesh");
-  if (state.way === "mesh") {
+  const drawn = state.way === "auto" ? drawnStill(state.depth_mm) : state.way;
+  query.set("renderer", drawn === "exact" ? "trace" : "mesh");
+  if (drawn === "mesh") {
     query.set("contours", String(PAGE_MESH.contour_count));
     query.set("points", String(PAGE_MESH.points_per_contour));
   }
@@ -51,10 +62,24 @@ export const PLANES = { axial: { axis: 2 }, coronal: { axis: 1 }, sagittal: { ax
 export type Plane = keyof typeof PLANES;
 export const PLANE_NAMES: readonly Plane[] = ["axial", "coronal", "sagittal"];
 
-/** The query of the slice through `position_in_patient`, with the outline of the cut at the state's depth. */
+/** The depths whose outlines a slice shows: that of the cut comes first. */
+export const outlinesOf = ({
+  depth_mm,
+  outlines_mm,
+}: Pick<ViewState, "depth_mm" | "outlines_mm">): readonly number[] => [
+  depth_mm,
+  ...outlines_mm.filter((other) => other !== depth_mm),
+];
+
+/** The query of the slice through `position_in_patient`, with the outlines of the cuts that the state names. */
 export function sliceQuery(state: ViewState, plane: Plane, position_in_patient: Vec3, size: Vec2): URLSearchParams {
   const query = new URLSearchParams({ position_mm: short(position_in_patient[PLANES[plane].axis], 2) });
-  query.set("depth_mm", short(state.depth_mm, 2));
+  query.set(
+    "depth_mm",
+    outlinesOf(state)
+      .map((depth) => short(depth, 2))
+      .join(","),
+  );
   addColours(query, state);
   query.set("width", String(size[0]));
   query.set("height", String(size[1]));
@@ -69,4 +94,12 @@ export function pictureSize(css: Vec2, devicePixelRatio: number, most: number): 
   const larger = Math.max(...css, 1) * devicePixelRatio;
   const factor = devicePixelRatio * Math.min(1, most / larger);
   return [Math.max(Math.round(css[0] * factor), 16), Math.max(Math.round(css[1] * factor), 16)];
+}
+
+/** The depths of a text with commas, each once; null where it is no such text. */
+export function readDepths(text: string, deepest_mm: number): readonly number[] | null {
+  const parts = text.split(/[;,\s]+/).filter((part) => part !== "");
+  const depths = [...new Set(parts.map(Number))];
+  const isGood = depths.length > 0 && depths.every((depth) => depth >= 0 && depth <= deepest_mm);
+  return isGood ? depths : null;
 }

@@ -8,13 +8,17 @@ import type { Quat, Vec2, Vec3 } from "./space.ts";
 export const COLORMAPS = ["grey", "inverted", "bone", "hot", "viridis"] as const;
 export type Colormap = (typeof COLORMAPS)[number];
 
-/** Who draws the surface: the shrunk mesh here, sphere tracing here, or the server. */
-export const WAYS = ["mesh", "exact", "server"] as const;
+/** Who draws the surface: whichever of the two here suits, the shrunk mesh, sphere tracing, or the server. */
+export const WAYS = ["auto", "mesh", "exact", "server"] as const;
 export type Way = (typeof WAYS)[number];
 
-/** Which panes there are: the surface alone; with three slices; or beside the other hemisphere, mirrored. */
-export const LAYOUTS = ["single", "slices", "mirror"] as const;
+/** Which panes there are: the surface alone; with three slices; beside the other hemisphere, mirrored; or both. */
+export const LAYOUTS = ["single", "slices", "mirror", "both"] as const;
 export type Layout = (typeof LAYOUTS)[number];
+
+/** Whether the surface is seen beside the other hemisphere, mirrored. */
+export const isHalved = ({ layout }: Pick<ViewState, "layout">): boolean => layout === "mirror" || layout === "both";
+export const hasSlices = ({ layout }: Pick<ViewState, "layout">): boolean => layout === "slices" || layout === "both";
 
 /** How axial and coronal slices are shown: the patient's right at the picture's left, or at its right. */
 export const CONVENTIONS = ["radiological", "neurological"] as const;
@@ -34,11 +38,15 @@ export interface ViewState {
   readonly colormap: Colormap;
   /** Intensities are averaged over so much depth to either side. */
   readonly slab_mm: number;
+  /** Whether they are averaged near the envelope although `slab_mm` is 0: see `slabOf`. */
+  readonly averages_shallow: boolean;
   /** The share of light that reaches every face, 0 to 1; 1 is no shading. */
   readonly ambient: number;
   readonly way: Way;
   readonly layout: Layout;
   readonly convention: Convention;
+  /** Depths whose outlines the slices show besides that of `depth_mm`. */
+  readonly outlines_mm: readonly number[];
   /** The position that was picked, in the patient; the slices go through it. */
   readonly crosshair_mm: Vec3 | null;
 }
@@ -48,7 +56,9 @@ export const PAN_LIMIT_MM = 300;
 export const SLAB_LIMIT_MM = 20;
 export const DEPTH_STEP_MM = 0.5;
 export const FINE_DEPTH_STEP_MM = 0.1;
-export const FIRST_DEPTH_MM = 8;
+/** From about 6 to 20 mm the cuts are orthogonal to most of the sulci. */
+export const GOOD_DEPTHS_MM = [6, 20] as const;
+export const FIRST_DEPTH_MM = 10;
 export const DEFAULT_AMBIENT = 0.3;
 
 export const clamp = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
@@ -63,10 +73,12 @@ export function firstState(shown: ReadyCase): ViewState {
     window: { center: shown.intensity.window.center, width: shown.intensity.window.width },
     colormap: "grey",
     slab_mm: 0,
+    averages_shallow: true,
     ambient: DEFAULT_AMBIENT,
-    way: "mesh",
+    way: "auto",
     layout: "single",
     convention: "radiological",
+    outlines_mm: [],
     crosshair_mm: null,
   };
 }
@@ -76,6 +88,15 @@ export function clampDepth(depth_mm: number, shown: ReadyCase): number {
   const deepest = Math.floor(shown.max_depth_mm * 100) / 100;
   return Math.round(clamp(depth_mm || 0, 0, deepest) * 100) / 100;
 }
+
+/** The most outlines on a slice besides that of the cut. */
+export const MOST_OUTLINES = 7;
+
+/** The depths that outlines can have, each once, the shallowest first. */
+export const boundOutlines = (depths_mm: readonly number[], shown: ReadyCase): readonly number[] =>
+  [...new Set(depths_mm.filter((depth) => depth >= 0 && depth <= clampDepth(Infinity, shown)))]
+    .sort((a, b) => a - b)
+    .slice(0, MOST_OUTLINES);
 
 /** The depth `steps` steps further, on whole steps: from 8.3 mm one step of 0.5 mm goes to 8.5 mm. */
 export function stepDepth(depth_mm: number, steps: number, step_mm: number): number {
@@ -126,9 +147,28 @@ export function presetWindow(preset: WindowPreset, shown: ReadyCase): Window {
   }
 }
 
-/** The next depth of a sweep and its direction, which turns round at the envelope and at the deepest whole step. */
-export function sweptDepth(depth_mm: number, direction: number, shown: ReadyCase): readonly [number, number] {
-  const next = stepDepth(depth_mm, direction, DEPTH_STEP_MM);
-  const turned = next < 0 || next > shown.max_depth_mm ? -direction : direction;
-  return [clampDepth(turned === direction ? next : stepDepth(depth_mm, turned, DEPTH_STEP_MM), shown), turned];
+/** Deeper than this the mesh's facets are seen. */
+export const FACETS_MM = 15;
+
+/** What suits a picture that rests, where nothing is known of the device. */
+export const drawnStill = (depth_mm: number): "mesh" | "exact" => (depth_mm > FACETS_MM ? "exact" : "mesh");
+
+/** Layers thinner than two voxels lie near the envelope: undersampled, they show as rings like those of wood. */
+const SHALLOW_MM = [1, 2] as const;
+
+/** Over how much depth intensities are averaged near the envelope: 1 mm, fading out from 1 to 2 mm of depth. */
+export const shallowMean = (depth_mm: number): number => clamp(SHALLOW_MM[1] - depth_mm, 0, SHALLOW_MM[0]);
+
+/**
+ * The slab that a state is drawn with: its own, or near the envelope one that is `shallowMean` thick. Above the
+ * envelope there is nothing, so that at a depth of 0 all of it is below.
+ */
+export function slabOf({
+  slab_mm,
+  averages_shallow,
+  depth_mm,
+}: Pick<ViewState, "slab_mm" | "averages_shallow" | "depth_mm">): number {
+  if (slab_mm > 0 || !averages_shallow) return slab_mm;
+  const mean_mm = shallowMean(depth_mm);
+  return mean_mm === 0 ? 0 : Math.max(mean_mm / 2, mean_mm - depth_mm);
 }

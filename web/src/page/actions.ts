@@ -9,7 +9,10 @@ export interface Actions {
   turnToCross(): void;
   forgetCross(): void;
   depthOfCross(): void;
-  screenshot(): void;
+  /** `times` the pixels of the screen. */
+  screenshot(times: number): void;
+  copyPicture(times: number): void;
+  series(): void;
   serverPicture(): void;
   copyAddress(): void;
 }

@@ -1,23 +1,26 @@
-// The list of cases: searched, with thumbnails, kept fresh by events while one is prepared and by asking now and then.
+// The list of cases: searched, sorted, of any length, kept fresh by events while a case is prepared and by asking now
+// and then.
 
-import { getPicture, listCases, watchCase } from "../base/api.ts";
-import type { Case } from "../model/case.ts";
-import { NAMED_VIEWS } from "../model/camera.ts";
-import { h, iconButton, setText } from "../base/dom.ts";
-import { caseFacts, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
+import { listCases, watchCase } from "../base/api.ts";
+import { caseFacts, caseTitle } from "../base/case-words.ts";
+import { h, setText } from "../base/dom.ts";
 import { spoken, t } from "../base/i18n.ts";
-import { decoded } from "../base/picture.ts";
-import { problemWords } from "../base/problem-words.ts";
+import { troubleWords } from "../base/problem-words.ts";
+import type { Case } from "../model/case.ts";
 import { qualityOf } from "../model/quality.ts";
-import { renderQuery } from "../model/query.ts";
-import { firstState } from "../model/state.ts";
+import { ROW_PIXELS, rowsInSight, scrolledTo } from "../model/rows.ts";
+import { Row } from "./case-row.ts";
 
 const IDLE_MS = 8000;
-const THUMB_PIXELS = 96;
 /** A browser opens six connections to a server; most of them are for pictures. */
 const MOST_WATCHED = 2;
 /** Cases beyond these events are asked about so often. */
 const BUSY_MS = 1500;
+/** So many cases are asked for together, behind the newest; and so many are listed at the most. */
+const PAGE_CASES = 200;
+const MOST_CASES = 10_000;
+/** A row that stays in sight for so long gets its picture. */
+const LOOK_MS = 120;
 
 export interface CaseListListener {
   /** The cases, or one of them, are not what they were. */
@@ -27,9 +30,9 @@ export interface CaseListListener {
   ready(one: Case): void;
 }
 
-/** Whether a case is what the words look for: all of them, in its name, id or state. */
+/** Whether a case is what the words look for: all of them, in its name, id, date or state. */
 export function matches(one: Case, search: string): boolean {
-  const text = `${caseTitle(one)} ${one.id} ${caseStatus(one)}`.toLowerCase();
+  const text = `${caseFacts(one)} ${one.id}`.toLowerCase();
   return search
     .toLowerCase()
     .split(/\s+/)
@@ -37,13 +40,30 @@ export function matches(one: Case, search: string): boolean {
 }
 
 /** How the list is sorted. */
-const ORDERS = ["newest", "label"] as const;
+const ORDERS = ["newest", "oldest", "label", "state"] as const;
+export type Order = (typeof ORDERS)[number];
+
+/** What asks for a look comes first. */
+function rankOf(one: Case): number {
+  if (one.state === "failed") return 0;
+  if (one.state !== "ready") return 1;
+  return ["failed", "review"].indexOf(qualityOf(one)?.state ?? "") === -1 ? 3 : 2;
+}
 
 /** The cases in an order; they come newest first. */
-export function sorted(cases: readonly Case[], order: (typeof ORDERS)[number]): readonly Case[] {
-  if (order === "newest") return cases;
-  const { compare } = new Intl.Collator(spoken(), { numeric: true, sensitivity: "base" });
-  return [...cases].sort((a, b) => compare(caseTitle(a), caseTitle(b)));
+export function sorted(cases: readonly Case[], order: Order): readonly Case[] {
+  switch (order) {
+    case "newest":
+      return cases;
+    case "oldest":
+      return cases.toReversed();
+    case "state":
+      return cases.toSorted((a, b) => rankOf(a) - rankOf(b));
+    case "label": {
+      const { compare } = new Intl.Collator(spoken(), { numeric: true, sensitivity: "base" });
+      return cases.toSorted((a, b) => compare(caseTitle(a), caseTitle(b)));
+    }
+  }
 }
 
 const isBusy = (one: Case): boolean => one.state === "queued" || one.state === "preparing";
@@ -53,27 +73,28 @@ export class CaseList {
   cases: readonly Case[] = [];
   readonly #listener: CaseListListener;
   readonly #list = h("ul", { id: "case-list" });
+  readonly #scroller = h("div", { class: "case-scroller", scroll: () => this.#stir() }, this.#list);
   readonly #note = h("p", { id: "cases-note", class: "quiet", role: "status" }, t("cases.asking"));
-  readonly #more: HTMLButtonElement;
   readonly #search: HTMLInputElement;
   readonly #order: HTMLSelectElement;
   readonly #rows = new Map<string, Row>();
-  /** A long list asks for the pictures of the rows in sight alone. */
-  readonly #seen = new IntersectionObserver((entries) => {
-    for (const { isIntersecting, target } of entries) {
-      if (target instanceof HTMLElement) this.#rows.get(target.dataset.id ?? "")?.look(isIntersecting);
-    }
-  });
+  readonly #resized = new ResizeObserver(() => this.#stir());
   readonly #watched = new Map<string, AbortController>();
   readonly #onVisible = (): void => {
     if (!document.hidden) void this.refresh();
   };
   /** Those to be pointed out, why, and whether they could be shown when last looked at. */
   readonly #flagged = new Map<string, { readonly why: string; isReady: boolean }>();
+  /** The cases that are looked for, in their order. */
+  #wanted: readonly Case[] = [];
+  #newest: readonly Case[] = [];
   #older: readonly Case[] = [];
   #next: string | null = null;
   #marked: string | null = null;
   #timer = 0;
+  #look = 0;
+  #frame = 0;
+  #isLoadingOlder = false;
   #disposed = false;
 
   constructor(listener: CaseListListener) {
@@ -83,17 +104,17 @@ export class CaseList {
       id: "case-search",
       placeholder: t("cases.search"),
       "aria-label": t("cases.search"),
-      input: () => void this.#searched(),
+      input: () => this.#fromTop(),
     });
-    this.#more = h("button", { type: "button", hidden: true, click: () => void this.#loadOlder() }, t("cases.older"));
     this.#order = h(
       "select",
-      { id: "case-order", "aria-label": t("order.title"), change: () => this.#draw() },
+      { id: "case-order", "aria-label": t("order.title"), change: () => this.#fromTop() },
       ...ORDERS.map((order) => h("option", { value: order }, t(`order.${order}`))),
     );
     const find = h("div", { class: "line" }, this.#search, this.#order);
-    this.element = h("div", { class: "case-list-box" }, find, this.#note, this.#list, this.#more);
+    this.element = h("div", { class: "case-list-box" }, find, this.#note, this.#scroller);
     this.#list.addEventListener("keydown", (event) => this.#walk(event));
+    this.#resized.observe(this.#scroller);
     document.addEventListener("visibilitychange", this.#onVisible);
   }
 
@@ -103,13 +124,11 @@ export class CaseList {
     try {
       const page = await listCases(null);
       if (this.#older.length === 0) this.#next = page.next ?? null;
-      const fresh = new Set(page.cases.map((one) => one.id));
-      this.cases = [...page.cases, ...this.#older.filter((one) => !fresh.has(one.id))];
-      this.#say(this.cases.length === 0 ? t("cases.none") : "");
-      this.#draw();
-      this.#listener.changed();
+      this.#newest = page.cases;
+      this.#merge();
+      if (this.#next) void this.#loadOlder();
     } catch (problem) {
-      this.#say(problemWords(problem));
+      this.#say(troubleWords(problem));
     }
     clearTimeout(this.#timer);
     const unwatched = this.cases.filter(isBusy).length > this.#watched.size;
@@ -122,29 +141,35 @@ export class CaseList {
     return this.cases.length === 1 && !this.#next ? (this.cases[0]?.id ?? null) : null;
   }
 
+  /** Takes a case that was deleted away. */
+  forget(id: string): void {
+    this.#newest = this.#newest.filter((one) => one.id !== id);
+    this.#older = this.#older.filter((one) => one.id !== id);
+    this.#merge();
+  }
+
   /** Points out a case, until it is chosen. */
   flag(id: string, why: string): void {
     if (id === this.#marked) return;
     const isReady = this.cases.some((one) => one.id === id && one.state === "ready");
     this.#flagged.set(id, { why, isReady });
     this.#draw();
-    this.#rows.get(id)?.element.scrollIntoView({ block: "nearest" });
+    this.#reach(this.#wanted.findIndex((one) => one.id === id));
   }
 
   /** Marks the case that is shown. */
   mark(id: string | null): void {
     this.#marked = id;
     if (id) this.#flagged.delete(id);
-    for (const [one, row] of this.#rows) {
-      row.mark(one === id);
-      row.flag(this.#flagged.get(one)?.why ?? "");
-    }
+    this.#place();
   }
 
   dispose(): void {
     this.#disposed = true;
-    this.#seen.disconnect();
+    this.#resized.disconnect();
+    cancelAnimationFrame(this.#frame);
     clearTimeout(this.#timer);
+    clearTimeout(this.#look);
     document.removeEventListener("visibilitychange", this.#onVisible);
     for (const controller of this.#watched.values()) controller.abort();
   }
@@ -154,46 +179,39 @@ export class CaseList {
     this.#note.hidden = words === "";
   }
 
-  async #searched(): Promise<void> {
+  #merge(): void {
+    const fresh = new Set(this.#newest.map((one) => one.id));
+    this.cases = [...this.#newest, ...this.#older.filter((one) => !fresh.has(one.id))];
+    this.#say(this.cases.length === 0 ? t("cases.none") : "");
     this.#draw();
-    // What is looked for may be among the older ones.
-    for (let page = 0; page < 20 && this.#next && this.#search.value.trim() !== ""; page += 1) await this.#loadOlder();
+    this.#listener.changed();
   }
 
+  /** Asks for all that is older, once. */
   async #loadOlder(): Promise<void> {
+    if (this.#isLoadingOlder) return;
+    this.#isLoadingOlder = true;
     try {
-      const page = await listCases(this.#next);
-      this.#older = [...this.#older, ...page.cases];
-      this.#next = page.next ?? null;
-      await this.refresh();
+      while (this.#next && this.cases.length < MOST_CASES && !this.#disposed) {
+        const page = await listCases(this.#next, PAGE_CASES);
+        this.#older = [...this.#older, ...page.cases];
+        this.#next = page.next ?? null;
+        this.#merge();
+      }
     } catch (problem) {
-      this.#say(problemWords(problem));
+      this.#say(troubleWords(problem));
     }
+    this.#isLoadingOlder = false;
   }
 
   #draw(): void {
     const present = new Set(this.cases.map((one) => one.id));
-    for (const [id, row] of this.#rows) {
-      if (present.has(id)) continue;
-      this.#seen.unobserve(row.element);
-      this.#rows.delete(id);
-    }
-    // Rows are kept and altered, so that focus and screen readers stay where they are.
-    const wanted = sorted(this.cases, this.#order.value === "label" ? "label" : "newest")
-      .filter((one) => matches(one, this.#search.value.trim()))
-      .map((one) => {
-        const row = this.#rows.get(one.id) ?? new Row(one, (doomed) => this.#listener.remove(doomed));
-        this.#rows.set(one.id, row);
-        row.show(one);
-        this.#seen.observe(row.element);
-        return row.element;
-      });
-    const same =
-      wanted.length === this.#list.children.length && wanted.every((row, at) => row === this.#list.children[at]);
-    if (!same) this.#list.replaceChildren(...wanted);
-    this.#more.hidden = this.#next === null;
-    if (this.cases.length > 0) this.#say(wanted.length === 0 ? t("cases.no-match") : "");
-    this.mark(this.#marked);
+    for (const id of this.#rows.keys()) if (!present.has(id)) this.#rows.delete(id);
+    const order = ORDERS.find((one) => one === this.#order.value) ?? "newest";
+    const search = this.#search.value.trim();
+    this.#wanted = sorted(this.cases, order).filter((one) => matches(one, search));
+    if (this.cases.length > 0) this.#say(this.#wanted.length === 0 ? t("cases.no-match") : "");
+    this.#place();
     for (const one of this.cases) {
       const flag = this.#flagged.get(one.id);
       if (!flag || flag.isReady || one.state !== "ready") continue;
@@ -203,14 +221,84 @@ export class CaseList {
     this.#watch();
   }
 
+  /** Other cases are looked for, or in another order. */
+  #fromTop(): void {
+    this.#scroller.scrollTop = 0;
+    this.#draw();
+  }
+
+  // -- The rows in sight
+
+  #stir(): void {
+    this.#frame ||= requestAnimationFrame(() => {
+      this.#frame = 0;
+      this.#place();
+    });
+  }
+
+  /** Puts the rows in sight into the list, and with them the open case and the row that has the focus. */
+  #place(): void {
+    const count = this.#wanted.length;
+    const [first, end] = rowsInSight(count, this.#scroller.scrollTop, this.#scroller.clientHeight);
+    const focused = document.activeElement?.closest<HTMLElement>("#case-list li")?.dataset.id;
+    const kept = this.#wanted.flatMap(({ id }, at) => (id === this.#marked || id === focused ? [at] : []));
+    const above = kept.filter((at) => at < first);
+    const below = kept.filter((at) => at >= end);
+    const inSight = Array.from({ length: end - first }, (_, at) => first + at);
+    const elements = [...above, ...inSight, ...below].map((at) => this.#row(at, count).element);
+    const present = [...this.#list.children];
+    const isSame = elements.length === present.length && elements.every((row, at) => row === present[at]);
+    if (!isSame) this.#swap(elements);
+    this.#list.style.paddingTop = `${(first - above.length) * ROW_PIXELS}px`;
+    this.#list.style.paddingBottom = `${(count - end - below.length) * ROW_PIXELS}px`;
+    clearTimeout(this.#look);
+    this.#look = window.setTimeout(() => {
+      for (const at of inSight) this.#rows.get(this.#wanted[at]?.id ?? "")?.look();
+    }, LOOK_MS);
+  }
+
+  /** Rows that stay are not taken out, so that the focus stays as well. */
+  #swap(elements: readonly HTMLElement[]): void {
+    const stay = new Set<Element>(elements);
+    for (const old of [...this.#list.children]) if (!stay.has(old)) old.remove();
+    elements.forEach((element, at) => {
+      if (this.#list.children[at] !== element) this.#list.insertBefore(element, this.#list.children[at] ?? null);
+    });
+  }
+
+  #row(at: number, count: number): Row {
+    const one = this.#wanted[at] as Case;
+    const row = this.#rows.get(one.id) ?? new Row(one, (doomed) => this.#listener.remove(doomed));
+    this.#rows.set(one.id, row);
+    row.show(one);
+    row.place(at, count);
+    row.mark(one.id === this.#marked);
+    row.flag(this.#flagged.get(one.id)?.why ?? "");
+    return row;
+  }
+
+  /** Scrolls until a row is in sight. */
+  #reach(at: number): void {
+    if (at < 0) return;
+    this.#scroller.scrollTop = scrolledTo(at, this.#scroller.scrollTop, this.#scroller.clientHeight);
+    this.#place();
+  }
+
   /** Arrows go from case to case. */
   #walk(event: KeyboardEvent): void {
-    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
-    if (step === undefined || event.ctrlKey || event.metaKey || event.altKey) return;
-    const links = [...this.#list.querySelectorAll("a")];
-    const at = links.findIndex((link) => link.closest("li")?.contains(document.activeElement));
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const last = this.#wanted.length - 1;
+    const focused = document.activeElement?.closest<HTMLElement>("li")?.dataset.id;
+    const at = this.#wanted.findIndex((one) => one.id === focused);
+    const page = Math.max(Math.floor(this.#scroller.clientHeight / ROW_PIXELS) - 1, 1);
+    const to = { ArrowDown: at + 1, ArrowUp: at - 1, PageDown: at + page, PageUp: at - page, Home: 0, End: last }[
+      event.key
+    ];
+    if (to === undefined || at < 0) return;
     event.preventDefault();
-    links[at + step]?.focus();
+    const next = Math.min(Math.max(to, 0), last);
+    this.#reach(next);
+    this.#rows.get(this.#wanted[next]?.id ?? "")?.focus();
   }
 
   /** Follows the first of the cases that are being prepared. */
@@ -220,12 +308,13 @@ export class CaseList {
       const controller = new AbortController();
       this.#watched.set(one.id, controller);
       const hear = (now: Case | null): void => {
-        this.cases = now
-          ? this.cases.map((other) => (other.id === now.id ? now : other))
-          : this.cases.filter((other) => other.id !== one.id);
-        this.#older = this.#older.map((other) => (other.id === now?.id ? now : other));
-        this.#draw();
-        this.#listener.changed();
+        const heard = (cases: readonly Case[]): readonly Case[] =>
+          now
+            ? cases.map((other) => (other.id === now.id ? now : other))
+            : cases.filter((other) => other.id !== one.id);
+        this.#newest = heard(this.#newest);
+        this.#older = heard(this.#older);
+        this.#merge();
       };
       watchCase(one.id, controller.signal, hear)
         // Asking now and then goes on, whatever becomes of the events.
@@ -234,103 +323,6 @@ export class CaseList {
           this.#watched.delete(one.id);
           if (!this.#disposed) window.setTimeout(() => void this.refresh(), BUSY_MS / 3);
         });
-    }
-  }
-}
-
-/** One case of the list. */
-class Row {
-  readonly element: HTMLElement;
-  readonly #link: HTMLAnchorElement;
-  readonly #thumb = h("span", { class: "thumb", "aria-hidden": "true" });
-  readonly #title = h("span", { class: "title" });
-  readonly #status = h("span", { class: "status" });
-  readonly #version = h("span", { class: "status", hidden: true });
-  readonly #badge = h("span", { class: "quality-badge", hidden: true });
-  readonly #fresh = h("span", { class: "fresh-badge", hidden: true });
-  readonly #bar = h("progress", { max: 1, "aria-label": t("case.progress"), hidden: true });
-  readonly #delete: HTMLButtonElement;
-  #case: Case;
-  #isInSight = false;
-  #thumbAsked = false;
-
-  constructor(one: Case, remove: (one: Case) => void) {
-    this.#case = one;
-    this.#link = h(
-      "a",
-      { href: `#${one.id}`, click: (event: MouseEvent) => this.#stay(event) },
-      this.#thumb,
-      h(
-        "span",
-        { class: "words" },
-        this.#title,
-        h("span", { class: "facts" }, this.#fresh, this.#badge, this.#status, this.#version),
-        this.#bar,
-      ),
-    );
-    this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
-    this.#delete.classList.add("delete");
-    this.element = h("li", { "data-id": one.id }, this.#link, this.#delete);
-  }
-
-  show(one: Case): void {
-    this.#case = one;
-    this.element.dataset.state = one.state;
-    setText(this.#title, caseTitle(one));
-    this.#title.title = caseTitle(one);
-    this.element.title = caseFacts(one);
-    setText(this.#status, caseStatus(one));
-    const version = versionOf(one);
-    setText(this.#version, version);
-    this.#version.hidden = version === "";
-    // There is room for one of them.
-    this.#status.hidden = version !== "" && one.state === "ready";
-    const quality = one.state === "ready" ? qualityOf(one) : null;
-    this.#badge.hidden = !quality || quality.state === "ok";
-    if (quality && quality.state !== "ok") {
-      setText(this.#badge, t(`quality.${quality.state}`));
-      this.#badge.dataset.verdict = quality.state;
-    }
-    this.#bar.hidden = one.state !== "preparing";
-    if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;
-    this.look(this.#isInSight);
-  }
-
-  /** Whether the row is in sight: its picture is asked for when it is. */
-  look(isInSight: boolean): void {
-    this.#isInSight = isInSight;
-    if (isInSight && this.#case.state === "ready") void this.#showThumb(this.#case);
-  }
-
-  /** The case that is open stays as it is. */
-  #stay(event: MouseEvent): void {
-    if (this.#link.hasAttribute("aria-current")) event.preventDefault();
-  }
-
-  /** Says why the case is pointed out; empty: it is not. */
-  flag(why: string): void {
-    setText(this.#fresh, why);
-    this.#fresh.hidden = why === "";
-  }
-
-  mark(chosen: boolean): void {
-    if (chosen) this.#link.setAttribute("aria-current", "true");
-    else this.#link.removeAttribute("aria-current");
-  }
-
-  async #showThumb(one: Case & { state: "ready" }): Promise<void> {
-    if (this.#thumbAsked) return;
-    this.#thumbAsked = true;
-    try {
-      const state = { ...firstState(one), orientation: NAMED_VIEWS.left, way: "exact" } as const;
-      const image = await decoded(
-        await getPicture(`${one.id}/render?${renderQuery(state, [THUMB_PIXELS, THUMB_PIXELS])}`),
-      );
-      image.alt = "";
-      this.#thumb.replaceChildren(image);
-    } catch {
-      // A list without the picture is still a list; the next drawing of the row tries again.
-      this.#thumbAsked = false;
     }
   }
 }

@@ -1,8 +1,11 @@
 // The depth profile: intensity against depth below a point of the surface, with the mirrored point's curve.
 
-import { h, svg } from "../base/dom.ts";
+import { h, setText, svg } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
-import type { Profile } from "../model/profile.ts";
+import { type Profile, nearestSample, profileCsv } from "../model/profile.ts";
+import { paintSvg } from "../panes/paint-svg.ts";
+import { button, row } from "./fields.ts";
+import { captioned, saveFile } from "./picture-file.ts";
 
 const WIDTH = 268;
 const HEIGHT = 150;
@@ -48,8 +51,18 @@ export function pathOf(xs: readonly number[], ys: readonly number[]): string {
     .join("");
 }
 
-/** The chart and, for those who do not see it, its table. */
-export function profileChart(profile: Profile, depth_mm: number): HTMLElement {
+/** What can be done with a profile. */
+export interface ProfileUses {
+  /** A place of the chart was clicked. */
+  go(depth_mm: number): void;
+  /** What stands below its picture. */
+  caption(): Promise<readonly string[]>;
+  /** How its files are called, without their endings. */
+  readonly name: string;
+}
+
+/** The chart, what the pointer reads in it, its files and, for those who do not see it, its table. */
+export function profileView(profile: Profile, depth_mm: number, uses: ProfileUses): HTMLElement {
   const shallow = shallowPart(profile);
   const deepest = shallow.depth_mm.at(-1) ?? 1;
   const values = [...shallow.intensity, ...shallow.mirrored].filter(Number.isFinite);
@@ -59,6 +72,10 @@ export function profileChart(profile: Profile, depth_mm: number): HTMLElement {
     HEIGHT - MARGIN.bottom - ((value - low) / (high - low)) * (HEIGHT - MARGIN.top - MARGIN.bottom);
   const curve = (name: string, ys: readonly number[]): SVGElement =>
     svg("path", { class: `curve ${name}`, d: pathOf(shallow.depth_mm.map(x), ys.map(y)) });
+  const upright = (name: string, at: number): SVGElement =>
+    svg("line", { class: name, x1: at, x2: at, y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom });
+  const pointer = upright("pointer", 0);
+  pointer.setAttribute("visibility", "hidden");
   const picture = svg(
     "svg",
     { class: "chart", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": t("profile.alt") },
@@ -78,19 +95,82 @@ export function profileChart(profile: Profile, depth_mm: number): HTMLElement {
       { class: "tick middle", x: (MARGIN.left + WIDTH - MARGIN.right) / 2, y: HEIGHT - 3 },
       t("profile.axis"),
     ),
-    depth_mm <= deepest
-      ? svg("line", { class: "here", x1: x(depth_mm), x2: x(depth_mm), y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom })
-      : null,
+    depth_mm <= deepest ? upright("here", x(depth_mm)) : null,
     curve("other", shallow.mirrored),
     curve("own", shallow.intensity),
+    pointer,
   );
+  const depthAt = ({ clientX }: MouseEvent): number => {
+    const box = picture.getBoundingClientRect();
+    const place = ((clientX - box.left) / box.width) * WIDTH;
+    const share = (place - MARGIN.left) / (WIDTH - MARGIN.left - MARGIN.right);
+    return Math.min(Math.max(share, 0), 1) * deepest;
+  };
+  const read = h("p", { class: "profile-read" }, t("profile.hint"));
+  picture.addEventListener("pointermove", (event) => {
+    const at = nearestSample(shallow, depthAt(event));
+    const depth = shallow.depth_mm[at] ?? 0;
+    for (const end of ["x1", "x2"]) pointer.setAttribute(end, String(x(depth)));
+    pointer.setAttribute("visibility", "visible");
+    const grey = (value = NaN): string => (Number.isFinite(value) ? intensity(value) : "–");
+    const [own, mirrored] = [grey(shallow.intensity[at]), grey(shallow.mirrored[at])];
+    setText(read, t("profile.read", { depth: number(depth, 2), own, mirrored }));
+  });
+  picture.addEventListener("pointerleave", () => {
+    pointer.setAttribute("visibility", "hidden");
+    setText(read, t("profile.hint"));
+  });
+  picture.addEventListener("click", (event) => uses.go(shallow.depth_mm[nearestSample(shallow, depthAt(event))] ?? 0));
   const legend = h(
     "p",
     { class: "legend" },
     h("span", { class: "own" }, t("profile.own")),
     h("span", { class: "other" }, t("profile.mirrored")),
   );
-  return h("div", { class: "profile" }, picture, legend, tableOf(shallow));
+  const files = row(
+    button(t("profile.png"), () => void savePicture(picture, uses)),
+    button(t("profile.csv"), () => saveTable(profile, uses)),
+  );
+  return h("div", { class: "profile" }, picture, legend, read, files, tableOf(shallow));
+}
+
+/** The height of the legend in a saved chart. */
+const LEGEND_PIXELS = 20;
+
+/** Saves the chart at four times its size on the screen. */
+async function savePicture(chart: SVGSVGElement, { caption, name }: ProfileUses): Promise<void> {
+  const { width, height } = chart.getBoundingClientRect();
+  const page = getComputedStyle(document.body);
+  const frame = { width, height: height + LEGEND_PIXELS, ratio: 4, caption: await caption() };
+  const png = await captioned(frame, (context) => {
+    context.fillStyle = page.backgroundColor;
+    context.fillRect(0, 0, width, height + LEGEND_PIXELS);
+    paintSvg(context, chart, [0, 0]);
+    context.font = `12px ${page.fontFamily}`;
+    context.textBaseline = "middle";
+    const legend = [
+      ["own", t("profile.own")],
+      ["other", t("profile.mirrored")],
+    ] as const;
+    for (const [at, [curve, words]] of legend.entries()) {
+      const line = chart.querySelector(`.curve.${curve}`);
+      const [left, middle] = [10 + (at * width) / 2, height + LEGEND_PIXELS / 2];
+      context.strokeStyle = line ? getComputedStyle(line).stroke : page.color;
+      context.lineWidth = 2;
+      context.setLineDash(curve === "other" ? [5, 3] : []);
+      context.beginPath();
+      context.moveTo(left, middle);
+      context.lineTo(left + 24, middle);
+      context.stroke();
+      context.fillStyle = page.color;
+      context.fillText(words, left + 30, middle);
+    }
+  });
+  saveFile(png, `${name}-profile.png`);
+}
+
+function saveTable(profile: Profile, { name }: ProfileUses): void {
+  saveFile(new Blob([profileCsv(profile)], { type: "text/csv" }), `${name}-profile.csv`);
 }
 
 /** The profile at whole millimetres. */

@@ -9,10 +9,10 @@ import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
 import type { Preferences } from "./preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import type { Vec2 } from "../model/space.ts";
-import type { ViewState } from "../model/state.ts";
+import { type ViewState, isHalved } from "../model/state.ts";
 
 /** A dialog that is gone when it closes; the promise is of the value of the button that closed it. */
-function open(
+export function open(
   title: string,
   name: string,
   ...body: (Node | string)[]
@@ -38,8 +38,11 @@ function open(
   return { dialog, closed };
 }
 
-const closing = (value: string, words: string, attributes: Record<string, string | boolean> = {}): HTMLButtonElement =>
-  h("button", { value, ...attributes }, words);
+export const closing = (
+  value: string,
+  words: string,
+  attributes: Record<string, string | boolean> = {},
+): HTMLButtonElement => h("button", { value, ...attributes }, words);
 
 /** Whether a case is to be deleted; anything but the button that says so is a no. */
 export async function confirmDelete(title: string): Promise<boolean> {
@@ -160,6 +163,7 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
     ),
     h("p", { class: "quiet" }, t("help.mirror")),
     h("p", { class: "quiet" }, t("help.slices")),
+    h("p", { class: "quiet" }, t("help.zero")),
     h("h3", {}, t("help.choices")),
     h("label", { class: "inline" }, t("wheel.label"), wheel),
     h("label", { class: "inline" }, t("drag.label"), drag),
@@ -199,7 +203,7 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
     t("server.title", { depth: number(state.depth_mm, 1) }),
     "server-picture",
     place,
-    ...(state.layout === "mirror" ? [h("p", { class: "quiet" }, t("server.half"))] : []),
+    ...(isHalved(state) ? [h("p", { class: "quiet" }, t("server.half"))] : []),
     h("div", { class: "line" }, field, h("button", { type: "button", click: () => void copy() }, t("server.copy"))),
     said,
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })),

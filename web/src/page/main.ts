@@ -2,20 +2,21 @@
 
 import { deleteCase, getCase, onReach, onTokenWanted } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
-import { caseIdentity, caseStatus, caseTitle } from "../base/case-words.ts";
+import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { CaseList } from "./cases.ts";
 import { commandOf } from "../model/controls.ts";
-import { askToken, confirmDelete, helpDialog, maskDialog } from "./dialogs.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
 import { readAddress } from "../model/fragment.ts";
 import { LANGUAGES, isLanguage, learn, t } from "../base/i18n.ts";
 import { press } from "./fields.ts";
+import { later } from "./later.ts";
+import { resizer } from "./resizer.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
-import { problemWords, sentence } from "../base/problem-words.ts";
+import { problemWords } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { LAYOUTS } from "../model/state.ts";
-import { UploadForm, hearDrops } from "./upload.ts";
+import { UploadSlot, hearDrops } from "./upload-slot.ts";
 import { Viewer } from "./viewer.ts";
 
 const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
@@ -38,8 +39,10 @@ class App {
   readonly #main: HTMLElement;
   readonly #sidebar: HTMLElement;
   readonly #list: CaseList;
-  readonly #upload: UploadForm;
+  readonly #upload: UploadSlot;
   readonly #root: HTMLElement;
+  readonly #fold = iconButton("panel", t("panel.toggle"), () => this.#showPanel(!this.#isPanelShown));
+  #isPanelShown = true;
   #viewer: Viewer | null = null;
   #chosen: Case | null = null;
   /** Why the case of the address cannot be shown; empty where it can. */
@@ -52,7 +55,7 @@ class App {
       remove: (one) => void this.#remove(one),
       ready: (one) => this.#announce(t("case.now-ready", { title: caseTitle(one) })),
     });
-    this.#upload = new UploadForm(async ({ id }, wasThere) => {
+    this.#upload = new UploadSlot(async ({ id }, wasThere) => {
       this.#list.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
       await this.#list.refresh();
     });
@@ -83,6 +86,13 @@ class App {
       this.#list.element,
     );
     this.#main = h("main", { class: "page" }, this.#sidebar, this.#stage);
+    this.#sidebar.append(
+      resizer(
+        preferences.list_width,
+        (width) => this.#main.style.setProperty("--list-width", `${width}px`),
+        (list_width) => choose({ list_width }),
+      ),
+    );
     this.#root = h(
       "div",
       { class: "app" },
@@ -96,7 +106,7 @@ class App {
     this.#showSidebar(window.innerWidth >= 1200);
     hearDrops(document.body, (files) => {
       this.#showSidebar(true);
-      this.#upload.drop(files);
+      void this.#upload.drop(files);
     });
   }
 
@@ -105,7 +115,7 @@ class App {
     document.body.dataset.loaded = "true";
     if (this.#list.cases.length === 0) {
       this.#showSidebar(true);
-      this.#upload.element.open = true;
+      this.#upload.open();
     }
   }
 
@@ -176,6 +186,11 @@ class App {
       preferences: () => preferences,
       announce: (words) => this.#announce(words),
       help: () => this.#help(),
+      knowsDepth: () => choose({ knows_depth: true }),
+      made: (one, wasThere) => {
+        this.#list.flag(one.id, t(wasThere ? "case.was-there" : "case.fresh"));
+        void this.#list.refresh();
+      },
       serverOnly,
       left: memory.of(ready),
     });
@@ -184,6 +199,7 @@ class App {
     if (window.innerWidth <= OVERLAID_PIXELS) this.#showSidebar(false);
     this.#stage.append(viewer.element);
     this.#main.append(viewer.panel.element);
+    this.#showPanel(this.#isPanelShown);
     this.#pressLayout();
     void viewer.load();
   }
@@ -197,8 +213,12 @@ class App {
     this.#quality.replaceChildren(
       h("strong", { class: "quality-badge", "data-verdict": quality.state }, t(`quality.${quality.state}`)),
       h("span", {}, t(`quality.${quality.state}.text`)),
-      h("button", { type: "button", click: () => maskDialog(ready.id) }, t("quality.look")),
-      h("ul", {}, ...quality.reasons.map((reason) => h("li", {}, sentence(reason)))),
+      h(
+        "button",
+        { type: "button", click: () => this.#open(({ maskDialog }) => maskDialog(ready.id)) },
+        t("quality.look"),
+      ),
+      h("ul", {}, ...reasonWords(quality).map((reason) => h("li", {}, reason))),
     );
   }
 
@@ -226,8 +246,17 @@ class App {
       h("p", { class: "research", role: "note" }, t("notice.long")),
       language,
       iconButton("theme", t("theme.toggle"), () => choose({ theme: preferences.theme === "dark" ? "light" : "dark" })),
+      ...(document.fullscreenEnabled ? [fullScreenButton()] : []),
+      this.#fold,
       iconButton("help", t("help.title"), () => this.#help()),
     );
+  }
+
+  #showPanel(shown: boolean): void {
+    this.#isPanelShown = shown;
+    this.#main.classList.toggle("no-panel", !shown);
+    if (this.#viewer) this.#viewer.panel.element.hidden = !shown;
+    this.#fold.setAttribute("aria-expanded", String(shown));
   }
 
   #setLayout(layout: (typeof LAYOUTS)[number]): void {
@@ -252,7 +281,15 @@ class App {
   }
 
   #help(): void {
-    helpDialog(preferences, choose);
+    this.#open(({ helpDialog }) => helpDialog(preferences, choose));
+  }
+
+  /** Opens what is fetched when it is first wanted. */
+  #open(work: (parts: Awaited<ReturnType<typeof later>>) => void): void {
+    later().then(work, (problem: unknown) => {
+      setText(this.#note, problemWords(problem));
+      this.#note.hidden = false;
+    });
   }
 
   #announce(words: string): void {
@@ -271,11 +308,12 @@ class App {
   }
 
   async #remove(one: Case): Promise<void> {
-    if (!(await confirmDelete(caseTitle(one)))) return;
     try {
+      if (!(await (await later()).confirmDelete(caseTitle(one)))) return;
       await deleteCase(one.id);
       memory.forget(one.id);
       if (this.#chosen?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
+      this.#list.forget(one.id);
       await this.#list.refresh();
       this.#announce(t("delete.done"));
       // The button that had the focus is gone.
@@ -321,6 +359,16 @@ function choose(change: Partial<Preferences>): void {
   void build().then(() => document.getElementById("language")?.focus());
 }
 
+function fullScreenButton(): HTMLElement {
+  const button = iconButton("full", t("full-screen"), () => void toggleFullScreen());
+  button.classList.add("full");
+  return button;
+}
+
+function toggleFullScreen(): Promise<void> {
+  return document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
+}
+
 function dress(): void {
   document.documentElement.dataset.theme = preferences.theme;
 }
@@ -334,7 +382,7 @@ async function build(): Promise<void> {
 }
 
 dress();
-onTokenWanted(askToken);
+onTokenWanted(async (refused) => (await later()).askToken(refused));
 onReach((reachable) => app?.reach(reachable));
 window.addEventListener("popstate", () => void app?.addressChanged());
 window.addEventListener("keydown", (event) => app?.key(event));

@@ -2,7 +2,7 @@
 
 import { h, iconButton, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { problemWords } from "../base/problem-words.ts";
+import { troubleWords } from "../base/problem-words.ts";
 import type { Fallback, LoadProgress } from "../panes/surface.ts";
 
 /** So many parts of an address are named, and so much of each. */
@@ -20,7 +20,8 @@ export class Notices {
   readonly #trouble = h("p", { class: "notice-line bad", role: "alert", hidden: true });
   readonly #remark: HTMLElement;
   readonly #remarkText = h("span", {});
-  readonly #loading: HTMLElement;
+  /** How far the loading is: over the picture, which it does not move. */
+  readonly loading: HTMLElement;
   readonly #text = h("span", {});
   readonly #bar = h("progress", { max: 1, "aria-label": t("load.label") });
   readonly #cancel: HTMLButtonElement;
@@ -31,14 +32,14 @@ export class Notices {
       h("button", { type: "button", class: name, click }, words);
     this.#cancel = button("cancel-load", t("load.cancel"), () => listener.cancelLoad());
     this.#again = button("load-again", t("load.again"), () => listener.loadAgain());
-    this.#loading = h("div", { class: "notice-line", hidden: true }, this.#text, this.#bar, this.#cancel, this.#again);
+    this.loading = h("div", { class: "loading-line", hidden: true }, this.#text, this.#bar, this.#cancel, this.#again);
     const dismiss = iconButton("close", t("notice.dismiss"), () => this.remark(""));
     this.#remark = h("div", { class: "notice-line remark", role: "status", hidden: true }, this.#remarkText, dismiss);
-    this.element = h("div", { class: "notices" }, this.#trouble, this.#fallback, this.#remark, this.#loading);
+    this.element = h("div", { class: "notices" }, this.#trouble, this.#fallback, this.#remark);
   }
 
   complain(problem: unknown): void {
-    this.trouble(problem === null ? "" : problemWords(problem));
+    this.trouble(troubleWords(problem));
   }
 
   /** Empty words: all is well. */
@@ -68,21 +69,24 @@ export class Notices {
     this.#showBar(true);
   }
 
-  progress({ loaded, total }: LoadProgress): void {
-    this.#loading.hidden = total > 0 && loaded >= total;
-    if (total > 0) this.#bar.value = loaded / total;
-    const megabytes = (bytes: number): string => number(bytes / 1e6, 1);
-    setText(this.#text, t("load.text", { loaded: megabytes(loaded), total: total > 0 ? megabytes(total) : "…" }));
+  progress({ stage, loaded, total }: LoadProgress): void {
+    this.loading.hidden = false;
+    // A full bar that waits would say that it is over.
+    if (stage === "ready" || total === 0) this.#bar.removeAttribute("value");
+    else this.#bar.value = Math.min(loaded / total, 0.99);
+    const [done, all] = [loaded, total].map((bytes) => number(bytes / 1e6, 1));
+    const bytes = stage === "ready" || total === 0 ? "" : t("load.bytes", { loaded: done ?? "", total: all ?? "" });
+    setText(this.#text, `${t(`load.${stage}`)}${bytes}`);
   }
 
   end(): void {
-    this.#loading.hidden = true;
+    this.loading.hidden = true;
   }
 
   cancelled(): void {
     this.#showBar(false);
     setText(this.#text, t("load.cancelled"));
-    this.#loading.hidden = false;
+    this.loading.hidden = false;
     // The focus was on the button that is gone.
     if (document.activeElement === document.body) this.#again.focus();
   }

@@ -14,11 +14,23 @@ import {
   WAYS,
   WINDOW_PRESETS,
   ZOOM_RANGE,
+  boundOutlines,
+  clampDepth,
   presetWindow,
 } from "../model/state.ts";
+import { readDepths } from "../model/query.ts";
 import type { Actions } from "./actions.ts";
 import { button, line, press, row, section, tall } from "./fields.ts";
 import { PointSection } from "./point-section.ts";
+
+/** How many times the screen's pixels a saved picture can have. */
+const TIMES = [1, 2, 4] as const;
+
+/** Sections that others fill. */
+export interface PanelSections {
+  readonly sweep: HTMLElement;
+  readonly case: HTMLElement;
+}
 
 /** The panel beside the picture. */
 export class Panel {
@@ -35,13 +47,18 @@ export class Panel {
   readonly #slab: HTMLInputElement;
   readonly #light: HTMLInputElement;
   readonly #convention: HTMLSelectElement;
+  readonly #averages: HTMLInputElement;
+  readonly #outlines: HTMLInputElement;
+  readonly #times: HTMLSelectElement;
   /** What is known of the marked point. */
   readonly point: PointSection;
   readonly #undo: HTMLButtonElement;
   readonly #redo: HTMLButtonElement;
+  readonly #zoomText = h("span", { class: "value quiet", "aria-hidden": "true" });
+  readonly #slabText = h("span", { class: "value quiet", "aria-hidden": "true" });
   readonly #note = h("p", { class: "quiet", role: "status" });
 
-  constructor(shown: ReadyCase, actions: Actions) {
+  constructor(shown: ReadyCase, actions: Actions, sections: PanelSections) {
     this.#shown = shown;
     this.#windowShown = shown.intensity.window;
     this.#actions = actions;
@@ -101,6 +118,28 @@ export class Panel {
       CONVENTIONS.map((name) => [name, t(`convention.${name}`)]),
       (convention) => ({ convention }),
     );
+    this.#averages = h("input", {
+      type: "checkbox",
+      id: "averages",
+      change: () => actions.change({ averages_shallow: this.#averages.checked }, true),
+    });
+    this.#outlines = h("input", {
+      type: "text",
+      id: "outlines",
+      inputmode: "decimal",
+      placeholder: "0, 20",
+      "aria-label": t("outlines.label"),
+      change: () => {
+        const depths = readDepths(this.#outlines.value, clampDepth(Infinity, shown)) ?? [];
+        actions.change({ outlines_mm: boundOutlines(depths, shown) }, true);
+      },
+    });
+    this.#times = h(
+      "select",
+      { id: "times", "aria-label": t("export.times") },
+      ...TIMES.map((times) => h("option", { value: times }, `${times}×`)),
+    );
+    const times = (): number => Number(this.#times.value);
     this.#undo = iconButton("undo", t("undo"), () => actions.command({ kind: "undo" }));
     this.#redo = iconButton("redo", t("redo"), () => actions.command({ kind: "redo" }));
     this.point = new PointSection(actions);
@@ -111,7 +150,7 @@ export class Panel {
         t("panel.view"),
         true,
         this.#views,
-        line(t("zoom.label"), this.#zoom),
+        line(t("zoom.label"), this.#zoom, this.#zoomText),
         this.#pads(),
         row(
           button(t("reset"), () => actions.command({ kind: "reset" })),
@@ -137,15 +176,22 @@ export class Panel {
         false,
         line(t("way.label"), this.#way),
         line(t("light.label"), this.#light),
-        line(t("slab.label"), this.#slab),
+        line(t("slab.label"), this.#slab, this.#slabText),
+        h("label", { class: "inline" }, this.#averages, t("averages.label")),
         tall(t("convention.label"), this.#convention),
+        line(t("outlines.label"), this.#outlines, h("span", { class: "quiet" }, "mm")),
       ),
+      sections.sweep,
+      sections.case,
       section(
         t("panel.export"),
         false,
         row(
-          button(t("export.screenshot"), () => actions.screenshot()),
+          this.#times,
+          button(t("export.screenshot"), () => actions.screenshot(times())),
+          button(t("export.copy-picture"), () => actions.copyPicture(times())),
           button(t("export.server"), () => actions.serverPicture()),
+          button(t("export.series"), () => actions.series()),
           button(t("export.copy"), () => actions.copyAddress()),
         ),
         this.#note,
@@ -164,7 +210,9 @@ export class Panel {
       WINDOW_PRESETS.find((preset) => same(boundWindow(presetWindow(preset, this.#shown), this.#shown))) ?? null,
     );
     setValue(this.#zoom, Math.log2(state.zoom).toFixed(2));
-    this.#zoom.setAttribute("aria-valuetext", `${number(state.zoom * 100)} %`);
+    const zoom = `${number(state.zoom * 100)} %`;
+    this.#zoom.setAttribute("aria-valuetext", zoom);
+    setText(this.#zoomText, zoom);
     for (const part of ["center", "width"] as const) {
       setValue(this.#window[part].range, state.window[part]);
       setValue(this.#window[part].number, windowNumber(state.window[part]));
@@ -172,7 +220,11 @@ export class Panel {
     setValue(this.#colormap, state.colormap);
     setValue(this.#way, state.way);
     setValue(this.#slab, state.slab_mm);
-    this.#slab.setAttribute("aria-valuetext", `${number(state.slab_mm, 1)} mm`);
+    const slab = `±${number(state.slab_mm, 1)} mm`;
+    this.#slab.setAttribute("aria-valuetext", slab);
+    setText(this.#slabText, slab);
+    this.#averages.checked = state.averages_shallow;
+    if (document.activeElement !== this.#outlines) this.#outlines.value = state.outlines_mm.join(", ");
     setValue(this.#light, (1 - state.ambient).toFixed(2));
     setValue(this.#convention, state.convention);
   }

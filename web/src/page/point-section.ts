@@ -39,11 +39,11 @@ export class PointSection {
     );
     const mark = row(button(t("point.mark"), () => actions.command({ kind: "mark" })));
     this.parts = [this.#hint, this.#words, this.#tools, this.#profile, mark];
-    this.show(null, null);
+    this.show(null);
   }
 
-  /** Shows a point, `profile` being its chart, where there is one. */
-  show(words: PointWords | null, profile: HTMLElement | null): void {
+  /** Shows a point; without one there is no chart either. */
+  show(words: PointWords | null): void {
     const keys = Object.keys(LABELS) as (keyof PointWords)[];
     const rows = words ? keys.map((key) => [h("dt", {}, t(LABELS[key])), h("dd", { class: key }, words[key])]) : [];
     this.#words.replaceChildren(...rows.flat());
@@ -51,6 +51,12 @@ export class PointSection {
     this.#tools.hidden = !words;
     this.#hint.hidden = words !== null;
     setText(this.#hint, t("point.hint"));
+    if (!words) this.plot(null);
+  }
+
+  /** Shows the chart of a profile; null: of none. */
+  plot(profile: HTMLElement | null): void {
+    // The table stays open, whatever depth is gone to.
     const isOpen = this.#profile.querySelector("details")?.open ?? false;
     this.#profile.replaceChildren(...(profile ? [profile] : []));
     const table = this.#profile.querySelector("details");

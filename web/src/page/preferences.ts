@@ -1,6 +1,7 @@
 // What a user chose once: of the page alone, never of a case.
 
 import { type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { boundWidth } from "./resizer.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
 export interface Preferences {
@@ -10,9 +11,14 @@ export interface Preferences {
   readonly wheel: WheelUse;
   /** Whether single letters are commands. */
   readonly shortcuts: boolean;
+  /** Whether the line that explains the depth slider was dismissed. */
+  readonly knows_depth: boolean;
+  /** Of the list, in CSS pixels. */
+  readonly list_width: number;
 }
 
 const KEY = "isocortex";
+const LIST_WIDTH = 260;
 
 /** The stored text as preferences; whatever is not understood is as at first. */
 export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
@@ -29,6 +35,8 @@ export function readPreferences(text: string | null, preferred: readonly string[
     drag: DRAG_DIRECTIONS.find((one) => one === stored.drag) ?? "up-darker",
     wheel: WHEEL_USES.find((one) => one === stored.wheel) ?? "zoom",
     shortcuts: stored.shortcuts !== false,
+    knows_depth: stored.knows_depth === true,
+    list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };
 }
 

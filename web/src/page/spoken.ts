@@ -15,7 +15,7 @@ export interface Places {
 }
 
 /** The marked point is told; without one, what is in the middle of the picture. */
-export function spokenWords(state: ViewState, places: Places): string {
+function spokenWords(state: ViewState, places: Places): string {
   const { crosshair_mm: marked } = state;
   const [width, height] = places.size();
   const position = marked ?? places.pick([width / 2, height / 2])?.position_in_patient ?? null;
@@ -33,4 +33,23 @@ function placeWords(position: Vec3, places: Places): string {
     depth: number(probed.depth_mm, 1),
     grey: intensity(probed.intensity),
   });
+}
+
+/** Reads out what is shown, if that is not what was said before. */
+export class Speaker {
+  readonly #announce: (words: string) => void;
+  /** Null before the first picture. */
+  #said: string | null = null;
+
+  constructor(announce: (words: string) => void) {
+    this.#announce = announce;
+  }
+
+  /** The words of a state, which are read out where they are new; at first the page has enough to say. */
+  say(state: ViewState, places: Places): string {
+    const words = spokenWords(state, places);
+    if (this.#said !== null && this.#said !== words) this.#announce(words);
+    this.#said = words;
+    return words;
+  }
 }

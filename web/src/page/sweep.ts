@@ -1,23 +1,30 @@
-// The sweep through the depths, to and fro.
+// The sweep through the depths, step by step.
 
 import type { ReadyCase } from "../model/case.ts";
-import { sweptDepth } from "../model/state.ts";
-
-/** The sweep's steps. */
-const STEP_MS = 100;
+import { type SweepChoice, stepMs, sweptDepth, wholeSweep } from "../model/sweep.ts";
 
 export class Sweep {
-  readonly #shown: ReadyCase;
   readonly #depth_mm: () => number;
   readonly #go: (depth_mm: number) => void;
+  #choice: SweepChoice;
   #timer = 0;
   #direction = 1;
 
   /** `go` is given the depth of every step, from the one that `depth_mm` tells. */
   constructor(shown: ReadyCase, depth_mm: () => number, go: (depth_mm: number) => void) {
-    this.#shown = shown;
+    this.#choice = wholeSweep(shown);
     this.#depth_mm = depth_mm;
     this.#go = go;
+  }
+
+  get choice(): SweepChoice {
+    return this.#choice;
+  }
+
+  /** Takes another range, speed or way; a running sweep goes on with it. */
+  choose(choice: SweepChoice): void {
+    this.#choice = choice;
+    if (this.stop()) this.start();
   }
 
   get isRunning(): boolean {
@@ -25,7 +32,7 @@ export class Sweep {
   }
 
   start(): void {
-    this.#timer = window.setInterval(() => this.#step(), STEP_MS);
+    this.#timer = window.setInterval(() => this.#step(), stepMs(this.#choice));
     this.#step();
   }
 
@@ -38,7 +45,7 @@ export class Sweep {
   }
 
   #step(): void {
-    const [next, direction] = sweptDepth(this.#depth_mm(), this.#direction, this.#shown);
+    const [next, direction] = sweptDepth(this.#depth_mm(), this.#direction, this.#choice);
     this.#direction = direction;
     this.#go(next);
   }

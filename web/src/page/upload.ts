@@ -9,16 +9,21 @@ import { problemWords } from "../base/problem-words.ts";
 import { confirmRename } from "./dialogs.ts";
 import { type Sorted, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
 
+/** What the form is in. */
+export interface UploadBox {
+  /** Says what became of the last upload; beside the form, which is closed by then. */
+  readonly done: HTMLElement;
+  close(): void;
+}
+
 export class UploadForm {
-  readonly element: HTMLDetailsElement;
+  readonly #box: UploadBox;
   readonly #onCreated: (one: Case, wasThere: boolean) => Promise<void>;
-  readonly #form: HTMLFormElement;
+  readonly element: HTMLFormElement;
   readonly #chosen = h("p", { class: "chosen", role: "status" });
   readonly #names = h("p", { class: "chosen-names quiet", hidden: true });
   readonly #sent = h("p", { class: "quiet sent", hidden: true });
   readonly #note = h("p", { id: "upload-note", role: "alert" });
-  /** What became of the last upload; shown beside the form, which is closed by then. */
-  readonly done = h("p", { id: "upload-done", class: "quiet", role: "status" });
   readonly #bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": t("upload.progress") });
   readonly #send: HTMLButtonElement;
   readonly #cancel: HTMLButtonElement;
@@ -31,7 +36,8 @@ export class UploadForm {
   #maskFile: File | null = null;
   #abort: AbortController | null = null;
 
-  constructor(onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
+  constructor(box: UploadBox, onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
+    this.#box = box;
     this.#onCreated = onCreated;
     this.#volume = h("input", {
       type: "file",
@@ -64,7 +70,7 @@ export class UploadForm {
         h("span", { class: "file-button", "aria-hidden": "true" }, button),
         h("span", { class: "quiet" }, hint),
       );
-    this.#form = h(
+    this.element = h(
       "form",
       { id: "upload", submit: (event: SubmitEvent) => void this.#submit(event) },
       h("p", { class: "drop-hint" }, t("upload.drop")),
@@ -80,17 +86,14 @@ export class UploadForm {
       this.#sent,
       this.#note,
     );
-    this.element = h("details", { id: "add", class: "add" }, h("summary", {}, t("upload.title")), this.#form);
   }
 
   /** Files that were dropped on the page. */
   drop(files: readonly File[]): void {
-    this.element.open = true;
     const [only] = files;
     // A mask alone joins the volume that is there.
     if (only && files.length === 1 && looksLikeMask(only) && this.#files.length > 0) this.#takeMask(only);
     else this.#take(files);
-    this.element.scrollIntoView({ block: "nearest" });
   }
 
   #take(files: readonly File[]): void {
@@ -131,12 +134,12 @@ export class UploadForm {
     this.#busy(true);
     try {
       const { created, wasThere } = await this.#sendAndName(sorted, this.#abort.signal);
-      this.#form.reset();
+      this.element.reset();
       this.#files = [];
       this.#maskFile = null;
       this.#tell();
-      setText(this.done, t(wasThere ? "upload.was-there" : "upload.done", { title: caseTitle(created) }));
-      this.element.open = false;
+      setText(this.#box.done, t(wasThere ? "upload.was-there" : "upload.done", { title: caseTitle(created) }));
+      this.#box.close();
       await this.#onCreated(created, wasThere);
     } catch (problem) {
       setText(this.#note, this.#abort.signal.aborted ? t("upload.cancelled") : problemWords(problem));
@@ -176,7 +179,7 @@ export class UploadForm {
     setText(this.#sent, "");
     this.#bar.value = 0;
     if (!busy) return;
-    for (const line of [this.#note, this.done]) setText(line, "");
+    for (const line of [this.#note, this.#box.done]) setText(line, "");
   }
 
   /** The multipart body. The files go under fixed names, for a file's own name may hold the patient's. */
@@ -191,54 +194,5 @@ export class UploadForm {
     sorted.dicom.forEach((file, index) => body.append("dicom", file, `${index + 1}.dcm`));
     if (sorted.mask) body.append("mask", sorted.mask, uploadName("mask", sorted.mask.name));
     return body;
-  }
-}
-
-/** Hears files that are dropped anywhere on the page, the files of dropped folders among them. */
-export function hearDrops(target: HTMLElement, hear: (files: readonly File[]) => void): void {
-  const hasFiles = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
-  target.addEventListener("dragover", (event) => {
-    if (!hasFiles(event)) return;
-    event.preventDefault();
-    target.classList.add("dropping");
-  });
-  target.addEventListener("dragleave", (event) => {
-    if (!(event.relatedTarget instanceof Node)) target.classList.remove("dropping");
-  });
-  target.addEventListener("drop", (event) => {
-    target.classList.remove("dropping");
-    if (!hasFiles(event) || !event.dataTransfer) return;
-    event.preventDefault();
-    // The items are gone when the event is over: their entries are taken now.
-    const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.() ?? null);
-    const plain = [...event.dataTransfer.files];
-    void (entries.some((entry) => entry?.isDirectory) ? filesOf(entries) : Promise.resolve(plain)).then(hear, () =>
-      hear(plain),
-    );
-  });
-}
-
-/** The most files of a dropped folder; a series has some hundreds. */
-const MOST_FILES = 20_000;
-
-async function filesOf(entries: readonly (FileSystemEntry | null)[]): Promise<File[]> {
-  const files: File[] = [];
-  const waiting = entries.filter((entry) => entry !== null);
-  for (let entry = waiting.pop(); entry && files.length < MOST_FILES; entry = waiting.pop()) {
-    if (entry.isFile)
-      files.push(await new Promise<File>((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject)));
-    else waiting.push(...(await entriesOf(entry as FileSystemDirectoryEntry)));
-  }
-  return files;
-}
-
-async function entriesOf(folder: FileSystemDirectoryEntry): Promise<FileSystemEntry[]> {
-  const reader = folder.createReader();
-  const all: FileSystemEntry[] = [];
-  for (;;) {
-    // It gives a hundred at a time, and none at the end.
-    const some = await new Promise<FileSystemEntry[]>((resolve, reject) => reader.readEntries(resolve, reject));
-    if (some.length === 0) return all;
-    all.push(...some);
   }
 }

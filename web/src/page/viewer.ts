@@ -1,15 +1,14 @@
 // The chosen case: one state, the panes that show it, and what changes it.
 
-import { facing, outwardAt, towardsViewer } from "../model/camera.ts";
-import type { ReadyCase } from "../model/case.ts";
-import { changeOf } from "../model/commands.ts";
-import { type Change, type Command, deepen, dragWindow, lookFrom } from "../model/controls.ts";
+import type { Case, ReadyCase } from "../model/case.ts";
+import { changeOf, laidOut, turnedTo } from "../model/commands.ts";
+import { type Change, type Command, dragWindow } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
 import type { StateHistory } from "../model/history.ts";
 import type { Left } from "../model/memory.ts";
 import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { LAYOUTS, type Layout, type ViewState } from "../model/state.ts";
+import { clampDepth, type Layout, type ViewState, hasSlices } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
@@ -18,15 +17,14 @@ import type { SurfaceStatus } from "../panes/surface.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
 import type { Actions } from "./actions.ts";
 import { AddressFollower } from "./address.ts";
-import { profileChart } from "./chart.ts";
-import { DepthBar } from "./depth-bar.ts";
-import { serverPictureDialog } from "./dialogs.ts";
-import { copied, saveView } from "./export.ts";
+import { DepthBar, explanation } from "./depth-bar.ts";
+import { later } from "./later.ts";
 import { Notices } from "./notices.ts";
+import { OnDemand } from "./on-demand.ts";
 import { Panel } from "./panel.ts";
 import { pointWords } from "./point-section.ts";
 import type { Preferences } from "./preferences.ts";
-import { spokenWords } from "./spoken.ts";
+import { Speaker } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
 
 /** What the page around the viewer does for it. */
@@ -34,6 +32,10 @@ export interface ViewerHost {
   readonly preferences: () => Preferences;
   readonly announce: (words: string) => void;
   readonly help: () => void;
+  /** The line that explains the depth slider was dismissed. */
+  readonly knowsDepth: () => void;
+  /** A version of the case was made, or was there. */
+  readonly made: (one: Case, wasThere: boolean) => void;
   readonly serverOnly: boolean;
   /** The case as it was left. */
   readonly left: Left;
@@ -51,18 +53,18 @@ export class Viewer {
   readonly #depthBar: DepthBar;
   readonly #address: AddressFollower;
   readonly #sweep: Sweep;
+  readonly #onDemand: OnDemand;
+  readonly #speaker: Speaker;
   readonly #observer: ResizeObserver;
   readonly #history: StateHistory;
   #loadAbort = new AbortController();
   #state: ViewState;
   #picked: Picked | null = null;
-  /** Where a point was asked for before it could be found. */
+  /** Where a point was asked for too early. */
   #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
   #frame = 0;
   #moving = false;
   #timerShown = false;
-  /** What was read out last; null before the first picture. */
-  #said: string | null = null;
   #disposed = false;
 
   constructor(shown: ReadyCase, rest: string, host: ViewerHost) {
@@ -75,8 +77,8 @@ export class Viewer {
     const { state, unread } = isAsLeft ? { state: left, unread: [] } : readState(rest, shown);
     this.#state = state;
     this.#history.record(state);
+    this.#speaker = new Speaker(host.announce);
     const actions = this.#actions();
-    this.panel = new Panel(shown, actions);
     this.#depthBar = new DepthBar(shown, actions);
     this.#notices = new Notices({ cancelLoad: () => this.#loadAbort.abort(), loadAgain: () => void this.load() });
     this.#address = new AddressFollower(
@@ -89,6 +91,9 @@ export class Viewer {
       () => this.#state.depth_mm,
       (depth_mm) => this.#change({ depth_mm }),
     );
+    this.#onDemand = this.#makeOnDemand();
+    const sections = { sweep: this.#onDemand.sweepSection(this.#sweep), case: this.#onDemand.caseSection() };
+    this.panel = new Panel(shown, actions, sections);
     this.#slices = new SliceGroup(
       shown,
       {
@@ -100,9 +105,11 @@ export class Viewer {
       () => this.#schedule(),
     );
     this.#panes = h("div", { class: "panes" });
-    this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes, this.#depthBar.element);
+    this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
+    if (!host.preferences().knows_depth) this.element.append(explanation(host.knowsDepth));
+    this.element.append(this.#depthBar.element);
     this.#surface = this.#surfacePane();
-    this.#panes.append(this.#surface.element, this.#slices.element);
+    this.#panes.append(this.#surface.element, this.#slices.element, this.#notices.loading);
     this.#observer = new ResizeObserver(() => this.#schedule());
     for (const pane of [this.#surface, ...this.#slices.panes]) this.#observer.observe(pane.element);
     this.#notices.unread(unread);
@@ -134,6 +141,8 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
+    // What may be asked for next.
+    void later().catch(() => {});
     const wanted = this.#wanted;
     this.#wanted = null;
     if (wanted) this.#pick(wanted.place, wanted.state);
@@ -143,18 +152,13 @@ export class Viewer {
 
   /** Shows what the address says, which Back has changed. */
   restore(rest: string): void {
-    this.#stopSweep();
-    this.#picked = null;
     const { state, unread } = readState(rest, this.shown);
-    this.#state = state;
-    this.#apply({});
+    this.#take(state);
     this.#notices.unread(unread);
   }
 
   setLayout(layout: Layout): void {
-    // The left side is what the mirrored right one is compared with.
-    const left = layout === "mirror" && towardsViewer(this.#state.orientation)[0] < 0.2;
-    this.#change({ layout, ...(left ? lookFrom("left") : {}) }, true);
+    this.#change(laidOut(layout, this.#state), true);
     this.#host.announce(t(`layout.${layout}`));
   }
 
@@ -221,6 +225,17 @@ export class Viewer {
     this.panel.element.remove();
   }
 
+  #makeOnDemand(): OnDemand {
+    return new OnDemand({
+      shown: this.shown,
+      onScreen: () => ({ state: this.#state, panes: this.#panes, surface: this.#surface, slices: this.#slices }),
+      goTo: (depth_mm) => this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true),
+      made: this.#host.made,
+      note: (words) => this.panel.note(words),
+      complain: (problem) => this.#notices.complain(problem),
+    });
+  }
+
   #surfacePane(): SurfacePane {
     return new SurfacePane(this.shown, this.#host.serverOnly, {
       state: () => this.#state,
@@ -241,12 +256,16 @@ export class Viewer {
   /** Shows a state that was shown before; null: there is none. */
   #goTo(state: ViewState | null, why: "undo" | "redo"): void {
     if (!state) return this.#host.announce(t(why === "undo" ? "undo.none" : "redo.none"));
+    this.#take(state);
+    this.#address.replace();
+    this.#host.announce(t(why === "undo" ? "undo.done" : "redo.done"));
+  }
+
+  #take(state: ViewState): void {
     this.#stopSweep();
     this.#picked = null;
     this.#state = state;
     this.#apply({});
-    this.#address.replace();
-    this.#host.announce(t(why === "undo" ? "undo.done" : "redo.done"));
   }
 
   #change(change: Change, step = false): void {
@@ -266,9 +285,8 @@ export class Viewer {
     this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
     this.element.dataset.layout = this.#state.layout;
-    if (change.layout === undefined || LAYOUTS.includes(change.layout)) {
-      document.body.dataset.layout = this.#state.layout;
-    }
+    document.body.dataset.layout = this.#state.layout;
+    document.body.dataset.slices = String(hasSlices(this.#state));
     const isAll = Object.keys(change).length === 0;
     if (change.crosshair_mm !== undefined || change.depth_mm !== undefined || isAll) this.#showPoint();
     this.#schedule();
@@ -282,18 +300,9 @@ export class Viewer {
     this.#history.record(this.#state);
     this.panel.showHistory(this.#history);
     this.element.dataset.rested = "true";
-    this.#say();
-  }
-
-  /** Reads out what is shown, if that is not what was said before. */
-  #say(): void {
-    const words = spokenWords(this.#state, this.#surface);
+    const words = this.#speaker.say(this.#state, this.#surface);
     this.#surface.describe(words);
     this.#slices.describe(words);
-    if (this.#said === words) return;
-    // At first the page has enough to say.
-    if (this.#said !== null) this.#host.announce(words);
-    this.#said = words;
   }
 
   #schedule(): void {
@@ -301,7 +310,7 @@ export class Viewer {
       this.#frame = 0;
       if (this.#disposed) return;
       this.#surface.draw(this.#state, this.#moving || this.#sweep.isRunning);
-      if (this.#state.layout === "slices") this.#slices.show(this.#state);
+      if (hasSlices(this.#state)) this.#slices.show(this.#state);
     });
   }
 
@@ -339,22 +348,22 @@ export class Viewer {
   /** Puts the cross where a slice was touched; the surface turns to it when the hand has left. */
   #moveCross(position: Vec3, done: boolean): void {
     this.#picked = null;
-    this.#change({ crosshair_mm: position, ...(done ? this.#facingChange(position) : {}) }, done);
-  }
-
-  #facingChange(position: Vec3): Change {
-    const outward = outwardAt(position, this.shown.envelope_sphere);
-    // The middle itself has no side.
-    return Math.hypot(...outward) > 0.5 ? { orientation: facing(outward), pan_mm: [0, 0] } : {};
+    this.#change({ crosshair_mm: position, ...(done ? turnedTo(position, this.shown) : {}) }, done);
   }
 
   #showPoint(): void {
     const position = this.#state.crosshair_mm;
-    if (!position) return this.panel.point.show(null, null);
-    const profile = this.#surface.profile(position);
+    if (!position) return this.panel.point.show(null);
     const probed = this.#picked ?? this.#surface.probe(position);
-    const chart = profile && profileChart(profile, this.#state.depth_mm);
-    this.panel.point.show(pointWords(this.shown, position, probed), chart);
+    this.panel.point.show(pointWords(this.shown, position, probed));
+    void this.#showProfile(position);
+  }
+
+  /** Plots intensity against depth below a position, where it is known by then and still the marked one. */
+  async #showProfile(position: Vec3): Promise<void> {
+    const profile = this.#surface.profile(position);
+    const plotted = profile && (await this.#onDemand.plot(profile));
+    if (!this.#disposed && this.#state.crosshair_mm === position) this.panel.point.plot(plotted);
   }
 
   // -- What the controls ask for
@@ -367,7 +376,7 @@ export class Viewer {
       },
       command: (command) => this.command(command),
       turnToCross: () => {
-        if (this.#state.crosshair_mm) this.#change(this.#facingChange(this.#state.crosshair_mm), true);
+        if (this.#state.crosshair_mm) this.#change(turnedTo(this.#state.crosshair_mm, this.shown), true);
       },
       forgetCross: () => {
         this.#picked = null;
@@ -375,17 +384,15 @@ export class Viewer {
       },
       depthOfCross: () => {
         const depth_mm = this.#state.crosshair_mm && this.#surface.probe(this.#state.crosshair_mm)?.depth_mm;
-        if (typeof depth_mm !== "number") return;
-        this.#change(deepen({ ...this.#state, depth_mm }, this.shown, 0, true), true);
+        if (typeof depth_mm === "number") this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true);
       },
-      screenshot: () => {
-        const name = `isocortex-${this.shown.id.slice(0, 8)}-${this.#state.depth_mm.toFixed(1)}mm.png`;
-        void saveView(this.#panes, this.#surface, name).then((words) => this.panel.note(words));
-      },
-      serverPicture: () => serverPictureDialog(this.shown.id, this.#state, this.#surface.size()),
+      screenshot: (times) => this.#onDemand.savePicture(times),
+      copyPicture: (times) => this.#onDemand.copyPicture(times),
+      series: () => this.#onDemand.series(this.#sweep),
+      serverPicture: () => this.#onDemand.serverPicture(),
       copyAddress: () => {
         this.#address.replace();
-        void copied(location.href).then((words) => this.panel.note(words));
+        this.#onDemand.copyAddress();
       },
     };
   }

@@ -1,7 +1,8 @@
 // Fetches what the page draws with, and counts the bytes.
 
 import { send } from "../base/api.ts";
-import { SHADER_NAMES, type ShaderTexts } from "../gl/gl.ts";
+import { COLOR_NAMES } from "../gl/colors.ts";
+import { SHADER_NAMES, type Equipment } from "../gl/gl.ts";
 import { MESH_PATHS, MESH_QUERY, PAGE_MESH } from "../model/query.ts";
 import type { LoadProgress } from "./surface.ts";
 import {
@@ -25,6 +26,7 @@ export const COARSE_STEP = 4;
 /** Adds up the bytes of several requests. Until a request has answered it counts as many as it is thought to have. */
 export class ByteCount {
   readonly #hear: (progress: LoadProgress) => void;
+  #stage: LoadProgress["stage"] = "first";
   readonly #counts: { loaded: number; total: number }[] = [];
 
   constructor(hear: (progress: LoadProgress) => void) {
@@ -49,9 +51,15 @@ export class ByteCount {
     };
   }
 
+  /** What is done from now on. */
+  enter(stage: LoadProgress["stage"]): void {
+    this.#stage = stage;
+    this.#tell();
+  }
+
   #tell(): void {
     const sum = (part: "loaded" | "total"): number => this.#counts.reduce((before, count) => before + count[part], 0);
-    this.#hear({ loaded: sum("loaded"), total: sum("total") });
+    this.#hear({ stage: this.#stage, loaded: sum("loaded"), total: sum("total") });
   }
 }
 
@@ -68,13 +76,15 @@ export class Assets {
   }
 
   /** What the page draws with, in any case. */
-  async shaders(): Promise<ShaderTexts> {
-    const texts = (await (await send("shaders.json", { signal: this.#signal })).json()) as Partial<
-      Record<string, unknown>
-    >;
-    if (!SHADER_NAMES.every((name) => typeof texts[name] === "string"))
+  async equipment(): Promise<Equipment> {
+    const sent = (await (await send("shaders.json", { signal: this.#signal })).json()) as {
+      readonly [Part in keyof Equipment]?: Partial<Record<string, unknown>>;
+    };
+    const hasAll = (part: keyof Equipment, names: readonly string[]): boolean =>
+      names.every((name) => typeof sent[part]?.[name] === "string");
+    if (!hasAll("shaders", SHADER_NAMES) || !hasAll("colors", COLOR_NAMES))
       throw new WireError("The server sent other shaders than this page's.");
-    return texts as ShaderTexts;
+    return sent as Equipment;
   }
 
   /** Three vertex numbers for each triangle of the page's mesh. */

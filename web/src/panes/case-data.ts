@@ -4,7 +4,7 @@ import { borderBox, gradients, smoothed } from "../model/field.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { voxelCount, type Block, type PathsTable } from "../model/wire.ts";
 import { patiently } from "../base/patience.ts";
-import type { ShaderTexts } from "../gl/gl.ts";
+import type { Equipment } from "../gl/gl.ts";
 import type { FieldMaps } from "../gl/painter.ts";
 import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
 import type { LoadProgress } from "./surface.ts";
@@ -13,7 +13,7 @@ export type Voxels8Or16 = Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffe
 
 /** What has been fetched of a case; a lost context is filled from it again. */
 export interface Fetched {
-  shaders: ShaderTexts | null;
+  equipment: Equipment | null;
   triangles: Uint32Array<ArrayBuffer> | null;
   positions: { readonly positions: Float32Array<ArrayBuffer>; readonly depth_mm: number } | null;
   paths: PathsTable | null;
@@ -35,7 +35,7 @@ export interface DataListener {
 
 export class CaseData {
   readonly fetched: Fetched = {
-    shaders: null,
+    equipment: null,
     triangles: null,
     positions: null,
     paths: null,
@@ -71,21 +71,23 @@ export class CaseData {
     signal: AbortSignal,
     hear: (progress: LoadProgress) => void,
   ): Promise<void> {
-    const assets = new Assets(this.#case.id, signal, new ByteCount(hear));
+    const count = new ByteCount(hear);
+    const assets = new Assets(this.#case.id, signal, count);
     if (draws && !this.hasFirst) await this.#loadFirst(assets, depth_mm, signal);
-    await this.#loadRest(assets, draws, signal);
+    count.enter("rest");
+    await this.#loadRest(assets, draws, signal, () => count.enter("ready"));
   }
 
   async #loadFirst(assets: Assets, depth_mm: number, signal: AbortSignal): Promise<void> {
     const volume = voxelCount(this.#case.grid.size);
-    const [shaders, triangles, positions, quick, coarse] = await Promise.all([
-      assets.shaders(),
+    const [equipment, triangles, positions, quick, coarse] = await Promise.all([
+      assets.equipment(),
       assets.triangles(),
       assets.positions(depth_mm),
       assets.volume(8, volume),
       assets.distance("coarse", volume / 32),
     ]);
-    Object.assign(this.fetched, { shaders, triangles, positions: { positions, depth_mm }, volume: quick });
+    Object.assign(this.fetched, { equipment, triangles, positions: { positions, depth_mm }, volume: quick });
     this.fetched.field = await patiently(coarseMaps(coarse), signal);
     await this.#listener.first(signal);
     // Other depths are wanted even when the table of all of them was cancelled.
@@ -114,21 +116,28 @@ export class CaseData {
     };
   }
 
-  async #loadRest(assets: Assets, draws: boolean, signal: AbortSignal): Promise<void> {
+  /** `come` is called when everything has come, and is made ready. */
+  async #loadRest(assets: Assets, draws: boolean, signal: AbortSignal, come: () => void): Promise<void> {
     const voxels = voxelCount(this.#case.grid.size);
+    let missing = draws ? 3 : 2;
+    const arrived = <Part>(part: Part): Part => {
+      missing -= 1;
+      if (missing === 0) come();
+      return part;
+    };
     const table = async (): Promise<void> => {
       if (!draws) return;
-      this.fetched.paths = await assets.paths();
+      this.fetched.paths = arrived(await assets.paths());
       this.#listener.paths(this.fetched.paths);
     };
     const volume = async (): Promise<Voxels8Or16> => {
-      const whole = await assets.volume(16, 2 * voxels);
+      const whole = arrived(await assets.volume(16, 2 * voxels));
       this.fetched.volume = whole;
       await this.#listener.volume(whole, signal);
       return whole;
     };
     const maps = async (): Promise<FieldMaps> => {
-      const field = await assets.distance("all", 2 * voxels);
+      const field = arrived(await assets.distance("all", 2 * voxels));
       const made = await patiently(fieldMaps(field), signal);
       this.fetched.field = made;
       await this.#listener.field(made, signal);

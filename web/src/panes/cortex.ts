@@ -6,10 +6,11 @@ import { type Picked, Points, type Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import { samplerOf } from "../model/sampler.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { clampDepth, FIRST_DEPTH_MM, type ViewState, type Way } from "../model/state.ts";
+import { clampDepth, FIRST_DEPTH_MM, isHalved, slabOf, type ViewState, type Way } from "../model/state.ts";
 import type { PathsTable } from "../model/wire.ts";
 import { Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
+import { troubleWords } from "../base/problem-words.ts";
 import { colorRow } from "../gl/colors.ts";
 import { TooLarge } from "../gl/gl.ts";
 import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/painter.ts";
@@ -23,6 +24,8 @@ import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions, Su
 /** The most device pixels for a CSS pixel: where software draws, and where a device does. */
 const SOFTWARE_RATIO = 1;
 const DEVICE_RATIO = 2;
+/** So many pixels to a CSS pixel have soft edges in a picture that is saved. */
+const MOST_SOFT_RATIO = 2;
 
 /** See `surface.ts`. */
 export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
@@ -44,7 +47,7 @@ class Cortex implements Surface {
   #state: ViewState | null = null;
   #moving = false;
   #frame = 0;
-  #way: Way;
+  #way: Exclude<Way, "auto">;
   /** Whether what the first picture needs did not come. */
   #gaveUp = false;
   #trouble = "";
@@ -116,16 +119,19 @@ class Cortex implements Surface {
     return this.#points?.probe(position_in_patient) ?? null;
   }
 
-  async picture(state: ViewState): Promise<CanvasImageSource> {
-    const way = this.#drawable(state);
+  async picture(state: ViewState, ratio: number): Promise<CanvasImageSource> {
+    const still = state.way === "auto" ? { ...state, way: this.#pace.stillWay(state.depth_mm) } : state;
+    const way = this.#drawable(still);
     const painter = this.#device?.painter;
-    if (way && painter) {
-      this.#fitCanvas();
-      painter.draw(this.#panes(state), way, FULL_QUALITY);
-      // In the same task, for what is drawn is gone with the next frame.
-      return createImageBitmap(this.#canvas);
-    }
-    return this.#standIn.picture(state) ?? this.#canvas;
+    if (!way || !painter) return this.#standIn.picture(state, ratio) ?? this.#canvas;
+    this.#fitCanvas(Math.min(ratio, this.#device?.mostPixels(this.#cssSize()) ?? ratio));
+    // Edges of many pixels need not be softened, and the depths of all of them would be large.
+    const depths = ratio > MOST_SOFT_RATIO ? 1 : 2;
+    painter.draw(this.#panes(state), way, { ...FULL_QUALITY, depths });
+    // In the same task, for what is drawn is gone with the next frame.
+    const picture = createImageBitmap(this.#canvas);
+    this.#paint();
+    return picture;
   }
 
   showTimer(shown: boolean): void {
@@ -199,12 +205,13 @@ class Cortex implements Surface {
     const [gl, painter] = [this.#device?.gl, this.#device?.painter];
     if (!gl || !painter) return;
     const quality = this.#pace.qualityOf(way);
+    const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === this.#pace.stillWay(state.depth_mm));
     const draw = (): void => {
       this.#fitCanvas();
       painter.draw(this.#panes(state), way, quality);
     };
     try {
-      this.#pace.time(gl, way, quality, draw, () => this.#showTimes());
+      this.#pace.time(gl, { way, quality, isLast }, draw, () => this.#showTimes());
     } catch (error) {
       if (!gl.isContextLost()) this.#fail(error);
       return;
@@ -215,7 +222,7 @@ class Cortex implements Surface {
     this.#way = way;
     this.#canvas.dataset.frames = String(this.#pace.frames);
     this.#canvas.dataset.complete = String(this.#points !== null);
-    this.#canvas.dataset.quality = quality === FULL_QUALITY ? "full" : "less";
+    this.#canvas.dataset.quality = isLast ? "full" : "less";
     this.#say("");
     this.#options.onDrawn(state);
     this.#tell();
@@ -231,7 +238,8 @@ class Cortex implements Surface {
   #drawable(state: ViewState): Drawn | null {
     const painter = this.#device?.painter;
     if (!painter || this.#isServed(state)) return null;
-    if (state.way === "exact" && painter.canDraw("exact", state.depth_mm)) return "exact";
+    const wanted = state.way === "auto" ? this.#pace.wayOf(state.depth_mm) : state.way;
+    if (wanted === "exact" && painter.canDraw("exact", state.depth_mm)) return "exact";
     return painter.canDraw("mesh", state.depth_mm) ? "mesh" : null;
   }
 
@@ -242,8 +250,8 @@ class Cortex implements Surface {
 
   #panes(state: ViewState): Pane[] {
     const [width, height] = [this.#canvas.width, this.#canvas.height];
-    const look: Look = { ...state, color_row: colorRow(state.colormap), isMirrored: false };
-    if (state.layout !== "mirror") return [{ look, left: 0, size: [width, height] }];
+    const look: Look = { ...state, slab_mm: slabOf(state), color_row: colorRow(state.colormap), isMirrored: false };
+    if (!isHalved(state)) return [{ look, left: 0, size: [width, height] }];
     const half = Math.floor(width / 2);
     return [
       { look, left: 0, size: [half, height] },
@@ -255,8 +263,12 @@ class Cortex implements Surface {
     return [this.#host.clientWidth, this.#host.clientHeight];
   }
 
-  #fitCanvas(): void {
-    const ratio = Math.min(globalThis.devicePixelRatio, this.#device?.isSoftware ? SOFTWARE_RATIO : DEVICE_RATIO);
+  /** How many pixels a CSS pixel has. */
+  get #ratio(): number {
+    return Math.min(globalThis.devicePixelRatio, this.#device?.isSoftware ? SOFTWARE_RATIO : DEVICE_RATIO);
+  }
+
+  #fitCanvas(ratio = this.#ratio): void {
     const [width, height] = this.#cssSize().map((side) => Math.max(1, Math.round(side * ratio))) as [number, number];
     if (this.#canvas.width !== width) this.#canvas.width = width;
     if (this.#canvas.height !== height) this.#canvas.height = height;
@@ -300,7 +312,7 @@ class Cortex implements Surface {
     if (this.#gone.signal.aborted) return;
     if (error instanceof TooLarge) this.#fallback ??= "too-large";
     else if (!(error instanceof Problem)) this.#fallback ??= "failed";
-    this.#say(error instanceof Error ? error.message : "");
+    this.#say(error instanceof Problem ? troubleWords(error) : error instanceof Error ? error.message : "");
     this.#schedule();
     this.#tell();
   }

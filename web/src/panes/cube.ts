@@ -15,6 +15,8 @@ const OUTWARD: Readonly<Record<ViewName, Vec3>> = {
   inferior: [0, 0, -1],
 };
 const HALF = 15;
+/** How far a face is turned to the viewer at the least where it has a letter. */
+const LEAST_FOR_LETTER = 0.34;
 
 /** A face as it is seen: its corners, its middle and whether it is turned to the viewer. */
 export interface Face {
@@ -75,7 +77,10 @@ export class Cube {
           { "data-view": name, opacity: (0.35 + 0.65 * frontal).toFixed(2) },
           svg("title", {}, t(`view.${name}`)),
           svg("polygon", { points }),
-          svg("text", { x: middle[0].toFixed(1), y: middle[1].toFixed(1) }, (name[0] ?? "").toUpperCase()),
+          // On a narrow face the letter would reach over its edge, and be cut off by the next.
+          frontal < LEAST_FOR_LETTER
+            ? null
+            : svg("text", { x: middle[0].toFixed(1), y: middle[1].toFixed(1) }, (name[0] ?? "").toUpperCase()),
         ),
       ),
     );

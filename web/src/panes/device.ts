@@ -3,12 +3,16 @@
 import type { ReadyCase } from "../model/case.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import { patiently } from "../base/patience.ts";
-import type { Gl, ShaderTexts } from "../gl/gl.ts";
+import type { Vec2 } from "../model/space.ts";
+import type { Equipment, Gl } from "../gl/gl.ts";
 import { fits, Painter, textureBytes } from "../gl/painter.ts";
 import { withGradients, type Fetched } from "./case-data.ts";
 
 /** The most bytes on the device that a case may take. */
 const MOST_TEXTURE_BYTES = 1 << 30;
+
+/** The larger side of a picture that is saved. */
+const MOST_PICTURE_PIXELS = 8192;
 
 /** Whether a case is small enough for any device. */
 export const fitsMemory = (shown: ReadyCase): boolean =>
@@ -51,6 +55,14 @@ export class Device {
     return gl && new Device(canvas, gl, shown, listener);
   }
 
+  /** The most pixels to a CSS pixel that a picture of so many CSS pixels can have here. */
+  mostPixels(css: Vec2): number {
+    const [width, height] = this.gl.getParameter(this.gl.MAX_VIEWPORT_DIMS) as Int32Array;
+    const most = this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) as number;
+    // The mesh is drawn into depths of twice the size.
+    return Math.min(width ?? most, height ?? most, most / 2, MOST_PICTURE_PIXELS) / Math.max(...css);
+  }
+
   /** Whether a case fits. The volume is cropped to the envelope; before it comes, its native size bounds it. */
   get fits(): boolean {
     return fits(this.gl, [this.#case.grid.size, this.#case.volume.size]) && fitsMemory(this.#case);
@@ -60,10 +72,10 @@ export class Device {
    * Makes a painter that has all that has been fetched, at first or after a lost context; false: this context ended.
    */
   async fill(fetched: Fetched, signal: AbortSignal): Promise<boolean> {
-    if (!fetched.shaders || this.gl.isContextLost()) return false;
+    if (!fetched.equipment || this.gl.isContextLost()) return false;
     const context = this.#context.signal;
     try {
-      this.painter = await this.#filled(fetched, fetched.shaders, AbortSignal.any([signal, context]));
+      this.painter = await this.#filled(fetched, fetched.equipment, AbortSignal.any([signal, context]));
       return true;
     } catch (error) {
       // The next context begins again.
@@ -91,10 +103,10 @@ export class Device {
     this.painter = null;
   }
 
-  async #filled(fetched: Fetched, shaders: ShaderTexts, signal: AbortSignal): Promise<Painter> {
+  async #filled(fetched: Fetched, equipment: Equipment, signal: AbortSignal): Promise<Painter> {
     const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
     const { envelope_sphere: sphere, cuts = [], grid } = this.#case;
-    const painter = new Painter(this.gl, shaders, {
+    const painter = new Painter(this.gl, equipment, {
       sphere,
       plane: mirrorPlane(this.#case),
       native_spacing_mm,

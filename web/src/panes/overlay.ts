@@ -3,15 +3,14 @@
 
 import type { Edges } from "../model/camera.ts";
 import type { Window } from "../model/case.ts";
-import { h, setText, svg } from "../base/dom.ts";
+import { h, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { scaleBar } from "../base/readout.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type Colormap, windowEnds } from "../model/state.ts";
+import { Cursor, type CursorKind } from "./cursor.ts";
 
 export const SIDES = ["left", "right", "top", "bottom"] as const;
-/** How far a mark of the cursor reaches from its middle, in CSS pixels. */
-const MARK_REACH = 14;
 
 /** The writing on one picture. */
 export class Overlay {
@@ -22,15 +21,16 @@ export class Overlay {
   readonly #case = h("span", { class: "pane-case", hidden: true });
   readonly #scaleLine = h("span", { class: "scale-line" });
   readonly #scaleText = h("span", { class: "scale-text" });
-  readonly #cursor = svg("svg", { class: "cursor", "aria-hidden": "true", hidden: true });
-  #cursorShown = "";
+  readonly #cursor = new Cursor();
+  readonly #twin = new Cursor();
 
   constructor(host: HTMLElement) {
     this.element = h(
       "div",
       { class: "overlay" },
       // Letters stand before its lines.
-      this.#cursor,
+      this.#cursor.element,
+      this.#twin.element,
       ...this.#edges,
       h("div", { class: "pane-head" }, h("div", { class: "pane-line" }, this.#title, this.#badge), this.#case),
       h("div", { class: "scale" }, this.#scaleText, this.#scaleLine),
@@ -61,35 +61,14 @@ export class Overlay {
     setText(this.#scaleText, `${number(bar.mm)} mm`);
   }
 
-  /**
-   * Crossed lines with a gap at `place`, over a pane of `size`: `lines` from edge to edge or a small mark. It is
-   * broken where it lies behind the surface, `hidden`, and of another colour where it is a mirror image or the
-   * pointer's, a `ghost`.
-   */
-  cursor(place: Vec2 | null, size: Vec2, kind: "lines" | "mark" | "hidden" | "ghost"): void {
-    const wanted = [kind, ...(place ? [...place, ...size] : [])].join(" ");
-    if (wanted === this.#cursorShown) return;
-    this.#cursorShown = wanted;
-    this.#cursor.replaceChildren();
-    this.#cursor.setAttribute("class", `cursor ${kind}`);
-    const isShown = place !== null && place.every(Number.isFinite);
-    this.#cursor.toggleAttribute("hidden", !isShown);
-    if (!isShown) return;
-    const [x, y] = place;
-    const [gap, reach] = kind === "lines" ? [10, Math.max(...size)] : [5, MARK_REACH];
-    const line = (x1: number, y1: number, x2: number, y2: number): SVGElement => svg("line", { x1, y1, x2, y2 });
-    this.#cursor.append(
-      line(x - reach, y, x - gap, y),
-      line(x + gap, y, x + reach, y),
-      line(x, y - reach, x, y - gap),
-      line(x, y + gap, x, y + reach),
-    );
-    if (kind === "lines") return;
-    this.#cursor.append(svg("circle", { cx: x, cy: y, r: gap }));
-    // No larger than the mark, for all of it is laid over the picture with every frame.
-    const [left, top, side] = [x - MARK_REACH, y - MARK_REACH, 2 * MARK_REACH];
-    this.#cursor.setAttribute("viewBox", `${left} ${top} ${side} ${side}`);
-    Object.assign(this.#cursor.style, { left: `${left}px`, top: `${top}px` });
+  /** The marked point, or the pointer: see `Cursor`. */
+  cursor(place: Vec2 | null, size: Vec2, kind: CursorKind): void {
+    this.#cursor.show(place, size, kind);
+  }
+
+  /** Where the mirror image of the marked point is. */
+  twin(place: Vec2 | null, size: Vec2): void {
+    this.#twin.show(place, size, "ghost");
   }
 }
 

@@ -1,11 +1,17 @@
 // How much a frame may cost: on a slow device a picture that changes is drawn with less, and in full when it rests.
 
+import { number, t } from "../base/i18n.ts";
 import type { Gl } from "../gl/gl.ts";
 import { type Drawn, FULL_QUALITY, type Quality } from "../gl/painter.ts";
 import { FrameTimer } from "../gl/timer.ts";
+import { drawnStill } from "../model/state.ts";
 
 /** Frames that take longer than this are drawn with less while something changes. */
 const SLOW_FRAME_MS = 40;
+/** A picture that rests may take so long to be exact. */
+const STILL_FRAME_MS = 500;
+/** The first frames are no measure: shaders are compiled for them. */
+const LEAST_FRAMES = 2;
 const COARSE_SHARE = 0.5;
 /** After so long without a frame everything rests. */
 const REST_MS = 150;
@@ -14,6 +20,8 @@ export class Pace {
   readonly #timer = new FrameTimer();
   readonly #full_ms: Record<Drawn, number> = { mesh: 0, exact: 0 };
   readonly #redraw: () => void;
+  /** Exact frames that have been timed. */
+  #exactFrames = 0;
   #moving = false;
   /** Whether nothing changes: said by the clock alone, for on a slow device a frame may last longer than any rest. */
   #resting = true;
@@ -30,6 +38,18 @@ export class Pace {
     this.#moving = moving;
   }
 
+  /** Which way suits a picture now: exact where the device is fast, else as soon as it rests. */
+  wayOf(depth_mm: number): Drawn {
+    const isFast = this.#exactFrames >= LEAST_FRAMES && this.#full_ms.exact <= SLOW_FRAME_MS;
+    return isFast || this.#resting ? this.stillWay(depth_mm) : "mesh";
+  }
+
+  /** Which way suits a picture that rests: exact, but where that takes long and the mesh shows no facets. */
+  stillWay(depth_mm: number): Drawn {
+    const isSlow = this.#exactFrames >= LEAST_FRAMES && this.#full_ms.exact > STILL_FRAME_MS;
+    return isSlow ? drawnStill(depth_mm) : "exact";
+  }
+
   /**
    * On a slow device a picture that changes is drawn with less: the mesh with hard edges, and while something is
    * dragged, the isosurface at half the resolution. As soon as it rests it is drawn in full.
@@ -40,14 +60,19 @@ export class Pace {
     return this.#resting ? FULL_QUALITY : { share: 1, depths: 1 };
   }
 
-  /** Draws a frame and times it; `hear` is told when the device has drawn it. */
-  time(gl: Gl, way: Drawn, quality: Quality, draw: () => void, hear: () => void): void {
+  /**
+   * Draws a frame and times it; `hear` is told when the device has drawn it. `isLast`: at rest it would be the same
+   * picture.
+   */
+  time(gl: Gl, frame: { way: Drawn; quality: Quality; isLast: boolean }, draw: () => void, hear: () => void): void {
+    const { way, quality, isLast } = frame;
     this.#timer.time(gl, draw, (frame_ms) => {
       if (quality === FULL_QUALITY) this.#full_ms[way] = frame_ms;
+      if (quality === FULL_QUALITY && way === "exact") this.#exactFrames += 1;
       hear();
     });
     clearTimeout(this.#rest);
-    this.#rest = window.setTimeout(() => this.#onRest(quality), REST_MS);
+    this.#rest = window.setTimeout(() => this.#onRest(isLast), REST_MS);
   }
 
   get frames(): number {
@@ -57,16 +82,16 @@ export class Pace {
   /** The times of the last frames, in words. */
   get words(): string {
     const { script_ms, frame_ms, frames } = this.#timer.times;
-    return `${frame_ms.toFixed(1)} ms · JS ${script_ms.toFixed(2)} ms · ${frames}`;
+    return t("timer.text", { frame: number(frame_ms, 1), script: number(script_ms, 2), frames: number(frames) });
   }
 
   stop(): void {
     clearTimeout(this.#rest);
   }
 
-  #onRest(quality: Quality): void {
+  #onRest(isLast: boolean): void {
     if (this.#moving) return;
     this.#resting = true;
-    if (quality !== FULL_QUALITY) this.#redraw();
+    if (!isLast) this.#redraw();
   }
 }

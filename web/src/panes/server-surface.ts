@@ -1,19 +1,22 @@
 // A surface that the server draws: pictures follow the state, small while it moves, full when it rests.
 
 import { mirrored } from "../model/camera.ts";
-import { Problem } from "../base/api.ts";
+import { getPicture } from "../base/api.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
-import { FollowingPicture } from "../base/picture.ts";
+import { FollowingPicture, decoded } from "../base/picture.ts";
+import { troubleWords } from "../base/problem-words.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import type { Vec2 } from "../model/space.ts";
-import type { ViewState } from "../model/state.ts";
+import { type ViewState, isHalved } from "../model/state.ts";
 import type { Surface, SurfaceOptions } from "./surface.ts";
 
 const FULL_PIXELS = 1024;
 const MOVING_PIXELS = 320;
+/** The larger side of a picture that is saved. */
+const MOST_PIXELS = 4096;
 
-/** One picture of the pane: the whole, or a half of the layout `mirror`. */
+/** One picture of the pane: the whole, or a half of it. */
 interface Half {
   readonly box: HTMLElement;
   readonly picture: FollowingPicture<ViewState>;
@@ -21,9 +24,7 @@ interface Half {
 
 export function createServerSurface(host: HTMLElement, shown: ReadyCase, options: SurfaceOptions): Surface {
   const complain = (problem: unknown): void => {
-    const trouble =
-      problem === null ? "" : problem instanceof Problem ? problem.detail || problem.kind : String(problem);
-    options.onStatus({ way: "server", fallback: null, trouble });
+    options.onStatus({ way: "server", fallback: null, trouble: troubleWords(problem) });
   };
   const makeHalf = (side: "whole" | "other"): Half => {
     const box = document.createElement("div");
@@ -32,7 +33,7 @@ export function createServerSurface(host: HTMLElement, shown: ReadyCase, options
     const put = (image: HTMLImageElement, state: ViewState): void => {
       image.alt = "";
       box.replaceChildren(image);
-      host.classList.toggle("halved", state.layout === "mirror");
+      host.classList.toggle("halved", isHalved(state));
       if (side === "whole") options.onDrawn(state);
     };
     return { box, picture: new FollowingPicture<ViewState>({ put, complain }) };
@@ -42,7 +43,7 @@ export function createServerSurface(host: HTMLElement, shown: ReadyCase, options
 
   const path = (state: ViewState, size: Vec2): string => `${shown.id}/render?${renderQuery(state, size)}`;
   const sizeFor = (state: ViewState, most: number): Vec2 => {
-    const halves = state.layout === "mirror" ? 2 : 1;
+    const halves = isHalved(state) ? 2 : 1;
     return pictureSize([host.clientWidth / halves, host.clientHeight], devicePixelRatio, most);
   };
   return {
@@ -51,7 +52,7 @@ export function createServerSurface(host: HTMLElement, shown: ReadyCase, options
       const size = sizeFor(state, moving ? MOVING_PIXELS : FULL_PIXELS);
       whole.picture.show(path(state, size), state);
       whole.picture.again();
-      if (state.layout !== "mirror") return;
+      if (!isHalved(state)) return;
       const across = mirrored(state, mirrorPlane(shown), shown.envelope_sphere);
       other.picture.show(path({ ...state, ...across }, size), state);
       other.picture.again();
@@ -59,17 +60,22 @@ export function createServerSurface(host: HTMLElement, shown: ReadyCase, options
     pick: () => null,
     profile: () => null,
     probe: () => null,
-    async picture() {
+    async picture(state, ratio) {
+      const size = pictureSize([host.clientWidth / (isHalved(state) ? 2 : 1), host.clientHeight], ratio, MOST_PIXELS);
+      const fetched = async (view: ViewState): Promise<HTMLImageElement> => decoded(await getPicture(path(view, size)));
+      const across = mirrored(state, mirrorPlane(shown), shown.envelope_sphere);
+      const halves = await Promise.all([
+        fetched(state),
+        ...(isHalved(state) ? [fetched({ ...state, ...across })] : []),
+      ]);
       const canvas = document.createElement("canvas");
-      canvas.width = host.clientWidth * devicePixelRatio;
-      canvas.height = host.clientHeight * devicePixelRatio;
+      canvas.width = size[0] * halves.length;
+      canvas.height = size[1];
       const context = canvas.getContext("2d");
-      const halved = host.classList.contains("halved");
-      const [left, right] = [whole, other].map(({ box }) => box.querySelector("img"));
-      const width = halved ? canvas.width / 2 : canvas.width;
-      if (left) context?.drawImage(left, 0, 0, width, canvas.height);
+      const [left, right] = halves;
+      if (left) context?.drawImage(left, 0, 0);
       context?.scale(-1, 1);
-      if (right && halved) context?.drawImage(right, -canvas.width, 0, width, canvas.height);
+      if (right) context?.drawImage(right, -canvas.width, 0);
       return canvas;
     },
     showTimer() {},

@@ -4,7 +4,8 @@ import type { ReadyCase } from "../model/case.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import type { ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
-import { type SliceListener, SlicePane } from "./slices.ts";
+import type { Placed } from "./screenshot.ts";
+import { type SliceLayer, type SliceListener, SlicePane } from "./slices.ts";
 
 export class SliceGroup {
   readonly element: HTMLElement;
@@ -26,6 +27,16 @@ export class SliceGroup {
 
   center(): void {
     for (const pane of this.panes) pane.center();
+  }
+
+  /** Lays something over each slice; null: nothing. */
+  lay(make: (() => SliceLayer) | null): void {
+    for (const pane of this.panes) pane.lay(make && make());
+  }
+
+  /** The slices as they lie, with so many pixels to a CSS pixel. */
+  async pictures(ratio: number): Promise<readonly Placed[]> {
+    return (await Promise.all(this.panes.map((pane) => pane.placed(ratio)))).filter((one) => one !== null);
   }
 
   describe(words: string): void {

@@ -1,14 +1,16 @@
 // One slice with the outline of the cut, its cursor and its control.
 
-import type { ReadyCase } from "../model/case.ts";
+import type { ReadyCase, Sphere } from "../model/case.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
+import { getPicture } from "../base/api.ts";
 import { listen } from "./gestures.ts";
 import { Overlay } from "./overlay.ts";
-import { FollowingPicture } from "../base/picture.ts";
-import { PLANES, type Plane, pictureSize, sliceQuery } from "../model/query.ts";
+import { FollowingPicture, decoded } from "../base/picture.ts";
+import { mirrorPlane, reflected } from "../model/midsagittal.ts";
+import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
 import { wheelZoom } from "../model/controls.ts";
 import type { Probed } from "../model/points.ts";
 import {
@@ -28,11 +30,23 @@ import {
   zoomedSlice,
 } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import type { ViewState } from "../model/state.ts";
+import { type ViewState, isHalved } from "../model/state.ts";
+import type { Placed } from "./screenshot.ts";
 
 const MOST_PIXELS = 768;
+/** The larger side of a slice that is saved. */
+const MOST_SAVED_PIXELS = 4096;
+/** The server's colours of outlines, in their order. */
+const OUTLINE_COLOURS = 8;
 /** A step of the wheel and of the arrows, in mm. */
 const STEP_MM = 1;
+
+/** Something that is drawn over a slice. */
+export interface SliceLayer {
+  readonly element: SVGSVGElement;
+  /** `isShown`: outlines are not hidden. */
+  show(view: SliceView, sphere: Sphere, isShown: boolean): void;
+}
 
 export interface SliceListener {
   /** A drag with the right button. */
@@ -56,6 +70,8 @@ export class SlicePane {
   /** The picture and what stands on it; the slider lies below. */
   readonly #frame = h("div", { class: "slice-view" }, this.#image);
   readonly #hovered = h("span", { class: "hovered", hidden: true });
+  readonly #legend = h("div", { class: "outlines", hidden: true });
+  #layer: SliceLayer | null = null;
   readonly #range: HTMLInputElement;
   readonly #words: HTMLElement;
   #state: ViewState | null = null;
@@ -74,7 +90,7 @@ export class SlicePane {
       this.#frame,
     );
     this.#overlay = new Overlay(this.#frame);
-    this.#overlay.element.append(this.#hovered);
+    this.#overlay.element.append(this.#legend, this.#hovered);
     this.#frame.append(iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane)));
     const [min, max] = reachOf(shown, PLANES[plane].axis);
     this.#range = h("input", {
@@ -103,21 +119,30 @@ export class SlicePane {
   show(state: ViewState): void {
     this.#state = state;
     const view = this.#view(state);
-    const query = sliceQuery(
-      state,
-      this.plane,
-      this.#center(state),
-      pictureSize(view.size, devicePixelRatio, MOST_PIXELS),
-    );
-    if (!this.#outlined) query.delete("depth_mm");
-    const { zoom, pan_mm } = this.#placing;
-    if (zoom !== 1) query.set("zoom", zoom.toFixed(4));
-    if (pan_mm.some((part) => part !== 0)) query.set("pan", pan_mm.map((part) => part.toFixed(2)).join(","));
-    this.#picture.show(`${this.#shown.id}/slices/${this.plane}?${query}`, { state, view });
+    this.#picture.show(this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS)), { state, view });
     this.#picture.again();
     setValue(this.#range, view.position_mm);
     // The convention and the cross are the page's own: they need no other picture.
     this.#write(state, view);
+  }
+
+  /** The slice as it lies in its pane, with so many pixels to a CSS pixel, for a screenshot. */
+  async placed(ratio: number): Promise<Placed | null> {
+    const state = this.#state;
+    if (!state) return null;
+    const size = pictureSize(this.#view(state).size, ratio, MOST_SAVED_PIXELS);
+    const picture = await decoded(await getPicture(this.#path(state, size)));
+    return { element: this.#frame, picture, isFlipped: isFlipped(this.plane, state.convention) };
+  }
+
+  /** Where the picture of a slice of so many pixels is. */
+  #path(state: ViewState, size: Vec2): string {
+    const query = sliceQuery(state, this.plane, this.#center(state), size);
+    if (!this.#outlined) query.delete("depth_mm");
+    const { zoom, pan_mm } = this.#placing;
+    if (zoom !== 1) query.set("zoom", zoom.toFixed(4));
+    if (pan_mm.some((part) => part !== 0)) query.set("pan", pan_mm.map((part) => part.toFixed(2)).join(","));
+    return `${this.#shown.id}/slices/${this.plane}?${query}`;
   }
 
   get isLarge(): boolean {
@@ -135,7 +160,15 @@ export class SlicePane {
     this.#place(CENTRED);
   }
 
-  /** Whether the outline of the cut is drawn. */
+  /** Lays something over the slice, below what is written on it; null: nothing. */
+  lay(layer: SliceLayer | null): void {
+    this.#layer?.element.remove();
+    this.#layer = layer;
+    if (layer) this.#overlay.element.prepend(layer.element);
+    if (this.#state) this.show(this.#state);
+  }
+
+  /** Whether the outlines are drawn. */
   outline(shown: boolean): void {
     this.#outlined = shown;
     if (this.#state) this.show(this.#state);
@@ -185,10 +218,31 @@ export class SlicePane {
     this.#overlay.letter(sliceEdges(this.plane, state.convention));
     const side = positionLetter(this.plane, view.position_mm);
     const badge = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
-    this.#overlay.title(`${t(`plane.${this.plane}`)}  ${side} ${number(Math.abs(view.position_mm), 1)}`, badge);
+    this.#overlay.title(`${t(`plane.${this.plane}`)}\n${side} ${number(Math.abs(view.position_mm), 1)} mm`, badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
     this.#overlay.cursor(state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm), view.size, "lines");
+    this.#overlay.twin(this.#twin(state, view), view.size);
+    this.#layer?.show(view, sphere, this.#outlined);
+    this.#explain(state);
     this.#range.setAttribute("aria-valuetext", `${side} ${number(Math.abs(view.position_mm), 1)} mm`);
+  }
+
+  /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
+  #twin(state: ViewState, view: SliceView): Vec2 | null {
+    const isAside = !isHalved(state) || this.plane === "sagittal" || !state.crosshair_mm;
+    if (isAside || !state.crosshair_mm) return null;
+    return slicePixel(view, this.#shown.envelope_sphere, reflected(state.crosshair_mm, mirrorPlane(this.#shown)));
+  }
+
+  /** Says which outline is of which depth, where there are several. */
+  #explain(state: ViewState): void {
+    const depths = outlinesOf(state);
+    this.#legend.hidden = depths.length < 2 || !this.#outlined;
+    const words = depths.map((depth) => `${number(depth, depth % 1 === 0 ? 0 : 1)} mm`);
+    if (this.#legend.textContent === words.join("")) return;
+    this.#legend.replaceChildren(
+      ...words.map((text, at) => h("span", { class: `outline-${at % OUTLINE_COLOURS}` }, text)),
+    );
   }
 
   #goTo(position_mm: number, done = true): void {

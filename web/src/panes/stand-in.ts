@@ -29,9 +29,9 @@ export class StandIn {
     this.#server.surface.draw(state, moving);
   }
 
-  /** The picture that is up; null where the server does not draw. */
-  picture(state: ViewState): Promise<CanvasImageSource> | null {
-    return this.#server?.surface.picture(state) ?? null;
+  /** A picture of the state; null where the server does not draw. */
+  picture(state: ViewState, ratio: number): Promise<CanvasImageSource> | null {
+    return this.#server?.surface.picture(state, ratio) ?? null;
   }
 
   leave(): void {

@@ -18,10 +18,11 @@ import { mirrorPlane, plainPlane, reflected } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import type { ViewState } from "../model/state.ts";
+import { type ViewState, isHalved } from "../model/state.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, setText } from "../base/dom.ts";
-import { number, t } from "../base/i18n.ts";
+import { t } from "../base/i18n.ts";
+import { depthWords } from "../base/readout.ts";
 import { createSurface } from "./cortex.ts";
 import { Cube } from "./cube.ts";
 import { type GestureListener, listen } from "./gestures.ts";
@@ -104,9 +105,9 @@ export class SurfacePane {
     if (this.#drawn) this.#cross();
   }
 
-  /** The size of the picture of one view: in the layout `mirror` a half of the pane. */
+  /** The size of the picture of one view: beside the mirrored one a half of the pane. */
   size(state: ViewState = this.#listener.state()): Vec2 {
-    return [this.element.clientWidth / (state.layout === "mirror" ? 2 : 1), this.element.clientHeight];
+    return [this.element.clientWidth / (isHalved(state) ? 2 : 1), this.element.clientHeight];
   }
 
   /** What is seen at a place of the pane, or was in another state. */
@@ -132,8 +133,8 @@ export class SurfacePane {
     return this.#surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
   }
 
-  picture(): Promise<CanvasImageSource> {
-    return this.#surface.picture(this.#listener.state());
+  picture(ratio: number): Promise<CanvasImageSource> {
+    return this.#surface.picture(this.#listener.state(), ratio);
   }
 
   showTimer(shown: boolean): void {
@@ -151,7 +152,7 @@ export class SurfacePane {
     const sphere = this.#shown.envelope_sphere;
     const [width] = this.size(state);
     const { mm_per_pixel } = project(state, sphere, this.size(state));
-    const mirror = state.layout === "mirror";
+    const mirror = isHalved(state);
     this.#overlay.letter(edgesOf(state.orientation));
     this.#overlay.title(titleOf(state, state.orientation));
     this.#overlay.scale(mm_per_pixel, width);
@@ -177,12 +178,12 @@ export class SurfacePane {
     this.#listener.status(status);
   }
 
-  /** The cross on the picture that is up: in the layout `mirror` at the same place of both halves. */
+  /** The cross on the picture that is up: beside the mirrored one at the same place of both halves. */
   #cross(): void {
     const state = this.#drawn;
     if (!state) return;
     const size = this.size(state);
-    const mirror = state.layout === "mirror";
+    const mirror = isHalved(state);
     const position = this.#listener.state().crosshair_mm;
     if (!position) {
       this.#overlay.cursor(mirror ? this.#ghost : null, size, "ghost");
@@ -202,7 +203,7 @@ export class SurfacePane {
   #isHidden(position: Vec3, state: ViewState, place: Vec2): boolean {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
-    const isOther = state.layout === "mirror" && place[0] >= size[0];
+    const isOther = isHalved(state) && place[0] >= size[0];
     const view = isOther ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
     const { pixelOf } = project(view, sphere, size);
     const height_mm = pixelOf(position)[2];
@@ -216,7 +217,7 @@ export class SurfacePane {
 
   #hover(event: PointerEvent | null): void {
     const state = this.#listener.state();
-    if (state.layout !== "mirror") return;
+    if (!isHalved(state)) return;
     const box = this.element.getBoundingClientRect();
     this.#ghost = event && this.#inHalf([event.clientX - box.left, event.clientY - box.top]);
     if (!state.crosshair_mm) this.#cross();
@@ -225,7 +226,7 @@ export class SurfacePane {
   /** A place of the pane within its half. */
   #inHalf(place: Vec2): Vec2 {
     const [width] = this.size();
-    const isOther = place[0] >= width && this.#listener.state().layout === "mirror";
+    const isOther = place[0] >= width && isHalved(this.#listener.state());
     return [isOther ? place[0] - width : place[0], place[1]];
   }
 
@@ -252,7 +253,7 @@ export class SurfacePane {
 }
 
 /** Depth and direction, as they stand on a picture. */
-function titleOf({ depth_mm }: ViewState, orientation: ViewState["orientation"]): string {
+function titleOf(state: ViewState, orientation: ViewState["orientation"]): string {
   const name = viewName(orientation);
-  return `${number(depth_mm, 1)} mm${name ? `  ${t(`view.${name}`)}` : ""}`;
+  return `${depthWords(state)}${name ? `  ${t(`view.${name}`)}` : ""}`;
 }

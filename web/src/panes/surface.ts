@@ -7,8 +7,10 @@ import type { Profile } from "../model/profile.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { ViewState, Way } from "../model/state.ts";
 
-/** What is being fetched after the first picture, in bytes. `total` is 0 until it is known. */
+/** What is being fetched, in bytes. `total` is 0 until it is known. */
 export interface LoadProgress {
+  /** What for: the first picture, or all that the page draws with; then all is here, and is made ready. */
+  readonly stage: "first" | "rest" | "ready";
   readonly loaded: number;
   readonly total: number;
 }
@@ -19,7 +21,7 @@ export type Fallback = "no-webgl2" | "context-lost" | "too-large" | "failed";
 /** What a surface tells of itself. */
 export interface SurfaceStatus {
   /** Who draws now; it differs from the state's way while that one is being fetched, or cannot be had. */
-  readonly way: Way;
+  readonly way: Exclude<Way, "auto">;
   readonly fallback: Fallback | null;
   /** In words of the server, when a picture could not be had; empty otherwise. */
   readonly trouble: string;
@@ -56,8 +58,8 @@ export interface Surface {
   profile(position_in_patient: Vec3): Profile | null;
   /** The surface's depth and intensity at a position; null where nothing here knows (yet). */
   probe(position_in_patient: Vec3): Probed | null;
-  /** The picture of the state as it stands in the pane, for a screenshot. */
-  picture(state: ViewState): Promise<CanvasImageSource>;
+  /** A picture of the state as it stands in the pane, with so many pixels to a CSS pixel, for a screenshot. */
+  picture(state: ViewState, ratio: number): Promise<CanvasImageSource>;
   /** Whether the frame timer stands on the picture. */
   showTimer(shown: boolean): void;
   dispose(): void;

@@ -180,7 +180,7 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
     let report = Report::new(parameters.seed, vec![head]);
     let table = report.table(&Criteria::STANDARD);
     assert!(
-        table.contains("| phantom | 3 |") && table.contains("(c) V9 less V10"),
+        table.contains("| phantom | 3 |") && table.contains("(c) V9 minus V10"),
         "{table}"
     );
 }

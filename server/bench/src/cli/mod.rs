@@ -13,10 +13,8 @@ use bench::{BenchError, Report, plots};
 use clap::{Args, Parser, Subcommand};
 
 /// Repeat the experiments of the paper on this machine, and compare the pictures of the renderers
-///
-/// For research use only, not for diagnosis.
 #[derive(Debug, Parser)]
-#[command(name = "isocortex-bench", version)]
+#[command(name = "isocortex-bench", version, after_help = render::RESEARCH_USE_NOTICE)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

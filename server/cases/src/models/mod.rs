@@ -15,6 +15,7 @@ use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use case::{CaseId, CaseState};
 use storage::StoreError;
 
+use crate::application::REMEMBERED_WHILE_AWAY;
 use crate::library::Library;
 
 pub use self::model::{PathKind, PathsError, WarmModel};
@@ -24,6 +25,9 @@ pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
 
 /// For how long a model is served without asking the rows whether another process has deleted its case.
 const TRUST_FOR: Duration = Duration::from_secs(2);
+
+/// For how long where the rows cannot be reached, in ms.
+const REMEMBERED_WHILE_AWAY_MS: u64 = REMEMBERED_WHILE_AWAY.as_secs() * 1000;
 
 /// The models in memory, at most a budget of bytes of them. Cheap to clone.
 ///
@@ -121,7 +125,12 @@ impl Inner {
         let now = self.now_ms();
         let unseen_ms = now.saturating_sub(entry.seen_ms.load(Ordering::Relaxed));
         if u128::from(unseen_ms) >= TRUST_FOR.as_millis() {
-            let case = self.library.store().rows().case(id).await?;
+            let case = match self.library.store().rows().case(id).await {
+                Err(error) if error.is_away() && unseen_ms < REMEMBERED_WHILE_AWAY_MS => {
+                    return Ok(Some(entry.model));
+                }
+                asked => asked?,
+            };
             if case.is_none_or(|case| case.state != CaseState::Ready) {
                 self.cache.remove(id);
                 return Ok(None);

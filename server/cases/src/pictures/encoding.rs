@@ -10,6 +10,8 @@ use crate::error::Error;
 #[derive(Debug, Clone)]
 pub struct ImageMetadata {
     case: Option<CaseId>,
+    /// What is written of the case into the picture.
+    named: Option<String>,
     request: RenderRequest,
     projection: Projection,
     layers: KeyedLayers,
@@ -20,10 +22,17 @@ impl ImageMetadata {
     pub fn of(case: Option<&CaseId>, job: &RenderJob) -> Self {
         Self {
             case: case.copied(),
+            named: None,
             request: job.request,
             projection: job.request.projection(&job.case.scene()),
             layers: job.layers.clone(),
         }
+    }
+
+    /// The same, with what is written of the case into the picture: see [`Cases::identity`](crate::Cases::identity).
+    #[must_use]
+    pub fn named(self, named: Option<String>) -> Self {
+        Self { named, ..self }
     }
 
     /// The PNG texts of a picture, once it is known who drew it.
@@ -74,6 +83,7 @@ pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Fram
             &metadata.request,
             &metadata.projection,
             &metadata.layers.layers(),
+            metadata.named.as_deref(),
         )
     } else {
         frame

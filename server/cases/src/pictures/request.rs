@@ -117,8 +117,8 @@ pub struct PictureRequest {
     #[serde(default = "default_paths")]
     #[cfg_attr(feature = "openapi", param(inline, default = "flow"))]
     pub paths: PathKind,
-    /// Whether depth, window, scale, directions and the notice of research use are written into the picture, with an overlay its
-    /// colours too.
+    /// Whether label, day and first digits of the case, depth, window, scale, directions and the notice of research use are written into
+    /// the picture, with an overlay its colours too.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::common::{CommonArgs, StoreArgs};
 use super::prepare::wait_until_ready;
 use super::serve::{ServeArgs, Server};
 use super::status::{CliError, ExitStatus};
@@ -57,12 +58,19 @@ pub(super) struct DemoArgs {
 impl DemoArgs {
     /// What is served, with the store at `data`.
     fn serve(&self, data: Option<PathBuf>) -> ServeArgs {
-        ServeArgs {
+        let store = StoreArgs {
             data,
+            ..StoreArgs::default()
+        };
+        ServeArgs {
+            common: CommonArgs {
+                store,
+                network: self.network.clone(),
+                log: Some("warn".to_owned()),
+                ..CommonArgs::default()
+            },
             listen: self.listen,
-            network: self.network.clone(),
             gpu: self.gpu,
-            log: Some("warn".to_owned()),
             ..ServeArgs::default()
         }
     }

@@ -1,13 +1,17 @@
 //! The command line.
 
 mod case_file;
+mod check_store;
 mod choices;
+mod common;
 mod demo;
+mod migrate_store;
 mod prepare;
 mod progress;
 mod render;
 mod serve;
 mod status;
+mod work;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -24,6 +28,8 @@ const EXAMPLES: &str = "\
 Examples:
   isocortex demo                                    serve a sample head and print the address to open
   isocortex serve --data /srv/isocortex             serve the cases of a directory on 127.0.0.1:8640
+  isocortex serve --workers 0 --database postgres://isocortex@db/isocortex --objects s3://heads
+  isocortex work --database postgres://isocortex@db/isocortex --objects s3://heads
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
   isocortex prepare dicom-folder --mask brain.nii.gz --series 3
   isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
@@ -53,10 +59,16 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Serve the cases of a directory over HTTP.
+    /// Serve the cases of a store over HTTP.
     Serve(serve::ServeArgs),
+    /// Prepare the cases of a store that other processes serve.
+    Work(work::WorkArgs),
     /// Serve a sample head, prepared, and print the address to open.
     Demo(demo::DemoArgs),
+    /// Read everything in a store, and report or repair what is wrong.
+    CheckStore(check_store::CheckStoreArgs),
+    /// Copy every case of a store into another one.
+    MigrateStore(migrate_store::MigrateStoreArgs),
     /// Prepare a volume: into the store, or into one file.
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case, a volume or a prepared file as PNG.
@@ -156,6 +168,9 @@ pub fn main() -> ExitCode {
 fn run(command: Command) -> Result<(), CliError> {
     match command {
         Command::Serve(args) => serve::run(&args),
+        Command::Work(args) => work::run(&args),
+        Command::CheckStore(args) => check_store::run(&args),
+        Command::MigrateStore(args) => migrate_store::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),

@@ -101,7 +101,7 @@ struct PictureArgs {
     /// What the vertices of the mesh follow, for the renderer mesh.
     #[arg(long, value_parser = choices::paths(), default_value = "flow")]
     paths: PathKind,
-    /// Writes depth, window, scale, directions and the notice of research use into the picture.
+    /// Writes the case's label, day and first digits, depth, window, scale, directions and the notice of research use into the picture.
     #[arg(long)]
     annotate: bool,
     /// What is seen in place of the intensities: a map of the junction of grey and white matter.
@@ -242,16 +242,18 @@ async fn of_case(
         mesh,
         layers,
     };
-    drawn(job, backend, Some(&id), query).await
+    let case = library.store().case(&id).await?;
+    let named = case.filter(|_| query.annotate).map(|case| case.identity());
+    let metadata = ImageMetadata::of(Some(&id), &job).named(named);
+    drawn(job, backend, metadata, query).await
 }
 
 async fn drawn(
     job: RenderJob,
     backend: RenderBackend,
-    id: Option<&CaseId>,
+    metadata: ImageMetadata,
     query: &PictureRequest,
 ) -> Result<Vec<u8>, CliError> {
-    let metadata = ImageMetadata::of(id, &job);
     let picture = PictureJob {
         job,
         asked: query.renderer,
@@ -301,5 +303,6 @@ async fn of_file(
         mesh,
         layers,
     };
-    drawn(job, backend, None, query).await
+    let metadata = ImageMetadata::of(None, &job);
+    drawn(job, backend, metadata, query).await
 }

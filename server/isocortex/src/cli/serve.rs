@@ -8,9 +8,10 @@ use clap::Args;
 use tokio::net::TcpListener;
 
 use super::choices;
+use super::common::{CommonArgs, set};
 use super::status::{CliError, ExitStatus};
 use crate::config::{Config, Secret};
-use crate::logs::{self, LogFormat};
+use crate::logs;
 use crate::start;
 use cases::jobs::Workers;
 use cases::pictures::GpuUse;
@@ -21,58 +22,31 @@ use service::state::AppState;
 /// The variable of the token. There is no flag: command lines can be seen by everyone on a machine.
 const TOKEN_VARIABLE: &str = "ISOCORTEX_TOKEN";
 
-/// Serve the cases of a directory over HTTP
+/// Serve the cases of a store over HTTP
 ///
 /// The command line goes before the environment, the environment before the file. Without a bearer token (ISOCORTEX_TOKEN,
 /// or a file of it) the server listens on this machine alone, and refuses any other address.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ServeArgs {
-    /// The directory of the store; made where it is missing.
-    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
-    pub(super) data: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) common: CommonArgs,
     /// Where to listen. [default: 127.0.0.1:8640]
     #[arg(long, value_name = "ADDR:PORT", env = "ISOCORTEX_LISTEN")]
     pub(super) listen: Option<SocketAddr>,
-    /// A TOML file with these and all other settings.
-    #[arg(long, value_name = "FILE", env = "ISOCORTEX_CONFIG")]
-    pub(super) config: Option<PathBuf>,
     /// A file that holds the bearer token.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKEN_FILE")]
     pub(super) token_file: Option<PathBuf>,
-    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
-    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
-    pub(super) network: Option<PathBuf>,
     /// Whether pictures may be drawn by a graphics device. [default: auto]
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU")]
     pub(super) gpu: Option<GpuUse>,
-    /// How log lines are written. [default: text]
-    #[arg(long, value_parser = choices::log_format(), env = "ISOCORTEX_LOG_FORMAT")]
-    pub(super) log_format: Option<LogFormat>,
-    /// Which log lines are written: error, warn, info, debug (which has a line for each request), or as in RUST_LOG.
-    #[arg(long, value_name = "FILTER", env = "ISOCORTEX_LOG")]
-    pub(super) log: Option<String>,
 }
 
 impl ServeArgs {
     /// The configuration that file, environment and command line make together.
     pub(super) fn config(&self) -> Result<Config, CliError> {
-        let mut config = match &self.config {
-            Some(path) => Config::read(path)?,
-            None => Config::default(),
-        };
-        fn set<T: Clone>(slot: &mut T, value: Option<&T>) {
-            if let Some(value) = value {
-                slot.clone_from(value);
-            }
-        }
-        set(&mut config.storage.data, self.data.as_ref());
+        let mut config = self.common.config()?;
         set(&mut config.http.listen, self.listen.as_ref());
-        if self.network.is_some() {
-            config.prepare.network.clone_from(&self.network);
-        }
         set(&mut config.render.gpu, self.gpu.as_ref());
-        set(&mut config.log_format, self.log_format.as_ref());
-        set(&mut config.log, self.log.as_ref());
         if let Ok(token) = std::env::var(TOKEN_VARIABLE)
             && !token.is_empty()
         {
@@ -155,7 +129,7 @@ async fn stop_of(state: AppState) {
 }
 
 #[cfg(unix)]
-async fn told_to_stop() {
+pub(super) async fn told_to_stop() {
     use tokio::signal::unix::{SignalKind, signal};
     let mut terminate = signal(SignalKind::terminate()).ok();
     let terminated = async {
@@ -171,7 +145,7 @@ async fn told_to_stop() {
 }
 
 #[cfg(not(unix))]
-async fn told_to_stop() {
+pub(super) async fn told_to_stop() {
     // An error means that no signal can come: then nothing but the end of the process stops it.
     if tokio::signal::ctrl_c().await.is_err() {
         std::future::pending::<()>().await;
@@ -181,15 +155,24 @@ async fn told_to_stop() {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::common::StoreArgs;
 
     #[test]
     fn the_command_line_goes_before_the_file() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("isocortex.toml");
         std::fs::write(&path, "data = \"from-file\"\nlog = \"debug\"\n").unwrap();
-        let args = ServeArgs {
+        let store = StoreArgs {
             data: Some("from-flag".into()),
             config: Some(path),
+            ..StoreArgs::default()
+        };
+        let common = CommonArgs {
+            store,
+            ..CommonArgs::default()
+        };
+        let args = ServeArgs {
+            common,
             ..ServeArgs::default()
         };
         let config = args.config().unwrap();

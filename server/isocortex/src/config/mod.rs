@@ -14,6 +14,7 @@ use serde::Deserialize;
 use service::auth::{Access, BadToken};
 use service::listen::ConnectionLimits;
 use service::pace::LeastRate;
+use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 
 use crate::logs::LogFormat;
 
@@ -104,6 +105,14 @@ pub enum ConfigError {
         /// Where it was to listen.
         listen: SocketAddr,
     },
+    /// An address of the store that is none.
+    #[error("`{key}` is not right: {source}")]
+    Address {
+        /// The key.
+        key: &'static str,
+        /// Why.
+        source: BadAddress,
+    },
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
     Zero {
@@ -155,15 +164,7 @@ impl Config {
         match (&self.http.token, &self.http.token_file) {
             (Some(_), Some(_)) => Err(ConfigError::TwoTokens),
             (Some(token), None) => Ok(Some(token.0.clone())),
-            (None, Some(path)) => {
-                let read = std::fs::read_to_string(path);
-                let unreadable = |source| ConfigError::Unreadable {
-                    path: path.clone(),
-                    source,
-                };
-                storage::keep_private(path, "the file of the token");
-                read.map(Some).map_err(unreadable)
-            }
+            (None, Some(path)) => read_secret(path, "the file of the token").map(Some),
             (None, None) => Ok(None),
         }
     }
@@ -180,7 +181,6 @@ impl Config {
                 "limits.max_queued_cases",
                 self.limits.max_queued_cases as u64,
             ),
-            ("prepare.workers", self.prepare.workers as u64),
             ("render.threads", self.render.threads as u64),
             (
                 "limits.max_queued_renders",
@@ -208,10 +208,37 @@ impl Config {
         }
     }
 
+    /// Where the store is.
+    ///
+    /// # Errors
+    /// When an address is not right, or the password cannot be read.
+    pub fn location(&self) -> Result<Location, ConfigError> {
+        let wrong = |key| move |source| ConfigError::Address { key, source };
+        let address = self.storage.database.as_ref();
+        let mut database = address
+            .map(|address| DatabaseAddress::parse(&address.0))
+            .transpose()
+            .map_err(wrong("storage.database"))?;
+        if let Some(path) = &self.storage.database_password_file {
+            let password = read_secret(path, "the file of the database's password")?;
+            database = database.map(|address| address.with_password(password.trim_end()));
+        }
+        let objects = self.storage.objects.as_deref();
+        let objects = objects.map(ObjectsAddress::parse).transpose();
+        Ok(Location {
+            folder: self.storage.data.clone(),
+            database,
+            objects: objects.map_err(wrong("storage.objects"))?,
+        })
+    }
+
     /// How the application is set up.
-    pub fn cases(&self) -> cases::Options {
-        cases::Options {
-            data: self.storage.data.clone(),
+    ///
+    /// # Errors
+    /// As [`Config::location`].
+    pub fn cases(&self) -> Result<cases::Options, ConfigError> {
+        Ok(cases::Options {
+            location: self.location()?,
             store: storage::Options {
                 queue_limit: self.limits.max_queued_cases,
                 min_free_bytes: self.storage.min_free_bytes,
@@ -239,7 +266,7 @@ impl Config {
             },
             dicom_program: self.dicom_program.clone(),
             max_dicom_bytes: self.limits.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
-        }
+        })
     }
 
     /// What connections may take.
@@ -256,6 +283,16 @@ impl Config {
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }
+}
+
+/// Reads a file that is for its owner alone; `what` names it in the log.
+fn read_secret(path: &Path, what: &str) -> Result<String, ConfigError> {
+    let read = std::fs::read_to_string(path);
+    storage::keep_private(path, what);
+    read.map_err(|source| ConfigError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 #[cfg(test)]
@@ -378,6 +415,33 @@ mod tests {
             ..Http::default()
         });
         assert!(!format!("{config:?}").contains("0123456789abcdef"));
+    }
+
+    #[test]
+    fn a_store_can_be_a_database_and_a_bucket_and_its_password_in_a_file() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "CANARY\n").unwrap();
+        let config = parsed(&format!(
+            "[storage]\ndatabase = \"postgres://u:CANARY@db/cases\"\nobjects = \"s3://heads/a\"\n\
+             database_password_file = \"{}\"",
+            file.path().display()
+        ));
+        let config = config.unwrap();
+        let location = config.location().unwrap();
+        let shown = format!("{config:?} {location:?}");
+        assert!(
+            shown.contains("db:5432/cases") && !shown.contains("CANARY"),
+            "{shown}"
+        );
+        for (key, value) in [("database", "u:CANARY@db"), ("objects", "http://CANARY")] {
+            let config = parsed(&format!("[storage]\n{key} = \"{value}\"")).unwrap();
+            let error = config.location().unwrap_err().to_string();
+            let named = format!("`storage.{key}` is not right");
+            assert!(
+                error.contains(&named) && !error.contains("CANARY"),
+                "{error}"
+            );
+        }
     }
 
     #[test]

@@ -125,7 +125,7 @@ impl Default for Limits {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Prepare {
-    /// Cases prepared at a time.
+    /// Cases prepared at a time; with 0 `isocortex serve` leaves them to `isocortex work`.
     pub workers: usize,
     /// How long a preparation may take, in seconds; then the case fails.
     pub max_secs: u64,
@@ -174,6 +174,12 @@ impl Default for Render {
 pub struct Storage {
     /// The directory of the store.
     pub data: PathBuf,
+    /// The database, unless it is in the directory: `postgres://…` or `sqlite:///file`.
+    pub database: Option<Secret>,
+    /// A file that holds the password for PostgreSQL.
+    pub database_password_file: Option<PathBuf>,
+    /// The objects, unless they are in the directory: `s3://bucket/prefix` or `file:///folder`.
+    pub objects: Option<String>,
     /// Free bytes on the store's disk below which `/readyz` says that it is full.
     pub min_free_bytes: u64,
 }
@@ -182,6 +188,9 @@ impl Default for Storage {
     fn default() -> Self {
         Self {
             data: PathBuf::from("isocortex-data"),
+            database: None,
+            database_password_file: None,
+            objects: None,
             min_free_bytes: 64 << 20,
         }
     }

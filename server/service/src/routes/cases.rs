@@ -143,6 +143,9 @@ pub struct VolumeView {
     /// Numbers of the slices, from 1, that were missing among the DICOM files and are interpolated between their neighbours.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     interpolated_slices: Vec<usize>,
+    /// The scanner's name of the sequence and its times in ms, such as `*tfl3d1, TR 2300, TE 2.98, TI 900`; absent if it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sequence: Option<String>,
 }
 
 /// A sphere in the patient.
@@ -306,6 +309,10 @@ impl From<CaseFacts> for ReadyView {
                 size: facts.native_size,
                 spacing_mm: facts.native_spacing_mm,
                 patient_from_voxel: facts.native_patient_from_voxel,
+                sequence: facts
+                    .dicom
+                    .as_ref()
+                    .and_then(|dicom| dicom.sequence.clone()),
                 interpolated_slices: facts
                     .dicom
                     .map(|dicom| dicom.interpolated_slices)

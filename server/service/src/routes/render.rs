@@ -65,12 +65,13 @@ pub async fn get_render(
     let backend = backend_for(query.renderer, &cases.graphics).await;
     // Renderers differ in their pixels, and graphics devices, too.
     let layers = query.layers();
-    let form = form_with_layers(backend.to_string(), &layers);
+    let named = cases.identity(&id, query.annotate).await?;
+    let form = form_with_layers(backend.to_string(), &layers).named(named.clone());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
         let picture = cases.picture_job(&model, &query, backend).await?;
-        let metadata = ImageMetadata::of(Some(&id), &picture.job);
+        let metadata = ImageMetadata::of(Some(&id), &picture.job).named(named);
         let drawn = picture.draw(&turn).await?;
         let annotate = query.annotate;
         let image = turn

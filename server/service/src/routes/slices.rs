@@ -57,7 +57,7 @@ pub struct SliceQuery {
     #[serde(default)]
     #[param(inline)]
     colormap: ColorMap,
-    /// Whether place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
+    /// Whether label, day and first digits of the case, place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
@@ -187,6 +187,7 @@ pub async fn get_slice(
         query: &query,
         request: &request,
     };
+    let named = cases.identity(&id, query.annotate).await?;
     let work = async |facts: Arc<CaseFacts>| {
         let middle_mm = middle_mm(&facts, plane.axis());
         let choice = query.layers();
@@ -194,30 +195,32 @@ pub async fn get_slice(
         let drawing = query.request(plane, middle_mm, window)?;
         let model = cases.model(&id).await?;
         let layers = choice.of_case(&cases.library, &id).await?;
-        let (case, annotate) = (id.to_string(), query.annotate);
+        let (case, named) = (id.to_string(), named.clone());
         let picture = cases
             .queue
-            .run(move || draw(&model, &layers, (&case, &drawing), annotate));
+            .run(move || draw(&model, &layers, (&case, &drawing), named.as_deref()));
         Ok(Bytes::from(picture.await??).into())
     };
-    let form = form_with_layers(plane.name().to_owned(), &query.layers());
+    let form = form_with_layers(plane.name().to_owned(), &query.layers()).named(named.clone());
     question.answer(&cases, form, work).await
 }
 
+/// Draws a slice; `named` is written into it, with all else that an annotation has.
 fn draw(
     model: &WarmModel,
     layers: &KeyedLayers,
     (case, request): (&str, &SliceRequest),
-    annotate: bool,
+    named: Option<&str>,
 ) -> Result<Vec<u8>, AppError> {
     let scene = model.scene().with_layers(layers.layers());
     let mut frame = render::draw_slice(&scene, request);
-    if annotate {
+    if named.is_some() {
         frame = render::annotate_slice(
             frame,
             request,
             &request.projection(&scene.bounds),
             &scene.layers,
+            named,
         );
     }
     let mut texts = render::slice_texts(case, request, &scene.layers);

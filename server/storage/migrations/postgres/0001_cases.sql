@@ -57,6 +57,12 @@ CREATE TABLE jobs (
 
 CREATE INDEX jobs_by_age ON jobs (queued_at, case_id);
 
+CREATE TABLE rebuilds (
+    case_id     TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    holder      TEXT COLLATE "C" NOT NULL,
+    lease_until BIGINT           NOT NULL
+);
+
 CREATE TABLE fence (value BIGINT NOT NULL);
 INSERT INTO fence (value) VALUES (0);
 

@@ -131,6 +131,41 @@ pub(super) async fn refer(
     Ok(true)
 }
 
+/// Writes the row of a case of another store; `false` where it is ready here and not there.
+pub(super) async fn adopt(connection: &mut Connection, case: &Case) -> Result<bool, StoreError> {
+    let state = match case.state.is_final() {
+        true => case.state,
+        false => CaseState::Queued,
+    };
+    let facts = case.facts.as_ref().map(serde_json::to_string).transpose()?;
+    let failure = case
+        .failure
+        .as_ref()
+        .map(serde_json::to_string)
+        .transpose()?;
+    let written = connection
+        .query(
+            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at, previous)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, (SELECT id FROM cases WHERE id = $10))
+             ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
+                                            facts = excluded.facts, facts_digest = excluded.facts_digest
+             WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
+        )
+        .bind(case.id.to_string())
+        .bind(case.parameters.closing_radius_mm)
+        .bind(without_columns(&case.parameters)?)
+        .bind(&case.parameters.name)
+        .bind(state.name())
+        .bind(failure)
+        .bind(facts.as_deref())
+        .bind(facts.as_deref().map(upkeep::digest))
+        .bind(case.created_at.as_microsecond())
+        .bind(case.previous.map(|id| id.to_string()))
+        .execute()
+        .await?;
+    Ok(written > 0)
+}
+
 pub(super) async fn is_ready(connection: &mut Connection, id: &CaseId) -> Result<bool, StoreError> {
     let row = connection
         .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1 AND state = 'ready') AS ready")

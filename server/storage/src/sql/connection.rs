@@ -3,7 +3,7 @@
 //! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
 
 use sqlx::pool::PoolConnection;
-use sqlx::postgres::{PgArguments, PgConnection, PgPool, PgRow};
+use sqlx::postgres::{PgArguments, PgConnection, PgRow};
 use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqlitePool, SqliteRow};
 use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
 
@@ -14,7 +14,7 @@ use crate::StoreError;
 #[derive(Debug, Clone)]
 pub(super) enum Database {
     Sqlite(SqlitePool),
-    Postgres(PgPool),
+    Postgres(postgres::Connections),
 }
 
 /// A connection, in a transaction of its own or in none. Dropping it undoes what was not committed.
@@ -30,7 +30,7 @@ impl Database {
     pub(super) async fn connect(&self) -> Result<Connection, StoreError> {
         Ok(match self {
             Self::Sqlite(pool) => Connection::Sqlite(pool.acquire().await?),
-            Self::Postgres(pool) => Connection::Postgres(pool.acquire().await?),
+            Self::Postgres(connections) => Connection::Postgres(connections.acquire().await?),
         })
     }
 
@@ -41,7 +41,7 @@ impl Database {
                 self.empty_log().await;
                 pool.close().await;
             }
-            Self::Postgres(pool) => pool.close().await,
+            Self::Postgres(connections) => connections.close().await,
         }
     }
 
@@ -49,7 +49,9 @@ impl Database {
     pub(super) async fn begin(&self) -> Result<Connection, StoreError> {
         Ok(match self {
             Self::Sqlite(pool) => Connection::SqliteTransaction(sqlite::begin(pool).await?),
-            Self::Postgres(pool) => Connection::PostgresTransaction(postgres::begin(pool).await?),
+            Self::Postgres(connections) => {
+                Connection::PostgresTransaction(connections.begin().await?)
+            }
         })
     }
 }

@@ -112,6 +112,16 @@ async fn lease(
     })
 }
 
+/// Takes the job of a case away, if it has one.
+pub(super) async fn forget(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM jobs WHERE case_id = $1")
+        .bind(id.to_string())
+        .execute()
+        .await?;
+    Ok(())
+}
+
 /// Fails a case whose preparations all ended without a word: they were killed, or took the process with them.
 async fn give_up(connection: &mut Connection, job: &Available) -> Result<(), StoreError> {
     let detail = format!(
@@ -119,11 +129,7 @@ async fn give_up(connection: &mut Connection, job: &Available) -> Result<(), Sto
         job.attempts
     );
     let failure = Failure::new(FailureKind::Internal, "preparation-interrupted", detail);
-    connection
-        .query("DELETE FROM jobs WHERE case_id = $1")
-        .bind(job.id.to_string())
-        .execute()
-        .await?;
+    forget(connection, &job.id).await?;
     cases::make_failed(connection, &job.id, &failure).await
 }
 

@@ -8,6 +8,7 @@ mod connection;
 mod jobs;
 mod pins;
 mod postgres;
+mod rebuilds;
 mod sqlite;
 mod tombstones;
 mod upkeep;
@@ -241,6 +242,25 @@ impl CaseRows for SqlRows {
         Ok(ready)
     }
 
+    async fn begin_rebuild(
+        &self,
+        id: &CaseId,
+        holder: &str,
+        lease: Duration,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let times = [now, now + microseconds(lease)];
+        let taken = rebuilds::take(&mut transaction, id, holder, times).await?;
+        transaction.commit().await?;
+        Ok(taken)
+    }
+
+    async fn end_rebuild(&self, id: &CaseId, holder: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        rebuilds::end(&mut transaction, id, holder).await?;
+        transaction.commit().await
+    }
+
     async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
         let mut connection = self.database.connect().await?;
         let now = self.now(&mut connection).await?;
@@ -264,12 +284,34 @@ impl CaseRows for SqlRows {
         transaction.commit().await
     }
 
+    async fn unneeded(&self, names: &[ObjectName]) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.database.connect().await?;
+        tombstones::unneeded(&mut connection, names).await
+    }
+
+    async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !cases::adopt(&mut transaction, case).await? {
+            return Ok(false);
+        }
+        if !cases::refer(&mut transaction, &case.id, objects, now).await? {
+            return Err(StoreError::Rows("a pin was lost".into()));
+        }
+        jobs::forget(&mut transaction, &case.id).await?;
+        if !case.state.is_final() {
+            jobs::insert(&mut transaction, &case.id, now).await?;
+        }
+        transaction.commit().await?;
+        Ok(true)
+    }
+
     async fn forget_holders(&self) -> Result<(), StoreError> {
         self.database.check_file().await?;
         let (mut transaction, now) = self.write().await?;
         jobs::end_leases(&mut transaction, now).await?;
         pins::expire_all(&mut transaction, now).await?;
         tombstones::end_leases(&mut transaction, now).await?;
+        rebuilds::end_all(&mut transaction).await?;
         transaction.commit().await?;
         self.database.empty_log().await;
         Ok(())
@@ -278,14 +320,18 @@ impl CaseRows for SqlRows {
     async fn check(&self) -> Result<(), StoreError> {
         match &self.database {
             Database::Sqlite(pool) => sqlite::check(pool).await,
-            Database::Postgres(pool) => postgres::check(pool).await,
+            Database::Postgres(connections) => connections.check().await,
         }
+    }
+
+    async fn inspect(&self) -> Result<(), StoreError> {
+        self.database.check_file().await
     }
 
     async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
         match &self.database {
             Database::Sqlite(_) => Ok(None),
-            Database::Postgres(pool) => postgres::changes(pool).await.map(Some),
+            Database::Postgres(connections) => connections.changes().await.map(Some),
         }
     }
 

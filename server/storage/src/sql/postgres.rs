@@ -3,24 +3,29 @@
 //! Writing transactions take one advisory lock and so come one after another, as in SQLite: what is true of one back end is true
 //! of the other. There are about five of them for a case, of a few milliseconds each.
 
-use std::time::Duration;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use case::CaseId;
 use futures_util::StreamExt as _;
 use futures_util::stream::{self, BoxStream};
+use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgListener, PgPool, PgPoolOptions};
-use sqlx::{Postgres, Transaction};
+use sqlx::{ConnectOptions as _, Connection as _, Postgres, Transaction};
 
 use super::connection::Database;
 use super::{SqlRows, migrate};
-use crate::StoreError;
 use crate::rows::Change;
+use crate::{LISTEN_AGAIN_AFTER, StoreError, lock};
 
 /// Connections of a process; one of them listens.
 const CONNECTIONS: u32 = 8;
 
 /// How long to wait for a connection: callers are told soon when the database is away.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// How long nobody tries to reach a database that could not be reached.
+const AWAY_FOR: Duration = Duration::from_secs(1);
 
 /// Where changes are announced (`migrations/postgres`).
 const CHANNEL: &str = "isocortex";
@@ -49,6 +54,8 @@ impl SqlRows {
     /// When it cannot be reached or used, or was written by a newer version.
     pub async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
         let options = options.options(SESSION).application_name("isocortex");
+        // The pool would only say that it waited too long.
+        options.connect().await?.close().await?;
         let pool = PgPoolOptions::new()
             .max_connections(CONNECTIONS)
             .acquire_timeout(ACQUIRE_TIMEOUT)
@@ -57,7 +64,10 @@ impl SqlRows {
             .await?;
         // One process migrates at a time: the migrator takes a lock.
         migrate(&sqlx::migrate!("migrations/postgres"), &pool).await?;
-        Ok(Self::of(Database::Postgres(pool)))
+        Ok(Self::of(Database::Postgres(Connections {
+            pool,
+            away_until: Arc::default(),
+        })))
     }
 }
 
@@ -72,39 +82,81 @@ async fn keep_commits(connection: &mut PgConnection) -> Result<(), sqlx::Error> 
     Ok(())
 }
 
-pub(super) async fn begin(pool: &PgPool) -> Result<Transaction<'static, Postgres>, sqlx::Error> {
-    pool.begin_with(BEGIN).await
+/// Connections to a database that may be away for a while.
+///
+/// While it is, one caller at a time tries to reach it and all others are told at once.
+#[derive(Debug, Clone)]
+pub(super) struct Connections {
+    pool: PgPool,
+    /// Until when nobody else tries. Held for moments.
+    away_until: Arc<Mutex<Option<Instant>>>,
 }
 
-/// Whether the database can be written: a standby cannot.
-pub(super) async fn check(pool: &PgPool) -> Result<(), StoreError> {
-    let read_only: String = sqlx::query_scalar("SHOW transaction_read_only")
-        .fetch_one(pool)
-        .await?;
-    match read_only.as_str() {
-        "off" => Ok(()),
-        _ => Err(StoreError::Rows("the database is read-only".into())),
+impl Connections {
+    pub(super) async fn acquire(&self) -> Result<PoolConnection<Postgres>, sqlx::Error> {
+        self.reached_by(self.pool.acquire()).await
     }
-}
 
-/// The changes that all processes make from now on.
-pub(super) async fn changes(pool: &PgPool) -> Result<BoxStream<'static, Change>, StoreError> {
-    let mut listener = PgListener::connect_with(pool).await?;
-    listener.listen(CHANNEL).await?;
-    let announced = stream::unfold(listener, |mut listener| async move {
-        loop {
-            match listener.recv().await {
-                Ok(announced) => return Some((announced, listener)),
-                Err(sqlx::Error::PoolClosed) => return None,
-                Err(error) => {
-                    tracing::warn!(%error, "changes of other processes are noticed late");
-                    tokio::time::sleep(crate::LISTEN_AGAIN_AFTER).await;
-                }
+    /// A writing transaction, once all others have ended.
+    pub(super) async fn begin(&self) -> Result<Transaction<'static, Postgres>, sqlx::Error> {
+        self.reached_by(self.pool.begin_with(BEGIN)).await
+    }
+
+    async fn reached_by<T>(
+        &self,
+        attempt: impl Future<Output = Result<T, sqlx::Error>>,
+    ) -> Result<T, sqlx::Error> {
+        {
+            let mut away_until = lock(&self.away_until);
+            match *away_until {
+                Some(until) if Instant::now() < until => return Err(sqlx::Error::PoolTimedOut),
+                Some(_) => *away_until = Some(Instant::now() + ACQUIRE_TIMEOUT),
+                None => {}
             }
         }
-    });
-    let read = announced.filter_map(|announced| async move { read_change(announced.payload()) });
-    Ok(read.boxed())
+        let reached = attempt.await;
+        let is_away = matches!(reached, Err(sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut));
+        *lock(&self.away_until) = is_away.then(|| Instant::now() + AWAY_FOR);
+        reached
+    }
+
+    /// Whether the database can be written: a standby cannot.
+    pub(super) async fn check(&self) -> Result<(), StoreError> {
+        let mut connection = self.acquire().await?;
+        let read_only: String = sqlx::query_scalar("SHOW transaction_read_only")
+            .fetch_one(&mut *connection)
+            .await?;
+        match read_only.as_str() {
+            "off" => Ok(()),
+            _ => Err(StoreError::Rows("the database is read-only".into())),
+        }
+    }
+
+    /// The changes that all processes make from now on.
+    pub(super) async fn changes(&self) -> Result<BoxStream<'static, Change>, StoreError> {
+        let mut listener = PgListener::connect_with(&self.pool).await?;
+        listener.listen(CHANNEL).await?;
+        let announced = stream::unfold(listener, |mut listener| async move {
+            loop {
+                match listener.recv().await {
+                    Ok(announced) => return Some((announced, listener)),
+                    Err(sqlx::Error::PoolClosed) => return None,
+                    Err(error) => {
+                        tracing::warn!(%error, "changes of other processes are noticed late");
+                        tokio::time::sleep(LISTEN_AGAIN_AFTER).await;
+                    }
+                }
+            }
+        });
+        let read =
+            announced.filter_map(|announced| async move { read_change(announced.payload()) });
+        Ok(read.boxed())
+    }
+
+    /// Ends all connections.
+    pub(super) async fn close(&self) {
+        self.pool.close().await;
+    }
 }
 
 fn read_change(payload: &str) -> Option<Change> {
@@ -118,7 +170,6 @@ fn read_change(payload: &str) -> Option<Change> {
 #[cfg(test)]
 mod tests {
     use std::collections::HashSet;
-    use std::sync::Arc;
 
     use futures_util::future::join_all;
 
@@ -135,7 +186,7 @@ mod tests {
 
     fn pool(rows: &SqlRows) -> &PgPool {
         match &rows.database {
-            Database::Postgres(pool) => pool,
+            Database::Postgres(connections) => &connections.pool,
             Database::Sqlite(_) => unreachable!("these rows are in PostgreSQL"),
         }
     }
@@ -226,6 +277,11 @@ mod tests {
         server.stop();
         assert!(there.check().await.is_err());
         server.start_again().await;
+        let begun = Instant::now();
+        while there.check().await.is_err() {
+            assert!(begun.elapsed() < Duration::from_secs(10));
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
         let mut hears = std::pin::pin!(heard(Change::Deleted(new.id)));
         // It listens again at some moment within the next seconds.
         loop {

@@ -87,6 +87,20 @@ async fn is_needed(connection: &mut Connection, name: &ObjectName) -> Result<boo
     row.get("needed")
 }
 
+/// Those that no case needs, no pin protects and no sweep removes.
+pub(super) async fn unneeded(
+    connection: &mut Connection,
+    names: &[ObjectName],
+) -> Result<Vec<ObjectName>, StoreError> {
+    let mut unneeded = Vec::new();
+    for name in names {
+        if !is_needed(connection, name).await? && !any_of(connection, &[*name]).await? {
+            unneeded.push(*name);
+        }
+    }
+    Ok(unneeded)
+}
+
 /// Leaves a tombstone, or takes over one whose lease has ended; whether it is the sweep's own now.
 async fn take(
     connection: &mut Connection,

@@ -1,6 +1,7 @@
 //! What tests of the store share with those of the crates above.
 
 pub mod postgres;
+pub mod s3;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};

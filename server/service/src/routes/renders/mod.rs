@@ -76,11 +76,12 @@ pub async fn create_renders(
     let queued = cases.queue.enter()?;
     for (number, request) in plan.pictures.into_iter().enumerate() {
         let backend = backend_for(request.renderer, &cases.graphics).await;
+        let named = cases.identity(&id, request.annotate).await?;
         let turn = queued.turn().await?;
         let job = cases.picture_job(&model, &request, backend).await?;
         let picture = Picture {
             number,
-            metadata: ImageMetadata::of(Some(&id), &job.job),
+            metadata: ImageMetadata::of(Some(&id), &job.job).named(named),
             drawn: job.draw(&turn).await?,
             request,
         };

@@ -62,6 +62,9 @@ pub struct Sweep {
     #[serde(default = "default_delay")]
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
+    /// Whether the pictures of the way back follow; neither end is shown twice.
+    #[serde(default)]
+    there_and_back: bool,
     /// What is seen, without a depth.
     render: PictureRequest,
 }
@@ -319,8 +322,16 @@ impl Sweep {
                 ..self.render.clone()
             }
         };
+        let mut pictures: Vec<_> = (0..self.frames).map(at).collect();
+        if self.there_and_back {
+            pictures.extend((1..self.frames - 1).rev().map(at));
+        }
+        if pictures.len() > MAX_PICTURES {
+            let detail = "must be 2 to 129: there and back, at most 256 pictures are drawn";
+            return Err(out_of_range("sweep.frames", detail));
+        }
         Ok(Plan {
-            pictures: (0..self.frames).map(at).collect(),
+            pictures,
             form: Form::Animation {
                 delay_ms: self.delay_ms,
             },

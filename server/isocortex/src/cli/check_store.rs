@@ -1,0 +1,115 @@
+//! `isocortex check-store`.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use case::{CaseId, ObjectKind};
+use cases::Library;
+use clap::Args;
+use storage::{Finding, ObjectName};
+
+use super::common::{StoreArgs, set_some};
+use super::status::{CliError, ExitStatus};
+use crate::start;
+
+/// Read every row and every object of a store, and report what is missing, damaged or unreferenced
+///
+/// A line for each finding goes to standard output. The store may be in use. The exit status is 0 where all is well, or is so after
+/// the repair, and 74 where something is left.
+#[derive(Debug, Clone, Args)]
+pub(super) struct CheckStoreArgs {
+    #[command(flatten)]
+    store: StoreArgs,
+    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    network: Option<PathBuf>,
+    /// Make what is computed again from its source, and remove what no case needs. A lost source must be uploaded again.
+    #[arg(long)]
+    repair: bool,
+}
+
+/// What was found, by what can be done about it.
+#[derive(Debug, Default)]
+struct Findings {
+    lost_sources: BTreeSet<CaseId>,
+    to_rebuild: BTreeSet<CaseId>,
+    unreferenced: Vec<ObjectName>,
+}
+
+impl Findings {
+    fn add(&mut self, finding: Finding) {
+        let (what, id, name) = match finding {
+            Finding::Missing(id, name) => ("missing", id, name),
+            Finding::Damaged(id, name) => ("damaged", id, name),
+            Finding::Unreferenced(name) => {
+                println!("unreferenced: {name}");
+                return self.unreferenced.push(name);
+            }
+        };
+        println!("{what}: {} of case {id}", name.kind.name());
+        match name.kind.is_source() {
+            true => self.lost_sources.insert(id),
+            false => self.to_rebuild.insert(id),
+        };
+    }
+
+    /// Cases and objects that need a hand.
+    fn count(&self) -> usize {
+        let cases: BTreeSet<_> = self.lost_sources.union(&self.to_rebuild).collect();
+        cases.len() + self.unreferenced.len()
+    }
+
+    /// Does what can be done.
+    async fn repair(&mut self, library: &Library) -> Result<(), CliError> {
+        for id in std::mem::take(&mut self.to_rebuild) {
+            let read = library.load(&id, &ObjectKind::DERIVED, |_, _| Some(()));
+            if read.await?.is_some() {
+                println!("made again: case {id}");
+            } else if !self.lost_sources.contains(&id) && library.store().case(&id).await?.is_some()
+            {
+                println!("cannot be made again: case {id}");
+                self.lost_sources.insert(id);
+            }
+        }
+        let unreferenced = std::mem::take(&mut self.unreferenced);
+        library.store().remove_unreferenced(&unreferenced).await?;
+        if !unreferenced.is_empty() {
+            println!("removed: {} objects", unreferenced.len());
+        }
+        Ok(())
+    }
+}
+
+/// Checks a store, and repairs it where that is wished.
+pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
+    super::keep_files_private();
+    let mut config = args.store.config()?;
+    set_some(&mut config.prepare.network, args.network.as_ref());
+    super::block_on(async {
+        let library = start::open_library(&config).await?;
+        let mut findings = Findings::default();
+        let inspected = library
+            .store()
+            .inspect(&mut |finding| findings.add(finding))
+            .await?;
+        println!(
+            "read: {} cases, {} objects, {} bytes",
+            inspected.cases, inspected.objects, inspected.bytes
+        );
+        if args.repair {
+            findings.repair(&library).await?;
+        }
+        library.store().close().await;
+        match findings.count() {
+            0 => Ok(()),
+            count => {
+                let hint = match args.repair {
+                    false => "`--repair` does what can be done",
+                    true => "upload the volumes of these cases again, or delete the cases",
+                };
+                let message = format!("{count} cases or objects are not as they should be; {hint}");
+                Err(CliError::new(ExitStatus::InputOutput, message))
+            }
+        }
+    })
+}

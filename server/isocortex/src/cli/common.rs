@@ -1,0 +1,98 @@
+//! Options that several commands have.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::choices;
+use super::status::CliError;
+use crate::config::{Config, Secret};
+use crate::logs::LogFormat;
+
+/// Where the store is.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct StoreArgs {
+    /// The directory of the store; made where it is missing. [default: isocortex-data]
+    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
+    pub(super) data: Option<PathBuf>,
+    /// The database, unless it is in the directory: postgres://[user@]host/name or sqlite:///file.
+    #[arg(
+        long,
+        value_name = "URL",
+        env = "ISOCORTEX_DATABASE",
+        hide_env_values = true
+    )]
+    pub(super) database: Option<String>,
+    /// A file that holds the password for PostgreSQL. [otherwise: PGPASSWORD, ~/.pgpass]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_DATABASE_PASSWORD_FILE")]
+    pub(super) database_password_file: Option<PathBuf>,
+    /// The objects, unless they are in the directory: s3://bucket[/prefix], reached by the AWS_ variables, or file:///folder.
+    #[arg(long, value_name = "URL", env = "ISOCORTEX_OBJECTS")]
+    pub(super) objects: Option<String>,
+    /// A TOML file with these and all other settings.
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_CONFIG")]
+    pub(super) config: Option<PathBuf>,
+}
+
+impl StoreArgs {
+    /// The configuration that file, environment and command line make together.
+    pub(super) fn config(&self) -> Result<Config, CliError> {
+        let mut config = match &self.config {
+            Some(path) => Config::read(path)?,
+            None => Config::default(),
+        };
+        let storage = &mut config.storage;
+        set(&mut storage.data, self.data.as_ref());
+        let database = self.database.clone().map(Secret);
+        set_some(&mut storage.database, database.as_ref());
+        let password_file = &mut storage.database_password_file;
+        set_some(password_file, self.database_password_file.as_ref());
+        set_some(&mut storage.objects, self.objects.as_ref());
+        Ok(config)
+    }
+}
+
+/// What `serve` and `work` have in common.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct CommonArgs {
+    #[command(flatten)]
+    pub(super) store: StoreArgs,
+    /// How many cases are prepared at a time. [default: 1]
+    #[arg(long, value_name = "N", env = "ISOCORTEX_WORKERS")]
+    pub(super) workers: Option<usize>,
+    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    pub(super) network: Option<PathBuf>,
+    /// How log lines are written. [default: text]
+    #[arg(long, value_parser = choices::log_format(), env = "ISOCORTEX_LOG_FORMAT")]
+    pub(super) log_format: Option<LogFormat>,
+    /// Which log lines are written: error, warn, info, debug (which has a line for each request), or as in RUST_LOG.
+    #[arg(long, value_name = "FILTER", env = "ISOCORTEX_LOG")]
+    pub(super) log: Option<String>,
+}
+
+impl CommonArgs {
+    /// The configuration that file, environment and command line make together.
+    pub(super) fn config(&self) -> Result<Config, CliError> {
+        let mut config = self.store.config()?;
+        set(&mut config.prepare.workers, self.workers.as_ref());
+        set_some(&mut config.prepare.network, self.network.as_ref());
+        set(&mut config.log_format, self.log_format.as_ref());
+        set(&mut config.log, self.log.as_ref());
+        Ok(config)
+    }
+}
+
+/// Sets what the command line names.
+pub(super) fn set<T: Clone>(slot: &mut T, value: Option<&T>) {
+    if let Some(value) = value {
+        slot.clone_from(value);
+    }
+}
+
+/// The same for what may be left open.
+pub(super) fn set_some<T: Clone>(slot: &mut Option<T>, value: Option<&T>) {
+    if value.is_some() {
+        *slot = value.cloned();
+    }
+}

@@ -1,0 +1,275 @@
+//! Where a store is: a folder of this process, a database, and a place for objects.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use sqlx::postgres::{PgConnectOptions, PgSslMode};
+
+/// The parameters that the address of a PostgreSQL database may have. Others are refused: sqlx would put them into the log.
+const POSTGRES_PARAMETERS: [&str; 12] = [
+    "sslmode",
+    "sslrootcert",
+    "sslcert",
+    "sslkey",
+    "statement-cache-capacity",
+    "host",
+    "hostaddr",
+    "port",
+    "dbname",
+    "user",
+    "password",
+    "application_name",
+];
+
+/// Where a store is.
+#[derive(Debug, Clone)]
+pub struct Location {
+    /// The folder of this process: for uploads under way, and for the database and the objects unless they have other places. Made
+    /// where it is missing.
+    pub folder: PathBuf,
+    /// The database, unless it is `rows.sqlite` in the folder.
+    pub database: Option<DatabaseAddress>,
+    /// The objects, unless they are in `objects` in the folder.
+    pub objects: Option<ObjectsAddress>,
+}
+
+impl From<&Path> for Location {
+    fn from(folder: &Path) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            database: None,
+            objects: None,
+        }
+    }
+}
+
+/// What is wrong with an address. It is not repeated: it may hold a password.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum BadAddress {
+    /// A database of another kind.
+    #[error("a database is `postgres://[user@]host[:port]/name` or `sqlite:///file`")]
+    Database,
+    /// Objects of another kind.
+    #[error("objects are in `s3://bucket[/prefix]` or `file:///folder`")]
+    Objects,
+    /// A parameter that PostgreSQL's address does not have.
+    #[error("the address of a PostgreSQL database has no parameter `{0}`")]
+    Parameter(String),
+    /// An address of PostgreSQL that cannot be read.
+    #[error(
+        "the address of the PostgreSQL database cannot be read; percent-encode special characters in it"
+    )]
+    Postgres,
+}
+
+/// A database. Neither its `Debug` nor its `Display` shows a password.
+#[derive(Clone)]
+pub enum DatabaseAddress {
+    /// A file of SQLite.
+    Sqlite(PathBuf),
+    /// A database of PostgreSQL.
+    Postgres(Box<PgConnectOptions>),
+}
+
+impl DatabaseAddress {
+    /// Reads `postgres://…` or `sqlite:///file`. What `postgres://…` leaves open, the `PG…` variables and `~/.pgpass` say.
+    ///
+    /// Other hosts than this machine must show a certificate for their name unless `sslmode` says otherwise.
+    ///
+    /// # Errors
+    /// When it is neither.
+    pub fn parse(text: &str) -> Result<Self, BadAddress> {
+        if let Some(file) = text.strip_prefix("sqlite://") {
+            return match file.starts_with('/') {
+                true => Ok(Self::Sqlite(file.into())),
+                false => Err(BadAddress::Database),
+            };
+        }
+        if !text.starts_with("postgres://") && !text.starts_with("postgresql://") {
+            return Err(BadAddress::Database);
+        }
+        let parameters = text
+            .split_once('?')
+            .map_or("", |(_, parameters)| parameters);
+        let names = parameters.split('&').filter(|one| !one.is_empty());
+        let names: Vec<_> = names
+            .map(|one| one.split_once('=').map_or(one, |(name, _)| name))
+            .collect();
+        if let Some(unknown) = names
+            .iter()
+            .find(|name| !POSTGRES_PARAMETERS.contains(name))
+        {
+            return Err(BadAddress::Parameter((*unknown).to_owned()));
+        }
+        let options: PgConnectOptions = text.parse().map_err(|_| BadAddress::Postgres)?;
+        let is_plain = names.contains(&"sslmode")
+            || std::env::var_os("PGSSLMODE").is_some()
+            || is_this_machine(&options);
+        Ok(Self::Postgres(Box::new(match is_plain {
+            true => options,
+            false => options.ssl_mode(PgSslMode::VerifyFull),
+        })))
+    }
+
+    /// The same with a password, if it is PostgreSQL.
+    #[must_use]
+    pub fn with_password(self, password: &str) -> Self {
+        match self {
+            Self::Postgres(options) => Self::Postgres(Box::new(options.password(password))),
+            sqlite @ Self::Sqlite(_) => sqlite,
+        }
+    }
+}
+
+fn is_this_machine(options: &PgConnectOptions) -> bool {
+    let host = options.get_host();
+    let is_loopback = |address: std::net::IpAddr| address.is_loopback();
+    options.get_socket().is_some()
+        || host == "localhost"
+        || host.starts_with('/')
+        || host.parse().is_ok_and(is_loopback)
+}
+
+impl fmt::Display for DatabaseAddress {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Sqlite(file) => write!(formatter, "sqlite://{}", file.display()),
+            Self::Postgres(options) => {
+                let (host, port) = (options.get_host(), options.get_port());
+                let database = options.get_database().unwrap_or_default();
+                write!(formatter, "postgres://{host}:{port}/{database}")
+            }
+        }
+    }
+}
+
+impl fmt::Debug for DatabaseAddress {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, formatter)
+    }
+}
+
+/// A place for objects.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ObjectsAddress {
+    /// A folder, perhaps one that several machines share. Made where it is missing.
+    Folder(PathBuf),
+    /// A bucket of an S3-compatible store; how to reach it the `AWS_…` variables say.
+    Bucket {
+        /// Its name.
+        bucket: String,
+        /// What all names in it begin with; may be empty.
+        prefix: String,
+    },
+}
+
+impl ObjectsAddress {
+    /// Reads `s3://bucket/prefix` or `file:///folder`.
+    ///
+    /// # Errors
+    /// When it is neither.
+    pub fn parse(text: &str) -> Result<Self, BadAddress> {
+        if let Some(folder) = text
+            .strip_prefix("file://")
+            .filter(|at| at.starts_with('/'))
+        {
+            return Ok(Self::Folder(folder.into()));
+        }
+        let place = text.strip_prefix("s3://").ok_or(BadAddress::Objects)?;
+        let (bucket, prefix) = place.split_once('/').unwrap_or((place, ""));
+        if bucket.is_empty() || bucket.contains(['@', ':', '?']) || prefix.contains('?') {
+            return Err(BadAddress::Objects);
+        }
+        Ok(Self::Bucket {
+            bucket: bucket.to_owned(),
+            prefix: prefix.trim_matches('/').to_owned(),
+        })
+    }
+}
+
+impl fmt::Display for ObjectsAddress {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Folder(folder) => write!(formatter, "file://{}", folder.display()),
+            Self::Bucket { bucket, prefix } => write!(formatter, "s3://{bucket}/{prefix}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ssl_mode(text: &str) -> String {
+        match DatabaseAddress::parse(text) {
+            Ok(DatabaseAddress::Postgres(options)) => format!("{:?}", options.get_ssl_mode()),
+            other => panic!("{text}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_database_elsewhere_must_show_its_certificate() {
+        for (address, mode) in [
+            ("postgres://db.hospital/isocortex", "VerifyFull"),
+            ("postgres://10.0.0.5/isocortex", "VerifyFull"),
+            (
+                "postgres://db.hospital/isocortex?sslmode=disable",
+                "Disable",
+            ),
+            ("postgres://localhost/isocortex", "Prefer"),
+            ("postgresql://u@127.0.0.1:5433/isocortex", "Prefer"),
+            ("postgres://u@%2Frun%2Fpostgresql/isocortex", "Prefer"),
+        ] {
+            assert_eq!(ssl_mode(address), mode, "{address}");
+        }
+    }
+
+    #[test]
+    fn no_password_is_shown() {
+        let address = "postgres://user:CANARY@db:5433/cases?password=CANARY";
+        let database = DatabaseAddress::parse(address).unwrap();
+        assert_eq!(
+            format!("{database} {database:?}")
+                .matches("db:5433/cases")
+                .count(),
+            2
+        );
+        let shown = [
+            format!("{database} {:?}", database.clone().with_password("CANARY")),
+            DatabaseAddress::parse("postgres://u:CANARY@[bad/x")
+                .unwrap_err()
+                .to_string(),
+            DatabaseAddress::parse("mysql://u:CANARY@x/y")
+                .unwrap_err()
+                .to_string(),
+            DatabaseAddress::parse("postgres://x/y?pass=CANARY")
+                .unwrap_err()
+                .to_string(),
+            ObjectsAddress::parse("s3://key:CANARY@bucket")
+                .unwrap_err()
+                .to_string(),
+        ];
+        assert!(!shown.concat().contains("CANARY"), "{shown:?}");
+    }
+
+    #[test]
+    fn addresses_are_files_or_services() {
+        let sqlite = DatabaseAddress::parse("sqlite:///srv/rows.sqlite").unwrap();
+        assert_eq!(sqlite.to_string(), "sqlite:///srv/rows.sqlite");
+        assert!(DatabaseAddress::parse("sqlite://rows.sqlite").is_err());
+        for (text, expected) in [
+            ("s3://bucket", "s3://bucket/"),
+            ("s3://bucket/a/b/", "s3://bucket/a/b"),
+            ("file:///srv/objects", "file:///srv/objects"),
+        ] {
+            assert_eq!(ObjectsAddress::parse(text).unwrap().to_string(), expected);
+        }
+        for text in ["file://folder", "s3://", "http://x/y", "bucket"] {
+            assert_eq!(
+                ObjectsAddress::parse(text),
+                Err(BadAddress::Objects),
+                "{text}"
+            );
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! Objects in a bucket of an S3-compatible store.
+//!
+//! Which credentials: those of the `AWS_…` variables, as everywhere, a file of them included (`AWS_SHARED_CREDENTIALS_FILE`), or those
+//! that the machine has. Nothing rests on conditional writes: objects are named by their contents.
+
+use std::collections::HashMap;
+use std::ffi::OsString;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use async_trait::async_trait;
+use bytes::Bytes;
+use futures_util::stream::{self, StreamExt as _};
+use http_body_util::{BodyExt as _, StreamBody};
+use hyper::body::{Frame, Incoming};
+use hyper_rustls::HttpsConnector;
+use hyper_util::client::legacy::{self, connect};
+use hyper_util::rt::{TokioExecutor, TokioTimer};
+use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
+use object_store::client::{
+    ClientConfigKey, HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest,
+    HttpRequestBody, HttpResponse, HttpResponseBody, HttpService,
+};
+use object_store::prefix::PrefixStore;
+use object_store::{ClientOptions, RetryConfig};
+
+use super::{Objects, StoreError};
+
+/// What `object_store` calls it in its errors.
+pub(super) const NAME: &str = "S3";
+
+/// How long a request is tried again: less than a client waits for an answer.
+const RETRY_FOR: Duration = Duration::from_secs(15);
+
+/// How long to wait for the next bytes of an answer.
+const SILENCE: Duration = Duration::from_secs(30);
+
+/// How long connections that nobody uses are kept.
+const IDLE: Duration = Duration::from_secs(30);
+
+impl Objects {
+    /// Objects in a bucket, below a prefix (which may be empty). The `AWS_…` variables say where it is and how to get in.
+    ///
+    /// # Errors
+    /// When these variables are not right.
+    pub fn in_bucket(bucket: &str, prefix: &str) -> Result<Self, StoreError> {
+        let variables = std::env::vars_os();
+        let as_text = |(name, value): (OsString, OsString)| {
+            Some((name.into_string().ok()?, value.into_string().ok()?))
+        };
+        Self::in_bucket_with(bucket, prefix, &variables.filter_map(as_text).collect())
+    }
+
+    /// The same, with these variables.
+    ///
+    /// # Errors
+    /// When they are not right.
+    pub fn in_bucket_with(
+        bucket: &str,
+        prefix: &str,
+        variables: &HashMap<String, String>,
+    ) -> Result<Self, StoreError> {
+        let mut builder = AmazonS3Builder::new();
+        for (name, value) in variables {
+            if name.starts_with("AWS_")
+                && let Ok(key) = name.to_ascii_lowercase().parse()
+            {
+                builder = builder.with_config(key, value);
+            }
+        }
+        builder = builder.with_bucket_name(bucket);
+        if let Some([key, secret, token]) = shared_credentials(variables)? {
+            builder = builder
+                .with_access_key_id(key)
+                .with_secret_access_key(secret);
+            if !token.is_empty() {
+                builder = builder.with_token(token);
+            }
+        }
+        let is = |key| builder.get_config_value(&key).unwrap_or_default();
+        let named = [AmazonS3ConfigKey::S3Endpoint, AmazonS3ConfigKey::Endpoint].map(is);
+        // Who names an address without TLS means it.
+        let without_tls = named.iter().any(|endpoint| endpoint.starts_with("http://"));
+        let retry = RetryConfig {
+            retry_timeout: RETRY_FOR,
+            ..RetryConfig::default()
+        };
+        let files = builder
+            .with_allow_http(without_tls)
+            .with_retry(retry)
+            .with_http_connector(Connector)
+            .build()?;
+        Ok(match prefix.trim_matches('/') {
+            "" => Self::new(Arc::new(files)),
+            prefix => Self::new(Arc::new(PrefixStore::new(files, prefix))),
+        })
+    }
+}
+
+/// Key, secret and token of the file that `AWS_SHARED_CREDENTIALS_FILE` names, unless the variables have them.
+fn shared_credentials(
+    variables: &HashMap<String, String>,
+) -> Result<Option<[String; 3]>, StoreError> {
+    let file = variables.get("AWS_SHARED_CREDENTIALS_FILE");
+    let Some(file) = file.filter(|_| !variables.contains_key("AWS_ACCESS_KEY_ID")) else {
+        return Ok(None);
+    };
+    let profile = variables
+        .get("AWS_PROFILE")
+        .map_or("default", String::as_str);
+    let text = std::fs::read_to_string(file)?;
+    super::keep_private(Path::new(file), "the file of the credentials");
+    let credentials = profile_of(&text, profile);
+    credentials.map(Some).ok_or_else(|| {
+        StoreError::Objects("the credentials file has no key and secret for this profile".into())
+    })
+}
+
+/// Key, secret and token (or nothing) of a profile.
+fn profile_of(text: &str, profile: &str) -> Option<[String; 3]> {
+    let header = format!("[{profile}]");
+    let lines = text
+        .lines()
+        .map(str::trim)
+        .skip_while(|line| *line != header);
+    let settings: Vec<_> = lines
+        .skip(1)
+        .take_while(|line| !line.starts_with('['))
+        .filter_map(|line| line.split_once('='))
+        .collect();
+    let value = |name| {
+        let found = settings.iter().find(|(key, _)| key.trim() == name);
+        found.map(|(_, value)| value.trim().to_owned())
+    };
+    Some([
+        value("aws_access_key_id")?,
+        value("aws_secret_access_key")?,
+        value("aws_session_token").unwrap_or_default(),
+    ])
+}
+
+/// Makes clients that speak HTTP/1 and TLS by rustls, with the roots that the system trusts.
+#[derive(Debug)]
+struct Connector;
+
+impl HttpConnector for Connector {
+    fn connect(&self, options: &ClientOptions) -> object_store::Result<HttpClient> {
+        let without_roots = |error| object_store::Error::Generic {
+            store: NAME,
+            source: Box::new(error),
+        };
+        let builder = hyper_rustls::HttpsConnectorBuilder::new()
+            .with_native_roots()
+            .map_err(without_roots)?;
+        let allow_http = options.get_config_value(&ClientConfigKey::AllowHttp);
+        let builder = match allow_http.as_deref() {
+            Some("true") => builder.https_or_http(),
+            _ => builder.https_only(),
+        };
+        let client = legacy::Client::builder(TokioExecutor::new())
+            .pool_timer(TokioTimer::new())
+            .pool_idle_timeout(IDLE)
+            .build(builder.enable_http1().build());
+        Ok(HttpClient::new(Client(client)))
+    }
+}
+
+#[derive(Debug)]
+struct Client(legacy::Client<HttpsConnector<connect::HttpConnector>, HttpRequestBody>);
+
+#[async_trait]
+impl HttpService for Client {
+    async fn call(&self, request: HttpRequest) -> Result<HttpResponse, HttpError> {
+        let answer = tokio::time::timeout(2 * SILENCE, self.0.request(request));
+        let answer = answer.await.map_err(silent)?.map_err(|error| {
+            let kind = match error.is_connect() {
+                true => HttpErrorKind::Connect,
+                false => HttpErrorKind::Interrupted,
+            };
+            HttpError::new(kind, error)
+        })?;
+        Ok(answer.map(|body| HttpResponseBody::new(StreamBody::new(frames(body)))))
+    }
+}
+
+/// The frames of a body, none of which may take too long.
+fn frames(
+    body: Incoming,
+) -> impl futures_util::Stream<Item = Result<Frame<Bytes>, HttpError>> + Send + Sync {
+    stream::unfold(Some(body), |body| async {
+        let mut body = body?;
+        match tokio::time::timeout(SILENCE, body.frame()).await {
+            Ok(None) => None,
+            Ok(Some(Ok(frame))) => Some((Ok(frame), Some(body))),
+            Ok(Some(Err(error))) => {
+                let error = HttpError::new(HttpErrorKind::Interrupted, error);
+                Some((Err(error), None))
+            }
+            Err(elapsed) => Some((Err(silent(elapsed)), None)),
+        }
+    })
+    .fuse()
+}
+
+fn silent(elapsed: tokio::time::error::Elapsed) -> HttpError {
+    HttpError::new(HttpErrorKind::Timeout, elapsed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn credentials_are_those_of_the_profile() {
+        let file = "# ours\n[default]\naws_access_key_id = A\naws_secret_access_key=B=\n\n\
+                    [other]\naws_access_key_id=C\naws_secret_access_key = D\naws_session_token = E\n";
+        let of = |profile| profile_of(file, profile);
+        let expected = |three: [&str; 3]| Some(three.map(ToOwned::to_owned));
+        assert_eq!(of("default"), expected(["A", "B=", ""]));
+        assert_eq!(of("other"), expected(["C", "D", "E"]));
+        assert_eq!(of("none"), None);
+    }
+}

@@ -1,0 +1,126 @@
+//! Checking, moving, backing up and restoring a store, by the commands of `docs/backup.md`.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use storage::testing::files_below;
+use storage::testing::postgres::PostgresServer;
+
+use crate::head::plain_head;
+use crate::several_machines::program;
+
+/// Runs a command of the program; its status, and what it wrote.
+fn run(arguments: &[&str]) -> (Option<i32>, String) {
+    let output: Output = Command::new(program())
+        .args(arguments)
+        .env_remove("ISOCORTEX_CONFIG")
+        .env_remove("ISOCORTEX_DATA")
+        .env_remove("ISOCORTEX_NETWORK")
+        .output()
+        .unwrap();
+    let written = [output.stdout, output.stderr].concat();
+    (output.status.code(), String::from_utf8(written).unwrap())
+}
+
+/// The same, which must end well.
+fn done(arguments: &[&str]) -> String {
+    let (status, written) = run(arguments);
+    assert_eq!(status, Some(0), "{arguments:?}: {written}");
+    written
+}
+
+fn object(folder: &Path, kind: &str) -> PathBuf {
+    let mut files = files_below(&folder.join(kind));
+    files.pop().expect("an object of this kind")
+}
+
+#[tokio::test]
+async fn a_store_is_moved_checked_repaired_and_restored() {
+    let root = tempfile::tempdir().unwrap();
+    let path = |name: &str| root.path().join(name).display().to_string();
+    let (volume, first, objects, restored) = (
+        path("head.nii"),
+        path("first"),
+        path("objects"),
+        path("restored"),
+    );
+    std::fs::write(&volume, plain_head().bytes()).unwrap();
+    let id = done(&["prepare", &volume, "--data", &first]);
+    let id = id.lines().next().unwrap().to_owned();
+    let picture = |data: &str| {
+        let output = path("picture.png");
+        done(&[
+            "render", &id, "--depth", "8", "--data", data, "--output", &output,
+        ]);
+        std::fs::read(output).unwrap()
+    };
+    let before = picture(&first);
+
+    // To a database and objects elsewhere; a second run finds all of it there.
+    let postgres = PostgresServer::start().await;
+    let database = match &postgres {
+        Some(postgres) => postgres.database().await,
+        None => format!("sqlite://{}", path("rows.sqlite")),
+    };
+    let second = format!("{database},file://{objects}");
+    let copied = done(&["migrate-store", "--from", &first, "--to", &second]);
+    assert!(copied.contains("copied: 1 cases, 6 objects"), "{copied}");
+    let copied = done(&["migrate-store", "--from", &first, "--to", &second]);
+    assert!(
+        copied.contains(" 0 objects, 0 bytes; there already: 6 objects"),
+        "{copied}"
+    );
+
+    // Everything that is wrong is named, and what can be repaired is.
+    let address = format!("file://{objects}");
+    let scratch = path("scratch");
+    let check = [
+        "check-store",
+        "--database",
+        &database,
+        "--objects",
+        &address,
+        "--data",
+        &scratch,
+    ];
+    let repair = [&check[..], &["--repair"]].concat();
+    assert!(done(&check).contains("read: 1 cases, 6 objects"));
+    let folder = Path::new(&objects);
+    let mut damaged = std::fs::read(object(folder, "forest")).unwrap();
+    damaged[100] ^= 1;
+    std::fs::write(object(folder, "forest"), damaged).unwrap();
+    std::fs::remove_file(object(folder, "envelope")).unwrap();
+    let stray = folder.join("mask/00").join("0".repeat(64));
+    std::fs::create_dir_all(stray.parent().unwrap()).unwrap();
+    std::fs::write(&stray, b"stray").unwrap();
+    let (status, found) = run(&check);
+    assert_eq!(status, Some(74), "{found}");
+    for line in [
+        "damaged: forest of case",
+        "missing: envelope of case",
+        "unreferenced: mask/0000",
+    ] {
+        assert!(found.contains(line), "{line}: {found}");
+    }
+    assert!(done(&repair).contains("made again: case"));
+    assert!(!stray.exists());
+    done(&check);
+
+    // Back into a folder: the same pictures.
+    done(&["migrate-store", "--from", &second, "--to", &restored]);
+    done(&["check-store", "--data", &restored]);
+    assert!(picture(&restored) == before);
+
+    // A source that is lost is named, and the case is not copied.
+    std::fs::remove_file(object(folder, "source-volume")).unwrap();
+    let (status, found) = run(&repair);
+    assert!(
+        status == Some(74) && found.contains("missing: source-volume"),
+        "{found}"
+    );
+    let (status, copied) = run(&["migrate-store", "--from", &second, "--to", &path("third")]);
+    assert!(
+        status == Some(74) && copied.contains("left out"),
+        "{copied}"
+    );
+}

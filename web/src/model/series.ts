@@ -1,0 +1,60 @@
+// What is asked of the server for many pictures in one file: pure.
+
+import { VIEW_NAMES, type ViewName } from "./camera.ts";
+import { type RenderState, renderQuery } from "./query.ts";
+import type { Vec2 } from "./space.ts";
+import type { SweepChoice } from "./sweep.ts";
+
+/** The most pictures in one file. */
+export const MOST_PICTURES = 256;
+
+type Json = string | number | boolean | readonly Json[] | { readonly [key: string]: Json };
+
+/** A picture of a state, with what stands on it, as the server's interface takes it in JSON. */
+function pictureBody(state: RenderState, size: Vec2): Record<string, Json> {
+  const query = renderQuery(state, size);
+  const lists = ["orientation", "pan", "window"];
+  const words = ["view", "colormap", "renderer"];
+  const entries = [...query].map(([key, text]): [string, Json] => {
+    if (lists.includes(key)) return [key, text.split(",").map(Number)];
+    return [key, words.includes(key) ? text : Number(text)];
+  });
+  return { ...Object.fromEntries(entries), annotate: true };
+}
+
+const without = (body: Record<string, Json>, ...keys: string[]): Record<string, Json> =>
+  Object.fromEntries(Object.entries(body).filter(([key]) => !keys.includes(key)));
+
+/** A contact sheet: a row for each depth, a column for each direction, all centred. */
+export function sheetBody(
+  state: RenderState,
+  depths_mm: readonly number[],
+  views: readonly ViewName[],
+  side: number,
+): Json {
+  const renders = depths_mm.flatMap((depth_mm) =>
+    views.map((view) => ({
+      ...without(pictureBody({ ...state, depth_mm, zoom: 1, pan_mm: [0, 0] }, [side, side]), "orientation"),
+      view,
+    })),
+  );
+  return { renders, sheet: true };
+}
+
+/** A full turn of what a state shows. */
+export const turnBody = (state: RenderState, frames: number, delay_ms: number, size: Vec2): Json => ({
+  swivel: { frames, delay_ms, render: pictureBody(state, size) },
+});
+
+/** A sweep through the depths, a step of `step_mm` to each picture. */
+export function sweepBody(state: RenderState, choice: SweepChoice, step_mm: number, size: Vec2): Json {
+  const { from_mm, to_mm, mm_per_s, turns } = choice;
+  const most = turns ? MOST_PICTURES / 2 : MOST_PICTURES;
+  const frames = Math.min(Math.max(Math.round((to_mm - from_mm) / step_mm) + 1, 2), most);
+  const delay_ms = Math.min(Math.max(Math.round((1000 * (to_mm - from_mm)) / (frames - 1) / mm_per_s), 10), 10_000);
+  const render = without(pictureBody(state, size), "depth_mm", "slab_mm");
+  const slab = state.slab_mm > 0 ? { slab_mm: state.slab_mm } : {};
+  return { sweep: { from_mm, to_mm, frames, delay_ms, there_and_back: turns, render: { ...render, ...slab } } };
+}
+
+export const SHEET_VIEWS: readonly ViewName[] = VIEW_NAMES;

@@ -1,0 +1,120 @@
+// A row of the list: one case.
+
+import { getPicture } from "../base/api.ts";
+import { caseFacts, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
+import { h, iconButton, setText } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+import { decoded } from "../base/picture.ts";
+import { NAMED_VIEWS } from "../model/camera.ts";
+import type { Case } from "../model/case.ts";
+import { qualityOf } from "../model/quality.ts";
+import { renderQuery } from "../model/query.ts";
+import { firstState } from "../model/state.ts";
+
+const THUMB_PIXELS = 96;
+
+/** One case of the list. */
+export class Row {
+  readonly element: HTMLElement;
+  readonly #link: HTMLAnchorElement;
+  readonly #thumb = h("span", { class: "thumb", "aria-hidden": "true" });
+  readonly #title = h("span", { class: "title" });
+  readonly #status = h("span", { class: "status" });
+  readonly #version = h("span", { class: "status", hidden: true });
+  readonly #badgeText = h("span", { class: "visually-hidden" });
+  readonly #badge = h("span", { class: "quality-badge", hidden: true }, this.#badgeText);
+  readonly #fresh = h("span", { class: "fresh-badge", hidden: true });
+  readonly #bar = h("progress", { max: 1, "aria-label": t("case.progress"), hidden: true });
+  readonly #delete: HTMLButtonElement;
+  #case: Case;
+  #thumbAsked = false;
+
+  constructor(one: Case, remove: (one: Case) => void) {
+    this.#case = one;
+    this.#link = h(
+      "a",
+      { href: `#${one.id}`, click: (event: MouseEvent) => this.#stay(event) },
+      this.#thumb,
+      h(
+        "span",
+        { class: "words" },
+        h("span", { class: "head" }, this.#title, this.#badge),
+        h("span", { class: "facts" }, this.#fresh, this.#status, this.#version),
+        this.#bar,
+      ),
+    );
+    this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
+    this.#delete.classList.add("delete");
+    this.element = h("li", { "data-id": one.id }, this.#link, this.#delete);
+  }
+
+  show(one: Case): void {
+    this.#case = one;
+    this.element.dataset.state = one.state;
+    setText(this.#title, caseTitle(one));
+    this.#title.title = caseTitle(one);
+    this.element.title = caseFacts(one);
+    setText(this.#status, caseStatus(one));
+    const version = versionOf(one);
+    setText(this.#version, version);
+    this.#version.hidden = version === "";
+    // There is room for one of them.
+    this.#status.hidden = version !== "" && one.state === "ready";
+    const quality = one.state === "ready" ? qualityOf(one) : null;
+    this.#badge.hidden = !quality || quality.state === "ok";
+    if (quality && quality.state !== "ok") {
+      setText(this.#badgeText, t(`quality.${quality.state}`));
+      this.#badge.title = t(`quality.${quality.state}`);
+      this.#badge.dataset.verdict = quality.state;
+    }
+    this.#bar.hidden = one.state !== "preparing";
+    if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;
+  }
+
+  /** The row is in sight: its picture is asked for. */
+  look(): void {
+    if (this.#case.state === "ready") void this.#showThumb(this.#case);
+  }
+
+  /** Which row of how many it is, for those who do not see it. */
+  place(at: number, count: number): void {
+    this.element.setAttribute("aria-posinset", String(at + 1));
+    this.element.setAttribute("aria-setsize", String(count));
+  }
+
+  focus(): void {
+    this.#link.focus({ preventScroll: true });
+  }
+
+  /** The case that is open stays as it is. */
+  #stay(event: MouseEvent): void {
+    if (this.#link.hasAttribute("aria-current")) event.preventDefault();
+  }
+
+  /** Says why the case is pointed out; empty: it is not. */
+  flag(why: string): void {
+    setText(this.#fresh, why);
+    this.#fresh.hidden = why === "";
+  }
+
+  mark(chosen: boolean): void {
+    if (chosen) this.#link.setAttribute("aria-current", "true");
+    else this.#link.removeAttribute("aria-current");
+  }
+
+  async #showThumb(one: Case & { state: "ready" }): Promise<void> {
+    if (this.#thumbAsked) return;
+    this.#thumbAsked = true;
+    try {
+      const state = { ...firstState(one), orientation: NAMED_VIEWS.left, way: "exact" } as const;
+      const image = await decoded(
+        await getPicture(`${one.id}/render?${renderQuery(state, [THUMB_PIXELS, THUMB_PIXELS])}`),
+      );
+      image.alt = "";
+      this.#thumb.replaceChildren(image);
+    } catch {
+      // A list without the picture is still a list; the next drawing of the row tries again.
+      this.#thumbAsked = false;
+    }
+  }
+}

@@ -1,0 +1,119 @@
+// What the viewer does with parts of the page that are fetched when they are first wanted: sections of the panel, the
+// profile, files.
+
+import { problemWords } from "../base/problem-words.ts";
+import type { Case, ReadyCase } from "../model/case.ts";
+import type { Profile } from "../model/profile.ts";
+import { type Key, t } from "../base/i18n.ts";
+import type { OnScreen } from "./export.ts";
+import { section } from "./fields.ts";
+import { later } from "./later.ts";
+import type { Sweep } from "./sweep.ts";
+
+type Parts = Awaited<ReturnType<typeof later>>;
+
+export interface OnDemandHost {
+  readonly shown: ReadyCase;
+  onScreen(): Omit<OnScreen, "shown">;
+  goTo(depth_mm: number): void;
+  made(one: Case, wasThere: boolean): void;
+  /** Says what became of a file. */
+  note(words: string): void;
+  complain(problem: unknown): void;
+}
+
+export class OnDemand {
+  readonly #host: OnDemandHost;
+
+  constructor(host: OnDemandHost) {
+    this.#host = host;
+  }
+
+  caseSection(): HTMLElement {
+    return this.#section("panel.case", ({ CaseSection }) => {
+      const section = new CaseSection(this.#host.shown, {
+        lay: (make) => this.#host.onScreen().slices.lay(make),
+        made: (one, wasThere) => this.#host.made(one, wasThere),
+      });
+      return section.element;
+    });
+  }
+
+  sweepSection(sweep: Sweep): HTMLElement {
+    return this.#section("panel.sweep", ({ SweepSection }) => {
+      return new SweepSection(this.#host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
+    });
+  }
+
+  /** Plots a profile; null where that cannot be done. */
+  async plot(profile: Profile): Promise<HTMLElement | null> {
+    try {
+      const { captionOf, fileStem, profileView } = await later();
+      const { shown } = this.#host;
+      const { state } = this.#host.onScreen();
+      return profileView(profile, state.depth_mm, {
+        go: (depth_mm) => this.#host.goTo(depth_mm),
+        caption: () => captionOf(shown, this.#host.onScreen().state),
+        name: fileStem(shown),
+      });
+    } catch (problem) {
+      this.#host.complain(problem);
+      return null;
+    }
+  }
+
+  savePicture(times: number): void {
+    this.#tell(async ({ savePicture }) => savePicture(this.#onScreen, times));
+  }
+
+  copyPicture(times: number): void {
+    this.#tell(async ({ copyPicture }) => copyPicture(this.#onScreen, times));
+  }
+
+  copyAddress(): void {
+    this.#tell(async ({ copied }) => copied(location.href));
+  }
+
+  series(sweep: Sweep): void {
+    const { shown, state, surface } = this.#onScreen;
+    this.#open(({ seriesDialog }) => seriesDialog(shown, state, sweep.choice, surface.size()));
+  }
+
+  serverPicture(): void {
+    const { shown, state, surface } = this.#onScreen;
+    this.#open(({ serverPictureDialog }) => serverPictureDialog(shown.id, state, surface.size()));
+  }
+
+  get #onScreen(): OnScreen {
+    return { ...this.#host.onScreen(), shown: this.#host.shown };
+  }
+
+  /** A section of the panel that is filled when it is first opened. */
+  #section(title: Key, fill: (parts: Parts) => HTMLElement): HTMLElement {
+    const element = section(t(title), false);
+    const open = async (): Promise<void> => {
+      try {
+        const body = fill(await later());
+        element.querySelector(".group-body")?.replaceWith(body);
+      } catch (problem) {
+        this.#host.complain(problem);
+        element.addEventListener("toggle", () => void open(), { once: true });
+      }
+    };
+    element.addEventListener("toggle", () => void open(), { once: true });
+    return element;
+  }
+
+  /** Tells in words what becomes of it. */
+  #tell(work: (parts: Parts) => Promise<string>): void {
+    this.#host.note(t("export.working"));
+    later()
+      .then(work)
+      .catch(problemWords)
+      .then((words) => this.#host.note(words));
+  }
+
+  #open(work: (parts: Parts) => void): void {
+    later().then(work, (problem: unknown) => this.#host.note(problemWords(problem)));
+  }
+}

@@ -1,0 +1,49 @@
+// The edge of the list, which can be dragged or moved with arrows.
+
+import { h } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+
+/** In CSS pixels. */
+const LEAST = 200;
+const MOST = 520;
+const STEP = 16;
+
+export const boundWidth = (width: number): number => Math.min(Math.max(Math.round(width), LEAST), MOST);
+
+/** `show` is told every width, `keep` those that stay. */
+export function resizer(first: number, show: (width: number) => void, keep: (width: number) => void): HTMLElement {
+  let width = boundWidth(first);
+  const element = h("div", {
+    class: "resizer",
+    role: "separator",
+    tabindex: 0,
+    "aria-orientation": "vertical",
+    "aria-label": t("cases.width"),
+    "aria-valuemin": LEAST,
+    "aria-valuemax": MOST,
+  });
+  const set = (wanted: number): void => {
+    width = boundWidth(wanted);
+    element.setAttribute("aria-valuenow", String(width));
+    show(width);
+  };
+  set(width);
+  element.addEventListener("pointerdown", (event) => {
+    element.setPointerCapture(event.pointerId);
+    event.preventDefault();
+    element.focus();
+  });
+  element.addEventListener("pointermove", (event) => {
+    if (element.hasPointerCapture(event.pointerId)) set(event.clientX);
+  });
+  element.addEventListener("lostpointercapture", () => keep(width));
+  element.addEventListener("keydown", (event) => {
+    const steps = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (steps === undefined) return;
+    event.preventDefault();
+    event.stopPropagation();
+    set(width + steps * STEP);
+    keep(width);
+  });
+  return element;
+}
