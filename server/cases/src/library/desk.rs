@@ -93,7 +93,7 @@ pub enum MapsState {
 /// What is remembered of the maps of a case.
 pub(super) type Known = Result<Arc<LoadedMaps>, Arc<str>>;
 
-/// Whether maps that are there already are made again.
+/// Whether it is enough that maps are stored, or they must be readable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Make {
     IfMissing,

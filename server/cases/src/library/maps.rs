@@ -8,7 +8,7 @@ use case::{CaseFacts, CaseId, ObjectKind};
 use pipeline::codec::{decode_maps, decode_volume, encode_maps};
 use pipeline::envelope_of;
 use pipeline::maps::{MapsOrReason, compute_maps};
-use storage::{Publisher, StoreError, frame_all};
+use storage::{ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
 use super::desk::{LoadedMaps, Make, MapsDesk, MapsState};
@@ -119,11 +119,13 @@ impl Library {
         let Ok(_turn) = desk.one_at_a_time.acquire().await else {
             return Ok(());
         };
-        if make == Make::IfMissing {
-            let names = self.store().rows().objects(id).await?;
-            if names.iter().any(|name| name.kind == ObjectKind::Maps) {
-                return Ok(());
-            }
+        // Somebody else may have made them meanwhile.
+        let are_there = match make {
+            Make::IfMissing => self.maps_object(id).await?.is_some(),
+            Make::Again => self.read_maps(id).await?.is_some(),
+        };
+        if are_there {
+            return Ok(());
         }
         let begun = Instant::now();
         let compute = |facts: &CaseFacts, payloads: &[Bytes]| {
@@ -151,13 +153,18 @@ impl Library {
         Ok(())
     }
 
+    /// The object of the maps of a case; `None` if it has none yet.
+    async fn maps_object(&self, id: &CaseId) -> Result<Option<ObjectName>, StoreError> {
+        let names = self.store().rows().objects(id).await?;
+        Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
+    }
+
     /// The stored maps of a case; `None` if they are missing, damaged or of another version.
     async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
-        let names = self.store().rows().objects(id).await?;
-        if !names.iter().any(|name| name.kind == ObjectKind::Maps) {
+        let Some(name) = self.maps_object(id).await? else {
             return Ok(None);
-        }
-        let Some(payload) = self.store().read(id, &names, ObjectKind::Maps).await? else {
+        };
+        let Some(payload) = self.store().read(id, &[name], ObjectKind::Maps).await? else {
             return Ok(None);
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;

@@ -71,7 +71,7 @@ pub struct SliceQuery {
     overlay: Option<MapName>,
     /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[param(value_type = Option<String>, example = "2.5,6")]
+    #[param(value_type = Option<String>, example = "2.5,5")]
     overlay_window: Option<Numbers<2>>,
     /// The overlay's colours; by default those of the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
