@@ -58,8 +58,9 @@ export function turnedTo(position: Vec3, shown: ReadyCase): Change {
 }
 
 /**
- * The change that brings a position of the cut at `depth_mm` to the viewer and marks it, in a layout. Beside the mirrored
- * half the head is turned to the left one of the position and its mirror image: both halves then have it in the middle.
+ * The change that brings a position of the cut at `depth_mm` to the viewer and marks it, in a layout. Beside the
+ * mirrored half the head is turned to the left one of the position and its mirror image: both halves then have it in
+ * the middle.
  */
 export function broughtTo(position: Vec3, depth_mm: number, layout: Layout, shown: ReadyCase): Change {
   const twin = reflected(position, mirrorPlane(shown));
