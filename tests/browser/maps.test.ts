@@ -7,6 +7,8 @@ import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 
 import { type MapName, MAP_NAMES, firstOverlay, overlayPairs, overlayText, styleOf } from "../../web/src/model/maps.ts";
+import { NAMED_VIEWS, mirrored } from "../../web/src/model/camera.ts";
+import type { MirrorPlane, Sphere } from "../../web/src/model/case.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
@@ -34,6 +36,8 @@ let window_words: string;
 let has_maps = false;
 
 interface Facts {
+  readonly midsagittal: MirrorPlane;
+  readonly envelope_sphere: Sphere;
   readonly intensity: { readonly window: { readonly center: number; readonly width: number } };
   readonly maps: { readonly state: string; readonly reason?: string };
 }
@@ -66,6 +70,36 @@ async function opened(rest: string, options: Parameters<typeof openPage>[1] = {}
   const watched = await openPage(browser, options);
   await watched.page.goto(`${new URL(`/${query}`, server.address)}#${id}${rest}`);
   return watched;
+}
+
+/** What of the mirrored half with a map is not the mirror image of the server's picture of the other side. */
+async function mirroredOnes(
+  page: Page,
+  [width, height]: readonly [number, number],
+  table: string[],
+): Promise<string[]> {
+  const { midsagittal, envelope_sphere } = await facts();
+  const half = Math.floor(width / 2);
+  const { orientation, pan_mm } = mirrored(
+    { orientation: NAMED_VIEWS.left, zoom: 1, pan_mm: [0, 0] },
+    midsagittal,
+    envelope_sphere,
+  );
+  const overlay = { ...firstOverlay("asymmetry"), threshold: 0.5 };
+  await show(page, `#${id}&r=exact&d=10&v=left&l=mirror&b=${overlayText(overlay)}`, "exact");
+  const address = `/v1/cases/${id}/render?${new URLSearchParams([
+    ...overlayPairs(overlay).map((pair) => [...pair]),
+    ["depth_mm", "10"],
+    ["renderer", "trace"],
+    ["window", window_words],
+    ["width", String(half)],
+    ["height", String(height)],
+  ])}`;
+  const across = `&orientation=${orientation.map((part) => part.toFixed(9))}&pan=${pan_mm.map((part) => part.toFixed(6))}`;
+  const own = await agreement(page, `${address}&view=left`, { left: 0, width: half, is_flipped: false });
+  const other = await agreement(page, address + across, { left: width - half, width: half, is_flipped: true });
+  table.push(`mirror: ${own.share_of_lit.toFixed(4)} and, mirrored, ${other.share_of_lit.toFixed(4)}`);
+  return own.share_of_lit < 0.99 || other.share_of_lit < 0.99 ? [table.at(-1) ?? ""] : [];
 }
 
 /** Waits until a map, or none, is seen on the surface. */
@@ -128,6 +162,7 @@ test(
         }
       }
     }
+    poor.push(...(await mirroredOnes(page, size, table)));
     console.log(table.join("\n"));
     assert.deepEqual(poor, []);
     assert.deepEqual(troubles, []);
