@@ -136,7 +136,7 @@ impl SliceRequest {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// When there are too many depths, or a number is not finite or out of its range (`position_mm` within ±10,000, a
+    /// If there are too many depths, or a number is not finite or out of its range (`position_mm` within ±10,000, a
     /// depth in 0..=1000, zoom and pan as of a [`Camera`]).
     pub fn new(parameters: SliceParameters) -> Result<Self, RenderError> {
         checked(
@@ -185,9 +185,10 @@ impl SliceRequest {
 
 /// Draws a slice through the native volume with the contours of the isosurfaces.
 ///
-/// Each pixel is sampled once, through the affine; outside of the volume, and if a layer is undefined there, it is black. The n-th depth's
-/// contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red, white), over and over. The picture is grey,
-/// a byte a pixel, where it has neither contours nor colours nor an overlay.
+/// Each pixel is sampled once, through the affine; outside of the volume, and if a layer is undefined there, it is
+/// black. The n-th depth's contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red,
+/// white), over and over. The picture is grey, a byte a pixel, where it has neither contours nor colours nor an
+/// overlay.
 pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
     let parameters = request.parameters();
     let projection = request.projection(&scene.bounds);
