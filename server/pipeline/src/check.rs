@@ -1,17 +1,17 @@
-//! What can be told of an upload at once, before it is queued.
+//! Checks an upload before it is queued.
 
 use super::brain::{closing_radius_mm, given_mask, to_working_grid};
 use super::extractor::network_missing;
 use super::{Limits, Source, from_geometry, read_volume};
 use case::{Failure, MaskSource, Parameters};
 
-/// Whether an upload can be prepared, as far as reading it and bringing its mask to the working grid tell; and the parameters
-/// with which it will be, as [`settled`] makes them.
+/// Checks an upload by reading it and resampling its mask to the working grid. Returns the parameters for the
+/// preparation, as from [`settled`].
 ///
-/// It takes about a tenth of a preparation. What it finds a preparation would find too, with the same [`Failure`].
+/// This takes about a tenth of the time of a preparation, which would find the same errors.
 ///
 /// # Errors
-/// A [`Failure`] that names what is wrong with the input or the parameters.
+/// A [`Failure`] that states what is wrong with the input or the parameters.
 pub fn check(
     source: &Source,
     parameters: Parameters,
@@ -23,7 +23,7 @@ pub fn check(
     super::check_intensities(&volume)?;
     let given = given_mask(source, &volume, (&parameters, limits))?;
     let Some((mask, _)) = given else {
-        // Whether there is a brain in the volume, the extraction tells.
+        // The extraction finds out whether there is a brain in the volume.
         return extracting(parameters, has_network);
     };
     let brain = to_working_grid(&mask, &parameters, volume.grid())?;
@@ -32,10 +32,10 @@ pub fn check(
     Ok(parameters)
 }
 
-/// The parameters with which an upload will be prepared: where the brain must be extracted and there is no network, the method
-/// is no longer left open. So the case is another one than that which a network would make of the same upload.
+/// The parameters for the preparation. If the brain must be extracted without a network, the method becomes `pruning`,
+/// so that the case differs from the one that a network would make from the same upload.
 ///
-/// An input that cannot be read changes nothing: the preparation says what is wrong with it.
+/// An unreadable input changes nothing; the preparation reports what is wrong with it.
 pub fn settled(
     source: &Source,
     parameters: Parameters,

@@ -1,7 +1,7 @@
 //! From the bytes of an upload to everything that a case needs.
 //!
-//! There is no async in here: it runs on a worker's blocking thread, and directly under the command line. Nothing but the
-//! upload and the parameters has a say in the result, so that a case can be made again at any time.
+//! There is no async here: the code runs on a blocking thread of a worker, and directly under the command line. The
+//! result depends only on the upload and the parameters, so a case can be rebuilt at any time.
 
 mod brain;
 mod check;
@@ -44,43 +44,43 @@ pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
 pub use self::head_limits::HeadLimits;
 pub use imaging::Limits;
 
-/// The greatest magnitude of an intensity, and the greatest width of a window: those of a picture's window.
+/// The greatest magnitude of an intensity, and the greatest width of a window, as for the window of a picture.
 const MOST_INTENSITY: f64 = 1e9;
 
-/// The least difference between the darkest and the brightest voxel. A window's centre and width are counted from 0.5 and from 1, as
-/// DICOM has it, so that double precision has no more than seven digits left of this.
+/// The least difference between the darkest and the brightest voxel. DICOM offsets the centre and width of a window by
+/// 0.5 and 1, so that double precision leaves about seven digits of this.
 const LEAST_RANGE: f64 = 1e-9;
 
-/// What was uploaded.
+/// The uploaded files.
 #[derive(Debug, Clone, Default)]
 pub struct Source {
-    /// The volume, as it came.
+    /// The volume.
     pub volume: Bytes,
-    /// The mask of the brain, as it came; `None` where none was supplied.
+    /// The brain mask, if one was supplied.
     pub mask: Option<Bytes>,
-    /// Whose head it is, as JSON of [`Attributes`], where the volume was made of DICOM files.
+    /// The identifying attributes as JSON of [`Attributes`], if the volume comes from DICOM.
     pub dicom: Option<Bytes>,
-    /// The brain as it was extracted before: a case that is made again keeps it.
+    /// The brain from an earlier extraction, which a rebuilt case keeps.
     pub brain: Option<StoredBrain>,
 }
 
-/// An extracted brain, as it is stored.
+/// A stored extracted brain.
 #[derive(Debug, Clone)]
 pub struct StoredBrain {
     /// The payload of [`ObjectKind::Mask`].
     pub mask: Bytes,
-    /// What was found out about it.
+    /// Its quality.
     pub quality: Quality,
 }
 
-/// A case, computed.
+/// A computed case.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The mask of the brain on the working grid, as it was closed.
+    /// The brain mask on the working grid, before closing.
     pub brain: BrainMask,
     /// Its model, with the distance map and the forest.
     pub built: BuiltModel,
-    /// What clients are told.
+    /// The facts for clients.
     pub facts: CaseFacts,
 }
 
@@ -91,7 +91,7 @@ impl Prepared {
     }
 }
 
-/// Computes everything of a case, as [`Pipeline::prepare`] says.
+/// Computes a case: see [`Pipeline::prepare`].
 fn prepare(
     source: &Source,
     (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
@@ -125,7 +125,7 @@ fn prepare(
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
         ..facts(&built)
     };
-    // Last of all, so that everything before is part of a stage.
+    // Last, so that everything before belongs to a stage.
     facts.timings = steps.timings();
     Ok(Prepared {
         brain: found.brain,
@@ -145,7 +145,7 @@ fn stage_of(step: BuildStep) -> Option<Stage> {
     }
 }
 
-/// Why no model was built.
+/// The reason why no model was built.
 struct Refused(Failure);
 
 impl From<Failure> for Refused {
@@ -160,7 +160,7 @@ impl From<GeometryError> for Refused {
     }
 }
 
-/// What clients are told of the DICOM files: nothing that says whose they are.
+/// The facts about the DICOM files that clients may see, without the identity of the patient.
 fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
     let stored = attributes(stored)?;
     Ok(DicomFacts {
@@ -169,7 +169,8 @@ fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
     })
 }
 
-/// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are left out.
+/// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are
+/// left out.
 fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
     let parts = [
         ("SequenceName", ""),
@@ -188,15 +189,15 @@ fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
     (!told.is_empty()).then(|| told.join(", "))
 }
 
-/// The attributes of DICOM files as they are stored.
+/// The stored attributes of DICOM files.
 ///
 /// # Errors
-/// When they are not what the store was given.
+/// If they are damaged.
 pub fn attributes(stored: &[u8]) -> Result<Attributes, Failure> {
     serde_json::from_slice(stored).map_err(|_| Failure::source_damaged())
 }
 
-/// The volume of an upload, whole, as it was acquired.
+/// The whole acquired volume of an upload.
 ///
 /// # Errors
 /// A [`Failure`] that names what is wrong with it.
@@ -204,7 +205,7 @@ pub fn read_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> 
     imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)
 }
 
-/// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
+/// The part of the volume inside the envelope's grid, which must have more than one intensity.
 fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     let volume = DeformableModel::crop(native, envelope).ok_or_else(|| {
         Failure::unusable(
@@ -217,7 +218,7 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     Ok(volume)
 }
 
-/// Whether the intensities differ, and a window can tell them apart.
+/// Checks that the intensities differ and fit into a window.
 fn check_intensities(volume: &Volume) -> Result<(), Failure> {
     let [least, greatest] = volume.intensity_range().map(f64::from);
     if least >= greatest {
@@ -228,18 +229,18 @@ fn check_intensities(volume: &Volume) -> Result<(), Failure> {
     }
     let is_within = least >= -MOST_INTENSITY && greatest <= MOST_INTENSITY;
     let range = greatest - least;
-    // The window of a ramp is wider by 1.
+    // A window is wider than its ramp by 1.
     if is_within && range >= LEAST_RANGE && range + 1.0 <= MOST_INTENSITY {
         return Ok(());
     }
     let detail = format!(
-        "the intensities run from {least:e} to {greatest:e}; they must lie within -1e9 to 1e9 and differ by 1e-9 to 1e9, or no window \
-         shows them: scale the volume"
+        "the intensities run from {least:e} to {greatest:e}; they must be within -1e9 to 1e9 and differ by 1e-9 to 1e9; scale the \
+         volume"
     );
     Err(Failure::unusable("intensity-range", detail))
 }
 
-/// What clients are told of a model: grids, depth, intensities, and the plane between the hemispheres.
+/// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres.
 pub fn facts(built: &BuiltModel) -> CaseFacts {
     let (volume, distance) = (built.model.volume(), &built.distance);
     let grid = distance.grid();
@@ -286,7 +287,7 @@ fn rows_of(affine: DAffine3) -> [[f64; 4]; 4] {
     [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
 }
 
-/// The window of an interval of intensities. An empty one gets a width all the same, for DICOM wants at least that of a step.
+/// The window for an interval of intensities. An empty interval gets a minimal width, because DICOM requires one.
 fn window(low: f32, high: f32) -> WindowFacts {
     let least_width = f32::EPSILON * low.abs().max(high.abs()).max(1.0) * 16.0;
     WindowFacts {
@@ -295,17 +296,17 @@ fn window(low: f32, high: f32) -> WindowFacts {
     }
 }
 
-/// What is stored of a preparation.
+/// The stored results of a preparation.
 #[derive(Debug)]
 pub struct Derived {
     /// The payload of each derived object.
     pub objects: Vec<(ObjectKind, Bytes)>,
-    /// What clients are told.
+    /// The facts for clients.
     pub facts: CaseFacts,
 }
 
 impl Derived {
-    /// The objects of a computed case.
+    /// Encodes the objects of a computed case.
     pub fn of(prepared: Prepared) -> Self {
         let Prepared {
             brain,
@@ -330,14 +331,14 @@ impl Derived {
     }
 }
 
-/// The preparation of real heads.
+/// Prepares cases.
 #[derive(Debug, Clone, Default)]
 pub struct Pipeline {
     extractor: Arc<Extractor>,
 }
 
 impl Pipeline {
-    /// A pipeline that extracts brains so.
+    /// A pipeline with an extractor.
     pub fn new(extractor: Extractor) -> Self {
         Self {
             extractor: Arc::new(extractor),
@@ -351,11 +352,11 @@ impl Pipeline {
 
     /// Computes everything of a case.
     ///
-    /// `observe` is told each step as it begins, and how far an extraction has come. Where `cancelled` is raised the next step
-    /// is not begun, and an extraction ends at once.
+    /// `observe` receives each step as it begins, and the progress of an extraction. After `cancelled` is set, no
+    /// further step begins, and an extraction stops at once.
     ///
     /// # Errors
-    /// A [`Failure`] that names what is wrong with the input; `cancelled` when it was cancelled.
+    /// A [`Failure`] that states what is wrong with the input; `cancelled` if it was cancelled.
     pub fn prepare(
         &self,
         source: &Source,
