@@ -530,7 +530,9 @@ test("the versions of a case are told apart in the list", { skip, timeout: 60_00
   assert.match(await words(version), /Version from .*\d:\d\d/);
   await page.waitForFunction(
     (one) =>
-      /First version, from .*\d:\d\d/.test(document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? ""),
+      /First version, from .*\d:\d\d/.test(
+        document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? "",
+      ),
     id,
   );
   await fetch(new URL(`v1/cases/${version}`, server.address), { method: "DELETE" });
