@@ -5,8 +5,8 @@ use glam::{DQuat, DVec3};
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
-    Frame, FrameSize, Layer, Layers, Overlay, Projection, RenderRequest, SlicePlane, SliceRequest,
-    Window,
+    Frame, FrameSize, Layer, Layers, Overlay, Projection, RenderRequest, SHORT_NOTICE, SlicePlane,
+    SliceRequest, Window,
 };
 
 /// The smallest side of an annotated picture, in pixels: the notice needs this much.
@@ -14,9 +14,6 @@ pub const MIN_ANNOTATED_SIDE: u32 = 128;
 
 /// The length of a day and the first digits of an id with their separators: ` 2026-01-01 · 01234567`.
 const DAY_AND_ID: usize = 22;
-
-/// The text at the foot of a picture: the notice in short.
-const NOTICE: &str = "research use only";
 
 /// Possible lengths of a scale bar, in mm.
 const BARS_MM: [f64; 9] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0];
@@ -225,8 +222,8 @@ fn write_over(
     let foot = height - margin - line;
     let at = centred(canvas, &down);
     canvas.write(&down, at, foot - 3 * line);
-    let at = centred(canvas, NOTICE);
-    canvas.write(NOTICE, at, foot);
+    let at = centred(canvas, SHORT_NOTICE);
+    canvas.write(SHORT_NOTICE, at, foot);
     scale_bar(
         canvas,
         projection.mm_per_pixel(),

@@ -32,6 +32,7 @@ mod layer;
 mod lettering;
 mod light;
 mod mesh;
+mod notice;
 mod png;
 mod quality;
 mod rays;
@@ -62,7 +63,8 @@ pub use layer::{
 };
 pub use light::Light;
 pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
-pub use png::{RESEARCH_USE_NOTICE, encode_png};
+pub use notice::{RESEARCH_USE_NOTICE, SHORT_NOTICE};
+pub use png::encode_png;
 pub use quality::draw_quality_sheet;
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};

@@ -2,10 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::{Frame, PixelFormat, RenderError};
-
-/// The notice of everything that the project shows or writes; every PNG has it as its text `Disclaimer`.
-pub const RESEARCH_USE_NOTICE: &str = "For research use only. Not for diagnosis.";
+use crate::{Frame, PixelFormat, RESEARCH_USE_NOTICE, RenderError};
 
 /// Encodes a picture as PNG, grey as grey, with [`RESEARCH_USE_NOTICE`] and the given texts (keyword, value).
 ///

@@ -6,8 +6,8 @@ use crate::annotate::{edge_letters, letter_at};
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
-    Frame, FrameSize, PixelFormat, RenderError, Scene, SheetPlan, SliceParameters, SlicePlane,
-    SliceRequest, Window, draw_slice,
+    Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, RenderError, Scene, SheetPlan,
+    SliceParameters, SlicePlane, SliceRequest, Window, draw_slice,
 };
 
 /// The depths of the contours: the envelope itself, and cuts through the cortex and below it.
@@ -21,9 +21,6 @@ const CELL: u32 = 384;
 
 /// The zoom, below 1 to show the surroundings of the brain, where a mask may have missed some.
 const ZOOM: f64 = 0.78;
-
-/// What stands at the foot of the sheet.
-const NOTICE: &str = "For research use only. Not for diagnosis.";
 
 /// Draws three axial, three coronal and three sagittal slices, at a quarter, a half and three quarters of the brain's
 /// extent, with the contours of the isosurfaces at 0, 4, 8, 12 and 20 mm.
@@ -54,7 +51,7 @@ pub fn draw_quality_sheet(
     let canvas = sheet.canvas();
     let line = canvas.line_height();
     legend(canvas, [line, foot]);
-    let notice = std::iter::once(NOTICE);
+    let notice = std::iter::once(RESEARCH_USE_NOTICE);
     let lines = lines.iter().map(String::as_str).chain(notice);
     for (number, text) in lines.enumerate() {
         canvas.write(text, line, foot + (number as i32 + 1) * line);

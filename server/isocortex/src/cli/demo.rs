@@ -112,7 +112,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         let id = submitted.case.id;
         wait_until_ready(server.state.cases.store(), &id).await?;
         println!("Open http://{}/#{id}", server.address);
-        println!("For research use only, not for diagnosis. Ctrl-C ends the demo.");
+        println!("{} Ctrl-C ends the demo.", render::RESEARCH_USE_NOTICE);
         server.until_stopped().await;
         Ok(())
     })

@@ -23,7 +23,7 @@ use case::{MaskKind, MaskSource, Parameters};
 use cases::dicom::SeriesName;
 use pipeline::{Extractor, Pipeline};
 
-/// The end of `--help`.
+/// The end of `--help`, before the notice.
 const EXAMPLES: &str = "\
 Examples:
   isocortex demo                                    serve a sample head and print the address to open
@@ -43,16 +43,14 @@ Exit status:
   70  internal error
   73  the output cannot be written
   74  the store or its disk failed
-  78  invalid configuration
-
-For research use only, not for diagnosis.";
+  78  invalid configuration";
 
 /// The cortex of the brain as curved cuts at any depth below the dura.
 ///
 /// Isocortex prepares an MR volume once, and then shows the cut at any depth in milliseconds: in the browser, over
 /// HTTP, or as PNG.
 #[derive(Debug, Parser)]
-#[command(name = "isocortex", version, after_help = EXAMPLES, arg_required_else_help = true)]
+#[command(name = "isocortex", version, after_help = format!("{EXAMPLES}\n\n{}", render::RESEARCH_USE_NOTICE), arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -95,6 +95,6 @@ pub async fn version(State(cases): State<Cases>, _no_query: ApiQuery<NoQuery>) -
         version: env!("CARGO_PKG_VERSION"),
         renderers: ["splat", "mesh", "trace"],
         graphics,
-        notice: crate::wire::RESEARCH_USE,
+        notice: render::RESEARCH_USE_NOTICE,
     })
 }

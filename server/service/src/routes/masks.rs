@@ -313,7 +313,7 @@ async fn check_version(cases: &Cases, version: &Version) -> Result<Parameters, A
 /// Nine slices to judge the mask by
 ///
 /// Three axial, coronal and sagittal slices each through the volume as it was uploaded, with the contours at 0, 4, 8, 12 and
-/// 20 mm below the envelope, and what the case's `quality` says. For research use only, not for diagnosis.
+/// 20 mm below the envelope, and the `quality` of the case.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/quality", tag = "masks",
     params(("id" = String, Path, description = "The case")),

@@ -29,6 +29,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use ::cases::Cases;
+use ::render::RESEARCH_USE_NOTICE;
 use case::CaseId;
 
 use crate::auth::{self, Access};
@@ -47,11 +48,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
 #[openapi(
     info(
         title = "Isocortex",
-        description = "The cortex of the brain as curved cuts at any depth below the dura. \
-                       For research use only, not for diagnosis.\n\n\
-                       Lengths are in mm, coordinates in DICOM's patient space (LPS), angles in degrees. Unknown query keys \
-                       are an error. Errors are application/problem+json (RFC 9457) with a stable `type`. \
-                       Everything under a case but its state is immutable and carries a strong ETag."
+        description = introduction()
     ),
     tags(
         (name = "cases", description = "Heads: uploaded, prepared, listed, deleted"),
@@ -64,6 +61,15 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
     )
 )]
 struct Description;
+
+fn introduction() -> String {
+    format!(
+        "The cortex of the brain as curved cuts at any depth below the dura. {RESEARCH_USE_NOTICE}\n\n\
+         Lengths are in mm, coordinates in the patient space of DICOM (LPS), angles in degrees. Unknown query keys are an \
+         error. Errors are application/problem+json (RFC 9457) with a stable `type`. Everything under a case is immutable \
+         and carries a strong ETag, except its state, its events and what rests on its maps."
+    )
+}
 
 /// Every route but the static documents, and their description.
 pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::{Mesh, RESEARCH_USE};
+use super::Mesh;
 
 const MAGIC: &[u8; 4] = b"glTF";
 const VERSION: u32 = 2;
@@ -54,7 +54,7 @@ fn document(mesh: Mesh<'_>, position_bytes: usize, triangle_bytes: usize) -> ser
             "version": "2.0",
             "generator": concat!("isocortex ", env!("CARGO_PKG_VERSION")),
             "extras": {
-                "notice": RESEARCH_USE,
+                "notice": render::RESEARCH_USE_NOTICE,
                 "depth_mm": mesh.shrunk.depth_mm,
                 "buffer_space": "LPS mm",
             },

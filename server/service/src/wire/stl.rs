@@ -11,8 +11,9 @@ const TRIANGLE_LENGTH: usize = 50;
 pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
     let mut file = Vec::with_capacity(HEADER_LENGTH + 4 + TRIANGLE_LENGTH * mesh.triangles.len());
     let title = format!(
-        "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} research use only",
-        mesh.shrunk.depth_mm
+        "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} {}",
+        mesh.shrunk.depth_mm,
+        render::SHORT_NOTICE
     );
     file.extend(
         title
