@@ -9,16 +9,15 @@ use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use render::{RenderBackend, RenderJob, SizedMesh};
 use storage::{Location, Store, StoreError};
-use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, WarmModel};
-use crate::pictures::{Graphics, GraphicsOptions, PictureJob, PictureRequest, window_of};
+use crate::pictures::{Graphics, GraphicsOptions};
+use crate::room::RoomToCheck;
 
 /// Maps may take this part of the memory for warm cases, beside them.
 const MAPS_PART: u64 = 4;
@@ -31,9 +30,6 @@ const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
 /// For how long if the database cannot be reached.
 pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
-
-/// How long an upload waits for room to be checked.
-const LONGEST_WAIT_FOR_CHECK: Duration = Duration::from_secs(30);
 
 /// How the application is set up.
 #[derive(Debug, Clone)]
@@ -75,15 +71,10 @@ pub enum StartError {
     Store(#[from] StoreError),
 }
 
-fn thousands(voxels: usize) -> u32 {
-    let most = Semaphore::MAX_PERMITS.min(u32::MAX as usize);
-    u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
-}
-
 /// Opens the store, with what prepares its cases.
 ///
 /// # Errors
-/// When the store or the network cannot be opened.
+/// If the store or the network cannot be opened.
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
     tracing::info!("brains are extracted {}", extractor.words());
@@ -112,9 +103,7 @@ pub struct Cases {
     pub graphics: Graphics,
     /// Where DICOM files are read.
     pub dicom: Arc<DicomReader>,
-    head: HeadLimits,
-    /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
-    checking: Arc<Semaphore>,
+    pub(crate) checks: RoomToCheck,
     remembered: Arc<Remembered>,
 }
 
@@ -160,10 +149,15 @@ impl Cases {
     /// Opens the store. No case is prepared until workers are started on the library.
     ///
     /// # Errors
-    /// When the store or the network cannot be opened.
+    /// If the store or the network cannot be opened.
     pub async fn open(options: Options) -> Result<Self, StartError> {
         // In a box: the compiler rejects futures that hold each other much deeper.
         let library = Box::pin(open_library(&options)).await?;
+        Ok(Self::on(library, &options))
+    }
+
+    /// The application on a library.
+    pub(crate) fn on(library: Library, options: &Options) -> Self {
         let remembered = Arc::<Remembered>::default();
         let weak = Arc::downgrade(&remembered);
         library.store().on_delete(move |id| {
@@ -172,40 +166,24 @@ impl Cases {
             }
         });
         let dicom = DicomReader::new(
-            options.dicom_program,
+            options.dicom_program.clone(),
             options.limits,
             options.max_dicom_bytes,
         );
-        Ok(Self {
+        Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
             library,
             queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
-            head: options.head,
-            checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
+            checks: RoomToCheck::new(options.head, options.limits),
             remembered,
-        })
+        }
     }
 
     /// Where the cases are.
     pub fn store(&self) -> &Store {
         self.library.store()
-    }
-
-    /// Room to check an upload, until it is dropped; `start` is the first 64 kB of its volume. Its voxels are in memory meanwhile, so that
-    /// volumes wait for each other by their size.
-    ///
-    /// # Errors
-    /// [`Error::Failure`] where the header is not that of a head; [`Error::Busy`] where others take too long.
-    pub async fn room_to_check(&self, start: &[u8]) -> Result<SemaphorePermit<'_>, Error> {
-        let limits = self.library.limits();
-        let weight = thousands(self.head.check(start, &limits)?).min(thousands(limits.max_voxels));
-        let permit = self.checking.acquire_many(weight);
-        match tokio::time::timeout(LONGEST_WAIT_FOR_CHECK, permit).await {
-            Ok(permit) => permit.map_err(|_| Error::Unavailable),
-            Err(_elapsed) => Err(Error::Busy),
-        }
     }
 
     /// A case.
@@ -249,10 +227,10 @@ impl Cases {
         }
     }
 
-    /// What an annotated picture says of a case: see [`Case::identity`](case::Case::identity). `None` where nothing is written.
+    /// What an annotated picture says of a case: see [`Case::identity`](case::Case::identity). `None` if nothing is written.
     ///
     /// # Errors
-    /// When there is no such case.
+    /// If there is no such case.
     pub async fn identity(&self, id: &CaseId, annotate: bool) -> Result<Option<String>, Error> {
         if !annotate {
             return Ok(None);
@@ -294,38 +272,5 @@ impl Cases {
     /// Calls `hook` whenever a case turns out to be gone, or is removed by this process or, as far as the database tells, by others.
     pub fn on_forget(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
         self.remembered.hooks().push(Box::new(hook));
-    }
-
-    /// Gets everything ready that a picture needs. Call it in a turn of [`Cases::queue`]: a mesh may have to be walked first.
-    ///
-    /// # Errors
-    /// When the mesh cannot be had, or the case has no such layer, or not yet.
-    pub async fn picture_job(
-        &self,
-        warm: &WarmModel,
-        request: &PictureRequest,
-        backend: RenderBackend,
-    ) -> Result<PictureJob, Error> {
-        let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
-        let mesh = if backend.needs_mesh() {
-            let size = request.mesh_size()?;
-            let mesh = warm.shrink(size, request.paths, depth_mm).await?;
-            Some(SizedMesh { size, mesh })
-        } else {
-            None
-        };
-        let choice = request.layers();
-        let layers = choice.of_case(&self.library, warm.id()).await?;
-        let window = choice.window_or(window_of(&warm.facts));
-        Ok(PictureJob {
-            job: RenderJob {
-                case: warm.keyed(),
-                request: request.at(depth_mm, window)?,
-                mesh,
-                layers,
-            },
-            asked: request.renderer,
-            backend,
-        })
     }
 }

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use case::{Failure, FailureKind, Progress, Stage};
-use pipeline::{Derived, Source};
+use pipeline::{Derived, Input};
 use storage::{
     Claim, Count, LeaseTerms, Published, Publisher, Release, Store, StoreError, frame_all,
 };
@@ -124,6 +124,7 @@ impl Worker {
     }
 
     async fn wait(&mut self) {
+        let _idle = self.library.handover().idle();
         let poll = tokio::time::sleep(self.store.options().poll);
         tokio::select! {
             () = until(&mut self.phase, Phase::Finishing) => {}
@@ -161,14 +162,27 @@ impl Worker {
 
     /// Prepares and keeps the lease; the store has nothing of it yet at the end.
     async fn run(&self, claim: &Claim, cancelled: &Arc<AtomicBool>) -> Result<Outcome, StoreError> {
-        let Some(source) = self.library.source(&claim.id, &claim.sources).await? else {
+        let read = self.library.handover().take(&claim.id);
+        let source = match &read {
+            Some(_) => {
+                self.library
+                    .source_besides(&claim.id, &claim.sources)
+                    .await?
+            }
+            None => self.library.source(&claim.id, &claim.sources).await?,
+        };
+        let Some(source) = source else {
             return Ok(Outcome::Refused(Failure::source_damaged()));
         };
         let (progress, seen) = watch::channel(None);
         let mut derived = tokio::task::spawn_blocking({
             let (library, claim) = (self.library.clone(), claim.clone());
             let cancelled = cancelled.clone();
-            move || derive(&library, &claim, &source, &progress, &cancelled)
+            move || {
+                let source = &source;
+                let input = Input { source, read };
+                derive(&library, &claim, input, &progress, &cancelled)
+            }
         });
         let mut heartbeat = tokio::time::interval(self.store.options().heartbeat);
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -219,7 +233,7 @@ impl Worker {
         }
     }
 
-    /// `false` where the lease is not ours any more. A store that cannot be asked is asked again at the next beat.
+    /// `false` if the lease is not ours any more. A store that cannot be asked is asked again at the next beat.
     async fn renew(&self, claim: &Claim, progress: Option<Progress>) -> bool {
         let renewed = self
             .store
@@ -324,7 +338,7 @@ impl Worker {
 fn derive(
     library: &Library,
     claim: &Claim,
-    source: &Source,
+    input: Input<'_>,
     progress: &watch::Sender<Option<Progress>>,
     cancelled: &AtomicBool,
 ) -> Result<Derived, Failure> {
@@ -332,7 +346,7 @@ fn derive(
         progress.send_replace(Some(now));
         library.store().signals().progress(&claim.id, Some(now));
     };
-    library.prepare(source, &claim.parameters, &observe, cancelled)
+    library.prepare(input, &claim.parameters, &observe, cancelled)
 }
 
 /// The preparation took longer than it may.

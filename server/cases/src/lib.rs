@@ -5,12 +5,15 @@
 mod application;
 pub mod dicom;
 mod error;
+mod handover;
+mod intake;
 pub mod jobs;
 pub mod library;
 mod limit;
 pub mod models;
 pub mod pictures;
 pub mod profile;
+mod room;
 #[cfg(test)]
 mod testing;
 

@@ -12,22 +12,23 @@ use std::sync::atomic::AtomicBool;
 
 use self::maps::MapsDesk;
 pub use self::maps::{LoadedMaps, MapsState};
+use crate::handover::Handover;
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
     Quality,
 };
 use imaging::Limits;
-use pipeline::{Derived, Pipeline, Source, StoredBrain, settled};
+use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
 
 /// What a worker does with an upload: the objects and facts of a case, or why there are none.
 ///
-/// It is told each step as it begins, and ends soon after the flag is raised.
+/// What was read of the upload already comes with it. It is told each step as it begins, and ends soon after the flag is raised.
 pub type PrepareFn = dyn Fn(
-        &Source,
+        Input<'_>,
         &Parameters,
         &Limits,
         &(dyn Fn(Progress) + Sync),
@@ -58,8 +59,8 @@ impl From<Pipeline> for Preparation {
     fn from(pipeline: Pipeline) -> Self {
         Self {
             has_network: pipeline.has_network(),
-            prepare: Arc::new(move |source, parameters, limits, observe, cancelled| {
-                let prepared = pipeline.prepare(source, parameters, limits, observe, cancelled);
+            prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
+                let prepared = pipeline.prepare_read(input, parameters, limits, observe, cancelled);
                 prepared.map(Derived::of)
             }),
         }
@@ -89,6 +90,8 @@ struct Inner {
     rebuilding: tokio::sync::Mutex<()>,
     /// `None` if no maps are made.
     maps: Option<MapsDesk>,
+    /// Volumes that were read to be checked.
+    handover: Handover,
 }
 
 impl Library {
@@ -122,6 +125,7 @@ impl Library {
                 limits,
                 rebuilding: tokio::sync::Mutex::default(),
                 maps,
+                handover: Handover::default(),
             }),
         }
     }
@@ -146,16 +150,22 @@ impl Library {
         self.inner.preparation.has_network
     }
 
+    /// Volumes that were read to be checked, on their way to the workers.
+    pub(crate) fn handover(&self) -> &Handover {
+        &self.inner.handover
+    }
+
     /// Prepares a case on the calling thread.
     pub(crate) fn prepare(
         &self,
-        source: &Source,
+        input: Input<'_>,
         parameters: &Parameters,
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
         let prepare = &self.inner.preparation.prepare;
-        prepare(source, parameters, &self.inner.limits, observe, cancelled)
+        let limits = &self.inner.limits;
+        prepare(input, parameters, limits, observe, cancelled)
     }
 
     /// Makes a case of files in memory and queues its preparation. The parameters are [`settled`] first.
@@ -187,14 +197,14 @@ impl Library {
         self.store().submit_upload(upload, parameters).await
     }
 
-    /// Reads derived objects of a ready case; `None` where it is not there or not ready.
+    /// Reads derived objects of a ready case; `None` if it is not there or not ready.
     ///
     /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. Where an object is missing or damaged, or
     /// `decode` gives `None`, that is logged, and all are made again from the source. Where the source is lost too the case
     /// becomes failed.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn load<T: Send + 'static>(
         &self,
         id: &CaseId,
@@ -226,45 +236,54 @@ impl Library {
         Ok(loaded.flatten())
     }
 
-    /// The uploaded files of a case; `None`, reported, where one is missing or damaged.
+    /// The uploaded files of a case; `None`, reported, if one is missing or damaged.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn source(
         &self,
         id: &CaseId,
         names: &[ObjectName],
     ) -> Result<Option<Source>, StoreError> {
-        let Some(volume) = self
-            .store()
-            .read(id, names, ObjectKind::SourceVolume)
-            .await?
-        else {
+        let store = self.store();
+        let Some(volume) = store.read(id, names, ObjectKind::SourceVolume).await? else {
             return Ok(None);
         };
-        let mut source = Source {
+        let mask = self.read_if_any(id, names, ObjectKind::SourceMask).await?;
+        let dicom = self.read_if_any(id, names, ObjectKind::SourceDicom).await?;
+        Ok(mask.zip(dicom).map(|(mask, dicom)| Source {
             volume,
+            mask,
+            dicom,
+            brain: None,
+        }))
+    }
+
+    /// What a preparation of a volume and mask that were read already needs besides; as [`Library::source`].
+    pub(crate) async fn source_besides(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+    ) -> Result<Option<Source>, StoreError> {
+        let dicom = self.read_if_any(id, names, ObjectKind::SourceDicom).await?;
+        Ok(dicom.map(|dicom| Source {
+            dicom,
             ..Source::default()
-        };
-        if names.iter().any(|name| name.kind == ObjectKind::SourceMask) {
-            source.mask = self.store().read(id, names, ObjectKind::SourceMask).await?;
-            if source.mask.is_none() {
-                return Ok(None);
-            }
+        }))
+    }
+
+    /// An uploaded file that a case may have, or `None` in it; `None`, reported, if it is missing or damaged.
+    async fn read_if_any(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+        kind: ObjectKind,
+    ) -> Result<Option<Option<Bytes>>, StoreError> {
+        if names.iter().all(|name| name.kind != kind) {
+            return Ok(Some(None));
         }
-        if names
-            .iter()
-            .any(|name| name.kind == ObjectKind::SourceDicom)
-        {
-            source.dicom = self
-                .store()
-                .read(id, names, ObjectKind::SourceDicom)
-                .await?;
-            if source.dicom.is_none() {
-                return Ok(None);
-            }
-        }
-        Ok(Some(source))
+        let read = self.store().read(id, names, kind).await?;
+        Ok(read.map(Some))
     }
 
     /// Makes the derived objects of a ready case again, or makes the case failed where that is impossible.
@@ -337,7 +356,7 @@ impl Library {
         let library = self.clone();
         let derived = tokio::task::spawn_blocking(move || {
             let never = AtomicBool::new(false);
-            library.prepare(&source, &parameters, &|_| {}, &never)
+            library.prepare((&source).into(), &parameters, &|_| {}, &never)
         });
         Ok(derived.await?)
     }

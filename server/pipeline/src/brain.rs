@@ -73,9 +73,10 @@ impl Found {
     }
 }
 
-/// Finds the brain of an upload on the working grid, according to the parameters.
+/// Finds the brain of an upload on the working grid, according to the parameters. `looked` is the result of
+/// [`Given::on_working_grid`] for the same upload and parameters, if it is known already.
 pub(super) fn find_brain(
-    source: &Source,
+    (source, looked): (&Source, Option<Option<Placed>>),
     volume: &Volume,
     (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
     steps: &mut Steps<'_>,
@@ -86,13 +87,26 @@ pub(super) fn find_brain(
         steps.begin(Stage::Mask)?;
         return Ok(found);
     }
-    let Some((mask, method)) = given_mask(source, volume, (parameters, limits))? else {
-        steps.begin(Stage::Extracting)?;
+    let placed = match looked {
+        Some(placed) => {
+            steps.begin(stage_after(placed.is_some()))?;
+            placed
+        }
+        None => {
+            let given = given_mask(source, volume, (parameters, limits))?;
+            steps.begin(stage_after(given.is_some()))?;
+            let placed = given.map(|given| given.on_working_grid(volume.grid()));
+            placed.transpose()?
+        }
+    };
+    let Some(placed) = placed else {
         return extracted(volume, (parameters, extractor), steps);
     };
-    steps.begin(Stage::Mask)?;
-    let brain = BrainMask::from_mask(&mask, volume.grid()).map_err(from_geometry)?;
-    refuse_absurd(&brain)?;
+    let Placed {
+        mask,
+        method,
+        brain,
+    } = placed;
     let judgement = match method {
         MaskMethod::Supplied => Some(judged(&mask, &brain, volume, (extractor, steps))?),
         _ => None,
@@ -107,6 +121,14 @@ pub(super) fn find_brain(
             judgement,
         },
     })
+}
+
+/// The stage after reading: resampling a given mask to the working grid, or extracting the brain.
+fn stage_after(is_given: bool) -> Stage {
+    match is_given {
+        true => Stage::Mask,
+        false => Stage::Extracting,
+    }
 }
 
 /// Rates a supplied mask; in doubt, the network extracts the brain too.
@@ -166,12 +188,44 @@ fn stored_brain(stored: &StoredBrain, volume_grid: &Grid) -> Option<Found> {
     })
 }
 
+/// The supplied mask, or the mask from a skull-stripped volume.
+#[derive(Debug)]
+pub(super) struct Given {
+    mask: Mask,
+    method: MaskMethod,
+}
+
+/// A mask that was resampled to the working grid.
+#[derive(Debug)]
+pub(super) struct Placed {
+    mask: Mask,
+    method: MaskMethod,
+    pub(super) brain: BrainMask,
+}
+
+impl Given {
+    /// Resamples the mask to the working grid of a volume.
+    ///
+    /// # Errors
+    /// If it is empty, mostly outside the volume, or of an impossible size.
+    pub(super) fn on_working_grid(self, volume_grid: &Grid) -> Result<Placed, Failure> {
+        let Self { mask, method } = self;
+        let brain = BrainMask::from_mask(&mask, volume_grid).map_err(from_geometry)?;
+        refuse_absurd(&brain)?;
+        Ok(Placed {
+            mask,
+            method,
+            brain,
+        })
+    }
+}
+
 /// The supplied mask, or the mask from a skull-stripped volume; `None` if the brain must be extracted.
 pub(super) fn given_mask(
     source: &Source,
     volume: &Volume,
     (parameters, limits): (&Parameters, &Limits),
-) -> Result<Option<(Mask, MaskMethod)>, Failure> {
+) -> Result<Option<Given>, Failure> {
     match (&source.mask, parameters.mask) {
         (Some(bytes), MaskSource::Auto) => {
             let mask = imaging::nifti::read_mask(bytes, limits).map_err(|error| {
@@ -181,7 +235,8 @@ pub(super) fn given_mask(
                     ..failure
                 }
             })?;
-            Ok(Some((mask, MaskMethod::Supplied)))
+            let method = MaskMethod::Supplied;
+            Ok(Some(Given { mask, method }))
         }
         (Some(_), _) => Err(Failure::unusable(
             "mask-twice",
@@ -189,29 +244,18 @@ pub(super) fn given_mask(
         )),
         (None, MaskSource::Network | MaskSource::Pruning) => Ok(None),
         (None, wanted) => match (own_mask(volume)?, wanted) {
-            (Some(mask), _) => Ok(Some((mask, MaskMethod::Volume))),
+            (Some(mask), _) => {
+                let method = MaskMethod::Volume;
+                Ok(Some(Given { mask, method }))
+            }
             (None, MaskSource::Volume) => Err(mask_missing()),
             (None, _) => Ok(None),
         },
     }
 }
 
-/// A mask on the working grid, moved by the offset.
-///
-/// # Errors
-/// If it is empty, mostly outside the volume, or of an impossible size.
-pub(super) fn to_working_grid(
-    mask: &Mask,
-    parameters: &Parameters,
-    volume_grid: &Grid,
-) -> Result<BrainMask, Failure> {
-    let brain = BrainMask::from_mask(mask, volume_grid).map_err(from_geometry)?;
-    refuse_absurd(&brain)?;
-    moved(brain, parameters.offset_mm)
-}
-
 /// A mask moved by an offset.
-fn moved(brain: BrainMask, offset_mm: f64) -> Result<BrainMask, Failure> {
+pub(super) fn moved(brain: BrainMask, offset_mm: f64) -> Result<BrainMask, Failure> {
     if offset_mm == 0.0 {
         return Ok(brain);
     }

@@ -2,7 +2,8 @@
 
 use geometry::Grid;
 
-use super::{Limits, from_imaging};
+use super::Limits;
+use super::failure::from_imaging;
 use case::{Failure, FailureKind};
 
 /// Limits on the dimensions of a volume. Anything else is rejected before it is queued, because a few kilobytes of an

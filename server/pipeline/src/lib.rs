@@ -3,6 +3,7 @@
 //! There is no async here: the code runs on a blocking thread of a worker, and directly under the command line. The
 //! result depends only on the upload and the parameters, so a case can be rebuilt at any time.
 
+mod affine;
 mod brain;
 mod check;
 pub mod codec;
@@ -13,6 +14,7 @@ mod head_limits;
 pub mod maps;
 mod own_mask;
 pub mod quality;
+mod source;
 mod steps;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
@@ -24,56 +26,29 @@ use std::sync::atomic::AtomicBool;
 
 use bytes::Bytes;
 use case::{
-    CaseFacts, DicomFacts, Failure, ObjectKind, Parameters, PlaneFacts, Progress, Quality,
-    SphereFacts, Stage, WindowFacts,
+    CaseFacts, DicomFacts, Failure, ObjectKind, Parameters, PlaneFacts, Progress, SphereFacts,
+    Stage, WindowFacts,
 };
 use geometry::{
     BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
 };
-use glam::DAffine3;
 use imaging::dicom::Attributes;
 
+use self::affine::rows_of;
 use self::brain::find_brain;
 use self::codec::{encode_brain, encode_envelope, encode_forest, encode_paths, encode_volume};
-use self::failure::{from_geometry, from_imaging};
+use self::failure::from_geometry;
+use self::source::{check_intensities, read_sound_volume};
 use self::steps::Steps;
 
-pub use self::check::{check, settled};
+pub use self::check::{Checked, Input, ReadSource, check, settled};
 pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
 pub use self::head_limits::HeadLimits;
+pub use self::source::{Source, StoredBrain, read_volume};
 pub use imaging::Limits;
 
-/// The greatest magnitude of an intensity, and the greatest width of a window, as for the window of a picture.
-const MOST_INTENSITY: f64 = 1e9;
-
-/// The least difference between the darkest and the brightest voxel. DICOM offsets the centre and width of a window by
-/// 0.5 and 1, so that double precision leaves about seven digits of this.
-const LEAST_RANGE: f64 = 1e-9;
-
-/// The uploaded files.
-#[derive(Debug, Clone, Default)]
-pub struct Source {
-    /// The volume.
-    pub volume: Bytes,
-    /// The brain mask, if one was supplied.
-    pub mask: Option<Bytes>,
-    /// The identifying attributes as JSON of [`Attributes`], if the volume comes from DICOM.
-    pub dicom: Option<Bytes>,
-    /// The brain from an earlier extraction, which a rebuilt case keeps.
-    pub brain: Option<StoredBrain>,
-}
-
-/// A stored extracted brain.
-#[derive(Debug, Clone)]
-pub struct StoredBrain {
-    /// The payload of [`ObjectKind::Mask`].
-    pub mask: Bytes,
-    /// Its quality.
-    pub quality: Quality,
-}
-
-/// A computed case.
+/// A case, computed.
 #[derive(Debug)]
 pub struct Prepared {
     /// The brain mask on the working grid, before closing.
@@ -91,17 +66,23 @@ impl Prepared {
     }
 }
 
-/// Computes a case: see [`Pipeline::prepare`].
+/// Computes everything of a case, as [`Pipeline::prepare`] says, of what was read before if anything was.
 fn prepare(
-    source: &Source,
+    Input { source, read }: Input<'_>,
     (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
     mut steps: Steps<'_>,
 ) -> Result<Prepared, Failure> {
     parameters.check()?;
     steps.begin(Stage::Reading)?;
-    let native = read_volume(source, limits)?;
-    check_intensities(&native)?;
-    let mut found = find_brain(source, &native, (parameters, limits, extractor), &mut steps)?;
+    let (native, given) = match read {
+        Some(read) => {
+            steps.took_before(read.took);
+            (read.volume, Some(read.given))
+        }
+        None => (read_sound_volume(source, limits)?, None),
+    };
+    let how = (parameters, limits, extractor);
+    let mut found = find_brain((source, given), &native, how, &mut steps)?;
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
@@ -197,14 +178,6 @@ pub fn attributes(stored: &[u8]) -> Result<Attributes, Failure> {
     serde_json::from_slice(stored).map_err(|_| Failure::source_damaged())
 }
 
-/// The whole acquired volume of an upload.
-///
-/// # Errors
-/// A [`Failure`] that names what is wrong with it.
-pub fn read_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> {
-    imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)
-}
-
 /// The part of the volume inside the envelope's grid, which must have more than one intensity.
 fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     let volume = DeformableModel::crop(native, envelope).ok_or_else(|| {
@@ -216,28 +189,6 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     })?;
     check_intensities(&volume)?;
     Ok(volume)
-}
-
-/// Checks that the intensities differ and fit into a window.
-fn check_intensities(volume: &Volume) -> Result<(), Failure> {
-    let [least, greatest] = volume.intensity_range().map(f64::from);
-    if least >= greatest {
-        let detail = format!(
-            "every voxel around the brain has the intensity {least}; there is nothing to show"
-        );
-        return Err(Failure::unusable("volume-constant", detail));
-    }
-    let is_within = least >= -MOST_INTENSITY && greatest <= MOST_INTENSITY;
-    let range = greatest - least;
-    // A window is wider than its ramp by 1.
-    if is_within && range >= LEAST_RANGE && range + 1.0 <= MOST_INTENSITY {
-        return Ok(());
-    }
-    let detail = format!(
-        "the intensities run from {least:e} to {greatest:e}; they must be within -1e9 to 1e9 and differ by 1e-9 to 1e9; scale the \
-         volume"
-    );
-    Err(Failure::unusable("intensity-range", detail))
 }
 
 /// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres.
@@ -276,15 +227,6 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
         quality: None,
         timings: Vec::new(),
     }
-}
-
-/// The rows of an affine.
-fn rows_of(affine: DAffine3) -> [[f64; 4]; 4] {
-    let row = |axis: usize| {
-        let matrix = affine.matrix3.row(axis);
-        [matrix.x, matrix.y, matrix.z, affine.translation[axis]]
-    };
-    [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
 }
 
 /// The window for an interval of intensities. An empty interval gets a minimal width, because DICOM requires one.
@@ -365,7 +307,22 @@ impl Pipeline {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Prepared, Failure> {
+        self.prepare_read(source.into(), parameters, limits, observe, cancelled)
+    }
+
+    /// The same of an upload that may have been read when it was checked: then its volume and mask are not read again.
+    ///
+    /// # Errors
+    /// As [`Pipeline::prepare`].
+    pub fn prepare_read(
+        &self,
+        input: Input<'_>,
+        parameters: &Parameters,
+        limits: &Limits,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Prepared, Failure> {
         let how = (parameters, limits, &*self.extractor);
-        prepare(source, how, Steps::new(observe, cancelled))
+        prepare(input, how, Steps::new(observe, cancelled))
     }
 }

@@ -22,7 +22,7 @@ pub(super) fn own_mask(volume: &Volume) -> Result<Option<Mask>, Failure> {
     let voxels: Vec<bool> = volume.voxels().iter().map(is_brain).collect();
     let grid = volume.grid();
     if has_background_around(grid, &voxels) && enclosed_ml(grid, &voxels) <= LARGEST_BRAIN_ML {
-        let mask = Mask::new(grid.clone(), voxels).map_err(super::from_geometry)?;
+        let mask = Mask::new(grid.clone(), voxels).map_err(super::failure::from_geometry)?;
         return Ok(Some(mask));
     }
     Ok(None)

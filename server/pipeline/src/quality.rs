@@ -4,7 +4,7 @@ use case::{MaskMethod, Quality, QualityNumbers, QualityState};
 use extraction::{Judgement, MaskNumbers, Method, Reason, Verdict};
 use geometry::{BrainMask, Envelope, Grid};
 
-use super::rows_of;
+use super::affine::rows_of;
 
 /// Combines the measurements of a supplied mask with its rating, if it was compared with the volume.
 ///

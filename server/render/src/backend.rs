@@ -10,7 +10,7 @@ use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, GpuTicket, KeyedMo
 use crate::mesh::{draw_mesh_while, mesh_hits};
 use crate::splat::{draw_splat_while, splat_hits};
 use crate::trace::{draw_trace_while, trace_hits};
-use crate::{Facets, Frame, Hits, KeyedLayers, RenderError, RenderRequest, Scene, Wanted};
+use crate::{Facets, Hits, KeyedLayers, RenderError, RenderRequest, RenderedFrame, Scene, Wanted};
 
 /// One way to draw the isosurface {depth = D}.
 ///
@@ -57,15 +57,6 @@ pub struct SizedMesh {
     pub size: MeshSize,
     /// Its vertices.
     pub mesh: ShrunkMesh,
-}
-
-/// A finished picture.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RenderedFrame {
-    /// Its pixels, in a format that depends on the request alone.
-    pub frame: Frame,
-    /// How many native voxels along x, y and z became one, if the volume is too large for the graphics device.
-    pub reduction: Option<[usize; 3]>,
 }
 
 impl RenderBackend {

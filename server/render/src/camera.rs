@@ -146,6 +146,15 @@ impl Camera {
         Ok(Self { pan_mm, ..self })
     }
 
+    /// The same from a named direction.
+    #[must_use]
+    pub fn turned_to(self, view: NamedView) -> Self {
+        Self {
+            orientation: view.orientation(),
+            ..self
+        }
+    }
+
     /// The unit quaternion from patient to view space.
     pub fn orientation(&self) -> DQuat {
         self.orientation

@@ -131,6 +131,15 @@ impl Frame {
     }
 }
 
+/// A finished picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RenderedFrame {
+    /// Its pixels, in a format that depends on the request alone.
+    pub frame: Frame,
+    /// How many native voxels along x, y and z became one, if the volume is too large for the graphics device.
+    pub reduction: Option<[usize; 3]>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

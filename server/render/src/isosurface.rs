@@ -3,9 +3,9 @@
 use geometry::DepthField;
 use multiversion::multiversion;
 
+use crate::points::{Point, PointRow};
 use crate::rays::{Ray, Rays};
 use crate::sampler::{LANES, Lanes, Sampler};
-use crate::surface::{Point, PointRow};
 
 /// Depths, in voxels, between which the smoothed field gives way to the field.
 const SHALLOW: [f32; 2] = [3.0, 5.0];

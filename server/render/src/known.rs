@@ -2,8 +2,8 @@
 
 use geometry::{Cut, DepthField};
 
+use crate::points::PointRow;
 use crate::rays::{Rays, single};
-use crate::surface::PointRow;
 
 /// The greatest number of faces that cut a head.
 pub(crate) const MOST_CUTS: usize = 6;

@@ -34,6 +34,7 @@ mod light;
 mod mesh;
 mod notice;
 mod png;
+mod points;
 mod quality;
 mod rays;
 mod sampler;
@@ -51,11 +52,11 @@ mod window;
 
 pub use annotate::{MIN_ANNOTATED_SIDE, annotate, annotate_slice};
 pub use apng::AnimatedPng;
-pub use backend::{RenderBackend, RenderJob, RenderedFrame, SizedMesh};
+pub use backend::{RenderBackend, RenderJob, SizedMesh};
 pub use camera::{Camera, NamedView, Projection};
 pub use colormap::ColorMap;
 pub use error::RenderError;
-pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
+pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat, RenderedFrame};
 pub use hits::Hits;
 pub use layer::{
     KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues, Layers, Overlay, OverlayParameters,

@@ -115,6 +115,16 @@ impl RenderRequest {
         Ok(Self(parameters))
     }
 
+    /// The same at a depth of a case, within 0 to 1000 mm, through a window.
+    #[must_use]
+    pub fn shown(self, depth_mm: f64, window: Window) -> Self {
+        Self(RenderParameters {
+            depth_mm: depth_mm.clamp(0.0, 1000.0),
+            window,
+            ..self.0
+        })
+    }
+
     /// The checked parameters.
     pub fn parameters(&self) -> &RenderParameters {
         &self.0

@@ -5,9 +5,9 @@ use glam::{DAffine3, DVec3};
 use multiversion::multiversion;
 
 use crate::layer::{LayerSampler, OverlayRamp};
+use crate::points::PointRow;
 use crate::rays::{Rays, single};
 use crate::sampler::{Sampler, trilinear, whole};
-use crate::surface::PointRow;
 use crate::window::WindowLine;
 use crate::{
     Background, Layers, Light, Overlay, PixelFormat, Projection, RenderParameters, RenderRequest,

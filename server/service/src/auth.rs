@@ -42,7 +42,7 @@ impl Access {
     /// Whoever knows the token may ask.
     ///
     /// # Errors
-    /// When the token is too short, or cannot be sent in a header.
+    /// If the token is too short, or cannot be sent in a header.
     pub fn with_token(token: &str) -> Result<Self, BadToken> {
         let sendable = token.bytes().all(|byte| byte.is_ascii_graphic());
         if token.len() < MIN_TOKEN_LENGTH || !sendable {

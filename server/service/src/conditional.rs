@@ -99,9 +99,9 @@ pub struct Question<'a, Q> {
     pub request: &'a HeaderMap,
 }
 
-/// The form in which a question is answered.
+/// The format in which a question is answered.
 #[derive(Debug)]
-pub struct Form {
+pub struct Format {
     media_type: &'static str,
     /// What else tells answers to one question apart; by default the media type.
     variant: String,
@@ -112,7 +112,7 @@ pub struct Form {
     cache_control: HeaderValue,
 }
 
-impl Form {
+impl Format {
     /// A media type that was negotiated, not compressed.
     pub fn of(media_type: &'static str) -> Self {
         Self {
@@ -134,7 +134,7 @@ impl Form {
         }
     }
 
-    /// The same form, told apart by something else than its media type.
+    /// The same format, told apart by something else than its media type.
     #[must_use]
     pub fn variant(self, variant: impl Into<String>) -> Self {
         Self {
@@ -173,11 +173,11 @@ impl Form {
 /// What was found out for an answer.
 #[derive(Debug, Default)]
 pub struct Content {
-    /// The bytes, in the coding of the form.
+    /// The bytes, in the coding of the format.
     pub body: Bytes,
     /// What else to say about them.
     pub headers: HeaderMap,
-    /// The variant of the form, if the work decided on another one.
+    /// The variant of the format, if the work decided on another one.
     pub variant: Option<String>,
 }
 
@@ -198,29 +198,29 @@ impl<Q: serde::Serialize> Question<'_, Q> {
     pub async fn answer(
         self,
         cases: &Cases,
-        form: Form,
+        format: Format,
         work: impl AsyncFnOnce(Arc<CaseFacts>) -> Result<Content, AppError>,
     ) -> Result<Response, AppError> {
         let tag_of = |variant: &str| {
-            let named = form.named.as_deref().unwrap_or_default();
+            let named = format.named.as_deref().unwrap_or_default();
             let variant = format!("{variant} {named}");
-            let negotiated = (variant.trim_end(), form.coding);
+            let negotiated = (variant.trim_end(), format.coding);
             EntityTag::of_answer(&self.id, self.route, self.query, negotiated)
         };
-        let tag = tag_of(&form.variant);
+        let tag = tag_of(&format.variant);
         let facts = cases.ready(&self.id).await?;
         if tag.is_known_to(self.request) {
-            return Ok(not_modified(&tag, form.vary, form.cache_control));
+            return Ok(not_modified(&tag, format.vary, format.cache_control));
         }
         let content = work(facts).await?;
         Representation {
             tag: content.variant.as_deref().map_or(tag, tag_of),
-            media_type: form.media_type,
-            coding: form.coding,
+            media_type: format.media_type,
+            coding: format.coding,
             body: content.body,
             headers: content.headers,
-            vary: form.vary,
-            cache_control: form.cache_control,
+            vary: format.vary,
+            cache_control: format.cache_control,
         }
         .respond(self.request)
     }
@@ -316,7 +316,7 @@ pub fn insert(headers: &mut HeaderMap, name: HeaderName, text: &str) {
 
 /// The one byte range asked for, first and last byte; `Err` where it cannot be satisfied.
 ///
-/// `None` where there is none, or it is malformed, or there are several: the whole is sent then (RFC 9110, section 14.2).
+/// `None` if there is none, or it is malformed, or there are several: the whole is sent then (RFC 9110, section 14.2).
 fn range_of(request: &HeaderMap, length: u64) -> Option<Result<(u64, u64), ()>> {
     let text = request.get(header::RANGE)?.to_str().ok()?;
     let (first, last) = text.trim().strip_prefix("bytes=")?.split_once('-')?;
@@ -375,6 +375,7 @@ mod tests {
         assert_eq!(content_range("bytes=2-4"), "bytes 2-4/10");
         assert_eq!(content_range("bytes=7-"), "bytes 7-9/10");
         assert_eq!(content_range("bytes=-3"), "bytes 7-9/10");
+        assert_eq!(content_range("bytes=-99"), "bytes 0-9/10");
         assert_eq!(content_range("bytes=0-999"), "bytes 0-9/10");
     }
 

@@ -99,7 +99,7 @@ pub async fn serve(
     }
 }
 
-/// The next connection; `None` where the system has none to give.
+/// The next connection; `None` if the system has none to give.
 async fn accept(listener: &TcpListener) -> Option<(TcpStream, Peer)> {
     match listener.accept().await {
         Ok((stream, address)) => {

@@ -1,5 +1,5 @@
-//! What every implementation of the rows, and every object store, must do: one suite, for those in here and for back ends
-//! elsewhere.
+//! Checks that every implementation of the rows and every object store must pass: one suite, for the back ends of this crate
+//! and of others.
 //!
 //! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function that
 //! returns a [`RowsSubject`] on an empty database.
@@ -13,18 +13,18 @@ use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
 use super::frame::frame;
 use super::rows::{CaseRows, Inserted, NewCase, Pinned, Published, Release, Sweep};
 use super::testing::{claim, facts, failure, name, new_case, pinned};
-use super::{ObjectName, Objects, Unreadable};
+use super::{ObjectName, Objects, Spool, Unreadable};
 
-/// How long jobs are leased here.
+/// The lease of jobs in these checks.
 const LEASE: Duration = Duration::from_secs(30);
 
-/// Rows to be checked.
+/// Rows to check.
 pub struct RowsSubject {
     /// The rows, empty.
     pub rows: Arc<dyn CaseRows>,
     /// Lets time pass on their clock.
     pub pass_time: Box<dyn Fn(Duration) + Send + Sync>,
-    /// What must live as long.
+    /// A resource that must live as long.
     pub keep: Box<dyn std::any::Any + Send + Sync>,
 }
 
@@ -34,8 +34,8 @@ impl RowsSubject {
     }
 }
 
-/// Tests that rows do what they must: `rows_conformance! { a_name: make_subject }` writes a test for each check;
-/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that take long to start.
+/// Tests an implementation of the rows: `rows_conformance! { a_name: make_subject }` writes a test for each check;
+/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that are slow to start.
 #[macro_export]
 macro_rules! rows_conformance {
     ($($implementation:ident: $make:path),+ $(,)?) => {$(
@@ -585,7 +585,7 @@ pub async fn holders_that_are_dead_hold_nothing(subject: &RowsSubject) {
     assert_eq!(abandoned, expected);
 }
 
-/// Objects do what they must; there are none at first.
+/// Checks an object store, which must be empty at first.
 pub async fn objects_do_what_they_must(objects: &Objects) {
     an_object_comes_back_and_goes(objects).await;
     a_damaged_object_is_told_and_written_over(objects).await;
@@ -630,17 +630,16 @@ async fn a_large_file_comes_back(objects: &Objects) {
     for length in [0, 1, (16 << 20) - 72, 17_000_000] {
         let mut contents = vec![0; length];
         blake3::Hasher::new().finalize_xof().fill(&mut contents);
-        let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), &contents).unwrap();
-        let digest = blake3::hash(&contents);
+        let directory = tempfile::tempdir().unwrap();
+        let mut spool = Spool::begin(directory.path().to_owned()).await.unwrap();
+        spool.write(contents.clone().into()).await.unwrap();
+        let file = spool.finish().await.unwrap();
         let name = ObjectName {
             kind: ObjectKind::SourceVolume,
-            digest,
+            digest: *file.digest(),
         };
-        objects
-            .put_file(&name, file.path(), length as u64)
-            .await
-            .unwrap();
+        assert_eq!(file.digest(), &blake3::hash(&contents));
+        objects.put_file(&name, &file).await.unwrap();
         assert!(
             objects.get(&name).await.unwrap() == contents,
             "{length} bytes"

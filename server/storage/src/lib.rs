@@ -1,25 +1,25 @@
-//! Cases: immutable objects on disk, and rows that say which of them belong to which case.
+//! The store of cases: immutable objects, and rows that list the objects of each case.
 //!
-//! A case becomes visible, and later ready, by one transaction after its objects are durable: it is there whole or not at
-//! all, whatever moment the process is killed. Everything but the uploaded files is derived from them: a derived object
-//! that is missing or damaged is made again.
+//! A case becomes visible, and later ready, by one transaction after its objects are durable: it exists completely or not
+//! at all, even if the process is killed at any moment. Everything but the uploaded files is derived from them: a missing or damaged
+//! derived object is rebuilt.
 //!
 //! | object | what | why it is stored |
 //! |---|---|---|
-//! | `source-volume`, `source-mask` | the uploaded bytes; of DICOM files, the volume made of them | everything else comes from them |
+//! | `source-volume`, `source-mask` | the uploaded bytes; for DICOM files, the volume made from them | everything else comes from them |
 //! | `source-dicom` | identifying attributes and UIDs of DICOM files | apart from the pixels, read by nothing but its own route |
-//! | `mask` | runs of the working grid | it can be asked for; and an extracted brain must stay what it was |
+//! | `mask` | runs of the working grid | clients can request it, and an extracted brain must not change |
 //! | `volume` | 16-bit intensities, cropped to the envelope | reading the source means unpacking and checking the whole head |
 //! | `envelope` | runs of the working grid | the closing costs more than reading 20 kB |
 //! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
-//! | `paths` | the table of the default mesh | what is asked for first |
+//! | `paths` | the table of the default mesh | the first request of a client |
 //!
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens of
 //! milliseconds, no longer than reading and checking their tens of megabytes.
 //!
-//! Every object is pinned before it is written and left with an expired pin when a case ceases to need it. A sweep leaves a
-//! tombstone on what nobody needs, deletes it and buries the tombstone ([`rows`]); so a removal never takes what another process is
-//! about to refer to, nothing is left behind by one that was killed, and no transaction waits for the object store.
+//! Every object is pinned before it is written and gets an expired pin when a case no longer needs it. A sweep leaves a
+//! tombstone on each unneeded object, deletes the object and buries the tombstone ([`rows`]). So a removal never deletes an object that
+//! another process is about to reference, a killed process leaves nothing behind, and no transaction waits for the object store.
 
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
@@ -28,6 +28,7 @@ mod directory;
 mod error;
 mod frame;
 mod inspect;
+mod link;
 mod location;
 mod name;
 mod objects;
@@ -42,6 +43,8 @@ mod sql;
 mod submit;
 #[cfg(any(test, feature = "conformance"))]
 pub mod testing;
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::fmt;
@@ -170,7 +173,7 @@ impl Store {
     /// Several processes may open one directory; what another live one is working on is left alone.
     ///
     /// # Errors
-    /// When the directory or its database cannot be used.
+    /// If the directory or its database cannot be used.
     pub async fn open(directory: &Path) -> Result<Self, StoreError> {
         Self::open_with(directory, Options::default()).await
     }
@@ -178,7 +181,7 @@ impl Store {
     /// The same, with options.
     ///
     /// # Errors
-    /// When the directory or its database cannot be used.
+    /// If the directory or its database cannot be used.
     pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
         Self::open_at(&directory.into(), options).await
     }
@@ -186,7 +189,7 @@ impl Store {
     /// Opens the store at a location; creates it, migrates it, sweeps leftovers.
     ///
     /// # Errors
-    /// When the folder, the database or the objects cannot be used.
+    /// If the folder, the database or the objects cannot be used.
     pub async fn open_at(location: &Location, options: Options) -> Result<Self, StoreError> {
         let mut alone = false;
         let has_own_rows = location.database.is_none();
@@ -215,7 +218,7 @@ impl Store {
     /// A store on any rows and objects; uploads are spooled in the system's temporary directory.
     ///
     /// # Errors
-    /// When there is no temporary directory.
+    /// If there is no temporary directory.
     pub fn on(
         rows: Arc<dyn CaseRows>,
         objects: Objects,
@@ -228,7 +231,7 @@ impl Store {
     /// A store that goes with its last user.
     ///
     /// # Errors
-    /// When there is no memory or no temporary directory for it.
+    /// If there is no memory or no temporary directory for it.
     pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
         Self::on(Arc::new(SqlRows::in_memory().await?), objects, options)
@@ -254,7 +257,7 @@ impl Store {
     /// Begins an upload.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn spool(&self) -> Result<Spool, StoreError> {
         Spool::begin(self.scratch()).await
     }
@@ -270,17 +273,28 @@ impl Store {
     /// Spools bytes that are at hand.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn spool_all(&self, bytes: bytes::Bytes) -> Result<Spooled, StoreError> {
         let mut spool = self.spool().await?;
         spool.write(bytes).await?;
         spool.finish().await
     }
 
+    /// Takes over a file in [`Store::scratch`] that another process has written, with [`Spooled::START`] bytes of room before its
+    /// contents.
+    ///
+    /// # Errors
+    /// If the disk fails.
+    pub async fn spool_file(&self, file: std::path::PathBuf) -> Result<Spooled, StoreError> {
+        let scratch = self.scratch();
+        let taken = tokio::task::spawn_blocking(move || Spooled::take(&file, &scratch));
+        Ok(taken.await??)
+    }
+
     /// A directory for the files of an upload, which goes with its handle.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn spool_directory(&self) -> Result<TempDir, StoreError> {
         let scratch = self.scratch();
         let made = tokio::task::spawn_blocking(move || {
@@ -294,7 +308,7 @@ impl Store {
     /// One case.
     ///
     /// # Errors
-    /// When the rows cannot be read.
+    /// If the rows cannot be read.
     pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
         let mut case = self.rows().case(id).await?;
         if let Some(case) = &mut case {
@@ -306,7 +320,7 @@ impl Store {
     /// At most `limit` cases after a cursor, newest first.
     ///
     /// # Errors
-    /// When the rows cannot be read.
+    /// If the rows cannot be read.
     pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
         let mut page = self.rows().cases(after.as_ref(), limit).await?;
         for case in &mut page.cases {
@@ -315,12 +329,12 @@ impl Store {
         Ok(page)
     }
 
-    /// Removes a case and what no other case needs; `false` where there was none. A preparation under way is cancelled.
+    /// Removes a case and what no other case needs; `false` if there was none. A preparation under way is cancelled.
     ///
     /// Once begun it is carried through, even when the caller goes away.
     ///
     /// # Errors
-    /// When the rows or the objects cannot be written. The case may have gone all the same; its objects then go later.
+    /// If the rows or the objects cannot be written. The case may have gone all the same; its objects then go later.
     pub async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
         let (store, id) = (self.clone(), *id);
         tokio::spawn(async move { store.delete_now(&id).await }).await?
@@ -343,7 +357,7 @@ impl Store {
     /// How many cases wait to be prepared.
     ///
     /// # Errors
-    /// When the rows cannot be read.
+    /// If the rows cannot be read.
     pub async fn waiting(&self) -> Result<usize, StoreError> {
         self.rows().waiting().await
     }
@@ -356,7 +370,7 @@ impl Store {
     /// Whether the rows and the objects can be reached, and the disk has room: what `/readyz` asks.
     ///
     /// # Errors
-    /// When they cannot, or it has not ([`StoreError::is_full`]).
+    /// If they cannot, or it has not ([`StoreError::is_full`]).
     pub async fn check(&self) -> Result<(), StoreError> {
         self.rows().check().await?;
         self.inner.objects.check().await?;
@@ -373,7 +387,7 @@ impl Store {
     /// Removes the objects that nobody needs any more.
     ///
     /// # Errors
-    /// When the rows or the objects cannot be written; what was not removed is found the next time.
+    /// If the rows or the objects cannot be written; what was not removed is found the next time.
     pub async fn collect(&self) -> Result<(), StoreError> {
         loop {
             let candidates = self.rows().abandoned(REMOVALS_AT_ONCE).await?;

@@ -1,6 +1,6 @@
 //! The process that reads.
 
-use std::io::{self, Read};
+use std::io::{self, Read, Write as _};
 use std::process::ExitCode;
 
 use imaging::Limits;
@@ -39,12 +39,18 @@ fn carry_out() -> io::Result<()> {
     limit_this_process(&order)?;
     let outcome = match read(&order) {
         Ok((volume, summary)) => {
-            std::fs::write(order.output.join(VOLUME), volume)?;
+            write_volume(&order, &volume)?;
             Outcome::Read(summary)
         }
         Err(error) => Outcome::Refused(refusal(&error)),
     };
     std::fs::write(order.output.join(OUTCOME), serde_json::to_vec(&outcome)?)
+}
+
+fn write_volume(order: &Order, volume: &[u8]) -> io::Result<()> {
+    let mut file = std::fs::File::create_new(order.output.join(VOLUME))?;
+    io::copy(&mut io::repeat(0).take(order.room), &mut file)?;
+    file.write_all(volume)
 }
 
 /// From here on the kernel ends this process where it takes more than it may, or where its parent ends.
@@ -74,7 +80,7 @@ fn limit_this_process(order: &Order) -> io::Result<()> {
 }
 
 fn read(order: &Order) -> Result<(Vec<u8>, Summary), DicomError> {
-    let mut files = FilesBelow::open(&order.input, order.max_input_bytes)?;
+    let mut files = FilesBelow::open(&order.input, order.input_start, order.max_input_bytes)?;
     let options = Options {
         series: order.series.as_deref().and_then(SeriesName::parse),
         allow_gaps: order.allow_gaps,
@@ -112,7 +118,9 @@ mod tests {
     fn limited() {
         let order = Order {
             input: "/".into(),
+            input_start: 0,
             output: "/".into(),
+            room: 0,
             series: None,
             allow_gaps: false,
             max_voxels: 1000,

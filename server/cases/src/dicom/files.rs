@@ -3,7 +3,7 @@
 //! Names are never used: nothing is written by them, and they are in no message. Links are not followed.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use imaging::dicom::{DicomError, Files};
@@ -30,6 +30,8 @@ enum Place {
 
 /// All files, to be read one by one.
 pub(super) struct FilesBelow {
+    /// Where the bytes of each file begin.
+    start: u64,
     paths: Vec<PathBuf>,
     archives: Vec<ZipArchive<BufReader<File>>>,
     places: Vec<Place>,
@@ -41,9 +43,10 @@ pub(super) struct FilesBelow {
 }
 
 impl FilesBelow {
-    /// Looks for files: `input` itself, or those below it.
-    pub(super) fn open(input: &Path, limit: u64) -> Result<Self, DicomError> {
+    /// Looks for files: `input` itself, whose bytes begin at `start`, or those below it.
+    pub(super) fn open(input: &Path, start: u64, limit: u64) -> Result<Self, DicomError> {
         let mut files = Self {
+            start: 0,
             paths: Vec::new(),
             archives: Vec::new(),
             places: Vec::new(),
@@ -57,6 +60,7 @@ impl FilesBelow {
         if metadata.is_dir() {
             collect(input, 0, &mut paths)?;
         } else {
+            files.start = start;
             paths.push(input.to_owned());
         }
         paths.sort();
@@ -69,7 +73,7 @@ impl FilesBelow {
 
     fn add(&mut self, path: PathBuf) -> Result<(), DicomError> {
         let mut head = Vec::new();
-        let mut file = File::open(&path).map_err(unreadable)?;
+        let mut file = self.file(&path)?;
         file.by_ref()
             .take(HEAD_BYTES)
             .read_to_end(&mut head)
@@ -82,7 +86,15 @@ impl FilesBelow {
         self.check_count()
     }
 
+    /// A file, at its first byte.
+    fn file(&self, path: &Path) -> Result<File, DicomError> {
+        let mut file = File::open(path).map_err(unreadable)?;
+        file.seek(SeekFrom::Start(self.start)).map_err(unreadable)?;
+        Ok(file)
+    }
+
     fn add_archive(&mut self, file: File) -> Result<(), DicomError> {
+        // What is before its first entry, such as the room of a spooled file, is passed over.
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(bad_zip)?;
         let number = self.archives.len();
         for entry in 0..archive.len() {
@@ -130,7 +142,7 @@ impl Files for FilesBelow {
         let left = self.limit - spent;
         let bytes = match self.places[number] {
             Place::Path(path) => {
-                let file = File::open(&self.paths[path]).map_err(unreadable)?;
+                let file = self.file(&self.paths[path])?;
                 read_at_most(file, left)
             }
             Place::Entry { archive, entry } => {
@@ -147,7 +159,7 @@ impl Files for FilesBelow {
     }
 }
 
-/// All bytes as they come; `None` where there are more than `limit`. What a header says of the length is not believed.
+/// All bytes as they come; `None` if there are more than `limit`. What a header says of the length is not believed.
 fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
     let mut bytes = Vec::new();
     let read = source.take(limit.saturating_add(1)).read_to_end(&mut bytes);
@@ -243,7 +255,7 @@ mod tests {
         .unwrap();
         std::os::unix::fs::symlink("/etc/passwd", root.path().join("link")).unwrap();
         std::os::unix::fs::symlink(root.path(), root.path().join("loop")).unwrap();
-        let mut files = FilesBelow::open(root.path(), PLENTY).unwrap();
+        let mut files = FilesBelow::open(root.path(), 0, PLENTY).unwrap();
         assert_eq!(
             all(&mut files),
             [b"1".to_vec(), b"22".to_vec(), b"333".to_vec()]
@@ -253,11 +265,26 @@ mod tests {
     }
 
     #[test]
+    fn a_spooled_file_has_room_before_its_bytes() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("upload");
+        let archive = zipped(&[("one", b"1"), ("two", b"22")]);
+        for (bytes, expected) in [
+            (&b"DICM"[..], vec![b"DICM".to_vec()]),
+            (&archive[..], vec![b"1".to_vec(), b"22".to_vec()]),
+        ] {
+            std::fs::write(&path, [&[0; 72], bytes].concat()).unwrap();
+            let mut files = FilesBelow::open(&path, 72, PLENTY).unwrap();
+            assert_eq!(all(&mut files), expected);
+        }
+    }
+
+    #[test]
     fn names_that_lead_elsewhere_are_just_names() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("upload");
         std::fs::write(&path, zipped(&[("../../../escaped", b"x"), ("/abs", b"y")])).unwrap();
-        let mut files = FilesBelow::open(&path, PLENTY).unwrap();
+        let mut files = FilesBelow::open(&path, 0, PLENTY).unwrap();
         assert_eq!(all(&mut files), [b"x", b"y"]);
         assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
     }
@@ -268,7 +295,7 @@ mod tests {
         let path = root.path().join("upload");
         std::fs::write(&path, zipped(&[("zeros", &vec![0; 32 << 20])])).unwrap();
         assert!(std::fs::metadata(&path).unwrap().len() < 100 << 10);
-        let mut files = FilesBelow::open(&path, 1 << 20).unwrap();
+        let mut files = FilesBelow::open(&path, 0, 1 << 20).unwrap();
         assert_eq!(
             files.read(0),
             Err(DicomError::TooManyBytes { limit: 1 << 20 })
@@ -282,7 +309,7 @@ mod tests {
         let whole = zipped(&[("a", &[7; 3000])]);
         for length in [4, 40, whole.len() - 10] {
             std::fs::write(&path, &whole[..length]).unwrap();
-            assert!(FilesBelow::open(&path, PLENTY).is_err());
+            assert!(FilesBelow::open(&path, 0, PLENTY).is_err());
         }
     }
 }

@@ -18,8 +18,12 @@ pub(super) const OUTCOME: &str = "outcome.json";
 pub(super) struct Order {
     /// A file, or a directory of files.
     pub(super) input: PathBuf,
+    /// Where the bytes of a single file begin.
+    pub(super) input_start: u64,
     /// An empty directory.
     pub(super) output: PathBuf,
+    /// How many zero bytes are written before the volume.
+    pub(super) room: u64,
     pub(super) series: Option<String>,
     pub(super) allow_gaps: bool,
     pub(super) max_voxels: usize,

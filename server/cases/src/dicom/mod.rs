@@ -10,7 +10,15 @@ mod files;
 mod message;
 mod reader;
 
+use std::io;
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
 use serde::Serialize;
+use storage::Spooled;
+use tempfile::TempDir;
+
+use self::message::VOLUME;
 
 pub use self::child::run as run_child;
 pub use self::reader::{DicomReader, Program};
@@ -19,15 +27,40 @@ pub use imaging::dicom::{Attributes, Options, SeriesName, SeriesSummary};
 /// The name of the child's subcommand.
 pub const SUBCOMMAND: &str = "read-dicom";
 
+/// The files that are read.
+#[derive(Debug, Clone, Copy)]
+pub enum Input<'a> {
+    /// Those below a directory, or one file: DICOM, or a zip of it.
+    Path(&'a Path),
+    /// One file that was spooled.
+    Spooled(&'a Spooled),
+}
+
 /// A series as a volume.
 #[derive(Debug)]
 pub struct Reading {
-    /// The volume, packed NIfTI-1.
-    pub volume: bytes::Bytes,
+    /// Where the volume was written.
+    output: TempDir,
     /// Whose head it is, as the JSON that is stored.
-    pub attributes: bytes::Bytes,
+    pub attributes: Bytes,
     /// What was chosen among the files.
     pub choice: Choice,
+}
+
+impl Reading {
+    /// The file of the volume, packed NIfTI-1, as a spooled one has it: behind [`Spooled::START`] bytes of room.
+    pub fn file(&self) -> PathBuf {
+        self.output.path().join(VOLUME)
+    }
+
+    /// The volume in memory.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub async fn volume(&self) -> io::Result<Bytes> {
+        let file = Bytes::from(tokio::fs::read(self.file()).await?);
+        Ok(file.slice(file.len().min(Spooled::START as usize)..))
+    }
 }
 
 /// What was chosen among the files of an upload.

@@ -2,19 +2,21 @@
 
 use std::ffi::OsString;
 use std::io::{self, Read as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
-use bytes::Bytes;
 use imaging::Limits;
 use imaging::dicom::{Attributes, Options, SeriesSummary};
 use serde::de::DeserializeOwned;
+use storage::Spooled;
+use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 use tokio::process::{Child, Command};
 
 use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
-use super::{Choice, Reading, SUBCOMMAND};
+use super::{Choice, Input, Reading, SUBCOMMAND};
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
 use case::{Failure, FailureKind};
@@ -88,7 +90,7 @@ impl DicomReader {
         Self { longest, ..self }
     }
 
-    /// Reads a series from a file (DICOM, or a zip of them) or from the files below a directory.
+    /// Reads a series.
     ///
     /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.
     ///
@@ -97,7 +99,7 @@ impl DicomReader {
     /// wait; [`Error::Internal`], logged, when the child cannot be started.
     pub async fn read(
         &self,
-        input: &Path,
+        input: Input<'_>,
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
@@ -107,17 +109,23 @@ impl DicomReader {
 
     async fn read_now(
         &self,
-        input: &Path,
+        input: Input<'_>,
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
+        let (input, input_start) = match input {
+            Input::Path(path) => (path, 0),
+            Input::Spooled(file) => (file.path(), Spooled::START),
+        };
         let output = tempfile::Builder::new()
             .prefix("dicom-")
             .tempdir_in(scratch)
             .map_err(cannot_run)?;
         let order = Order {
             input: std::path::absolute(input).map_err(cannot_run)?,
+            input_start,
             output: std::path::absolute(output.path()).map_err(cannot_run)?,
+            room: Spooled::START,
             series: options.series.as_ref().map(|name| name.as_str().to_owned()),
             allow_gaps: options.allow_gaps,
             max_voxels: self.limits.max_voxels,
@@ -129,15 +137,11 @@ impl DicomReader {
             return Err(too_slow(self.longest).into());
         };
         let limits = self.limits;
-        let reading = tokio::task::spawn_blocking(move || {
-            let reading = take(status, output.path(), &limits);
-            drop(output);
-            reading
-        });
+        let reading = tokio::task::spawn_blocking(move || take(status, output, &limits));
         Ok(reading.await.map_err(|_| Error::Internal)??)
     }
 
-    /// Runs the child; `None` where it took too long.
+    /// Runs the child; `None` if it took too long.
     async fn run(&self, order: &Order) -> io::Result<Option<ExitStatus>> {
         let mut child: Child = self
             .program
@@ -195,18 +199,18 @@ fn died() -> Failure {
 }
 
 /// What a child left behind.
-fn take(status: ExitStatus, output: &Path, limits: &Limits) -> Result<Reading, Failure> {
+fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<Reading, Failure> {
     if !status.success() {
         tracing::warn!(%status, "the process that reads DICOM files died of an upload");
         return Err(died());
     }
-    let outcome: Outcome = read_json(&output.join(OUTCOME))?;
+    let outcome: Outcome = read_json(&output.path().join(OUTCOME))?;
     match outcome {
         Outcome::Refused(failure) => Err(checked_failure(failure)),
         Outcome::Read(summary) => {
             let largest = 4 * limits.max_voxels as u64 + (1 << 20);
-            let volume = read_bounded(&output.join(VOLUME), largest)?;
-            reading(volume.into(), summary)
+            check_file(&output.path().join(VOLUME), Spooled::START + largest)?;
+            reading(output, summary)
         }
     }
 }
@@ -214,6 +218,16 @@ fn take(status: ExitStatus, output: &Path, limits: &Limits) -> Result<Reading, F
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
     let bytes = read_bounded(path, MAX_OUTCOME_BYTES)?;
     serde_json::from_slice(&bytes).map_err(|_| died())
+}
+
+/// Whether what the child left is one file of its own, not too large.
+fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
+    let file = std::fs::symlink_metadata(path).map_err(|_| died())?;
+    let is_sound = file.is_file() && file.nlink() == 1;
+    if is_sound && (Spooled::START..=largest).contains(&file.len()) {
+        return Ok(());
+    }
+    Err(died())
 }
 
 fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
@@ -246,7 +260,7 @@ fn checked_failure(failure: Failure) -> Failure {
     if fits { failure } else { died() }
 }
 
-fn reading(volume: Bytes, summary: Summary) -> Result<Reading, Failure> {
+fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
     let Summary {
         attributes,
         series,
@@ -259,7 +273,7 @@ fn reading(volume: Bytes, summary: Summary) -> Result<Reading, Failure> {
     }
     let stored = serde_json::to_vec(&attributes).map_err(|_| died())?;
     Ok(Reading {
-        volume,
+        output,
         choice: Choice {
             series: series.into(),
             others: others.into_iter().map(Into::into).collect(),
@@ -301,7 +315,9 @@ mod tests {
         let input = scratch.path().join("input");
         std::fs::write(&input, b"anything").unwrap();
         let options = Options::default();
-        let read = reader.read(&input, &options, scratch.path()).await;
+        let read = reader
+            .read(Input::Path(&input), &options, scratch.path())
+            .await;
         let error = read.map(|_| ()).unwrap_err();
         let left = std::fs::read_dir(scratch.path()).unwrap().count();
         assert_eq!(left, 1, "nothing but the input is left");

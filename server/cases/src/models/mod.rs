@@ -1,5 +1,6 @@
 //! Warm models: what rendering needs of a case, kept in memory within a budget of bytes.
 
+mod cache;
 mod model;
 #[cfg(test)]
 mod tests;
@@ -9,8 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 
 use case::{CaseId, CaseState};
 use storage::StoreError;
@@ -69,7 +70,7 @@ impl Models {
     /// Models of the cases of a library, `budget_bytes` of them at most.
     pub fn new(library: Library, budget_bytes: u64) -> Self {
         let inner = Arc::new(Inner {
-            cache: new_cache(budget_bytes),
+            cache: cache::one_shard(ByBytes, budget_bytes, 32),
             begun: Instant::now(),
             library: library.clone(),
         });
@@ -82,12 +83,12 @@ impl Models {
         Self { inner }
     }
 
-    /// The model of a case that is ready; `None` where there is no such case or it is not ready.
+    /// The model of a case that is ready; `None` if there is no such case or it is not ready.
     ///
     /// A missing or damaged derived object is made again from the source. Several callers at once wait for one loading.
     ///
     /// # Errors
-    /// When the store fails.
+    /// If the store fails.
     pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<WarmModel>>, StoreError> {
         if let Some(entry) = self.inner.cache.get(id) {
             return self.inner.confirm(id, entry).await;
@@ -155,22 +156,6 @@ impl Inner {
             Err(error) => Err(NotLoaded::Failed(error)),
         }
     }
-}
-
-fn new_cache(budget_bytes: u64) -> Cache<CaseId, Entry, ByBytes> {
-    // One shard: a shard cannot hold a model that is larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(32)
-        .weight_capacity(budget_bytes)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
 }
 
 impl fmt::Debug for Models {

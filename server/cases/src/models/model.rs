@@ -11,13 +11,14 @@ use geometry::{
 };
 use pipeline::codec::{decode_forest, decode_paths, decode_volume};
 use pipeline::envelope_of;
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 use render::Scene;
 use render::gpu::{CaseKey, KeyedModel};
 use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
+use super::cache;
 use crate::library::Library;
 
 /// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.
@@ -73,7 +74,7 @@ impl WarmModel {
         Ok(loaded.map(|(model, facts)| Self {
             model: Arc::new(model),
             facts,
-            tables: new_tables(),
+            tables: cache::one_shard(ByBytes, TABLES_BYTES, 8),
             library: library.clone(),
             id: *id,
         }))
@@ -106,7 +107,7 @@ impl WarmModel {
     /// kept within 16 MiB. Several callers at once wait for one making.
     ///
     /// # Errors
-    /// When the mesh cannot be cut, the store fails, or the case was deleted.
+    /// If the mesh cannot be cut, the store fails, or the case was deleted.
     pub async fn paths(
         &self,
         size: MeshSize,
@@ -182,7 +183,7 @@ impl WarmModel {
     /// The distance map, made anew from the stored envelope: some 20 ms for a head of 256³.
     ///
     /// # Errors
-    /// When the store fails; `None` where the case was deleted.
+    /// If the store fails; `None` if the case was deleted.
     pub async fn distance(&self) -> Result<Option<DistanceMap>, StoreError> {
         let decode = |facts: &CaseFacts, payloads: &[Bytes]| {
             envelope_of(facts, payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
@@ -221,7 +222,7 @@ struct Walk {
 }
 
 impl Walk {
-    /// From an envelope and, for the forest's paths, a forest; `None` where they cannot be decoded.
+    /// From an envelope and, for the forest's paths, a forest; `None` if they cannot be decoded.
     fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<Self> {
         let envelope = envelope_of(facts, payloads.first()?)?;
         let forest = match payloads.get(1) {
@@ -246,22 +247,6 @@ impl Weighter<TableKey, Arc<PathTable>> for ByBytes {
     fn weight(&self, _: &TableKey, table: &Arc<PathTable>) -> u64 {
         table.bytes() as u64
     }
-}
-
-fn new_tables() -> Cache<TableKey, Arc<PathTable>, ByBytes> {
-    // One shard: a shard cannot hold a table that is larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(8)
-        .weight_capacity(TABLES_BYTES)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
 }
 
 impl fmt::Debug for WarmModel {

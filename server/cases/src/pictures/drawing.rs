@@ -1,11 +1,18 @@
 //! A picture that can be drawn, and the drawing of it.
 
+use case::CaseFacts;
+use geometry::ShrunkMesh;
 use render::choice::Renderer;
-use render::{RenderBackend, RenderError, RenderJob, RenderedFrame, Wanted};
+use render::gpu::KeyedModel;
+use render::{
+    KeyedLayers, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted,
+};
 
 use super::graphics::Graphics;
+use super::request::CheckedPicture;
 use crate::error::Error;
 use crate::limit::Turn;
+use crate::models::WarmModel;
 
 /// The backend for a renderer on this machine. Splatting does not wait for the graphics device.
 pub async fn backend_for(asked: Renderer, graphics: &Graphics) -> RenderBackend {
@@ -25,6 +32,59 @@ pub struct PictureJob {
     pub asked: Renderer,
     /// Who draws.
     pub backend: RenderBackend,
+}
+
+impl CheckedPicture {
+    /// The job of drawing it for a case, with the layers that it asks for and a backend. If the backend draws a mesh, `shrink` makes it at that depth, in mm.
+    ///
+    /// # Errors
+    /// Those of `shrink`.
+    pub async fn job(
+        &self,
+        case: KeyedModel,
+        facts: &CaseFacts,
+        layers: KeyedLayers,
+        backend: RenderBackend,
+        shrink: impl AsyncFnOnce(f32) -> Result<ShrunkMesh, Error>,
+    ) -> Result<PictureJob, Error> {
+        let mesh = if backend.needs_mesh() {
+            Some(SizedMesh {
+                size: self.mesh,
+                mesh: shrink(self.depth.shown_in(facts).mm).await?,
+            })
+        } else {
+            None
+        };
+        Ok(PictureJob {
+            job: RenderJob {
+                case,
+                request: self.of_case(facts),
+                mesh,
+                layers,
+            },
+            asked: self.asked.renderer,
+            backend,
+        })
+    }
+}
+
+/// The job of drawing a picture of a warm case. Make it in a turn: a mesh may have to be walked first.
+///
+/// # Errors
+/// If the mesh cannot be had.
+pub async fn warm_job(
+    warm: &WarmModel,
+    picture: &CheckedPicture,
+    layers: KeyedLayers,
+    backend: RenderBackend,
+) -> Result<PictureJob, Error> {
+    let shrink = async |depth_mm| {
+        let mesh = warm.shrink(picture.mesh, picture.asked.paths, depth_mm);
+        Ok(mesh.await?)
+    };
+    picture
+        .job(warm.keyed(), &warm.facts, layers, backend, shrink)
+        .await
 }
 
 /// A picture that was drawn.

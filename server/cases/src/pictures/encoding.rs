@@ -60,7 +60,7 @@ pub struct EncodedImage {
 /// Annotates a picture if that is wished, and encodes it.
 ///
 /// # Errors
-/// When it cannot be encoded.
+/// If it cannot be encoded.
 pub fn encode(
     drawn: DrawnPicture,
     metadata: &ImageMetadata,

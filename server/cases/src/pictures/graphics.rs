@@ -122,7 +122,7 @@ impl Graphics {
         self.found.borrow().as_ref()?.pool()
     }
 
-    /// The device, once its driver has answered; `None` where there is none, or its driver does not answer.
+    /// The device, once its driver has answered; `None` if there is none, or its driver does not answer.
     pub(crate) async fn pool(&self) -> Option<Arc<GpuPool>> {
         let mut found = self.found.clone();
         let known = tokio::time::timeout(PATIENCE, found.wait_for(Option::is_some)).await;

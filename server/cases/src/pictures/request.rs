@@ -9,6 +9,7 @@ use render::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::depth::DepthMm;
 use super::{LayerChoice, Numbers};
 use crate::error::Error;
 use crate::models::PathKind;
@@ -180,46 +181,47 @@ impl Default for PictureRequest {
 }
 
 impl PictureRequest {
-    /// Whether every value is in its range.
+    /// The values, each in its range.
     ///
     /// # Errors
     /// [`Error::Parameter`] for the one that is not.
-    pub fn check(&self) -> Result<(), Error> {
-        check_depth(self.depth_mm)?;
-        check_size(self.contours, self.points)?;
-        if self.view.is_some() && self.orientation.is_some() {
-            return Err(Error::out_of_range(
-                "orientation",
-                "cannot be given together with `view`",
-            ));
-        }
+    pub fn checked(&self) -> Result<CheckedPicture, Error> {
+        let depth = DepthMm::new(self.depth_mm)?;
+        let mesh = mesh_size(self.contours, self.points)?;
+        let camera = self.camera()?;
         check_annotation(self.annotate, [self.width, self.height])?;
         self.layers().check()?;
-        // Any window and depth will do: those of the case are right by themselves.
-        self.at(0.0, Window::between(0.0, 1.0)).map(drop)
-    }
-
-    /// The request to the renderer, at a depth that the case has, with `window` if none is asked for.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] for a value out of its range.
-    pub fn at(&self, depth_mm: f32, window: Window) -> Result<RenderRequest, Error> {
-        let camera = match self.orientation {
-            Some(Numbers(orientation)) => Camera::new(orientation, 1.0, [0.0; 2])?,
-            None => Camera::named(self.view.unwrap_or(NamedView::Left)),
-        };
-        let pan_mm = self.pan.map_or([0.0; 2], |Numbers(pan)| pan);
-        let parameters = RenderParameters {
-            depth_mm: f64::from(depth_mm),
-            camera: camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?,
+        let window = self.window.map(window_of_numbers).transpose()?;
+        let request = RenderRequest::new(RenderParameters {
+            depth_mm: 0.0,
+            camera,
             size: picture_size(self.width, self.height)?,
-            window: window_or(self.window, window)?,
+            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
             colormap: self.colormap,
             slab_mm: self.slab_mm,
             light: Light::new(self.ambient)?,
             background: self.background,
+        })?;
+        Ok(CheckedPicture {
+            asked: self.clone(),
+            depth,
+            mesh,
+            window,
+            request,
+        })
+    }
+
+    fn camera(&self) -> Result<Camera, Error> {
+        let camera = match (self.orientation, self.view) {
+            (Some(_), Some(_)) => {
+                let detail = "cannot be given together with `view`";
+                return Err(Error::out_of_range("orientation", detail));
+            }
+            (Some(Numbers(orientation)), None) => Camera::new(orientation, 1.0, [0.0; 2])?,
+            (None, view) => Camera::named(view.unwrap_or(NamedView::Left)),
         };
-        Ok(RenderRequest::new(parameters)?)
+        let pan_mm = self.pan.map_or([0.0; 2], |Numbers(pan)| pan);
+        Ok(camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?)
     }
 
     /// The layers that are asked for.
@@ -241,39 +243,36 @@ impl PictureRequest {
             (None, view) => view.unwrap_or(NamedView::Left).name().to_owned(),
         }
     }
-
-    /// The mesh that is asked for.
-    ///
-    /// # Errors
-    /// When there is no such mesh.
-    pub fn mesh_size(&self) -> Result<MeshSize, Error> {
-        Ok(MeshSize::new(self.contours, self.points)?)
-    }
 }
 
-/// Whether a depth can be asked for: a finite number, not negative.
-///
-/// # Errors
-/// [`Error::Parameter`] for `depth_mm`.
-pub fn check_depth(depth_mm: f32) -> Result<(), Error> {
-    let refuse = |kind, detail: &str| Error::Parameter {
-        kind,
-        name: "depth_mm".into(),
-        detail: detail.to_owned(),
-    };
-    if !depth_mm.is_finite() {
-        return Err(refuse(
-            "depth-not-a-number",
-            "must be a finite number of mm",
-        ));
+/// A picture that can be asked of every case.
+#[derive(Debug, Clone)]
+pub struct CheckedPicture {
+    /// What was asked for.
+    pub asked: PictureRequest,
+    /// At which depth.
+    pub depth: DepthMm,
+    /// The mesh, for a renderer that draws one.
+    pub mesh: MeshSize,
+    /// Through which window, if not that of the layer or the case.
+    window: Option<Window>,
+    /// Everything else, at depth 0.
+    request: RenderRequest,
+}
+
+impl CheckedPicture {
+    /// The request to the renderer for a case.
+    pub fn of_case(&self, facts: &CaseFacts) -> RenderRequest {
+        let depth_mm = self.depth.shown_in(facts).mm.into();
+        let usual = || self.asked.layers().window_or(window_of(facts));
+        self.request
+            .shown(depth_mm, self.window.unwrap_or_else(usual))
     }
-    if depth_mm < 0.0 {
-        return Err(refuse(
-            "depth-negative",
-            "must not be negative: depth is counted inwards from the envelope",
-        ));
+
+    /// From where the head is seen.
+    pub fn camera(&self) -> &Camera {
+        &self.request.parameters().camera
     }
-    Ok(())
 }
 
 /// Whether a count is within `least..=most`.
@@ -296,13 +295,14 @@ pub fn check_count(
     }
 }
 
-/// Whether a mesh may be that fine.
+/// The size of a mesh that can be asked for.
 ///
 /// # Errors
 /// [`Error::Parameter`] that names the key.
-pub fn check_size(contours: usize, points: usize) -> Result<(), Error> {
+pub fn mesh_size(contours: usize, points: usize) -> Result<MeshSize, Error> {
     check_count("contours", contours, 3, MAX_CONTOURS)?;
-    check_count("points", points, 3, MAX_POINTS)
+    check_count("points", points, 3, MAX_POINTS)?;
+    Ok(MeshSize::new(contours, points)?)
 }
 
 /// Whether what is to be written into a picture fits into it.
@@ -330,15 +330,12 @@ pub fn picture_size(width: u32, height: u32) -> Result<FrameSize, Error> {
     Ok(size)
 }
 
-/// The window that is asked for, or that of the case.
+/// The window of a centre and a width.
 ///
 /// # Errors
 /// [`Error::Parameter`] that names `window`.
-pub fn window_or(asked: Option<Numbers<2>>, default: Window) -> Result<Window, Error> {
-    match asked {
-        Some(Numbers([centre, width])) => Ok(Window::new(centre, width)?),
-        None => Ok(default),
-    }
+pub fn window_of_numbers(Numbers([centre, width]): Numbers<2>) -> Result<Window, Error> {
+    Ok(Window::new(centre, width)?)
 }
 
 /// The case's own window: its ramp runs over the interval that the facts hold.

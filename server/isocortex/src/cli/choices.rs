@@ -166,7 +166,7 @@ pub(super) fn map() -> impl TypedValueParser<Value = MapName> {
     ])
 }
 
-/// What is behind the brain.
+/// The background.
 pub(super) fn background() -> impl TypedValueParser<Value = Background> {
     one_of(&[
         (Background::Black, "black", "Opaque black"),

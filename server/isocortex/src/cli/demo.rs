@@ -48,7 +48,7 @@ pub(super) struct DemoArgs {
         requires = "volume"
     )]
     mask: Option<PathBuf>,
-    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    /// The file with the weights for brain extraction. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     network: Option<PathBuf>,
     /// Whether a GPU may draw. [default: auto]

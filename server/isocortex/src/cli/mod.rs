@@ -50,7 +50,7 @@ Exit status:
 /// Isocortex prepares an MR volume once, and then shows the cut at any depth in milliseconds: in the browser, over
 /// HTTP, or as PNG.
 #[derive(Debug, Parser)]
-#[command(name = "isocortex", version, after_help = format!("{EXAMPLES}\n\n{}", render::RESEARCH_USE_NOTICE), arg_required_else_help = true)]
+#[command(name = "isocortex", version, after_help = format!("{EXAMPLES}\n\n{}", ::render::RESEARCH_USE_NOTICE), arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

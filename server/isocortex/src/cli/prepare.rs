@@ -14,7 +14,7 @@ use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, case_file, check_output, read_input, write_output};
 use case::{CaseFacts, CaseId, CaseState, Parameters};
 use cases::Library;
-use cases::dicom::{Choice, DicomReader, Options, Program};
+use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
 use pipeline::{Limits, Pipeline, Prepared, Source};
 use storage::Store;
@@ -87,14 +87,18 @@ pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Sou
     };
     let reader = DicomReader::new(Program::default(), Limits::default(), MAX_DICOM_BYTES);
     let scratch = std::env::temp_dir();
-    let reading = reader.read(volume, &chosen, &scratch).await?;
+    let reading = reader.read(Input::Path(volume), &chosen, &scratch).await?;
     tell(&reading.choice);
     Ok(Source {
-        volume: reading.volume,
+        volume: reading.volume().await.map_err(internal)?,
         mask,
         dicom: Some(reading.attributes),
         ..Source::default()
     })
+}
+
+fn internal(error: std::io::Error) -> CliError {
+    CliError::new(ExitStatus::Internal, error)
 }
 
 /// The first bytes of an input, which identify it; empty for a folder.

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use case::{CaseId, MapName};
 use cases::models::{Models, PathKind};
 use cases::pictures::{
-    GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
-    backend_for, encode, window_of,
+    CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob,
+    PictureRequest, backend_for, encode, warm_job,
 };
 use cases::{ConcurrencyLimit, Error, Library, Preparation};
 use clap::Args;
 use pipeline::Limits;
 use render::choice::Renderer;
-use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
+use render::{Background, ColorMap, KeyedLayers, NamedView};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
@@ -136,7 +136,7 @@ struct PictureArgs {
 }
 
 impl PictureArgs {
-    fn request(&self) -> Result<PictureRequest, Error> {
+    fn checked(&self) -> Result<CheckedPicture, Error> {
         let request = PictureRequest {
             depth_mm: self.depth,
             view: self.view,
@@ -162,29 +162,28 @@ impl PictureArgs {
             overlay_threshold: self.overlay_threshold,
             overlay_opacity: self.overlay_opacity,
         };
-        request.check()?;
-        Ok(request)
+        request.checked()
     }
 }
 
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
-    let query = args.picture.request()?;
+    let picture = args.picture.checked()?;
     check_output(&args.output)?;
-    let picture = super::block_on(async {
+    let png = super::block_on(async {
         // The search runs while the case is read; splatting needs no GPU.
-        let use_of = if query.renderer == Renderer::Splat {
+        let use_of = if picture.asked.renderer == Renderer::Splat {
             GpuUse::Off
         } else {
             args.gpu
         };
         let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
         match case_id(&args.input) {
-            Some(id) => of_case(args, id, &query, &graphics).await,
-            None => of_file(args, &query, &graphics).await,
+            Some(id) => of_case(args, id, &picture, &graphics).await,
+            None => of_file(args, &picture, &graphics).await,
         }
     })?;
-    write_output(&args.output, &picture)
+    write_output(&args.output, &png)
 }
 
 /// The id of a case, unless there is a file with that name.
@@ -196,7 +195,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn of_case(
     args: &RenderArgs,
     id: CaseId,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
@@ -209,7 +208,7 @@ async fn of_case(
         return Err(CliError::new(ExitStatus::NoInput, message));
     }
     let store = Store::open(&data).await?;
-    let choice = query.layers();
+    let choice = picture.asked.layers();
     let library = if choice.is_any() {
         Library::with_maps(store, Preparation::default(), Limits::default(), u64::MAX)
     } else {
@@ -227,47 +226,28 @@ async fn of_case(
     } else {
         KeyedLayers::default()
     };
-    let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = model.shrink(size, query.paths, depth_mm).await;
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
-    } else {
-        None
-    };
-    let job = RenderJob {
-        case: model.keyed(),
-        request: query.at(depth_mm, choice.window_or(window_of(&model.facts)))?,
-        mesh,
-        layers,
-    };
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let job = warm_job(&model, picture, layers, backend).await?;
     let case = library.store().case(&id).await?;
-    let named = case.filter(|_| query.annotate).map(|case| case.identity());
-    let metadata = ImageMetadata::of(Some(&id), &job).named(named);
-    drawn(job, backend, metadata, query).await
+    let is_named = picture.asked.annotate;
+    let named = case.filter(|_| is_named).map(|case| case.identity());
+    let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
+    drawn(job, metadata, is_named).await
 }
 
 async fn drawn(
-    job: RenderJob,
-    backend: RenderBackend,
+    job: PictureJob,
     metadata: ImageMetadata,
-    query: &PictureRequest,
+    annotate: bool,
 ) -> Result<Vec<u8>, CliError> {
-    let picture = PictureJob {
-        job,
-        asked: query.renderer,
-        backend,
-    };
     let turn = ConcurrencyLimit::new(1, 0).turn().await?;
-    let drawn = picture.draw(&turn).await?;
-    Ok(encode(drawn, &metadata, query.annotate)?.png)
+    let drawn = job.draw(&turn).await?;
+    Ok(encode(drawn, &metadata, annotate)?.png)
 }
 
 async fn of_file(
     args: &RenderArgs,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let is_case = head_of(&args.input)?.starts_with(case_file::MAGIC);
@@ -282,28 +262,19 @@ async fn of_file(
             &args.options.pipeline()?,
         )?)
     };
-    let choice = query.layers();
+    let choice = picture.asked.layers();
     let layers = if choice.is_any() {
         choice.of_maps(&case.maps()?)?
     } else {
         KeyedLayers::default()
     };
-    let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = case.shrink(size, query.paths, depth_mm);
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
-    } else {
-        None
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let shrink = async |depth_mm| {
+        let shrunk = case.shrink(picture.mesh, picture.asked.paths, depth_mm);
+        Ok(shrunk?)
     };
-    let job = RenderJob {
-        case: case.keyed(),
-        request: query.at(depth_mm, choice.window_or(window_of(&case.facts)))?,
-        mesh,
-        layers,
-    };
-    let metadata = ImageMetadata::of(None, &job);
-    drawn(job, backend, metadata, query).await
+    let job = picture.job(case.keyed(), &case.facts, layers, backend, shrink);
+    let job = job.await?;
+    let metadata = ImageMetadata::of(None, &job.job);
+    drawn(job, metadata, picture.asked.annotate).await
 }

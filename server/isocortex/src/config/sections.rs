@@ -86,7 +86,7 @@ pub struct Limits {
     pub max_voxel_ratio: f64,
     /// Cases that may wait to be prepared.
     pub max_queued_cases: usize,
-    /// Pictures that may wait to be drawn.
+    /// Pictures, meshes and checks of uploads that may wait.
     pub max_queued_renders: usize,
     /// Whether to compute the maps of the junction of grey and white matter.
     pub maps: MapsUse,
@@ -147,7 +147,7 @@ impl Default for Prepare {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Render {
-    /// Threads that render.
+    /// Pictures, meshes and checks of uploads that are computed at a time.
     pub threads: usize,
     /// Whether a GPU may draw.
     pub gpu: GpuUse,

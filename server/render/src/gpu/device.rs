@@ -59,7 +59,7 @@ impl OpenDevice {
             } else {
                 Texels::Half
             },
-            is_multisampled: multisamples(super::target::DEPTH),
+            is_multisampled: multisamples(super::formats::DEPTH),
             max_side_3d: limits.max_texture_dimension_3d,
             device,
             queue,

@@ -14,6 +14,9 @@ mod cache;
 mod case;
 mod device;
 mod error;
+#[cfg(any(test, feature = "faults"))]
+mod fault;
+mod formats;
 mod gradients;
 mod job;
 mod layer;
@@ -33,8 +36,8 @@ mod worker;
 
 pub use adapter::AdapterSummary;
 pub use error::GpuError;
-pub use job::{CaseKey, GpuJob, GpuSurface, KeyedModel};
 #[cfg(any(test, feature = "faults"))]
-pub use pool::Fault;
+pub use fault::Fault;
+pub use job::{CaseKey, GpuJob, GpuSurface, KeyedModel};
 pub use pool::{GpuOptions, GpuPool, GpuTicket};
 pub use shaders::{PAGE_SHADERS, PageShader, PageStage};

@@ -8,8 +8,8 @@ use wgpu::{
 
 use super::case::CaseViews;
 use super::device::OpenDevice;
+use super::formats::{COLOR, DEPTH, HEIGHT, SAMPLES};
 use super::shaders;
-use super::target::{COLOR, DEPTH, HEIGHT, SAMPLES};
 
 /// The kind of a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -10,6 +10,8 @@ use std::thread::JoinHandle;
 use futures_channel::oneshot;
 
 use super::adapter::Adapter;
+#[cfg(any(test, feature = "faults"))]
+use super::fault::Fault;
 use super::renderer::GpuLimits;
 use super::worker::GpuWorker;
 use super::{AdapterSummary, GpuError, GpuJob};
@@ -56,18 +58,6 @@ enum Task {
     Hits(GpuJob, Reply<Hits>),
     #[cfg(any(test, feature = "faults"))]
     Break(Fault),
-}
-
-/// A simulated fault of a graphics device.
-#[cfg(any(test, feature = "faults"))]
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
-    /// It is lost.
-    Loss,
-    /// It has no memory for this many attempts at a picture.
-    OutOfMemory(u32),
-    /// Its thread panics at the next picture.
-    Panic,
 }
 
 /// A future of a queued picture. The picture is not drawn if the ticket is dropped before its turn.

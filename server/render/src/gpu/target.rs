@@ -6,25 +6,14 @@ use std::time::Duration;
 use wgpu::{
     BindGroup, Buffer, BufferDescriptor, BufferUsages, Color, CommandEncoder, LoadOp, Operations,
     RenderPass, RenderPassColorAttachment, RenderPassDepthStencilAttachment, StoreOp, Texture,
-    TextureDescriptor, TextureFormat, TextureUsages, TextureView,
+    TextureDescriptor, TextureUsages, TextureView,
 };
 
 use super::GpuError;
 use super::device::OpenDevice;
+use super::formats::{COLOR, DEPTH, HEIGHT, SAMPLES};
 use super::pipelines::Pipelines;
 use crate::FrameSize;
-
-/// Colours, times how much of the pixel is covered: alpha.
-pub(super) const COLOR: TextureFormat = TextureFormat::Rgba8Unorm;
-
-/// Heights in mm; far below every height where nothing is.
-pub(super) const HEIGHT: TextureFormat = TextureFormat::R32Float;
-
-/// Samples of a pixel of the mesh's depth buffer, where they are offered: `SAMPLES` in `multisampled.wgsl`.
-pub(super) const SAMPLES: u32 = 4;
-
-/// What is nearer to the viewer.
-pub(super) const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 
 /// Below every height: `MISS` in `trace.wgsl`.
 pub(super) const MISS: f32 = -1e30;

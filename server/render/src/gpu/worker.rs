@@ -65,12 +65,12 @@ impl GpuWorker {
 
     /// Breaks the device.
     #[cfg(any(test, feature = "faults"))]
-    pub(super) fn meet(&mut self, fault: super::pool::Fault) {
+    pub(super) fn meet(&mut self, fault: super::fault::Fault) {
         match (fault, &self.renderer) {
-            (super::pool::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
-            (super::pool::Fault::Panic, _) => self.panics = true,
-            (super::pool::Fault::Loss, Some(renderer)) => renderer.open.device.destroy(),
-            (super::pool::Fault::Loss, None) => {}
+            (super::fault::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
+            (super::fault::Fault::Panic, _) => self.panics = true,
+            (super::fault::Fault::Loss, Some(renderer)) => renderer.open.device.destroy(),
+            (super::fault::Fault::Loss, None) => {}
         }
     }
 

@@ -5,44 +5,23 @@
 //! 3. Here: a pixel shows the mean of its samples on the nearest piece of the surface, and missing samples make its
 //!    edge soft. The graphics devices do the same (`shaders/resolve.wgsl`).
 
+mod facets;
 mod raster;
 mod triangle;
 
-use geometry::{MeshSize, ShrunkMesh};
-
 use crate::isosurface::Isosurface;
+use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::settle::settled;
-use crate::surface::{self, PointRow, Surface, working_rays};
+use crate::surface::{self, Surface, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene, Wanted};
 use raster::Heights;
 use triangle::{Samples, Triangles};
 
-/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep
-/// angle.
+pub use facets::Facets;
+
+/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
 const PIECE_PIXELS: f64 = 8.0;
-
-/// A mesh to draw: its size and its vertices.
-#[derive(Debug, Clone, Copy)]
-pub struct Facets<'a> {
-    size: MeshSize,
-    mesh: &'a ShrunkMesh,
-}
-
-impl<'a> Facets<'a> {
-    /// The facets of `mesh`, which has the size `size`.
-    ///
-    /// # Panics
-    /// If the number of vertices does not match.
-    pub fn new(size: MeshSize, mesh: &'a ShrunkMesh) -> Self {
-        assert_eq!(
-            mesh.positions_in_patient.len(),
-            size.vertex_count(),
-            "the vertices of a mesh of this size"
-        );
-        Self { size, mesh }
-    }
-}
 
 /// Draws the facets of a mesh in the formats of [`crate::draw_splat`], with soft edges.
 ///
@@ -118,7 +97,7 @@ impl Surface for DrawnMesh<'_> {
 
 #[cfg(test)]
 mod tests {
-    use geometry::{BuiltModel, Grid, PathTable, Paths, phantom};
+    use geometry::{BuiltModel, Grid, MeshSize, PathTable, Paths, phantom};
     use glam::DVec3;
 
     use super::*;

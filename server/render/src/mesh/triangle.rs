@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::{DAffine3, DVec3};
 
-use super::Facets;
+use super::facets::Facets;
 use crate::Projection;
 
 /// Steps of a fixed-point coordinate in a pixel, as on graphics devices.

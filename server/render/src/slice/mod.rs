@@ -103,7 +103,7 @@ pub struct SliceParameters {
     pub pan_mm: [f64; 2],
     /// Size of the picture.
     pub size: FrameSize,
-    /// Which intensities are black and white.
+    /// The display window.
     pub window: Window,
     /// Colours for brightness.
     pub colormap: ColorMap,
@@ -161,7 +161,21 @@ impl SliceRequest {
         Ok(Self { parameters, camera })
     }
 
-    /// The parameters, which are right.
+    /// The same of another plane, at a place of a case within ±10,000 mm, through a window.
+    #[must_use]
+    pub fn shown(self, plane: SlicePlane, position_mm: f64, window: Window) -> Self {
+        Self {
+            camera: self.camera.turned_to(plane.view()),
+            parameters: SliceParameters {
+                plane,
+                position_mm: position_mm.clamp(-1e4, 1e4),
+                window,
+                ..self.parameters
+            },
+        }
+    }
+
+    /// The checked parameters.
     pub fn parameters(&self) -> &SliceParameters {
         &self.parameters
     }

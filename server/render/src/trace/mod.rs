@@ -9,9 +9,10 @@ mod march;
 use std::ops::Range;
 
 use crate::isosurface::Isosurface;
+use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::seeds::{Lattice, Seeds};
-use crate::surface::{self, PointRow, Surface, Wanted, working_rays};
+use crate::surface::{self, Surface, Wanted, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 use march::{Sight, first_hits};
 

@@ -10,8 +10,8 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use case::CandidateFacts;
@@ -42,8 +42,10 @@ fn default_limit() -> usize {
     20
 }
 
-impl Checked for CandidatesQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for CandidatesQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
         Ok(check_count("limit", self.limit, 1, MAX_CANDIDATES)?)
     }
 }
@@ -73,7 +75,7 @@ pub struct CandidateList {
 pub async fn get_candidates(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<CandidatesQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<CandidatesQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let kind = media_type(&request, &[JSON, CSV])?;
@@ -83,7 +85,7 @@ pub async fn get_candidates(
         query: &query,
         request: &request,
     };
-    let form = Form::of(kind)
+    let format = Format::of(kind)
         .variant(format!("{kind} {MAPS_FORMAT}"))
         .revalidated();
     let work = async |_| {
@@ -96,7 +98,7 @@ pub async fn get_candidates(
         };
         Ok(Bytes::from(body).into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
@@ -133,8 +135,10 @@ pub struct ProfileQuery {
     position: Numbers<3>,
 }
 
-impl Checked for ProfileQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for ProfileQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
         if self.position.0.iter().any(|along| along.abs() > 1e4) {
             let detail = "must be within -10000 to 10000 mm along each axis";
             return Err(AppError::out_of_range("position", detail));
@@ -163,7 +167,7 @@ impl Checked for ProfileQuery {
 pub async fn get_profile(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<ProfileQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<ProfileQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let kind = media_type(&request, &[JSON, CSV])?;
@@ -181,7 +185,7 @@ pub async fn get_profile(
         request: &request,
     };
     let has_maps = maps.is_ok();
-    let form = Form::of(kind)
+    let format = Format::of(kind)
         .variant(format!("{kind} {MAPS_FORMAT} {has_maps}"))
         .revalidated();
     let work = async |_| {
@@ -198,7 +202,7 @@ pub async fn get_profile(
         };
         Ok(Bytes::from(body).into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 /// A row for each sample; what is undefined is empty.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::layers::MapsView;
-use super::query::{ApiQuery, CasePath, Checked, NoQuery};
+use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
 use case::Quality;
 use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, MaskKind};
@@ -379,21 +379,24 @@ pub struct ListQuery {
     limit: usize,
 }
 
-impl Checked for ListQuery {
-    fn check(&self) -> Result<(), AppError> {
-        check_count("limit", self.limit, 1, MAX_PAGE)?;
-        self.cursor().map(drop)
-    }
+/// A part of the list that there can be.
+#[derive(Debug)]
+pub struct ListValues {
+    after: Option<Cursor>,
+    limit: usize,
 }
 
-impl ListQuery {
-    fn cursor(&self) -> Result<Option<Cursor>, AppError> {
-        let Some(after) = &self.after else {
-            return Ok(None);
-        };
-        let cursor = Cursor::parse(after);
+impl Asked for ListQuery {
+    type Values = ListValues;
+
+    fn checked(&self) -> Result<ListValues, AppError> {
+        check_count("limit", self.limit, 1, MAX_PAGE)?;
         let unknown = || AppError::out_of_range("after", "is not the `next` of a page");
-        cursor.ok_or_else(unknown).map(Some)
+        let cursor = |text: &String| Cursor::parse(text).ok_or_else(unknown);
+        Ok(ListValues {
+            after: self.after.as_ref().map(cursor).transpose()?,
+            limit: self.limit,
+        })
     }
 }
 
@@ -417,9 +420,10 @@ pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response 
 )]
 pub async fn list_cases(
     State(cases): State<Cases>,
-    ApiQuery(query): ApiQuery<ListQuery>,
+    query: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let page = cases.store().cases(query.cursor()?, query.limit).await?;
+    let ListValues { after, limit } = query.values;
+    let page = cases.store().cases(after, limit).await?;
     let page = CasePage {
         cases: page.cases.into_iter().map(CaseView::from).collect(),
         next: page.next.map(|cursor| cursor.to_string()),

@@ -9,10 +9,9 @@ use axum::response::Response;
 use axum::routing::get;
 use bytes::Bytes;
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use utoipa::openapi::OpenApi;
 
-use super::query::{ApiQuery, Checked, NoQuery};
+use super::query::{ApiQuery, Asked, NoQuery};
 use crate::conditional::{EntityTag, REVALIDATE, Representation, coding_for};
 use crate::negotiate::Coding;
 use crate::problem::AppError;
@@ -95,14 +94,16 @@ enum PageRenderer {
     Server,
 }
 
-impl Checked for PageQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for PageQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
         Ok(())
     }
 }
 
 /// The handler of a document.
-fn answering<Query: DeserializeOwned + Checked>(
+fn answering<Query: Asked>(
     document: Arc<Document>,
 ) -> impl Fn(ApiQuery<Query>, HeaderMap) -> Ready<Result<Response, AppError>>
 + Clone

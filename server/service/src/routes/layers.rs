@@ -14,7 +14,7 @@ use super::cases::fresh_json;
 use super::masks::GZIP;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use super::textures::{MEDIA_TYPE, layout};
-use crate::conditional::{self, Content, Form, Question};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use crate::wire;
@@ -203,7 +203,7 @@ pub async fn get_layer_volume(
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let name = layer_of(&path)?;
@@ -214,10 +214,10 @@ pub async fn get_layer_volume(
         query: &query,
         request: &request,
     };
-    let form = Form::compressed(MEDIA_TYPE, &request)
+    let format = Format::compressed(MEDIA_TYPE, &request)
         .variant(variant(name))
         .revalidated();
-    let coding = form.coding();
+    let coding = format.coding();
     let work = async |_| {
         let maps = maps_of(&cases.library, &id).await?;
         let texture = wire::layer_texture(maps.grid(), maps.layer(name));
@@ -236,7 +236,7 @@ pub async fn get_layer_volume(
             ..body.into()
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 /// What distinguishes answers with one version of a map from those with another.
@@ -267,7 +267,7 @@ pub async fn get_layer_nifti(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let name = layer_of(&path)?;
@@ -278,7 +278,7 @@ pub async fn get_layer_nifti(
         query: &query,
         request: &request,
     };
-    let form = Form::of(GZIP).variant(variant(name)).revalidated();
+    let format = Format::of(GZIP).variant(variant(name)).revalidated();
     let work = async |_| {
         let maps = maps_of(&cases.library, &id).await?;
         let file = cases.queue.run(move || nifti(&maps, name)).await??;
@@ -290,7 +290,7 @@ pub async fn get_layer_nifti(
             ..Bytes::from(file).into()
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 fn nifti(maps: &Arc<LoadedMaps>, name: MapName) -> Result<Vec<u8>, Error> {

@@ -7,21 +7,17 @@ use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use bytes::Bytes;
 use cases::{Cases, Error};
-use futures_util::StreamExt as _;
 use geometry::Mask;
 use render::Scene;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::cases::CaseView;
-use super::query::{ApiQuery, CasePath, Checked, NoQuery};
+use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::render::PNG;
-use super::upload::{
-    PartLimits, check_now, is_form, is_known, refuse_too_large, submitted, too_slow,
-};
-use crate::conditional::{self, Content, Form, Question};
+use super::upload::{Incoming, is_form, refuse_too_large, submitted};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::media_type;
-use crate::pace::is_too_slow;
 use crate::problem::{AppError, Problem};
 use crate::state::Uploads;
 use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
@@ -54,7 +50,7 @@ pub(super) const GZIP: &str = "application/gzip";
 pub async fn get_mask(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let wanted = Wanted {
@@ -62,7 +58,7 @@ pub async fn get_mask(
         kinds: &[ObjectKind::Mask],
         decode: |bytes| Some(decode_brain(bytes)?.mask().clone()),
     };
-    answer(&cases, id, query, &request, wanted).await
+    answer(&cases, id, query.asked, &request, wanted).await
 }
 
 /// The envelope on the working grid
@@ -84,7 +80,7 @@ pub async fn get_mask(
 pub async fn get_envelope(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let wanted = Wanted {
@@ -92,7 +88,7 @@ pub async fn get_envelope(
         kinds: &[ObjectKind::Envelope],
         decode: |bytes| Some(decode_envelope(bytes)?.mask().clone()),
     };
-    answer(&cases, id, query, &request, wanted).await
+    answer(&cases, id, query.asked, &request, wanted).await
 }
 
 /// Which mask is asked for.
@@ -135,7 +131,7 @@ async fn answer(
             ..Bytes::from(file.ok_or(Error::NoSuchCase)?).into()
         })
     };
-    question.answer(cases, Form::of(GZIP), work).await
+    question.answer(cases, Format::of(GZIP), work).await
 }
 
 /// How a version differs from its case.
@@ -161,9 +157,13 @@ pub struct VersionQuery {
     offset_mm: Option<f64>,
 }
 
-impl Checked for VersionQuery {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(self.over(Parameters::default()).check()?)
+impl Asked for VersionQuery {
+    /// The same: what is not given is the case's, so that the parameters are whole only with the case.
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
+        self.over(Parameters::default()).check()?;
+        Ok(*self)
     }
 }
 
@@ -182,13 +182,9 @@ impl VersionQuery {
         }
     }
 
-    /// The version of a case whose parameters these are, with a mask or none in the body.
-    fn version(
-        &self,
-        of: CaseId,
-        case: Parameters,
-        body: Option<Spooled>,
-    ) -> Result<Version, AppError> {
+    /// The version of a case whose parameters these are, with a mask in the body if that is not empty.
+    fn version(&self, of: CaseId, case: Parameters, body: Spooled) -> Result<Version, AppError> {
+        let body = Some(body).filter(|body| !body.is_empty());
         let (mask, base) = match (body, self.source) {
             (Some(_), Some(_)) => {
                 let detail = "is for an empty body: the mask in the body is the source";
@@ -240,7 +236,7 @@ pub async fn put_mask(
     State(cases): State<Cases>,
     State(uploads): State<Uploads>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<VersionQuery>,
+    query: ApiQuery<VersionQuery>,
     request: Request,
 ) -> Result<Response, AppError> {
     if is_form(request.headers()) {
@@ -252,62 +248,10 @@ pub async fn put_mask(
     refuse_too_large(request.headers(), uploads.limits.max_bytes)?;
     let _room = uploads.begin()?;
     let case = cases.case(&id).await?;
-    let body = spool_body(&cases, &uploads, request).await?;
-    let mut version = query.version(id, case.parameters, body)?;
-    version.parameters = check_version(&cases, &version).await?;
-    let made = cases.store().submit_version(version).await?;
-    Ok(submitted(made.ok_or(Error::NoSuchCase)?, None))
-}
-
-/// Streams the body to the store's disk; `None` where it is empty.
-async fn spool_body(
-    cases: &Cases,
-    uploads: &Uploads,
-    request: Request,
-) -> Result<Option<Spooled>, AppError> {
-    let limits = PartLimits::of(uploads);
-    let mut body = request.into_body().into_data_stream();
-    let mut spool = cases.store().spool().await?;
-    while let Some(bytes) = limits.await_next(body.next()).await? {
-        let bytes = bytes.map_err(|error| match is_too_slow(&error) {
-            true => too_slow(),
-            false => AppError::Upload {
-                kind: "body-unreadable",
-                detail: "the body cannot be read; was the upload cut off?".to_owned(),
-            },
-        })?;
-        if spool.len() + bytes.len() as u64 > limits.bytes {
-            return Err(limits.too_large());
-        }
-        uploads.metrics.uploaded(bytes.len());
-        spool.write(bytes).await?;
-    }
-    if spool.is_empty() {
-        return Ok(None);
-    }
-    Ok(Some(spool.finish().await?))
-}
-
-/// Refuses at once what cannot be prepared, as at an upload; the parameters with which the version will be prepared.
-async fn check_version(cases: &Cases, version: &Version) -> Result<Parameters, AppError> {
-    let names = cases.store().rows().objects(&version.of).await?;
-    let Some(id) = version.id(&names) else {
-        return Err(Error::NoSuchCase.into());
-    };
-    let parameters = version.parameters.clone();
-    if is_known(cases, &id).await? {
-        return Ok(parameters);
-    }
-    let source = cases.library.source(&version.of, &names).await?;
-    let mut source = source.ok_or_else(Failure::source_damaged)?;
-    match &version.mask {
-        NewMask::Supplied(file) => source.mask = Some(file.read().await?),
-        NewMask::None => source.mask = None,
-        NewMask::Kept => {}
-    }
-    let start = source.volume.slice(..source.volume.len().min(64 << 10));
-    let _room = cases.room_to_check(&start).await?;
-    check_now(cases, source, parameters).await
+    let body = Incoming::begin(cases.store(), &uploads);
+    let body = body.spool(request.into_body().into_data_stream()).await?;
+    let version = query.values.version(id, case.parameters, body)?;
+    Ok(submitted(cases.submit_version(version).await?, None))
 }
 
 /// Nine slices to judge the mask by
@@ -330,14 +274,14 @@ async fn check_version(cases: &Cases, version: &Version) -> Result<Parameters, A
 pub async fn get_quality(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let question = Question {
         id,
         route: "quality",
-        query: &query,
+        query: &query.asked,
         request: &request,
     };
     let work = async |facts: Arc<CaseFacts>| {
@@ -361,7 +305,7 @@ pub async fn get_quality(
         };
         Ok(Bytes::from(turn.run(draw).await??).into())
     };
-    question.answer(&cases, Form::of(PNG), work).await
+    question.answer(&cases, Format::of(PNG), work).await
 }
 
 /// What the sheet says of the mask.

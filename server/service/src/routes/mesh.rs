@@ -13,15 +13,15 @@ use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::depth_headers;
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{Content, Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use crate::wire;
 use case::CaseFacts;
 use cases::Cases;
 use cases::models::PathKind;
-use cases::pictures::{check_depth, check_size, default_count};
+use cases::pictures::{DepthMm, default_count, mesh_size};
 
 const POSITIONS: &str = "application/octet-stream";
 const GLTF: &str = "model/gltf-binary";
@@ -92,27 +92,42 @@ pub struct PathsQuery {
     paths: PathKind,
 }
 
-impl Checked for MeshQuery {
-    fn check(&self) -> Result<(), AppError> {
-        check_depth(self.depth_mm)?;
-        Ok(check_size(self.contours, self.points)?)
+/// A mesh at a depth that can be asked for.
+#[derive(Debug)]
+pub struct MeshValues {
+    depth: DepthMm,
+    size: MeshSize,
+}
+
+impl Asked for MeshQuery {
+    type Values = MeshValues;
+
+    fn checked(&self) -> Result<MeshValues, AppError> {
+        Ok(MeshValues {
+            depth: DepthMm::new(self.depth_mm)?,
+            size: mesh_size(self.contours, self.points)?,
+        })
     }
 }
 
-impl Checked for TrianglesQuery {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(check_size(self.contours, self.points)?)
+impl Asked for TrianglesQuery {
+    type Values = MeshSize;
+
+    fn checked(&self) -> Result<MeshSize, AppError> {
+        Ok(mesh_size(self.contours, self.points)?)
     }
 }
 
-impl Checked for PathsQuery {
-    fn check(&self) -> Result<(), AppError> {
-        check_size(self.contours, self.points)?;
+impl Asked for PathsQuery {
+    type Values = MeshSize;
+
+    fn checked(&self) -> Result<MeshSize, AppError> {
+        let size = mesh_size(self.contours, self.points)?;
         if self.contours * self.points > MAX_TABULATED_POINTS {
             let detail = format!("times `points` must be at most {MAX_TABULATED_POINTS} here");
             return Err(AppError::out_of_range("contours", detail));
         }
-        Ok(())
+        Ok(size)
     }
 }
 
@@ -143,21 +158,21 @@ impl Checked for PathsQuery {
 pub async fn get_mesh(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<MeshQuery>,
+    ApiQuery { asked, values }: ApiQuery<MeshQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let format = media_type(&request, MESH_TYPES)?;
     let question = Question {
         id,
         route: "mesh",
-        query: &query,
+        query: &asked,
         request: &request,
     };
     let work = async |facts: Arc<CaseFacts>| {
-        let size = MeshSize::new(query.contours, query.points)?;
+        let (size, depth) = (values.size, values.depth.shown_in(&facts));
         let model = cases.model(&id).await?;
-        let shrunk = model.shrink(size, query.paths, query.depth_mm.min(facts.max_depth_mm));
-        let body = if format == POSITIONS && model.has_at_hand(size, query.paths) {
+        let shrunk = model.shrink(size, asked.paths, depth.mm);
+        let body = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // Microseconds: that is no work to wait a turn for.
             wire::positions(&shrunk.await?)
         } else {
@@ -166,11 +181,11 @@ pub async fn get_mesh(
             turn.run(move || encode(&shrunk, size, format)).await?
         };
         Ok(Content {
-            headers: depth_headers(query.depth_mm, facts.max_depth_mm),
+            headers: depth_headers(depth),
             ..body.into()
         })
     };
-    question.answer(&cases, Form::of(format), work).await
+    question.answer(&cases, Format::of(format), work).await
 }
 
 fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
@@ -209,27 +224,29 @@ pub async fn get_triangles(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<TrianglesQuery>,
+    ApiQuery {
+        asked,
+        values: size,
+    }: ApiQuery<TrianglesQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[POSITIONS])?;
     let question = Question {
         id,
         route: "mesh/triangles",
-        query: &query,
+        query: &asked,
         request: &request,
     };
-    let form = Form::compressed(POSITIONS, &request);
-    let coding = form.coding();
+    let format = Format::compressed(POSITIONS, &request);
+    let coding = format.coding();
     let work = async |_| {
-        let size = MeshSize::new(query.contours, query.points)?;
         let kind = BodyKind::Triangles(size);
         let encode = |size: MeshSize| wire::triangles(&size.triangles());
         let size = ready(Ok::<_, AppError>(size));
         let body = bodies.get(BodyKey { id, kind, coding }, size, encode);
         Ok(body.await?.into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 /// The mesh at every depth
@@ -251,7 +268,10 @@ pub async fn get_paths(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<PathsQuery>,
+    ApiQuery {
+        asked,
+        values: size,
+    }: ApiQuery<PathsQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     const PATHS: &str = "application/vnd.isocortex.paths";
@@ -259,13 +279,13 @@ pub async fn get_paths(
     let question = Question {
         id,
         route: "mesh/paths",
-        query: &query,
+        query: &asked,
         request: &request,
     };
-    let form = Form::compressed(PATHS, &request);
-    let coding = form.coding();
+    let format = Format::compressed(PATHS, &request);
+    let coding = format.coding();
     let work = async |_| {
-        let (size, paths) = (MeshSize::new(query.contours, query.points)?, query.paths);
+        let paths = asked.paths;
         let model = cases.model(&id).await?;
         let kind = BodyKind::Paths(size, paths);
         let encode = move |table: Arc<PathTable>| wire::paths(&table, paths);
@@ -273,5 +293,5 @@ pub async fn get_paths(
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
         Ok(body.await?.into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }

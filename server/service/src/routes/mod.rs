@@ -29,6 +29,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use ::cases::Cases;
+use ::cases::pictures::ShownDepth;
 use ::render::RESEARCH_USE_NOTICE;
 use case::CaseId;
 
@@ -177,23 +178,17 @@ async fn say_quality(
 }
 
 /// Says at which depth an answer is, and whether more was asked for.
-pub(crate) fn depth_headers(asked_mm: f32, max_depth_mm: f32) -> HeaderMap {
-    let depth_mm = asked_mm.min(max_depth_mm);
+pub(crate) fn depth_headers(depth: ShownDepth) -> HeaderMap {
     let mut headers = HeaderMap::new();
     conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-mm"),
-        &depth_mm.to_string(),
+        &depth.mm.to_string(),
     );
-    let clamped = if asked_mm > max_depth_mm {
-        "true"
-    } else {
-        "false"
-    };
     conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-clamped"),
-        clamped,
+        &depth.is_clamped.to_string(),
     );
     headers
 }

@@ -8,22 +8,25 @@ use axum::response::Response;
 use case::CaseFacts;
 use cases::Cases;
 use cases::pictures::{
-    EncodedImage, ImageMetadata, LayerChoice, PictureRequest, backend_for, encode,
+    CheckedPicture, EncodedImage, ImageMetadata, LayerChoice, PictureRequest, backend_for, encode,
+    warm_job,
 };
 use pipeline::maps::MAPS_FORMAT;
 
 use super::depth_headers;
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{self, Content, Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
 
-impl Checked for PictureRequest {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(PictureRequest::check(self)?)
+impl Asked for PictureRequest {
+    type Values = CheckedPicture;
+
+    fn checked(&self) -> Result<CheckedPicture, AppError> {
+        Ok(PictureRequest::checked(self)?)
     }
 }
 
@@ -50,34 +53,38 @@ impl Checked for PictureRequest {
 pub async fn get_render(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<PictureRequest>,
+    ApiQuery {
+        asked,
+        values: picture,
+    }: ApiQuery<PictureRequest>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let question = Question {
         id,
         route: "render",
-        query: &query,
+        query: &asked,
         request: &request,
     };
     // Before the backend: looking for a graphics device may take seconds, and a case that is not there none.
     cases.ready(&id).await?;
-    let backend = backend_for(query.renderer, &cases.graphics).await;
+    let backend = backend_for(asked.renderer, &cases.graphics).await;
     // Renderers differ in their pixels, and graphics devices, too.
-    let layers = query.layers();
-    let named = cases.identity(&id, query.annotate).await?;
-    let form = form_with_layers(backend.to_string(), &layers).named(named.clone());
+    let layers = asked.layers();
+    let named = cases.identity(&id, asked.annotate).await?;
+    let format = format_with_layers(backend.to_string(), &layers).named(named.clone());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
-        let picture = cases.picture_job(&model, &query, backend).await?;
-        let metadata = ImageMetadata::of(Some(&id), &picture.job).named(named);
-        let drawn = picture.draw(&turn).await?;
-        let annotate = query.annotate;
+        let keyed = layers.of_case(&cases.library, &id).await?;
+        let job = warm_job(&model, &picture, keyed, backend).await?;
+        let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
+        let drawn = job.draw(&turn).await?;
+        let annotate = asked.annotate;
         let image = turn
             .run(move || encode(drawn, &metadata, annotate))
             .await??;
-        let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
+        let mut headers = depth_headers(picture.depth.shown_in(&facts));
         describe(&image, &mut headers);
         Ok(Content {
             variant: Some(with_maps_format(image.backend.to_string(), &layers)),
@@ -85,16 +92,16 @@ pub async fn get_render(
             headers,
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
-/// The form of a picture: one with layers is to be asked for again, for maps may come in another version.
-pub(super) fn form_with_layers(variant: String, layers: &LayerChoice) -> Form {
-    let form = Form::of(PNG).variant(with_maps_format(variant, layers));
+/// The format of a picture: one with layers is to be asked for again, for maps may come in another version.
+pub(super) fn format_with_layers(variant: String, layers: &LayerChoice) -> Format {
+    let format = Format::of(PNG).variant(with_maps_format(variant, layers));
     if layers.is_any() {
-        form.revalidated()
+        format.revalidated()
     } else {
-        form
+        format
     }
 }
 

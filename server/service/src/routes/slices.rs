@@ -6,12 +6,12 @@ use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use render::{ColorMap, KeyedLayers, SliceParameters, SlicePlane, SliceRequest};
+use render::{ColorMap, KeyedLayers, SliceParameters, SlicePlane, SliceRequest, Window};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::query::{ApiQuery, CasePath, Checked};
-use super::render::{PNG, form_with_layers};
+use super::query::{ApiQuery, Asked, CasePath};
+use super::render::{PNG, format_with_layers};
 use crate::conditional::Question;
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
@@ -19,8 +19,8 @@ use case::{CaseFacts, MapName};
 use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::{
-    LayerChoice, NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size,
-    window_of, window_or,
+    DepthMm, LayerChoice, NumberList, Numbers, check_annotation, default_side, default_zoom,
+    picture_size, window_of, window_of_numbers,
 };
 
 /// A picture of a slice.
@@ -87,28 +87,6 @@ pub struct SliceQuery {
     overlay_opacity: Option<f64>,
 }
 
-impl Checked for SliceQuery {
-    fn check(&self) -> Result<(), AppError> {
-        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
-            return Err(AppError::out_of_range(
-                "position_mm",
-                "must be a finite number of mm",
-            ));
-        }
-        if self.depth_mm.0.iter().any(|&mm| mm < 0.0) {
-            return Err(AppError::Query {
-                kind: "depth-negative",
-                parameter: "depth_mm".into(),
-                detail: "must not be negative: depth is counted inwards from the envelope".into(),
-            });
-        }
-        check_annotation(self.annotate, [self.width, self.height])?;
-        self.layers().check()?;
-        let any_window = render::Window::between(0.0, 1.0);
-        self.request(SlicePlane::Axial, 0.0, any_window).map(drop)
-    }
-}
-
 impl SliceQuery {
     fn layers(&self) -> LayerChoice {
         LayerChoice {
@@ -120,23 +98,63 @@ impl SliceQuery {
             overlay_opacity: self.overlay_opacity,
         }
     }
+}
 
-    fn request(
-        &self,
-        plane: SlicePlane,
-        default_position_mm: f64,
-        default_window: render::Window,
-    ) -> Result<SliceRequest, AppError> {
-        Ok(SliceRequest::new(SliceParameters {
-            plane,
-            position_mm: self.position_mm.unwrap_or(default_position_mm),
+/// A slice that can be asked of every case.
+#[derive(Debug)]
+pub struct SliceValues {
+    /// Where, if not in the middle of the case.
+    position_mm: Option<f64>,
+    /// Through which window, if not that of the layer or the case.
+    window: Option<Window>,
+    /// What lies in it besides intensities.
+    layers: LayerChoice,
+    /// Everything else, of the axial plane through the origin.
+    request: SliceRequest,
+}
+
+impl Asked for SliceQuery {
+    type Values = SliceValues;
+
+    fn checked(&self) -> Result<SliceValues, AppError> {
+        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
+            let detail = "must be a finite number of mm";
+            return Err(AppError::out_of_range("position_mm", detail));
+        }
+        for &depth_mm in &self.depth_mm.0 {
+            DepthMm::check_sign(depth_mm)?;
+        }
+        check_annotation(self.annotate, [self.width, self.height])?;
+        let layers = self.layers();
+        layers.check()?;
+        let window = self.window.map(window_of_numbers).transpose()?;
+        let request = SliceRequest::new(SliceParameters {
+            plane: SlicePlane::Axial,
+            position_mm: self.position_mm.unwrap_or(0.0),
             depths_mm: self.depth_mm.0.clone(),
             zoom: self.zoom,
             pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
             size: picture_size(self.width, self.height)?,
-            window: window_or(self.window, default_window)?,
+            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
             colormap: self.colormap,
-        })?)
+        })?;
+        Ok(SliceValues {
+            position_mm: self.position_mm,
+            window,
+            layers,
+            request,
+        })
+    }
+}
+
+impl SliceValues {
+    /// The slice of a case.
+    fn of_case(self, plane: SlicePlane, facts: &CaseFacts) -> SliceRequest {
+        let middle_mm = || middle_mm(facts, plane.axis());
+        let position_mm = self.position_mm.unwrap_or_else(middle_mm);
+        let usual = || self.layers.window_or(window_of(facts));
+        let window = self.window.unwrap_or_else(usual);
+        self.request.shown(plane, position_mm, window)
     }
 }
 
@@ -169,7 +187,7 @@ pub async fn get_slice(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<SliceQuery>,
+    ApiQuery { asked, values }: ApiQuery<SliceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
@@ -184,25 +202,23 @@ pub async fn get_slice(
     let question = Question {
         id,
         route: "slices",
-        query: &query,
+        query: &asked,
         request: &request,
     };
-    let named = cases.identity(&id, query.annotate).await?;
+    let named = cases.identity(&id, asked.annotate).await?;
+    let choice = values.layers;
     let work = async |facts: Arc<CaseFacts>| {
-        let middle_mm = middle_mm(&facts, plane.axis());
-        let choice = query.layers();
-        let window = choice.window_or(window_of(&facts));
-        let drawing = query.request(plane, middle_mm, window)?;
+        let layers = values.layers.of_case(&cases.library, &id).await?;
+        let slice = values.of_case(plane, &facts);
         let model = cases.model(&id).await?;
-        let layers = choice.of_case(&cases.library, &id).await?;
         let (case, named) = (id.to_string(), named.clone());
         let picture = cases
             .queue
-            .run(move || draw(&model, &layers, (&case, &drawing), named.as_deref()));
+            .run(move || draw(&model, &layers, (&case, &slice), named.as_deref()));
         Ok(Bytes::from(picture.await??).into())
     };
-    let form = form_with_layers(plane.name().to_owned(), &query.layers()).named(named.clone());
-    question.answer(&cases, form, work).await
+    let format = format_with_layers(plane.name().to_owned(), &choice).named(named.clone());
+    question.answer(&cases, format, work).await
 }
 
 /// Draws a slice; `named` is written into it, with all else that an annotation has.

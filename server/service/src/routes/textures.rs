@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{self, Content, Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::wire::{self, Texture, Voxels};
@@ -54,10 +54,12 @@ fn every_voxel() -> usize {
     1
 }
 
-impl Checked for VolumeQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for VolumeQuery {
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
         match self.bits {
-            8 | 16 => Ok(()),
+            8 | 16 => Ok(*self),
             bits => Err(AppError::out_of_range(
                 "bits",
                 format!("is {bits}; it must be 8 or 16"),
@@ -66,9 +68,12 @@ impl Checked for VolumeQuery {
     }
 }
 
-impl Checked for DistanceQuery {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(check_count("step", self.step, 1, MAX_STEP)?)
+impl Asked for DistanceQuery {
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
+        check_count("step", self.step, 1, MAX_STEP)?;
+        Ok(*self)
     }
 }
 
@@ -99,7 +104,7 @@ pub async fn get_volume(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<VolumeQuery>,
+    ApiQuery { values: query, .. }: ApiQuery<VolumeQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let texture = move |model: &Arc<WarmModel>| match query.bits {
@@ -113,10 +118,13 @@ pub async fn get_volume(
         request: &request,
     };
     answer(
+        &cases,
+        &bodies,
         question,
-        (&cases, &bodies),
-        BodyKind::Volume(query.bits),
-        texture,
+        Source {
+            kind: BodyKind::Volume(query.bits),
+            texture,
+        },
     )
     .await
 }
@@ -152,7 +160,7 @@ pub async fn get_distance(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<DistanceQuery>,
+    ApiQuery { values: query, .. }: ApiQuery<DistanceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let texture = move |model: &Arc<WarmModel>| match query.step {
@@ -166,24 +174,34 @@ pub async fn get_distance(
         request: &request,
     };
     answer(
+        &cases,
+        &bodies,
         question,
-        (&cases, &bodies),
-        BodyKind::Distance(query.step),
-        texture,
+        Source {
+            kind: BodyKind::Distance(query.step),
+            texture,
+        },
     )
     .await
 }
 
-async fn answer(
-    question: Question<'_, impl Serialize>,
-    (cases, bodies): (&Cases, &Bodies),
+/// Where a texture comes from.
+struct Source<F> {
     kind: BodyKind,
-    texture: impl FnOnce(&Arc<WarmModel>) -> Texture,
+    texture: F,
+}
+
+async fn answer(
+    cases: &Cases,
+    bodies: &Bodies,
+    question: Question<'_, impl Serialize>,
+    source: Source<impl FnOnce(&Arc<WarmModel>) -> Texture>,
 ) -> Result<Response, AppError> {
+    let Source { kind, texture } = source;
     let (id, request) = (question.id, question.request);
     media_type(request, &[MEDIA_TYPE])?;
-    let form = Form::compressed(MEDIA_TYPE, request);
-    let coding = form.coding();
+    let format = Format::compressed(MEDIA_TYPE, request);
+    let coding = format.coding();
     let work = async |_| {
         let texture = texture(&cases.model(&id).await?);
         let headers = layout(&texture);
@@ -200,7 +218,7 @@ async fn answer(
             ..body.into()
         })
     };
-    question.answer(cases, form, work).await
+    question.answer(cases, format, work).await
 }
 
 /// The headers that say how to read a texture.

@@ -1,6 +1,6 @@
-//! SQLite: how its file is opened and kept sound.
+//! SQLite: opening and protecting its file.
 //!
-//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL` a committed row may be lost with the power. Writing transactions
+//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL`, a power failure may lose a committed row. Writing transactions
 //! begin as `IMMEDIATE`, so that none fails half-way because another one wrote. SQLite knows the time to the millisecond.
 
 use std::path::Path;
@@ -16,7 +16,7 @@ use super::connection::Database;
 use super::{SqlRows, migrate, upkeep};
 use crate::StoreError;
 
-/// How long a transaction waits for another process's.
+/// How long a transaction waits for one of another process.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Connections to a file: one writes, the others read meanwhile.
@@ -29,7 +29,7 @@ impl SqlRows {
     /// Opens a database file; creates and migrates it where necessary.
     ///
     /// # Errors
-    /// When the file cannot be used, or was written by a newer version.
+    /// If the file cannot be used, or was written by a newer version.
     pub async fn sqlite(file: &Path) -> Result<Self, StoreError> {
         let options = SqliteConnectOptions::new()
             .filename(file)
@@ -40,10 +40,10 @@ impl SqlRows {
         open(options, CONNECTIONS).await
     }
 
-    /// A database that goes with its last user.
+    /// A database in memory, which ends with its last user.
     ///
     /// # Errors
-    /// When there is no memory for it.
+    /// If there is no memory for it.
     pub async fn in_memory() -> Result<Self, StoreError> {
         open(SqliteConnectOptions::new().in_memory(true), 1).await
     }
@@ -91,7 +91,7 @@ impl Database {
     /// Whether the structure of SQLite's file is whole; PostgreSQL answers for itself.
     ///
     /// # Errors
-    /// When it is not, in SQLite's words.
+    /// If it is not, with the message of SQLite.
     pub(super) async fn check_file(&self) -> Result<(), StoreError> {
         let Self::Sqlite(pool) = self else {
             return Ok(());
@@ -118,8 +118,8 @@ impl Database {
             .await;
         match emptied.and_then(|row| row.try_get::<i64, _>(0)) {
             Ok(0) => {}
-            Ok(_) => tracing::warn!("the database's log is emptied later: somebody reads it"),
-            Err(error) => tracing::warn!(%error, "the database's log is emptied later"),
+            Ok(_) => tracing::warn!("the log of the database is in use and will be emptied later"),
+            Err(error) => tracing::warn!(%error, "the log of the database could not be emptied and will be emptied later"),
         }
     }
 }

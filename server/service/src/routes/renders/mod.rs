@@ -9,7 +9,7 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
-use cases::pictures::{ImageMetadata, PictureRequest, backend_for};
+use cases::pictures::{ImageMetadata, PictureRequest, backend_for, warm_job};
 
 use self::files::{File, Picture};
 use self::plan::{Form, parse};
@@ -66,24 +66,26 @@ pub async fn create_renders(
     let kind = media_type(&request, offered)?;
     cases.ready(&id).await?;
     let model = cases.model(&id).await?;
-    let asked = (plan.pictures.clone(), plan.form.parameters());
-    let mut pictures = plan.pictures.iter();
+    let pictures = plan.pictures.iter().map(|picture| picture.asked.clone());
+    let asked: (Vec<PictureRequest>, _) = (pictures.collect(), plan.form.parameters());
+    let mut pictures = asked.0.iter();
     let with_layers = pictures.find(|picture| picture.layers().is_any());
     let layers = with_layers.map(PictureRequest::layers).unwrap_or_default();
     let mut file = File::new(plan.form, plan.pictures.len());
     let mut backends = Vec::new();
     // One place in the queue for all; between the pictures others get their turn, and a client that left ends the work.
     let queued = cases.queue.enter()?;
-    for (number, request) in plan.pictures.into_iter().enumerate() {
-        let backend = backend_for(request.renderer, &cases.graphics).await;
-        let named = cases.identity(&id, request.annotate).await?;
+    for (number, picture) in plan.pictures.into_iter().enumerate() {
+        let backend = backend_for(picture.asked.renderer, &cases.graphics).await;
+        let named = cases.identity(&id, picture.asked.annotate).await?;
         let turn = queued.turn().await?;
-        let job = cases.picture_job(&model, &request, backend).await?;
+        let keyed = picture.asked.layers().of_case(&cases.library, &id).await?;
+        let job = warm_job(&model, &picture, keyed, backend).await?;
         let picture = Picture {
             number,
             metadata: ImageMetadata::of(Some(&id), &job.job).named(named),
             drawn: job.draw(&turn).await?,
-            request,
+            request: picture.asked,
         };
         let add = move || file.add(picture).map(|backend| (file, backend.to_string()));
         let backend;

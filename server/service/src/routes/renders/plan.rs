@@ -1,7 +1,7 @@
 //! What is asked for in many pictures, and the plan of them once all is checked.
 
 use cases::Error;
-use cases::pictures::{Numbers, PictureRequest, picture_size};
+use cases::pictures::{CheckedPicture, Numbers, PictureRequest, picture_size};
 use render::SheetPlan;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -75,7 +75,7 @@ fn default_delay() -> u16 {
 
 /// The pictures to draw, checked, and what becomes of them.
 pub(super) struct Plan {
-    pub(super) pictures: Vec<PictureRequest>,
+    pub(super) pictures: Vec<CheckedPicture>,
     pub(super) form: Form,
 }
 
@@ -151,7 +151,7 @@ impl RendersBody {
     /// [`AppError::Query`] that names the path of what is wrong.
     pub(super) fn plan(self) -> Result<Plan, AppError> {
         let plan = match (self.renders, self.swivel, self.sweep) {
-            (Some(pictures), None, None) => of_list(pictures, self.sheet)?,
+            (Some(pictures), None, None) => of_list(&pictures, self.sheet)?,
             (None, Some(swivel), None) if !self.sheet => swivel.plan()?,
             (None, None, Some(sweep)) if !self.sheet => sweep.plan()?,
             (None, ..) if self.sheet => {
@@ -164,7 +164,7 @@ impl RendersBody {
         };
         let sizes = plan.pictures.iter();
         let pixels: usize = sizes
-            .map(|picture| picture.width as usize * picture.height as usize)
+            .map(|picture| picture.asked.width as usize * picture.asked.height as usize)
             .sum();
         if pixels > MAX_TOTAL_PIXELS {
             let detail =
@@ -184,8 +184,8 @@ fn out_of_range(path: &str, detail: &str) -> AppError {
 }
 
 /// Checks a picture at a place of the body.
-fn check_at(path: &str, picture: &PictureRequest) -> Result<(), AppError> {
-    picture.check().map_err(|error| match error {
+fn checked_at(path: &str, picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
+    picture.checked().map_err(|error| match error {
         Error::Parameter { kind, name, detail } => AppError::Query {
             kind,
             parameter: format!("{path}.{name}").into(),
@@ -208,19 +208,27 @@ fn check_frames(path: &str, frames: u32, delay_ms: u16) -> Result<(), AppError> 
     Ok(())
 }
 
-fn of_list(pictures: Vec<PictureRequest>, sheet: bool) -> Result<Plan, AppError> {
+fn of_list(pictures: &[PictureRequest], sheet: bool) -> Result<Plan, AppError> {
     if !(1..=MAX_PICTURES).contains(&pictures.len()) {
         return Err(out_of_range("renders", "must hold 1 to 256 pictures"));
     }
-    for (number, picture) in pictures.iter().enumerate() {
-        check_at(&format!("renders[{number}]"), picture)?;
-    }
+    let numbered = pictures.iter().enumerate();
+    let checked = numbered.map(|(number, picture)| checked_at(&place(number), picture));
+    let checked = checked.collect::<Result<_, _>>()?;
     let form = if sheet {
-        on_a_sheet(&pictures)?
+        on_a_sheet(pictures)?
     } else {
         Form::Zip
     };
-    Ok(Plan { pictures, form })
+    Ok(Plan {
+        pictures: checked,
+        form,
+    })
+}
+
+/// The path of a picture of the list.
+fn place(number: usize) -> String {
+    format!("renders[{number}]")
 }
 
 /// Finds each picture's row, by its depth, and column, by its direction, in the order in which they come.
@@ -228,7 +236,7 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
     let (mut rows, mut columns, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     let first = &pictures[0];
     for (number, picture) in pictures.iter().enumerate() {
-        let path = format!("renders[{number}]");
+        let path = place(number);
         let of_first = (
             first.width,
             first.height,
@@ -277,22 +285,20 @@ fn place_in(labels: &mut Vec<String>, label: String) -> usize {
 impl Swivel {
     fn plan(self) -> Result<Plan, AppError> {
         check_frames("swivel", self.frames, self.delay_ms)?;
-        check_at("swivel.render", &self.render)?;
-        let any_window = render::Window::between(0.0, 1.0);
-        let request = self.render.at(0.0, any_window)?;
-        let start = request.parameters().camera.orientation();
+        let first = checked_at("swivel.render", &self.render)?;
+        let start = first.camera().orientation();
         let turned = |frame: u32| {
             let angle = std::f64::consts::TAU * f64::from(frame) / f64::from(self.frames);
-            PictureRequest {
+            let orientation = glam::DQuat::from_rotation_y(angle) * start;
+            let render = PictureRequest {
                 view: None,
-                orientation: Some(Numbers(
-                    (glam::DQuat::from_rotation_y(angle) * start).to_array(),
-                )),
+                orientation: Some(Numbers(orientation.to_array())),
                 ..self.render.clone()
-            }
+            };
+            checked_at("swivel.render", &render)
         };
         Ok(Plan {
-            pictures: (0..self.frames).map(turned).collect(),
+            pictures: (0..self.frames).map(turned).collect::<Result<_, _>>()?,
             form: Form::Animation {
                 delay_ms: self.delay_ms,
             },
@@ -303,7 +309,7 @@ impl Swivel {
 impl Sweep {
     fn plan(self) -> Result<Plan, AppError> {
         check_frames("sweep", self.frames, self.delay_ms)?;
-        check_at("sweep.render", &self.render)?;
+        checked_at("sweep.render", &self.render)?;
         if self.render.depth_mm != 0.0 {
             return Err(out_of_range(
                 "sweep.render.depth_mm",
@@ -317,10 +323,11 @@ impl Sweep {
         }
         let at = |frame: u32| {
             let share = frame as f32 / (self.frames - 1) as f32;
-            PictureRequest {
+            let render = PictureRequest {
                 depth_mm: self.from_mm * (1.0 - share) + self.to_mm * share,
                 ..self.render.clone()
-            }
+            };
+            checked_at("sweep.render", &render)
         };
         let mut pictures: Vec<_> = (0..self.frames).map(at).collect();
         if self.there_and_back {
@@ -331,7 +338,7 @@ impl Sweep {
             return Err(out_of_range("sweep.frames", detail));
         }
         Ok(Plan {
-            pictures,
+            pictures: pictures.into_iter().collect::<Result<_, _>>()?,
             form: Form::Animation {
                 delay_ms: self.delay_ms,
             },
