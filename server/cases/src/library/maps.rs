@@ -1,4 +1,4 @@
-//! The maps of cases: made once after a case is ready, stored as one of its objects, and kept in memory while they are looked at.
+//! The maps of cases: computed once after a case is ready, stored as one of its objects, and cached in memory.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -20,24 +20,24 @@ use tokio::sync::Semaphore;
 
 use super::Library;
 
-/// The most cases whose maps wait to be made; others are taken up when they are asked for again.
+/// The greatest number of cases whose maps wait to be computed; others are queued at their next request.
 const MOST_WAITING: usize = 64;
 
 /// The fewest entries that the cache makes room for in its books.
 const EXPECTED_CASES: usize = 16;
 
-/// The maps of a case in memory, ready to be drawn.
+/// The maps of a case in memory, ready for drawing.
 #[derive(Debug)]
 pub struct LoadedMaps {
     key: u128,
     grid: Grid,
     layers: Vec<(MapName, Arc<Layer>)>,
-    /// The places that are blurred most, highest first.
+    /// The most blurred places, the highest value first.
     pub candidates: Vec<CandidateFacts>,
 }
 
 impl LoadedMaps {
-    /// Takes over the maps of a case, whose layers get keys made of `key`.
+    /// Takes over the maps of a case; the keys of their layers derive from `key`.
     pub fn new(key: u128, mut maps: CaseMaps) -> Self {
         let candidates = std::mem::take(&mut maps.candidates);
         let grid = maps.map(MapName::Blur).grid().clone();
@@ -60,7 +60,7 @@ impl LoadedMaps {
         }
     }
 
-    /// Where the voxels of all maps are: a block of the volume's own grid.
+    /// The grid of all maps: a block of the grid of the volume.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -71,7 +71,7 @@ impl LoadedMaps {
         &found.expect("there is one of each name").1
     }
 
-    /// One of the maps, and the key under which a graphics device keeps its texture.
+    /// One of the maps, with the key of its texture on a graphics device.
     pub fn keyed(&self, name: MapName) -> KeyedLayer {
         KeyedLayer {
             key: LayerKey(self.key ^ (1 + name as u128)),
@@ -85,40 +85,40 @@ impl LoadedMaps {
     }
 }
 
-/// How far the maps of a case are.
+/// The state of the maps of a case.
 #[derive(Debug, Clone)]
 pub enum MapsState {
-    /// They are there.
+    /// They are available.
     Ready(Arc<LoadedMaps>),
-    /// There are none, and why: a sentence.
+    /// There are none; the reason, as a sentence.
     Undefined(Arc<str>),
-    /// They are being made.
+    /// They are being computed.
     Making,
-    /// This server makes none.
+    /// This server computes none.
     Off,
 }
 
-/// What is remembered of the maps of a case.
+/// The cached state of the maps of a case.
 type Known = Result<Arc<LoadedMaps>, Arc<str>>;
 
-/// Whether maps that are there already are made again.
+/// Whether to compute existing maps again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Make {
     IfMissing,
     Again,
 }
 
-/// The maps in memory and those that are being made.
+/// The maps in memory, and the running computations.
 pub(super) struct MapsDesk {
     known: Cache<CaseId, Known, ByBytes>,
     /// Waiting and at work. Held for moments.
     making: Mutex<HashMap<CaseId, Make>>,
-    /// Of one case at a time: the filters take every core and some 100 MB.
+    /// One case at a time, because the filters use every core and about 100 MB.
     one_at_a_time: Semaphore,
 }
 
 impl MapsDesk {
-    /// Nothing yet, and at most so many bytes in memory.
+    /// An empty cache with a limit in bytes.
     pub(super) fn new(cache_bytes: u64) -> Self {
         Self {
             known: new_cache(cache_bytes),
@@ -167,14 +167,14 @@ fn new_cache(cache_bytes: u64) -> Cache<CaseId, Known, ByBytes> {
     )
 }
 
-/// Why maps were not read.
+/// The reason why maps were not read.
 enum NotRead {
     NotStored,
     Failed(StoreError),
 }
 
 impl Library {
-    /// The maps of a ready case. If they are missing, damaged or of another version, their making begins.
+    /// The maps of a ready case. If they are missing, damaged or from another version, their computation begins.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -182,7 +182,7 @@ impl Library {
         let Some(desk) = &self.inner.maps else {
             return Ok(MapsState::Off);
         };
-        // One that is damaged is not read again and again meanwhile.
+        // A damaged object is not read repeatedly meanwhile.
         if desk.making().get(id) == Some(&Make::Again) {
             return Ok(MapsState::Making);
         }
@@ -193,7 +193,7 @@ impl Library {
         }))
     }
 
-    /// The maps in memory or in the store; `None` if they must be made.
+    /// The maps in memory or in the store; `None` if they must be computed.
     async fn stored_maps(
         &self,
         desk: &MapsDesk,
@@ -213,12 +213,12 @@ impl Library {
         }
     }
 
-    /// Begins to make the maps of a ready case, unless they are stored or on their way.
+    /// Begins to compute the maps of a ready case, unless they are stored or being computed.
     pub fn ensure_maps(&self, id: &CaseId) {
         self.begin_maps(id, Make::IfMissing);
     }
 
-    /// The maps of a ready case, made on the spot if they are missing.
+    /// The maps of a ready case, computed now if they are missing.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -231,7 +231,7 @@ impl Library {
         self.maps(id).await
     }
 
-    /// Forgets the maps of a case in memory.
+    /// Drops the maps of a case from memory.
     pub(super) fn forget_maps(&self, id: &CaseId) {
         if let Some(desk) = &self.inner.maps {
             desk.known.remove(id);
@@ -258,13 +258,13 @@ impl Library {
             if let Err(error) = made {
                 tracing::error!(
                     error = &error as &dyn std::error::Error,
-                    "the maps of a case could not be made"
+                    "cannot compute the maps of a case"
                 );
             }
         });
     }
 
-    /// Makes the maps of a case and stores them, once it is their turn.
+    /// Computes the maps of a case and stores them, after waiting for their turn.
     async fn make_maps(&self, desk: &MapsDesk, id: &CaseId, make: Make) -> Result<(), StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
         let Ok(_turn) = desk.one_at_a_time.acquire().await else {
@@ -298,11 +298,11 @@ impl Library {
         self.store().publish(publisher, &framed, &facts).await?;
         desk.known.remove(id);
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
-        tracing::info!(took_ms, undefined, "the maps of a case were made");
+        tracing::info!(took_ms, undefined, "computed the maps of a case");
         Ok(())
     }
 
-    /// The stored maps of a case; `None` if they are missing, damaged or of another version.
+    /// The stored maps of a case; `None` if they are missing, damaged or from another version.
     async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
         let names = self.store().rows().objects(id).await?;
         if !names.iter().any(|name| name.kind == ObjectKind::Maps) {
@@ -313,7 +313,9 @@ impl Library {
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;
         if decoded.is_none() {
-            tracing::info!("the maps of a case are of another version and are made again");
+            tracing::info!(
+                "the maps of a case are from another version and will be computed again"
+            );
         }
         Ok(decoded)
     }

@@ -1,4 +1,4 @@
-//! Warm models: what rendering needs of a case, kept in memory within a budget of bytes.
+//! Loaded models: the data of cases for rendering, kept in memory within a budget of bytes.
 
 mod cache;
 mod model;
@@ -27,12 +27,12 @@ pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
 /// For how long a model is served without asking the rows whether another process has deleted its case.
 const TRUST_FOR: Duration = Duration::from_secs(2);
 
-/// For how long where the rows cannot be reached, in ms.
+/// How long if the rows are unreachable, in ms.
 const REMEMBERED_WHILE_AWAY_MS: u64 = REMEMBERED_WHILE_AWAY.as_secs() * 1000;
 
 /// The models in memory, at most a budget of bytes of them. Cheap to clone.
 ///
-/// A model whose bytes alone exceed the budget is loaded anew for each use.
+/// A model that exceeds the budget by itself is loaded for each use.
 #[derive(Clone)]
 pub struct Models {
     inner: Arc<Inner>,
@@ -47,7 +47,7 @@ struct Inner {
 #[derive(Clone)]
 struct Entry {
     model: Arc<WarmModel>,
-    /// When the case was last known to be there, in ms since `Inner::begun`.
+    /// When the case was last known to exist, in ms since `Inner::begun`.
     seen_ms: Arc<AtomicU64>,
 }
 
@@ -60,7 +60,7 @@ impl Weighter<CaseId, Entry> for ByBytes {
     }
 }
 
-/// Why a model was not loaded.
+/// The reason why a model was not loaded.
 enum NotLoaded {
     NotReady,
     Failed(StoreError),
@@ -85,7 +85,7 @@ impl Models {
 
     /// The model of a case that is ready; `None` if there is no such case or it is not ready.
     ///
-    /// A missing or damaged derived object is made again from the source. Several callers at once wait for one loading.
+    /// A missing or damaged derived object is rebuilt from the source. Concurrent callers wait for one loading.
     ///
     /// # Errors
     /// If the store fails.
@@ -117,7 +117,7 @@ impl Inner {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// A model from the cache, if its case is still there.
+    /// A model from the cache, if its case still exists.
     async fn confirm(
         &self,
         id: &CaseId,
@@ -145,7 +145,7 @@ impl Inner {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
             Ok(Some(model)) => {
-                // A case of before there were maps gets them when it is opened.
+                // A case from an earlier version gets its maps when it is opened.
                 self.library.ensure_maps(id);
                 Ok(Entry {
                     model: Arc::new(model),
