@@ -20,7 +20,7 @@ pub use texture::{
     volume_texture,
 };
 
-/// A mesh to be written: its vertices in LPS mm and its triangles.
+/// A mesh to write: its vertices in LPS mm and its triangles.
 #[derive(Debug, Clone, Copy)]
 pub struct Mesh<'a> {
     /// The vertices and their depth.

@@ -6,7 +6,8 @@ use render::RESEARCH_USE_NOTICE;
 
 use super::Mesh;
 
-/// An OBJ in LPS mm; a comment says so. Coordinates are written as the shortest text that gives the same `f32` back.
+/// An OBJ in LPS mm, as stated in a comment. Coordinates are written as the shortest text that gives the same `f32`
+/// back.
 pub fn obj(mesh: Mesh<'_>) -> Vec<u8> {
     let mut text = format!(
         "# Isocortex. {RESEARCH_USE_NOTICE}\n# SPACE=LPS UNIT=mm DEPTH={:.3}\n",

@@ -4,7 +4,7 @@ use render::RESEARCH_USE_NOTICE;
 
 use super::Mesh;
 
-/// A binary, little-endian PLY in LPS mm; a comment says so.
+/// A binary, little-endian PLY in LPS mm, as stated in a comment.
 pub fn ply(mesh: Mesh<'_>) -> Vec<u8> {
     let mut file = header(mesh).into_bytes();
     file.extend_from_slice(&super::positions(mesh.shrunk));
