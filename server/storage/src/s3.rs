@@ -1,7 +1,7 @@
 //! Objects in a bucket of an S3-compatible store.
 //!
-//! The credentials come from the usual `AWS_…` variables, from a file (`AWS_SHARED_CREDENTIALS_FILE`), or from the machine. Conditional
-//! writes are not needed, because objects are named by their contents.
+//! The credentials come from the usual `AWS_…` variables, from a file (`AWS_SHARED_CREDENTIALS_FILE`), or from the
+//! machine. Conditional writes are not needed, because objects are named by their contents.
 
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -40,7 +40,8 @@ const SILENCE: Duration = Duration::from_secs(30);
 const IDLE: Duration = Duration::from_secs(30);
 
 impl Objects {
-    /// Objects in a bucket, below a prefix (which may be empty). The `AWS_…` variables give its address and credentials.
+    /// Objects in a bucket, below a prefix (which may be empty). The `AWS_…` variables give its address and
+    /// credentials.
     ///
     /// # Errors
     /// If these variables are invalid.
@@ -113,7 +114,9 @@ fn shared_credentials(
     super::keep_private(Path::new(file), "the file of the credentials");
     let credentials = profile_of(&text, profile);
     credentials.map(Some).ok_or_else(|| {
-        StoreError::Objects("the credentials file has no key and secret for the profile; set AWS_PROFILE".into())
+        StoreError::Objects(
+            "the credentials file has no key and secret for the profile; set AWS_PROFILE".into(),
+        )
     })
 }
 

@@ -1,7 +1,8 @@
 //! SQLite: opening and protecting its file.
 //!
-//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL`, a power failure may lose a committed row. Writing transactions
-//! begin as `IMMEDIATE`, so that none fails half-way because another one wrote. SQLite knows the time to the millisecond.
+//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL`, a power failure may lose a committed row. Writing
+//! transactions begin as `IMMEDIATE`, so that none fails half-way because another one wrote. SQLite knows the time to
+//! the millisecond.
 
 use std::path::Path;
 use std::time::Duration;
@@ -70,8 +71,9 @@ pub(super) async fn begin(pool: &SqlitePool) -> Result<Transaction<'static, Sqli
 
 /// Whether a connection that was given back can be used again.
 ///
-/// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows then fails, and
-/// sqlx counts the connection as inside its transaction for ever: every later `BEGIN` on it fails. Such a connection is closed.
+/// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows
+/// then fails, and sqlx counts the connection as inside its transaction for ever: every later `BEGIN` on it fails. Such
+/// a connection is closed.
 async fn is_reusable(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
     // A rollback that is under way is over once the connection answers.
     connection.ping().await?;
@@ -105,8 +107,8 @@ impl Database {
         }
     }
 
-    /// Writes SQLite's log into the file and empties it. What was deleted is in neither from then on (`secure_delete` has
-    /// overwritten it).
+    /// Writes SQLite's log into the file and empties it. What was deleted is in neither from then on (`secure_delete`
+    /// has overwritten it).
     ///
     /// What fails is done at the next deletion, or when the file is opened or closed.
     pub(super) async fn empty_log(&self) {
@@ -119,7 +121,9 @@ impl Database {
         match emptied.and_then(|row| row.try_get::<i64, _>(0)) {
             Ok(0) => {}
             Ok(_) => tracing::warn!("the log of the database is in use and will be emptied later"),
-            Err(error) => tracing::warn!(%error, "the log of the database could not be emptied and will be emptied later"),
+            Err(error) => {
+                tracing::warn!(%error, "the log of the database could not be emptied and will be emptied later");
+            }
         }
     }
 }
