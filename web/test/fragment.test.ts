@@ -29,6 +29,7 @@ test("every part of a state comes back from the address, which stays short", () 
     pan_mm: [-12.5, 30.1],
     window: { center: 512.5, width: 99.25 },
     colormap: "viridis",
+    overlay: { name: "asymmetry", threshold: 3.2, opacity: 0.5 },
     slab_mm: 1.5,
     averages_shallow: false,
     outlines_mm: [0, 20.5],

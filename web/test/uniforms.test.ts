@@ -26,6 +26,7 @@ const grid = (side: number) => ({
 const MAPS: Maps = {
   volume: grid(1),
   field: grid(2),
+  overlay: null,
   borderBox: [
     [3, 4, 5],
     [40, 50, 60],
@@ -46,6 +47,7 @@ const LOOK: Look = {
   slab_mm: 0,
   ambient: 0.3,
   color_row: 0,
+  overlay: null,
   isMirrored: false,
 };
 
@@ -165,6 +167,31 @@ test("the row before a depth is taken, the last but one at most", () => {
   assert.deepEqual(rows(0), [0, 0, 2, 14]);
   assert.deepEqual(rows(1.2), [2, 2, 3, 14]);
   assert.deepEqual(rows(99), [3, 5, 1, 14]);
+});
+
+test("a map is sampled through its own grid, coloured between its ends; without its voxels nothing of it is drawn", () => {
+  const look: Look = {
+    ...LOOK,
+    overlay: { window: [2.5, 6], threshold: null, opacity: 0.85, color_row: 5, is_diverging: true },
+  };
+  const overlay = { ...grid(3), texelScale: 25.5, texelOffset: -12.8 };
+  const fields = pictureFields(look, { ...MAPS, overlay }, SIZE);
+  // The field has voxels of 2 mm with the same origin.
+  near(through(fields, "overlay_from_field", [3, 6, 9]), [2, 4, 6]);
+  assert.deepEqual(fields.overlay_size, overlay.size);
+  near(
+    ["scale", "offset", "low", "factor", "steepness", "opacity", "color_row", "is_diverging"].map((name) =>
+      Number(fields[`overlay_${name}`]),
+    ),
+    [25.5, -12.8, 2.5, 255 / 3.5, 1 / 0.35, 0.85, 5, 1],
+  );
+  assert.equal(fields.overlay_threshold, -2e9);
+  for (const [its, maps] of [
+    [look, MAPS],
+    [LOOK, { ...MAPS, overlay }],
+  ] as const) {
+    assert.equal(pictureFields(its, maps, SIZE).overlay_opacity, 0);
+  }
 });
 
 test("what is nearer to a cut than the depth is behind its plane", () => {

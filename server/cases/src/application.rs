@@ -15,7 +15,7 @@ use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
-use crate::models::{Models, WarmModel};
+use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
 use crate::pictures::{Graphics, GraphicsOptions};
 use crate::room::RoomToCheck;
 
@@ -27,9 +27,6 @@ const REMEMBERED_CASES: usize = 4096;
 
 /// How long a case is remembered as ready; another server on the same store may delete it.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
-
-/// How long a case is remembered as ready if the database is unreachable.
-pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
 
 /// The options of the application.
 #[derive(Debug, Clone)]

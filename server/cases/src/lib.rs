@@ -3,6 +3,7 @@
 //! It knows neither HTTP nor the network protocols of DICOM: it returns an [`Error`], which each protocol translates.
 
 mod application;
+mod cache;
 pub mod dicom;
 mod error;
 mod handover;

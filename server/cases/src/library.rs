@@ -2,6 +2,7 @@
 //!
 //! Everything except the uploaded files is derived from them; a missing or damaged derived object is rebuilt here.
 
+mod desk;
 mod maps;
 #[cfg(test)]
 mod tests;
@@ -10,8 +11,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use self::maps::MapsDesk;
-pub use self::maps::{LoadedMaps, MapsState};
+use self::desk::MapsDesk;
+pub use self::desk::{LoadedMaps, MapsState};
 use crate::handover::Handover;
 use bytes::Bytes;
 use case::{
@@ -233,8 +234,9 @@ impl Library {
                 )),
             }
         };
-        let loaded = self.store().rebuild_alone(id, read_or_rebuild).await?;
-        Ok(loaded.flatten())
+        // In a box: the future of a rebuild is large, and rarely needed.
+        let rebuilt = self.store().rebuild_alone(id, Box::pin(read_or_rebuild));
+        Ok(rebuilt.await?.flatten())
     }
 
     /// The uploaded files of a case; `None`, reported, if one is missing or damaged.

@@ -160,21 +160,23 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     };
     let title = height / 2 + line;
     put(&layer.title(), title);
+    let mut top = title + line + margin;
+    if let Some(threshold) = parameters.threshold {
+        let text = if parameters.colormap.is_diverging() {
+            format!("beyond ±{}", short(threshold))
+        } else {
+            format!("above {}", short(threshold))
+        };
+        put(&text, title + line);
+        top += line;
+    }
     // The notice has the last line.
-    let [top, bottom] = [title + line + margin, height - margin - line - margin];
+    let bottom = height - margin - line - margin;
     if bottom - top < 2 * line {
         return;
     }
     let ends = [put(&short(high), top), put(&short(low), bottom - line)];
-    let mut beside = ends.into_iter().min().unwrap_or(width);
-    if let Some(threshold) = parameters.threshold {
-        let text = if parameters.colormap.is_diverging() {
-            format!("± {}", short(threshold))
-        } else {
-            format!("> {}", short(threshold))
-        };
-        beside = beside.min(put(&text, (top + bottom - line) / 2));
-    }
+    let beside = ends.into_iter().min().unwrap_or(width);
     let ramp = style.ramp();
     let colors = parameters.colormap.table();
     for y in top..bottom {

@@ -10,6 +10,9 @@ use crate::problem::AppError;
 /// The default of zstd: within a few percent of the best here, in a hundredth of the time.
 const ZSTD_LEVEL: i32 = 3;
 
+/// The media type of a gzipped NIfTI file.
+pub(crate) const GZIP: &str = "application/gzip";
+
 /// A content coding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coding {

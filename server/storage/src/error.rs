@@ -12,6 +12,9 @@ const FULL: [&str; 2] = ["13", "53100"];
 /// wait for too long.
 const AWAY: [&str; 6] = ["57P01", "57P02", "57P03", "53300", "25006", "55P03"];
 
+/// What `object_store` calls a bucket in its errors.
+pub(super) const BUCKET: &str = "S3";
+
 /// The reason why an operation of the store failed. The sentences may be shown to clients; the sources are for the log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -58,7 +61,7 @@ impl StoreError {
             _ => return false,
         };
         let object_store = cause.downcast_ref::<object_store::Error>();
-        let in_bucket = |error: &object_store::Error| matches!(error, object_store::Error::Generic { store, .. } if *store == crate::s3::NAME);
+        let in_bucket = |error: &object_store::Error| matches!(error, object_store::Error::Generic { store, .. } if *store == BUCKET);
         match cause.downcast_ref::<sqlx::Error>() {
             Some(sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut) => true,
             Some(sqlx::Error::Database(error)) => {

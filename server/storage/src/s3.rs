@@ -25,10 +25,8 @@ use object_store::client::{
 use object_store::prefix::PrefixStore;
 use object_store::{ClientOptions, RetryConfig};
 
+use super::error::BUCKET;
 use super::{Objects, StoreError};
-
-/// Its name in errors of `object_store`.
-pub(super) const NAME: &str = "S3";
 
 /// How long to repeat a failed request: shorter than a client waits for an answer.
 const RETRY_FOR: Duration = Duration::from_secs(15);
@@ -150,7 +148,7 @@ struct Connector;
 impl HttpConnector for Connector {
     fn connect(&self, options: &ClientOptions) -> object_store::Result<HttpClient> {
         let without_roots = |error| object_store::Error::Generic {
-            store: NAME,
+            store: BUCKET,
             source: Box::new(error),
         };
         let builder = hyper_rustls::HttpsConnectorBuilder::new()

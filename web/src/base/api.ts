@@ -1,6 +1,7 @@
 // The server's interface. The token, if one is asked for, lives in this module's memory alone.
 
 import type { Case, ProblemBody } from "../model/case.ts";
+import type { Candidate } from "../model/maps.ts";
 import { EventReader } from "./events.ts";
 
 let token = "";
@@ -141,6 +142,12 @@ export async function watchCase(id: string, signal: AbortSignal, hear: (now: Cas
       if (event === "case") hear(JSON.parse(data) as Case);
     }
   }
+}
+
+/** The places of a case at which the junction is blurred most, the highest score first; `limit` of them at most. */
+export async function getCandidates(id: string, limit: number): Promise<readonly Candidate[]> {
+  const answer = await send(`v1/cases/${id}/candidates?limit=${limit}`, { cache: "no-cache" });
+  return ((await answer.json()) as { candidates: readonly Candidate[] }).candidates;
 }
 
 /** A picture of a case; `path` begins with the case's id. */

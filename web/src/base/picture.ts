@@ -3,7 +3,7 @@
 
 import { Problem, getPicture } from "./api.ts";
 
-/** How often a busy server (503) is asked again before that is an error. */
+/** How often a server that is busy, or still makes the maps, is asked again before that is an error. */
 const BUSY_TRIES = 5;
 
 interface Wish<About> {
@@ -73,7 +73,7 @@ export class FollowingPicture<About> {
       try {
         return await decoded(await this.#load(wish.path));
       } catch (error) {
-        const busy = error instanceof Problem && error.status === 503;
+        const busy = error instanceof Problem && (error.status === 503 || error.kind === "layer-not-ready");
         if (!busy || attempt === BUSY_TRIES || wish !== this.#wish) throw error;
         await new Promise((resolve) => setTimeout(resolve, 1000 * Math.min(error.retryAfter || 1, 5)));
       }

@@ -45,6 +45,20 @@ const wholes = (gl: Gl): Omit<Encodings, "bytes"> => ({
   depths: { format: { internal: R16_SNORM_EXT, layout: gl.RED, type: gl.SHORT }, unit: 32767, encode: asTheyAre },
 });
 
+/** A map's voxels, a byte each with 0 for undefined: that byte, and whether it is defined. */
+export const gapped = (gl: Gl): Encoding => ({
+  format: { internal: gl.RG8, layout: gl.RG, type: gl.UNSIGNED_BYTE },
+  unit: 255,
+  encode: (voxels) => {
+    const texels = new Uint8Array(2 * voxels.length);
+    voxels.forEach((code, at) => {
+      texels[2 * at] = code;
+      texels[2 * at + 1] = code === 0 ? 0 : 255;
+    });
+    return texels;
+  },
+});
+
 /** The most exact encodings that the device filters; null where it filters none of sixteen bits. */
 export function findEncodings(gl: Gl): Encodings | null {
   const bytes = { format: { internal: gl.R8, layout: gl.RED, type: gl.UNSIGNED_BYTE }, unit: 255, encode: asTheyAre };

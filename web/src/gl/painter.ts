@@ -3,7 +3,7 @@
 
 import { colorTable } from "./colors.ts";
 import { STEPS_PER_VOXEL } from "../model/field.ts";
-import { findEncodings, type Encoding, type Encodings } from "./formats.ts";
+import { findEncodings, gapped, type Encoding, type Encodings } from "./formats.ts";
 import {
   computePositions,
   createBlock,
@@ -118,6 +118,7 @@ export class Painter {
   #positioned: { readonly depth_mm: number; readonly by: FieldTextures | "server" } | null = null;
   #shrinking: Shrinking | null = null;
   #volume: Texture | null = null;
+  #overlay: (Texture & { readonly name: string }) | null = null;
   #field: FieldTextures | null = null;
   #coarse: Target | null = null;
   #depths: DepthTarget | null = null;
@@ -142,7 +143,7 @@ export class Painter {
     createTable(gl, { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE }, [256, table.length / 1024], table);
     // Pictures without an overlay read nothing of it, but a texture must be there.
     gl.activeTexture(gl.TEXTURE0 + UNITS.overlay);
-    createBlock(gl, { internal: gl.RG8, layout: gl.RG, type: gl.UNSIGNED_BYTE }, [1, 1, 1]);
+    createBlock(gl, gapped(gl).format, [1, 1, 1]);
   }
 
   /** The names of the texture formats, for the curious. */
@@ -195,6 +196,19 @@ export class Painter {
     const texture = yield* this.#uploaded(encoding, volume.size, volume.voxels);
     if (this.#volume) this.#gl.deleteTexture(this.#volume.texture);
     this.#volume = { texture, grid: texelGrid(volume, encoding.unit) };
+  }
+
+  /** The name of the map that can lie over the picture; null while there is none. */
+  get overlay(): string | null {
+    return this.#overlay?.name ?? null;
+  }
+
+  /** Takes a map's voxels in the place of those of the one before, some slices at a time. */
+  *setOverlay(name: string, layer: Block): Generator<void, void> {
+    const encoding = gapped(this.#gl);
+    const texture = yield* this.#uploaded(encoding, layer.size, layer.voxels);
+    if (this.#overlay) this.#gl.deleteTexture(this.#overlay.texture);
+    this.#overlay = { name, texture, grid: texelGrid(layer, encoding.unit) };
   }
 
   /** Takes depths, or with `smoothed` null their gradients alone, some slices at a time. */
@@ -283,10 +297,13 @@ export class Painter {
   #takeUp(look: Look, size: Vec2): Maps {
     const { volume, field } = { volume: this.#volume, field: this.#field };
     if (!volume || !field) throw new GlError("A picture was asked for before there was anything to draw.");
-    const maps: Maps = { ...this.#case, volume: volume.grid, field: field.grid, borderBox: field.borderBox };
+    const overlay = this.#overlay?.grid ?? null;
+    const { grid, borderBox } = field;
+    const maps: Maps = { ...this.#case, volume: volume.grid, field: grid, overlay, borderBox };
     this.#picture.write(pictureFields(look, maps, size), WHOLES);
     this.#bind(UNITS.volume, volume.texture);
     this.#bind(UNITS.normals, field.normals);
+    if (this.#overlay) this.#bind(UNITS.overlay, this.#overlay.texture);
     if (field.depths) {
       this.#bind(UNITS.field, field.depths[0]);
       this.#bind(UNITS.smoothed, field.depths[1]);

@@ -4,6 +4,7 @@ import { fromColumns, inColumns, product, scaleThenMove, transformDirection } fr
 import { project, towardsViewer, type Projection, type View } from "../model/camera.ts";
 import type { MirrorPlane, Sphere, Window } from "../model/case.ts";
 import { smoothShare } from "../model/isosurface.ts";
+import { SOFT_PART } from "../model/maps.ts";
 import { reflected, reflection } from "../model/midsagittal.ts";
 import { windowEnds } from "../model/state.ts";
 import { add, inverted, length, subtract, transform, type Affine, type Vec2, type Vec3 } from "../model/space.ts";
@@ -25,6 +26,8 @@ export interface TexelGrid {
 export interface Maps {
   readonly volume: TexelGrid;
   readonly field: TexelGrid;
+  /** The map above the texture; null where there is none. */
+  readonly overlay: TexelGrid | null;
   /**
    * The box around the border voxels' centres, in voxel coordinates of the field; null where the field is for light
    * alone.
@@ -41,6 +44,18 @@ export interface Maps {
   readonly spacing_mm: number;
 }
 
+/** How a map is coloured: see `render::layer`. */
+export interface OverlayLook {
+  /** The values of the first and the last colour. */
+  readonly window: readonly [number, number];
+  /** What is at most this is transparent; null: nothing is that is defined. */
+  readonly threshold: number | null;
+  readonly opacity: number;
+  readonly color_row: number;
+  /** Whether the threshold is one of magnitudes. */
+  readonly is_diverging: boolean;
+}
+
 /** What a pane shows. */
 export interface Look extends View {
   readonly depth_mm: number;
@@ -49,6 +64,8 @@ export interface Look extends View {
   readonly ambient: number;
   /** Row of the table of colours. */
   readonly color_row: number;
+  /** The map above the texture, which is drawn where its voxels are there. */
+  readonly overlay: OverlayLook | null;
   /** Whether the head is mirrored at the plane between its hemispheres. */
   readonly isMirrored: boolean;
 }
@@ -130,6 +147,28 @@ function cutPlanes({ field, cuts, spacing_mm }: Maps, depth_mm: number): number[
   return [...planes, ...Array.from({ length: 4 * MOST_CUTS - planes.length }, () => 0)];
 }
 
+/** The threshold of a map that has none. */
+const NO_THRESHOLD = -2e9;
+
+/** The fields of the block `Picture` that are of the overlay; without one the shaders sample nothing of it. */
+function overlayFields(look: OverlayLook | null, { overlay, field }: Maps): Fields {
+  if (!look || !overlay) return { overlay_opacity: 0 };
+  const [low, high] = look.window;
+  return {
+    overlay_from_field: inColumns(product(inverse(overlay.patient_from_voxel), field.patient_from_voxel)),
+    overlay_size: overlay.size,
+    overlay_scale: overlay.texelScale,
+    overlay_offset: overlay.texelOffset,
+    overlay_low: low,
+    overlay_factor: 255 / (high - low),
+    overlay_threshold: look.threshold ?? NO_THRESHOLD,
+    overlay_steepness: 1 / (SOFT_PART * (high - low)),
+    overlay_opacity: look.opacity,
+    overlay_color_row: look.color_row,
+    overlay_is_diverging: look.is_diverging ? 1 : 0,
+  };
+}
+
 /** The block `Picture` for a pane of `size` pixels. */
 export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
   const { field, volume, sphere, plane } = maps;
@@ -177,6 +216,7 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
     // Where there is light alone, nothing is known of the isosurface.
     smooth_share: maps.borderBox ? smoothShare(depth) : 0,
     cuts: cutPlanes(maps, look.depth_mm),
+    ...overlayFields(look.overlay, maps),
   };
 }
 

@@ -1,5 +1,6 @@
 // A case as the server tells of it.
 
+import type { MapsState } from "./maps.ts";
 import type { Affine, Vec3 } from "./space.ts";
 
 /** A DICOM window (PS3.3 C.11.2.1.2, LINEAR), in intensities. */
@@ -96,6 +97,8 @@ export interface ReadyCase extends AnyCase {
   readonly cuts?: readonly MirrorPlane[];
   readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
   readonly quality?: Quality;
+  /** How far its maps are; absent in lists. */
+  readonly maps?: MapsState;
   /** `dicom`, where it was made of such files. */
   readonly links?: { readonly dicom?: string };
 }

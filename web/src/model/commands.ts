@@ -3,8 +3,10 @@
 import { facing, outwardAt, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn, zoomAt } from "./controls.ts";
+import { toggled } from "./maps.ts";
+import { mirrorPlane, reflected } from "./midsagittal.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import { type Layout, type ViewState, firstState, isHalved, presetWindow } from "./state.ts";
+import { type Layout, type ViewState, clampDepth, firstState, isHalved, presetWindow } from "./state.ts";
 
 /** `size` is that of the pane, in pixels; `isStep`: Back undoes it. */
 export function changeOf(
@@ -26,6 +28,8 @@ export function changeOf(
       return { change: lookFrom(command.name), isStep: true };
     case "window":
       return { change: { window: presetWindow(command.preset, shown) }, isStep: true };
+    case "map":
+      return { change: { overlay: toggled(state.overlay, command.name) }, isStep: true };
     case "invert":
       return { change: invert(state), isStep: true };
     case "reset": {
@@ -51,4 +55,14 @@ export function laidOut(layout: Layout, { orientation }: ViewState): Change {
 export function turnedTo(position: Vec3, shown: ReadyCase): Change {
   const outward = outwardAt(position, shown.envelope_sphere);
   return Math.hypot(...outward) > 0.5 ? { orientation: facing(outward), pan_mm: [0, 0] } : {};
+}
+
+/**
+ * The change that brings a position of the cut at `depth_mm` to the viewer and marks it, in a layout. Beside the mirrored
+ * half the head is turned to the left one of the position and its mirror image: both halves then have it in the middle.
+ */
+export function broughtTo(position: Vec3, depth_mm: number, layout: Layout, shown: ReadyCase): Change {
+  const twin = reflected(position, mirrorPlane(shown));
+  const front = isHalved({ layout }) && twin[0] > position[0] ? twin : position;
+  return { ...turnedTo(front, shown), depth_mm: clampDepth(depth_mm, shown), crosshair_mm: position, layout };
 }

@@ -2,6 +2,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, type View, type ViewName, project } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
+import { type MapName } from "./maps.ts";
 import { type Vec2, compose, turnAbout, unit } from "./space.ts";
 import {
   DEPTH_STEP_MM,
@@ -167,6 +168,8 @@ export type ChangingCommand =
   | { readonly kind: "zoom"; readonly factor: number }
   | { readonly kind: "view"; readonly name: ViewName }
   | { readonly kind: "window"; readonly preset: WindowPreset }
+  /** Over the picture, or not any more. */
+  | { readonly kind: "map"; readonly name: MapName }
   | { readonly kind: "invert" | "reset" };
 
 /** What a key asks for. */
@@ -198,6 +201,11 @@ const PLAIN: Readonly<Record<string, Command>> = {
   "?": { kind: "help" },
   f: { kind: "timer" },
   o: { kind: "outline" },
+  b: { kind: "map", name: "blur" },
+  a: { kind: "map", name: "asymmetry" },
+  t: { kind: "map", name: "intensity-asymmetry" },
+  s: { kind: "map", name: "sharpness" },
+  j: { kind: "map", name: "junction" },
   " ": { kind: "play" },
   Enter: { kind: "mark" },
   "+": { kind: "zoom", factor: 1.2 },

@@ -4,6 +4,7 @@
 import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
 import { type Change, boundWindow } from "./controls.ts";
+import { overlayText, readOverlay } from "./maps.ts";
 import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
 import {
   COLORMAPS,
@@ -57,6 +58,7 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   say("p", list(state.pan_mm, 1), "0,0");
   say("w", windowText(state.window), windowText(first.window));
   say("m", state.colormap, first.colormap);
+  say("b", state.overlay ? overlayText(state.overlay) : "", "");
   say("s", short(state.slab_mm, 1), "0");
   say("g", state.averages_shallow ? "1" : "0", "1");
   say("a", short(state.ambient, 2), short(first.ambient, 2));
@@ -121,6 +123,10 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string) => Re
       return { change: { window }, isWhole };
     },
     m: (text) => word(text, COLORMAPS, (colormap) => ({ colormap })),
+    b: (text) => {
+      const read = readOverlay(text);
+      return read ? { change: { overlay: read.overlay }, isWhole: read.isWhole } : UNREAD;
+    },
     s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
     g: (text) => word(text, ["0", "1"], (averages) => ({ averages_shallow: averages === "1" })),
     a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),

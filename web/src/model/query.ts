@@ -1,6 +1,7 @@
 // The server's pictures of a state.
 
 import { viewName } from "./camera.ts";
+import { overlayPairs } from "./maps.ts";
 import type { Vec2, Vec3 } from "./space.ts";
 import { type ViewState, drawnStill, slabOf } from "./state.ts";
 import type { MeshSize } from "./wire.ts";
@@ -14,9 +15,10 @@ export const MESH_QUERY = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MES
 
 const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 
-function addColours(query: URLSearchParams, state: ViewState): void {
+function addColours(query: URLSearchParams, state: Pick<ViewState, "window" | "colormap" | "overlay">): void {
   query.set("window", `${Number(state.window.center.toPrecision(12))},${Number(state.window.width.toPrecision(12))}`);
   if (state.colormap !== "grey") query.set("colormap", state.colormap);
+  for (const [key, text] of state.overlay ? overlayPairs(state.overlay) : []) query.set(key, text);
 }
 
 /** What of a state a render depends on. */
@@ -28,6 +30,7 @@ export type RenderState = Pick<
   | "pan_mm"
   | "window"
   | "colormap"
+  | "overlay"
   | "slab_mm"
   | "averages_shallow"
   | "ambient"
@@ -42,7 +45,7 @@ export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
   else query.set("orientation", state.orientation.map((part) => short(part, 6)).join(","));
   if (state.zoom !== 1) query.set("zoom", short(state.zoom, 4));
   if (state.pan_mm.some((part) => part !== 0)) query.set("pan", state.pan_mm.map((part) => short(part, 2)).join(","));
-  addColours(query, state as ViewState);
+  addColours(query, state);
   const slab_mm = slabOf(state);
   if (slab_mm > 0) query.set("slab_mm", short(slab_mm, 3));
   query.set("ambient", short(state.ambient, 3));

@@ -14,7 +14,7 @@ type Json = string | number | boolean | readonly Json[] | { readonly [key: strin
 function pictureBody(state: RenderState, size: Vec2): Record<string, Json> {
   const query = renderQuery(state, size);
   const lists = ["orientation", "pan", "window"];
-  const words = ["view", "colormap", "renderer"];
+  const words = ["view", "colormap", "overlay", "renderer"];
   const entries = [...query].map(([key, text]): [string, Json] => {
     if (lists.includes(key)) return [key, text.split(",").map(Number)];
     return [key, words.includes(key) ? text : Number(text)];

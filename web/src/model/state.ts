@@ -2,6 +2,7 @@
 
 import { NAMED_VIEWS } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
+import type { MapOverlay } from "./maps.ts";
 import type { Quat, Vec2, Vec3 } from "./space.ts";
 
 /** The colour maps, as the server names them. */
@@ -36,6 +37,8 @@ export interface ViewState {
   readonly pan_mm: Vec2;
   readonly window: Window;
   readonly colormap: Colormap;
+  /** The map in colours over the surface and the slices. */
+  readonly overlay: MapOverlay | null;
   /** Intensities are averaged over so much depth to either side. */
   readonly slab_mm: number;
   /** Whether they are averaged near the envelope although `slab_mm` is 0: see `slabOf`. */
@@ -72,6 +75,7 @@ export function firstState(shown: ReadyCase): ViewState {
     pan_mm: [0, 0],
     window: { center: shown.intensity.window.center, width: shown.intensity.window.width },
     colormap: "grey",
+    overlay: null,
     slab_mm: 0,
     averages_shallow: true,
     ambient: DEFAULT_AMBIENT,

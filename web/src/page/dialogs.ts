@@ -114,6 +114,7 @@ const HELP: readonly (readonly [Key, readonly Key[]])[] = [
       "help.key-turn",
       "help.key-views",
       "help.key-window",
+      "help.key-maps",
       "help.key-zoom",
       "help.key-play",
       "help.key-mark",

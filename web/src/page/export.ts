@@ -2,9 +2,10 @@
 
 import { viewName } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
+import { type MapOverlay, styleOf } from "../model/maps.ts";
 import { hasSlices, type ViewState } from "../model/state.ts";
 import { caseIdentity } from "../base/case-words.ts";
-import { intensity, t } from "../base/i18n.ts";
+import { intensity, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { depthWords, positionWords } from "../base/readout.ts";
 import { type Placed, paintPanes } from "../panes/screenshot.ts";
@@ -26,15 +27,29 @@ export const fileStem = (shown: Pick<ReadyCase, "id">): string => `isocortex-${s
 
 /** What stands below every picture of a case: whose it is, how it is seen, what drew it and what it is not for. */
 export async function captionOf(shown: ReadyCase, state: ViewState): Promise<string[]> {
-  const { window, colormap, crosshair_mm } = state;
+  const { window, colormap, overlay, crosshair_mm } = state;
   const parts = [
     depthWords(state),
     t(`view.${viewName(state.orientation) ?? "oblique"}`),
     t("caption.window", { center: intensity(window.center), width: intensity(window.width) }),
     ...(colormap === "grey" ? [] : [t(`colormap.${colormap}`)]),
+    ...(overlay ? [overlayWords(overlay)] : []),
     ...(crosshair_mm ? [t("caption.point", { position: positionWords(crosshair_mm).replaceAll(" · ", " ") })] : []),
   ];
   return [caseIdentity(shown), parts.join(" · "), `${await programWords()} · ${t("notice.long")}`];
+}
+
+/** Which map lies over the picture, and how. */
+function overlayWords({ name, threshold, opacity }: MapOverlay): string {
+  const { unit, window } = styleOf(name);
+  const range = t("caption.map", {
+    name: t(`map.${name}`),
+    low: number(window[0], 1),
+    high: number(window[1], 1),
+    unit,
+  });
+  const above = threshold === null ? [] : [t("caption.threshold", { threshold: number(threshold, 1) })];
+  return [range.trim(), ...above, t("caption.opacity", { share: number(100 * opacity) })].join(", ");
 }
 
 /** The panes with their caption, as PNG. */

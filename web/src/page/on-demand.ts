@@ -29,7 +29,12 @@ export class OnDemand {
     this.#host = host;
   }
 
-  caseSection(): HTMLElement {
+  /** The sections of the panel that are filled when they are first opened. */
+  sections(sweep: Sweep): { readonly sweep: HTMLElement; readonly case: HTMLElement } {
+    return { sweep: this.#sweepSection(sweep), case: this.#caseSection() };
+  }
+
+  #caseSection(): HTMLElement {
     return this.#section("panel.case", ({ CaseSection }) => {
       const section = new CaseSection(this.#host.shown, {
         lay: (make) => this.#host.onScreen().slices.lay(make),
@@ -39,7 +44,7 @@ export class OnDemand {
     });
   }
 
-  sweepSection(sweep: Sweep): HTMLElement {
+  #sweepSection(sweep: Sweep): HTMLElement {
     return this.#section("panel.sweep", ({ SweepSection }) => {
       return new SweepSection(this.#host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
     });
@@ -50,10 +55,10 @@ export class OnDemand {
     try {
       const { captionOf, fileStem, profileView } = await later();
       const { shown } = this.#host;
-      const { state } = this.#host.onScreen();
+      const { state } = this.#onScreen;
       return profileView(profile, state.depth_mm, {
         go: (depth_mm) => this.#host.goTo(depth_mm),
-        caption: () => captionOf(shown, this.#host.onScreen().state),
+        caption: () => captionOf(shown, this.#onScreen.state),
         name: fileStem(shown),
       });
     } catch (problem) {
@@ -85,7 +90,9 @@ export class OnDemand {
   }
 
   get #onScreen(): OnScreen {
-    return { ...this.#host.onScreen(), shown: this.#host.shown };
+    const view = this.#host.onScreen();
+    // A map that is being made is not on the screen.
+    return { ...view, state: { ...view.state, overlay: view.surface.overlay }, shown: this.#host.shown };
   }
 
   /** A section of the panel that is filled when it is first opened. */

@@ -28,6 +28,7 @@ const TIMES = [1, 2, 4] as const;
 
 /** Sections that others fill. */
 export interface PanelSections {
+  readonly maps: HTMLElement;
   readonly sweep: HTMLElement;
   readonly case: HTMLElement;
 }
@@ -170,6 +171,7 @@ export class Panel {
           button(t("invert"), () => actions.command({ kind: "invert" })),
         ),
       ),
+      sections.maps,
       section(t("panel.point"), true, ...this.point.parts),
       section(
         t("panel.drawing"),

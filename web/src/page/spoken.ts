@@ -1,6 +1,7 @@
 // What is shown, in words for those who do not see it: depth, direction, and a place with its depth and grey.
 
 import { viewName } from "../model/camera.ts";
+import type { ChangingCommand } from "../model/controls.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
@@ -20,9 +21,17 @@ function spokenWords(state: ViewState, places: Places): string {
   const [width, height] = places.size();
   const position = marked ?? places.pick([width / 2, height / 2])?.position_in_patient ?? null;
   const view = t(`view.${viewName(state.orientation) ?? "oblique"}`);
-  const shown = `${t("depth.said", { depth: number(state.depth_mm, 1) })}, ${view}.`;
+  const map = state.overlay ? `, ${t(`map.${state.overlay.name}`)}` : "";
+  const shown = `${t("depth.said", { depth: number(state.depth_mm, 1) })}, ${view}${map}.`;
   if (!position) return shown;
   return `${shown} ${t(marked ? "said.point" : "said.middle", { place: placeWords(position, places) })}`;
+}
+
+/** What is said at once of a command; null where the rest says enough. */
+export function spokenCommand(command: ChangingCommand): string | null {
+  if (command.kind === "view") return t(`view.${command.name}`);
+  if (command.kind === "window") return t("window.said", { name: t(`window.${command.preset}`) });
+  return null;
 }
 
 function placeWords(position: Vec3, places: Places): string {

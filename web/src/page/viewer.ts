@@ -16,6 +16,7 @@ import { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfaceStatus } from "../panes/surface.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
 import type { Actions } from "./actions.ts";
+import { Aids } from "./aids.ts";
 import { AddressFollower } from "./address.ts";
 import { DepthBar, explanation } from "./depth-bar.ts";
 import { later } from "./later.ts";
@@ -24,7 +25,7 @@ import { OnDemand } from "./on-demand.ts";
 import { Panel } from "./panel.ts";
 import { pointWords } from "./point-section.ts";
 import type { Preferences } from "./preferences.ts";
-import { Speaker } from "./spoken.ts";
+import { Speaker, spokenCommand } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
 
 /** What the page around the viewer does for it. */
@@ -54,6 +55,7 @@ export class Viewer {
   readonly #address: AddressFollower;
   readonly #sweep: Sweep;
   readonly #onDemand: OnDemand;
+  readonly #aids: Aids;
   readonly #speaker: Speaker;
   readonly #observer: ResizeObserver;
   readonly #history: StateHistory;
@@ -92,26 +94,26 @@ export class Viewer {
       (depth_mm) => this.#change({ depth_mm }),
     );
     this.#onDemand = this.#makeOnDemand();
-    const sections = { sweep: this.#onDemand.sweepSection(this.#sweep), case: this.#onDemand.caseSection() };
-    this.panel = new Panel(shown, actions, sections);
-    this.#slices = new SliceGroup(
-      shown,
-      {
-        move: (position, done) => this.#moveCross(position, done),
-        window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
-        probe: (position) => this.#surface.probe(position),
-        complain: (problem) => this.#notices.complain(problem),
-      },
-      () => this.#schedule(),
-    );
+    const redraw = (): void => this.#schedule();
+    const complain = (problem: unknown): void => this.#notices.complain(problem);
+    this.#aids = new Aids(shown, { actions, redraw, complain });
+    this.panel = new Panel(shown, actions, { maps: this.#aids.element, ...this.#onDemand.sections(this.#sweep) });
+    this.#slices = new SliceGroup(shown, {
+      load: later,
+      resized: redraw,
+      move: (position, done) => this.#moveCross(position, done),
+      window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
+      probe: (position) => this.#surface.probe(position),
+      complain,
+    });
     this.#panes = h("div", { class: "panes" });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
     if (!host.preferences().knows_depth) this.element.append(explanation(host.knowsDepth));
     this.element.append(this.#depthBar.element);
     this.#surface = this.#surfacePane();
     this.#panes.append(this.#surface.element, this.#slices.element, this.#notices.loading);
-    this.#observer = new ResizeObserver(() => this.#schedule());
-    for (const pane of [this.#surface, ...this.#slices.panes]) this.#observer.observe(pane.element);
+    this.#observer = new ResizeObserver(redraw);
+    for (const { element } of [this.#surface, this.#slices]) this.#observer.observe(element);
     this.#notices.unread(unread);
     this.#apply({});
   }
@@ -142,7 +144,7 @@ export class Viewer {
     }
     this.element.dataset.loaded = "true";
     // What may be asked for next.
-    void later().catch(() => {});
+    void this.#aids.load().catch(() => {});
     const wanted = this.#wanted;
     this.#wanted = null;
     if (wanted) this.#pick(wanted.place, wanted.state);
@@ -194,10 +196,8 @@ export class Viewer {
     }
     const { change, isStep } = changeOf(command, this.#state, this.shown, this.#surface.size());
     this.#change(change, isStep);
-    if (command.kind === "view") this.#host.announce(t(`view.${command.name}`));
-    if (command.kind === "window") {
-      this.#host.announce(t("window.said", { name: t(`window.${command.preset}`) }));
-    }
+    const words = spokenCommand(command);
+    if (words) this.#host.announce(words);
   }
 
   /** The server answers again: what could not be had is asked for once more. */
@@ -219,8 +219,7 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    this.#slices.dispose();
-    this.#surface.dispose();
+    for (const part of [this.#slices, this.#aids, this.#surface]) part.dispose();
     this.element.remove();
     this.panel.element.remove();
   }
@@ -243,6 +242,7 @@ export class Viewer {
       change: (change) => this.#change(change),
       command: (command) => this.command(command),
       pick: (place) => this.#pick(place),
+      layer: (name) => this.#aids.layer(name),
       busy: (busy) => {
         this.#moving = busy;
         if (!busy) this.#schedule();
@@ -281,7 +281,7 @@ export class Viewer {
 
   /** Shows the state in the controls at once, and in the panes with the next frame. */
   #apply(change: Change): void {
-    this.panel.show(this.#state);
+    for (const controls of [this.panel, this.#aids]) controls.show(this.#state);
     this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
     this.element.dataset.layout = this.#state.layout;
@@ -301,16 +301,16 @@ export class Viewer {
     this.panel.showHistory(this.#history);
     this.element.dataset.rested = "true";
     const words = this.#speaker.say(this.#state, this.#surface);
-    this.#surface.describe(words);
-    this.#slices.describe(words);
+    for (const pane of [this.#surface, this.#slices]) pane.describe(words);
   }
 
   #schedule(): void {
     this.#frame ||= requestAnimationFrame(() => {
       this.#frame = 0;
       if (this.#disposed) return;
-      this.#surface.draw(this.#state, this.#moving || this.#sweep.isRunning);
-      if (hasSlices(this.#state)) this.#slices.show(this.#state);
+      const state = this.#aids.drawable(this.#state);
+      this.#surface.draw(state, this.#moving || this.#sweep.isRunning);
+      if (hasSlices(state)) this.#slices.show(state);
     });
   }
 

@@ -3,6 +3,7 @@
 import type { ReadyCase } from "../model/case.ts";
 import { depthsOf } from "../model/isosurface.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
+import { type MapOverlay, isDiverging, styleOf } from "../model/maps.ts";
 import type { Profile } from "../model/profile.ts";
 import { samplerOf } from "../model/sampler.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
@@ -14,7 +15,7 @@ import { troubleWords } from "../base/problem-words.ts";
 import { colorRow } from "../gl/colors.ts";
 import { TooLarge } from "../gl/gl.ts";
 import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/painter.ts";
-import type { Look } from "../gl/uniforms.ts";
+import type { Look, OverlayLook } from "../gl/uniforms.ts";
 import { CaseData, type Voxels8Or16 } from "./case-data.ts";
 import { Device, fitsMemory } from "./device.ts";
 import { Pace } from "./pace.ts";
@@ -50,6 +51,8 @@ class Cortex implements Surface {
   #way: Exclude<Way, "auto">;
   /** Whether what the first picture needs did not come. */
   #gaveUp = false;
+  /** The map that is being fetched, or could not be had. */
+  #mapAsked: string | null = null;
   #trouble = "";
   #told = "";
 
@@ -101,6 +104,7 @@ class Cortex implements Surface {
   }
 
   draw(state: ViewState, moving: boolean): void {
+    if (state.overlay?.name !== this.#state?.overlay?.name) this.#mapAsked = null;
     this.#pace.stir(moving, state !== this.#state);
     this.#state = state;
     this.#moving = moving;
@@ -205,6 +209,9 @@ class Cortex implements Surface {
     const [gl, painter] = [this.#device?.gl, this.#device?.painter];
     if (!gl || !painter) return;
     const quality = this.#pace.qualityOf(way);
+    const overlay = this.#overlayOf(state);
+    if (state.overlay && !overlay) void this.#bringMap(state.overlay);
+    const isWhole = overlay === state.overlay;
     const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === this.#pace.stillWay(state.depth_mm));
     const draw = (): void => {
       this.#fitCanvas();
@@ -222,9 +229,9 @@ class Cortex implements Surface {
     this.#way = way;
     this.#canvas.dataset.frames = String(this.#pace.frames);
     this.#canvas.dataset.complete = String(this.#points !== null);
-    this.#canvas.dataset.quality = isLast ? "full" : "less";
-    this.#say("");
-    this.#options.onDrawn(state);
+    this.#canvas.dataset.quality = isLast && isWhole ? "full" : "less";
+    if (this.#mapAsked === null) this.#say("");
+    this.#options.onDrawn(isWhole ? state : { ...state, overlay });
     this.#tell();
   }
 
@@ -250,13 +257,36 @@ class Cortex implements Surface {
 
   #panes(state: ViewState): Pane[] {
     const [width, height] = [this.#canvas.width, this.#canvas.height];
-    const look: Look = { ...state, slab_mm: slabOf(state), color_row: colorRow(state.colormap), isMirrored: false };
+    const shown = this.#overlayOf(state);
+    const overlay = shown && lookOf(shown);
+    const color_row = colorRow(state.colormap);
+    const look: Look = { ...state, overlay, slab_mm: slabOf(state), color_row, isMirrored: false };
     if (!isHalved(state)) return [{ look, left: 0, size: [width, height] }];
     const half = Math.floor(width / 2);
     return [
       { look, left: 0, size: [half, height] },
       { look: { ...look, isMirrored: true }, left: width - half, size: [half, height] },
     ];
+  }
+
+  /** The map over a picture that is drawn here and now: none until its voxels are there. */
+  #overlayOf({ overlay }: ViewState): MapOverlay | null {
+    return overlay && this.#device?.painter?.overlay === overlay.name ? overlay : null;
+  }
+
+  /** Fetches a map once, and draws with it. */
+  async #bringMap({ name }: MapOverlay): Promise<void> {
+    if (this.#mapAsked === name) return;
+    this.#mapAsked = name;
+    try {
+      const layer = await this.#options.layer(name);
+      if (this.#mapAsked !== name) return;
+      await this.#bring((device) => device.bring((painter) => painter.setOverlay(name, layer), this.#gone.signal));
+      this.#mapAsked = null;
+      this.#schedule();
+    } catch (error) {
+      this.#fail(error);
+    }
   }
 
   #cssSize(): Vec2 {
@@ -329,4 +359,9 @@ class Cortex implements Surface {
     this.#told = told;
     this.#options.onStatus(status);
   }
+}
+
+function lookOf({ name, threshold, opacity }: MapOverlay): OverlayLook {
+  const { window, colormap } = styleOf(name);
+  return { window, threshold, opacity, color_row: colorRow(colormap), is_diverging: isDiverging(name) };
 }

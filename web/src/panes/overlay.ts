@@ -73,7 +73,7 @@ export class Overlay {
 }
 
 /** Colours of the maps from black to white, as the server's; between them it is linear enough for a legend. */
-const MAPS: Readonly<Record<Colormap, readonly string[]>> = {
+export const COLOURS: Readonly<Record<Colormap, readonly string[]>> = {
   grey: ["#000", "#fff"],
   inverted: ["#fff", "#000"],
   bone: ["#000", "#535374", "#a6c6c6", "#fff"],
@@ -107,7 +107,7 @@ export class ColourBar {
     const context = this.#canvas.getContext("2d");
     if (!context) return;
     const ramp = context.createLinearGradient(0, 64, 0, 0);
-    const colours = MAPS[colormap];
+    const colours = COLOURS[colormap];
     colours.forEach((colour, index) => ramp.addColorStop(index / (colours.length - 1), colour));
     context.fillStyle = ramp;
     context.fillRect(0, 0, 1, 64);

@@ -22,7 +22,11 @@ interface Half {
   readonly picture: FollowingPicture<ViewState>;
 }
 
-export function createServerSurface(host: HTMLElement, shown: ReadyCase, options: SurfaceOptions): Surface {
+export function createServerSurface(
+  host: HTMLElement,
+  shown: ReadyCase,
+  options: Omit<SurfaceOptions, "layer">,
+): Surface {
   const complain = (problem: unknown): void => {
     options.onStatus({ way: "server", fallback: null, trouble: troubleWords(problem) });
   };

@@ -1,62 +1,100 @@
-// The three slices together: shown, enlarged and stripped of what is drawn on them.
+// The three slices together: shown, enlarged and stripped of what is drawn on them. Their panes are made when they are
+// first shown.
 
 import type { ReadyCase } from "../model/case.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import type { ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import type { Placed } from "./screenshot.ts";
-import { type SliceLayer, type SliceListener, SlicePane } from "./slices.ts";
+import type { SliceLayer, SliceListener, SlicePane } from "./slices.ts";
+
+export interface SliceGroupListener extends Omit<SliceListener, "enlarge"> {
+  /** Fetches what panes are made of. */
+  load(): Promise<{ readonly SlicePane: typeof SlicePane }>;
+  /** The slices have other sizes. */
+  resized(): void;
+}
 
 export class SliceGroup {
-  readonly element: HTMLElement;
-  readonly panes: readonly SlicePane[];
-  readonly #redraw: () => void;
+  readonly element = h("div", { class: "slices" });
+  readonly #shown: ReadyCase;
+  readonly #listener: SliceGroupListener;
+  #panes: readonly SlicePane[] = [];
+  #isLoading = false;
+  #state: ViewState | null = null;
+  #layer: (() => SliceLayer) | null = null;
+  #words = "";
   #isBare = false;
 
-  /** `redraw` is called when the slices have other sizes. */
-  constructor(shown: ReadyCase, listener: Omit<SliceListener, "enlarge">, redraw: () => void) {
-    this.#redraw = redraw;
-    const enlarge = (plane: Plane): void => this.#enlarge(plane);
-    this.panes = PLANE_NAMES.map((plane) => new SlicePane(plane, shown, { ...listener, enlarge }));
-    this.element = h("div", { class: "slices" }, ...this.panes.map((pane) => pane.element));
+  constructor(shown: ReadyCase, listener: SliceGroupListener) {
+    this.#shown = shown;
+    this.#listener = listener;
   }
 
   show(state: ViewState): void {
-    for (const pane of this.panes) pane.show(state);
+    this.#state = state;
+    for (const pane of this.#panes) pane.show(state);
+    if (this.#panes.length === 0) void this.#make();
   }
 
   center(): void {
-    for (const pane of this.panes) pane.center();
+    for (const pane of this.#panes) pane.center();
   }
 
   /** Lays something over each slice; null: nothing. */
   lay(make: (() => SliceLayer) | null): void {
-    for (const pane of this.panes) pane.lay(make && make());
+    this.#layer = make;
+    for (const pane of this.#panes) pane.lay(make && make());
   }
 
   /** The slices as they lie, with so many pixels to a CSS pixel. */
   async pictures(ratio: number): Promise<readonly Placed[]> {
-    return (await Promise.all(this.panes.map((pane) => pane.placed(ratio)))).filter((one) => one !== null);
+    return (await Promise.all(this.#panes.map((pane) => pane.placed(ratio)))).filter((one) => one !== null);
   }
 
   describe(words: string): void {
-    for (const pane of this.panes) pane.describe(words);
+    this.#words = words;
+    for (const pane of this.#panes) pane.describe(words);
   }
 
   /** Hides outline and cross, or shows them; whether they are hidden now. */
   strip(): boolean {
     this.#isBare = !this.#isBare;
-    for (const pane of this.panes) pane.outline(!this.#isBare);
+    for (const pane of this.#panes) pane.outline(!this.#isBare);
     return this.#isBare;
   }
 
   dispose(): void {
-    for (const pane of this.panes) pane.dispose();
+    this.#state = null;
+    for (const pane of this.#panes) pane.dispose();
+  }
+
+  async #make(): Promise<void> {
+    if (this.#isLoading) return;
+    this.#isLoading = true;
+    try {
+      const { SlicePane } = await this.#listener.load();
+      const state = this.#state;
+      if (!state) return;
+      const listener = { ...this.#listener, enlarge: (plane: Plane) => this.#enlarge(plane) };
+      this.#panes = PLANE_NAMES.map((plane) => new SlicePane(plane, this.#shown, listener));
+      this.element.append(...this.#panes.map((pane) => pane.element));
+      for (const pane of this.#panes) {
+        if (this.#layer) pane.lay(this.#layer());
+        pane.outline(!this.#isBare);
+        pane.show(state);
+        pane.describe(this.#words);
+      }
+    } catch (problem) {
+      this.#listener.complain(problem);
+    } finally {
+      this.#isLoading = false;
+    }
   }
 
   /** Shows a slice as large as all panes, or all panes again. */
   #enlarge(plane: Plane): void {
-    for (const pane of this.panes) pane.enlarge(pane.plane === plane && !pane.isLarge);
-    this.#redraw();
+    for (const pane of this.#panes) pane.enlarge(pane.plane === plane && !pane.isLarge);
+    this.#listener.resized();
   }
 }

@@ -7,6 +7,7 @@ import { intensity, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import { getPicture } from "../base/api.ts";
 import { listen } from "./gestures.ts";
+import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
 import { FollowingPicture, decoded } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
@@ -70,6 +71,7 @@ export class SlicePane {
   /** The picture and what stands on it; the slider lies below. */
   readonly #frame = h("div", { class: "slice-view" }, this.#image);
   readonly #hovered = h("span", { class: "hovered", hidden: true });
+  readonly #mapBar = new MapBar();
   readonly #legend = h("div", { class: "outlines", hidden: true });
   #layer: SliceLayer | null = null;
   readonly #range: HTMLInputElement;
@@ -90,7 +92,7 @@ export class SlicePane {
       this.#frame,
     );
     this.#overlay = new Overlay(this.#frame);
-    this.#overlay.element.append(this.#legend, this.#hovered);
+    this.#overlay.element.append(this.#legend, this.#mapBar.element, this.#hovered);
     this.#frame.append(iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane)));
     const [min, max] = reachOf(shown, PLANES[plane].axis);
     this.#range = h("input", {
@@ -208,6 +210,8 @@ export class SlicePane {
     this.#drawn = view;
     this.element.dataset.position = String(view.position_mm);
     this.element.dataset.depth = String(state.depth_mm);
+    this.element.dataset.overlay = state.overlay?.name ?? "";
+    this.#mapBar.show(state.overlay);
     this.#write(this.#state ?? state, this.#view(this.#state ?? state));
   }
 

@@ -14,11 +14,13 @@ import {
   wheelZoom,
   zoomAt,
 } from "../model/controls.ts";
+import type { MapName, MapOverlay } from "../model/maps.ts";
 import { mirrorPlane, plainPlane, reflected } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved } from "../model/state.ts";
+import type { Block } from "../model/wire.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, setText } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
@@ -26,6 +28,7 @@ import { depthWords } from "../base/readout.ts";
 import { createSurface } from "./cortex.ts";
 import { Cube } from "./cube.ts";
 import { type GestureListener, listen } from "./gestures.ts";
+import { MapBar } from "./map-bar.ts";
 import { ColourBar, Overlay, SIDES } from "./overlay.ts";
 import type { LoadProgress, Surface, SurfaceStatus } from "./surface.ts";
 
@@ -45,6 +48,8 @@ export interface SurfacePaneListener {
   change(change: Change): void;
   command(command: Command): void;
   pick(place: Vec2): void;
+  /** The voxels of a map. */
+  layer(name: MapName): Promise<Block>;
   /** A hand rests on the pane, or has left it. */
   busy(busy: boolean): void;
   status(status: SurfaceStatus): void;
@@ -59,6 +64,7 @@ export class SurfacePane {
   readonly #overlay: Overlay;
   readonly #otherOverlay: Overlay;
   readonly #colourBar = new ColourBar();
+  readonly #mapBar = new MapBar();
   readonly #cube = new Cube((name) => this.#listener.command({ kind: "view", name }));
   readonly #keys = h("p", { id: "surface-keys", class: "visually-hidden" }, t("surface.keys"));
   readonly #surface: Surface;
@@ -85,10 +91,11 @@ export class SurfacePane {
     this.#otherOverlay = new Overlay(this.element);
     this.#otherOverlay.element.classList.add("other");
     this.element.append(...SIDES.map((side) => h("span", { class: `ring ${side}` })));
-    this.element.append(this.#colourBar.element, this.#cube.element, this.#keys);
+    this.element.append(this.#colourBar.element, this.#mapBar.element, this.#cube.element, this.#keys);
     this.#surface = createSurface(this.host, shown, {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
+      layer: listener.layer,
       serverOnly,
     });
     listen(this.element, this.#gestures());
@@ -128,13 +135,18 @@ export class SurfacePane {
     setText(this.#keys, `${words} ${t("surface.keys")}`);
   }
 
+  /** The map that is seen over the picture. */
+  get overlay(): MapOverlay | null {
+    return this.#drawn?.overlay ?? null;
+  }
+
   /** Whether it is known where the surface is. */
   get knowsSurface(): boolean {
     return this.#surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
   }
 
   picture(ratio: number): Promise<CanvasImageSource> {
-    return this.#surface.picture(this.#listener.state(), ratio);
+    return this.#surface.picture({ ...this.#listener.state(), overlay: this.overlay }, ratio);
   }
 
   showTimer(shown: boolean): void {
@@ -167,8 +179,10 @@ export class SurfacePane {
       this.#otherOverlay.scale(mm_per_pixel, width);
     }
     this.#colourBar.show(state.window, state.colormap);
+    this.#mapBar.show(state.overlay);
     this.#cube.show(state.orientation);
     this.element.dataset.depth = String(state.depth_mm);
+    this.element.dataset.overlay = state.overlay?.name ?? "";
     this.element.dataset.drawn = "true";
     this.#cross();
   }

@@ -3,9 +3,11 @@
 
 import type { ReadyCase } from "../model/case.ts";
 import type { Picked, Probed } from "../model/points.ts";
+import type { MapName } from "../model/maps.ts";
 import type { Profile } from "../model/profile.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { ViewState, Way } from "../model/state.ts";
+import type { Block } from "../model/wire.ts";
 
 /** What is being fetched, in bytes. `total` is 0 until it is known. */
 export interface LoadProgress {
@@ -35,6 +37,8 @@ export interface SurfaceOptions {
   readonly onDrawn: (state: ViewState) => void;
   /** Hears of every change, and once at first. */
   readonly onStatus: (status: SurfaceStatus) => void;
+  /** The voxels of a map. */
+  readonly layer: (name: MapName) => Promise<Block>;
   /** Only the server draws (`?renderer=server`). */
   readonly serverOnly: boolean;
 }

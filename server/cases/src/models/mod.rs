@@ -1,6 +1,5 @@
 //! Loaded models: the data of cases for rendering, kept in memory within a budget of bytes.
 
-mod cache;
 mod model;
 #[cfg(test)]
 mod tests;
@@ -16,7 +15,7 @@ use quick_cache::sync::Cache;
 use case::{CaseId, CaseState};
 use storage::StoreError;
 
-use crate::application::REMEMBERED_WHILE_AWAY;
+use crate::cache;
 use crate::library::Library;
 
 pub use self::model::{PathKind, PathsError, WarmModel};
@@ -27,7 +26,10 @@ pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
 /// For how long a model is served without asking the rows whether another process has deleted its case.
 const TRUST_FOR: Duration = Duration::from_secs(2);
 
-/// How long if the rows are unreachable, in ms.
+/// For how long what is known of a case is trusted if the database cannot be reached.
+pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
+
+/// The same in ms.
 const REMEMBERED_WHILE_AWAY_MS: u64 = REMEMBERED_WHILE_AWAY.as_secs() * 1000;
 
 /// The models in memory, at most a budget of bytes of them. Cheap to clone.

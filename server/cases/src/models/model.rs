@@ -18,7 +18,7 @@ use render::gpu::{CaseKey, KeyedModel};
 use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
-use super::cache;
+use crate::cache;
 use crate::library::Library;
 
 /// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.

@@ -46,7 +46,7 @@ impl MapStyle {
     /// The default for a map: one-sided for `blur`, diverging with a transparent middle for comparisons of the sides.
     pub fn of(name: MapName) -> Self {
         let (window, colormap, threshold) = match name {
-            MapName::Blur => ([2.5, 6.0], ColorMap::VermilionYellow, Some(2.5)),
+            MapName::Blur => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
             MapName::Asymmetry | MapName::IntensityAsymmetry => {
                 ([-6.0, 6.0], ColorMap::BlueOrange, Some(2.5))
             }

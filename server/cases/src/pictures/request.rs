@@ -137,7 +137,7 @@ pub struct PictureRequest {
     /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
-    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,6"))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,5"))]
     pub overlay_window: Option<Numbers<2>>,
     /// The colours of the overlay; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -13,7 +13,7 @@ impl<'a> Facets<'a> {
     /// The facets of `mesh`, which has the size `size`.
     ///
     /// # Panics
-    /// If it has not as many vertices.
+    /// If the number of vertices does not match.
     pub fn new(size: MeshSize, mesh: &'a ShrunkMesh) -> Self {
         assert_eq!(
             mesh.positions_in_patient.len(),

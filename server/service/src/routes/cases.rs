@@ -1,13 +1,13 @@
 //! Cases: list, get, delete.
 
-use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::fresh::fresh_json;
 use super::layers::MapsView;
 use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
@@ -400,15 +400,6 @@ impl Asked for ListQuery {
             limit: self.limit,
         })
     }
-}
-
-/// An answer that changes with time.
-pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response {
-    let mut response = (status, Json(body)).into_response();
-    response
-        .headers_mut()
-        .insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    response
 }
 
 /// The cases, newest first

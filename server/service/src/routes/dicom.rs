@@ -10,7 +10,7 @@ use imaging::dicom::Instance;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::cases::fresh_json;
+use super::fresh::fresh_json;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
 

@@ -8,7 +8,7 @@ use cases::{Cases, Error};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::cases::fresh_json;
+use super::fresh::fresh_json;
 use super::query::{ApiQuery, NoQuery};
 use crate::metrics::Metrics;
 use crate::problem::{AppError, Problem};

@@ -10,12 +10,11 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
-use super::cases::fresh_json;
-use super::masks::GZIP;
+use super::fresh::fresh_json;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use super::textures::{MEDIA_TYPE, layout};
 use crate::conditional::{self, Content, Format, Question};
-use crate::negotiate::media_type;
+use crate::negotiate::{GZIP, media_type};
 use crate::problem::{AppError, Problem};
 use crate::wire;
 use case::MapName;

@@ -17,7 +17,7 @@ use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::render::PNG;
 use super::upload::{Incoming, is_form, refuse_too_large, submitted};
 use crate::conditional::{self, Content, Format, Question};
-use crate::negotiate::media_type;
+use crate::negotiate::{GZIP, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::Uploads;
 use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
@@ -25,9 +25,6 @@ use cases::pictures::window_of;
 use pipeline::codec::{decode_brain, decode_envelope};
 use pipeline::read_volume;
 use storage::{NewMask, Spooled, Version};
-
-/// The media type of a gzipped NIfTI file.
-pub(super) const GZIP: &str = "application/gzip";
 
 /// The brain mask on the working grid
 ///

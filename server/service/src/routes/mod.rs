@@ -6,6 +6,7 @@ pub mod cases;
 pub mod dicom;
 pub mod documents;
 pub mod events;
+mod fresh;
 mod guarded;
 pub mod health;
 pub mod layers;

@@ -75,7 +75,7 @@ pub struct SliceQuery {
     overlay: Option<MapName>,
     /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[param(value_type = Option<String>, example = "2.5,6")]
+    #[param(value_type = Option<String>, example = "2.5,5")]
     overlay_window: Option<Numbers<2>>,
     /// The colours of the overlay; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]

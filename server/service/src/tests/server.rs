@@ -114,7 +114,7 @@ impl Server {
         let directory = tempfile::tempdir().unwrap();
         let options = Options {
             location: directory.path().into(),
-            makes_maps: true,
+            makes_maps: false,
             store: storage::Options {
                 queue_limit: 2,
                 ..storage::Options::default()

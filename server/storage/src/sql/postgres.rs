@@ -176,9 +176,9 @@ mod tests {
     use super::*;
     use crate::CaseRows as _;
     use crate::conformance::RowsSubject;
-    use crate::rows::Inserted;
+    use crate::rows::{Inserted, Published};
     use crate::testing::postgres::PostgresServer;
-    use crate::testing::{claim, new_case};
+    use crate::testing::{claim, facts, new_case, pinned};
 
     async fn rows_at(address: &str) -> SqlRows {
         SqlRows::postgres(address.parse().unwrap()).await.unwrap()
@@ -292,5 +292,49 @@ mod tests {
             }
             there.insert(&new_case(&there, "a").await).await.unwrap();
         }
+    }
+
+    /// How fast jobs go through a table with a million cases behind them, with 8 clients of two processes.
+    #[tokio::test]
+    #[ignore = "a measurement: run it alone, with --no-capture"]
+    async fn the_rate_of_jobs() {
+        const JOBS: usize = 400;
+        let Some(server) = PostgresServer::start_durable().await else {
+            return;
+        };
+        let address = server.database().await;
+        let copies = [rows_at(&address).await, rows_at(&address).await];
+        sqlx::raw_sql(
+            "INSERT INTO cases (id, closing_radius_mm, state, facts, facts_digest, created_at)
+             SELECT md5(n::TEXT), 10, 'ready', repeat('facts ', 150), repeat('0', 64), n FROM generate_series(1, 1000000) AS n;
+             ANALYZE",
+        )
+        .execute(pool(&copies[0]))
+        .await
+        .unwrap();
+        let of_client = |client: usize| (0..JOBS / 8).map(move |job| format!("{client} {job}"));
+        let (begun, rows) = (Instant::now(), |client: usize| {
+            &copies[client % copies.len()]
+        });
+        join_all((0..8).map(|client| async move {
+            for name in of_client(client) {
+                let mut new = new_case(rows(client), &name).await;
+                new.queue_limit = JOBS;
+                rows(client).insert(&new).await.unwrap();
+            }
+        }))
+        .await;
+        let queued = begun.elapsed();
+        join_all((0..8).map(|client| async move {
+            while let Some(claim) = claim(rows(client)).await {
+                let derived = pinned(rows(client), &[]).await;
+                let published = rows(client).publish(&claim, &derived, &facts()).await;
+                assert_eq!(published.unwrap(), Published::Done);
+            }
+        }))
+        .await;
+        let done = begun.elapsed() - queued;
+        let rate = |time: Duration| JOBS as f64 / time.as_secs_f64();
+        println!("{:.0} uploads/s, {:.0} jobs/s", rate(queued), rate(done));
     }
 }

@@ -14,7 +14,8 @@ use storage::{Spooled, Submitted, Upload};
 use utoipa::ToSchema;
 
 use self::form::{Form, Volume};
-use super::cases::{CaseView, address_of, fresh_json};
+use super::cases::{CaseView, address_of};
+use super::fresh::fresh_json;
 use super::query::{ApiQuery, NoQuery};
 use crate::conditional;
 use crate::problem::{AppError, Problem};

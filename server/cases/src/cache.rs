@@ -8,7 +8,7 @@ use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 /// An empty cache of at most `budget_bytes`, for about so many values.
 ///
 /// It has one shard: a shard cannot hold a value that is larger than its part of the budget.
-pub(super) fn one_shard<K: Eq + Hash, V: Clone, W: Weighter<K, V> + Clone>(
+pub(crate) fn one_shard<K: Eq + Hash, V: Clone, W: Weighter<K, V> + Clone>(
     weighter: W,
     budget_bytes: u64,
     values: usize,

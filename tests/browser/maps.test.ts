@@ -1,0 +1,310 @@
+// The maps over the pictures: drawn here and by the server, switched, waited for, and the list of places to look at.
+
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import { type MapName, MAP_NAMES, firstOverlay, overlayPairs, overlayText, styleOf } from "../../web/src/model/maps.ts";
+import { agreement, bare, canvasSize, show } from "./pixels.ts";
+import {
+  type Server,
+  type Watched,
+  fragment,
+  keep,
+  launchBrowser,
+  openPage,
+  readyCase,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+  until,
+} from "./support.ts";
+
+const MESH = "contours=80&points=50";
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+let id: string;
+let window_words: string;
+/** Whether the head has maps: a phantom has none. */
+let has_maps = false;
+
+interface Facts {
+  readonly intensity: { readonly window: { readonly center: number; readonly width: number } };
+  readonly maps: { readonly state: string; readonly reason?: string };
+}
+
+const facts = async (): Promise<Facts> =>
+  (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as Facts;
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "demo", data: scratch.folder });
+    id = await readyCase(server.address);
+    const { maps, intensity } = await until(facts, (now) => now.maps.state !== "making", 240);
+    window_words = `${intensity.window.center},${intensity.window.width}`;
+    has_maps = maps.state === "ready";
+    if (!has_maps) console.error(`SKIPPED: the head has no maps: ${maps.reason}`);
+    browser = await launchBrowser();
+  },
+  { timeout: 600_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+async function opened(rest: string, options: Parameters<typeof openPage>[1] = {}, query = ""): Promise<Watched> {
+  const watched = await openPage(browser, options);
+  await watched.page.goto(`${new URL(`/${query}`, server.address)}#${id}${rest}`);
+  return watched;
+}
+
+/** Waits until a map, or none, is seen on the surface. */
+const seen = (page: Page, name: MapName | ""): Promise<unknown> =>
+  page.waitForSelector(`#surface[data-overlay="${name}"]`, { timeout: 60_000 });
+
+const status = (page: Page): Promise<string | null> => page.textContent(".maps-status");
+
+test("the page shows maps by default as the server does", { skip }, async () => {
+  const { layers } = (await (await fetch(new URL(`v1/cases/${id}/layers`, server.address))).json()) as {
+    layers: { name: MapName; unit: string; window: unknown; colormap: string; threshold?: number; opacity: number }[];
+  };
+  assert.deepEqual(layers.map(({ name }) => name).sort(), [...MAP_NAMES].sort());
+  for (const { name, unit, window, colormap, threshold, opacity } of layers) {
+    assert.deepEqual({ unit, window, colormap, threshold: threshold ?? null }, styleOf(name), name);
+    assert.equal(opacity, firstOverlay(name).opacity);
+  }
+});
+
+test(
+  "the page's pictures with a map are the server's: 99 % of what is lit within 4/255, both ways, and mirrored",
+  { skip, timeout: 600_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("&r=exact", { viewport: { width: 600, height: 800 } });
+    await page.waitForFunction(
+      () => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.complete === "true",
+      null,
+      { timeout: 120_000 },
+    );
+    await bare(page);
+    const size = await canvasSize(page);
+    const table = ["share of lit pixels within 4/255 of the server's, and of its picture without the map"];
+    const poor: string[] = [];
+    for (const [way, renderer] of [
+      ["exact", "trace"],
+      ["mesh", "mesh"],
+    ] as const) {
+      for (const name of MAP_NAMES) {
+        const first = firstOverlay(name);
+        // Nearly all of a map is seen, and every part of its colours.
+        const overlay = { ...first, threshold: first.threshold === null ? null : 0.5, opacity: 0.9 };
+        for (const [view, depth_mm] of [
+          ["left", 10],
+          ["superior", 16],
+        ] as const) {
+          await show(page, `#${id}&r=${way}&d=${depth_mm}&v=${view}&b=${overlayText(overlay)}`, way);
+          assert.equal(await page.locator("#surface").getAttribute("data-overlay"), name);
+          const mesh = renderer === "mesh" ? `&${MESH}` : "";
+          const plain =
+            `/v1/cases/${id}/render?depth_mm=${depth_mm}&view=${view}&renderer=${renderer}${mesh}` +
+            `&window=${window_words}&width=${size[0]}&height=${size[1]}`;
+          const address = `${plain}&${new URLSearchParams(overlayPairs(overlay).map((pair) => [...pair]))}`;
+          const alike = await agreement(page, address);
+          const without = await agreement(page, plain);
+          const words = `${way} ${name} ${view}: ${alike.share_of_lit.toFixed(4)}, ${without.share_of_lit.toFixed(4)}`;
+          table.push(words);
+          // The map is seen, and it is the server's.
+          if (alike.share_of_lit < 0.99 || without.share_of_lit > alike.share_of_lit - 0.01) poor.push(words);
+        }
+      }
+    }
+    console.log(table.join("\n"));
+    assert.deepEqual(poor, []);
+    assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);
+
+test(
+  "a map is switched on by its button and its key, undone, and kept in the address; slices and legend follow",
+  { skip, timeout: 180_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("&l=slices");
+    const slices: string[] = [];
+    page.on("request", (request) => {
+      if (request.url().includes("/slices/")) slices.push(request.url());
+    });
+    await shown(page);
+    await page.click('.maps button[value="blur"]');
+    await seen(page, "blur");
+    for (const plane of ["axial", "coronal", "sagittal"])
+      await page.waitForSelector(`.slice.${plane}[data-overlay=blur]`);
+    assert.ok(slices.some((url) => url.includes("overlay=blur") && url.includes("overlay_threshold=2.5")));
+    assert.equal((await fragment(page)).b, "blur");
+    assert.equal(await page.locator("#surface .map-bar").innerText(), "Blur, z\n6.0\n2.5\nz > 2.5");
+    assert.match((await page.textContent("#live")) ?? "", /Blur/);
+    await keep(page, "map-blur-slices");
+
+    await page.locator("#map-threshold").fill("4");
+    await page.locator("#map-opacity").fill("0.5");
+    assert.equal((await fragment(page)).b, "blur,4,0.5");
+    await page.waitForFunction(() => document.querySelector("#surface .map-bar")?.textContent?.includes("z > 4.0"));
+
+    await page.focus("#surface");
+    await page.keyboard.press("a");
+    await seen(page, "asymmetry");
+    assert.equal((await fragment(page)).b, "asymmetry");
+    await page.keyboard.press("Control+z");
+    await seen(page, "blur");
+    assert.equal((await fragment(page)).b, "blur,4,0.5");
+    await page.keyboard.press("b");
+    await seen(page, "");
+    assert.equal((await fragment(page)).b, undefined);
+    assert.equal(await page.locator("#surface .map-bar").isVisible(), false);
+    assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);
+
+test(
+  "a place of the list is turned to, its depth is gone to and it is marked; mirror and slices open beside it",
+  { skip, timeout: 180_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("&b=blur");
+    await shown(page);
+    await seen(page, "blur");
+    await page.getByRole("button", { name: "List places to look at" }).click();
+    await page.waitForSelector(".candidates li");
+    const { candidates } = (await (
+      await fetch(new URL(`v1/cases/${id}/candidates?limit=20`, server.address))
+    ).json()) as { candidates: { position_in_patient: number[]; depth_mm: number; side: string }[] };
+    assert.equal(await page.locator(".candidates li").count(), candidates.length);
+    assert.match((await page.textContent(".candidates-warning")) ?? "", /most are normal/);
+    assert.doesNotMatch((await page.textContent(".panel")) ?? "", /lesion|detect/i);
+    for (const [at, button] of [
+      [0, ".candidate"],
+      [1, "button:nth-of-type(2)"],
+      [2, "button:nth-of-type(3)"],
+    ] as const) {
+      const wanted = candidates[at];
+      assert.ok(wanted);
+      const item = page.locator(".candidates li").nth(at);
+      await item.locator(button).click();
+      const { x, d, l } = await fragment(page);
+      assert.deepEqual(
+        x?.split(",").map(Number),
+        wanted.position_in_patient.map((part) => Number(part.toFixed(1))),
+      );
+      assert.ok(Math.abs(Number(d ?? 10) - wanted.depth_mm) < 0.01, `${d} is not ${wanted.depth_mm}`);
+      assert.equal(l, [undefined, "slices", "mirror"][at]);
+      assert.equal(await item.getAttribute("aria-current"), "true");
+      assert.match((await item.textContent()) ?? "", wanted.side === "left" ? /Left/ : /Right/);
+      await page.waitForSelector("canvas.cortex[data-quality=full]");
+      await keep(page, `candidate-${at + 1}`);
+    }
+    await page.keyboard.press("Control+z");
+    assert.equal((await fragment(page)).l, "slices");
+    assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);
+
+test(
+  "maps that are being made are waited for, and why a head has none is told; the picture stands meanwhile",
+  { skip, timeout: 180_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const watched = await openPage(browser);
+    const { page, troubles } = watched;
+    let told: object = { state: "making" };
+    const asked: string[] = [];
+    page.on("request", (request) => asked.push(request.url()));
+    await page.route(
+      (url) => url.pathname === `/v1/cases/${id}`,
+      async (route) => {
+        const response = await route.fetch();
+        await route.fulfill({ response, json: { ...((await response.json()) as object), maps: told } });
+      },
+    );
+    await page.goto(`${server.address.split("#")[0]}#${id}&b=blur`);
+    await shown(page);
+    await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("being made"));
+    assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
+    assert.ok(!asked.some((url) => url.includes("overlay=") || url.includes("/layers/")));
+    told = { state: "ready" };
+    await seen(page, "blur");
+    assert.equal(await page.locator(".maps-status").isVisible(), false);
+
+    told = { state: "undefined", reason: "the largest voxel spacing is 4.00 mm" };
+    await page.reload();
+    await shown(page);
+    const words = await until(
+      () => status(page),
+      (now) => now?.includes("4.00 mm") ?? false,
+    );
+    assert.equal(words, "This case has no maps: The largest voxel spacing is 4.00 mm.");
+    assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
+    assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);
+
+test(
+  "where the server draws, it draws the map too; a saved picture has the map and its legend",
+  { skip, timeout: 180_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("&b=sharpness", {}, "?renderer=server");
+    const saturated = async (path: string): Promise<number> =>
+      page.evaluate(
+        async (base64) => {
+          const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+          const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
+          const canvas = new OffscreenCanvas(image.width, image.height);
+          const drawing = canvas.getContext("2d");
+          if (!drawing) return 0;
+          drawing.drawImage(image, 0, 0);
+          const { data } = drawing.getImageData(0, 0, image.width, image.height);
+          let count = 0;
+          for (let at = 0; at < data.length; at += 4) {
+            const [red = 0, green = 0, blue = 0] = data.subarray(at, at + 3);
+            if (Math.max(red, green, blue) - Math.min(red, green, blue) > 60) count += 1;
+          }
+          return count / (image.width * image.height);
+        },
+        (await readFile(path)).toString("base64"),
+      );
+    const saved = async (): Promise<number> => {
+      const [download] = await Promise.all([
+        page.waitForEvent("download"),
+        page.getByRole("button", { name: "Save picture" }).click(),
+      ]);
+      const path = await download.path();
+      return saturated(path);
+    };
+    await shown(page);
+    await seen(page, "sharpness");
+    await page.locator(".panel .group", { hasText: "Save and share" }).locator("summary").click();
+    const coloured = await saved();
+    await keep(page, "map-by-server");
+    await page.click('.maps button[value=""]');
+    await seen(page, "");
+    const plain = await saved();
+    console.log(`coloured pixels of a saved picture: ${coloured.toFixed(3)} with the map, ${plain.toFixed(3)} without`);
+    assert.ok(coloured > plain + 0.05);
+    assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);

@@ -1,0 +1,116 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import tables from "../shaders/colors.json";
+import { colorRow } from "../src/gl/colors.ts";
+import { towardsViewer } from "../src/model/camera.ts";
+import { broughtTo, changeOf } from "../src/model/commands.ts";
+import { commandOf } from "../src/model/controls.ts";
+import { readState, writeAddress } from "../src/model/fragment.ts";
+import {
+  MAP_NAMES,
+  type MapOverlay,
+  firstOverlay,
+  overlayText,
+  readOverlay,
+  shareOf,
+  styleOf,
+  toggled,
+} from "../src/model/maps.ts";
+import { PLANE_NAMES, renderQuery, sliceQuery } from "../src/model/query.ts";
+import { turnBody } from "../src/model/series.ts";
+import { type Vec3, dot, normalized, subtract } from "../src/model/space.ts";
+import { type ViewState, firstState } from "../src/model/state.ts";
+import { SHOWN } from "./shown.ts";
+
+const FIRST = firstState(SHOWN);
+
+test("a map comes back from the address, which names only what is not as at first", () => {
+  for (const name of MAP_NAMES) {
+    const first = firstOverlay(name);
+    const other: MapOverlay = { ...first, threshold: first.threshold === null ? null : 3.4, opacity: 0.4 };
+    assert.equal(overlayText(first), name);
+    for (const overlay of [first, other]) {
+      const state: ViewState = { ...FIRST, overlay };
+      const rest = writeAddress(state, SHOWN).split("&").slice(1).join("&");
+      assert.deepEqual(readState(rest, SHOWN), { state, unread: [] }, rest);
+    }
+  }
+  assert.equal(overlayText({ name: "blur", threshold: 3, opacity: 0.85 }), "blur,3");
+  assert.equal(overlayText({ name: "sharpness", threshold: null, opacity: 0.5 }), "sharpness,,0.5");
+});
+
+test("what of an address is no map is named, and nothing of it is drawn", () => {
+  for (const text of ["", "lesion", "blur,9", "blur,x", "blur,3,2", "blur,3,0.5,1", "sharpness,3", "toString"]) {
+    const { state, unread } = readState(`b=${text}`, SHOWN);
+    assert.deepEqual(unread, [`b=${text}`]);
+    const overlay = state.overlay;
+    assert.ok(overlay === null || readOverlay(overlayText(overlay))?.isWhole, text);
+  }
+  assert.deepEqual(readOverlay("blur,9,-1")?.overlay, { name: "blur", threshold: 6, opacity: 0 });
+});
+
+test("each map has a key, which shows it and hides it again, as a step of its own", () => {
+  const key = (letter: string) =>
+    commandOf({ key: letter, code: "", shiftKey: false, altKey: false, ctrlKey: false, metaKey: false });
+  const names = ["b", "a", "t", "s", "j"].map((letter) => {
+    const command = key(letter);
+    assert.ok(command?.kind === "map", letter);
+    const shown = changeOf(command, FIRST, SHOWN, [100, 100]);
+    assert.deepEqual(shown, { change: { overlay: firstOverlay(command.name) }, isStep: true });
+    const hidden = changeOf(command, { ...FIRST, ...shown.change }, SHOWN, [100, 100]);
+    assert.deepEqual(hidden.change, { overlay: null });
+    return command.name;
+  });
+  assert.deepEqual(names, [...MAP_NAMES]);
+  assert.deepEqual(toggled(firstOverlay("blur"), "junction"), firstOverlay("junction"));
+});
+
+test("a map fades in above its threshold, of magnitudes where its colours diverge, as the server's", () => {
+  const blur = firstOverlay("blur");
+  assert.equal(shareOf(blur, 2.5), 0);
+  assert.ok(Math.abs(shareOf(blur, 2.675) - 0.85 / 2) < 1e-6);
+  assert.equal(shareOf(blur, 2.9), 0.85);
+  assert.equal(shareOf(blur, -5), 0);
+  assert.equal(shareOf(firstOverlay("asymmetry"), -5), 0.85);
+  assert.equal(shareOf(firstOverlay("sharpness"), 0), 0.85);
+});
+
+test("every picture of the server's has the map, and none has a key without one", () => {
+  const state: ViewState = { ...FIRST, overlay: { name: "blur", threshold: 3, opacity: 0.5 } };
+  const queries = (of: ViewState): URLSearchParams[] => [
+    renderQuery(of, [64, 48]),
+    ...PLANE_NAMES.map((plane) => sliceQuery(of, plane, [0, 0, 0], [64, 48])),
+  ];
+  for (const query of queries(state)) {
+    const pairs = [...query].filter(([key]) => key.startsWith("overlay"));
+    assert.deepEqual(Object.fromEntries(pairs), { overlay: "blur", overlay_threshold: "3", overlay_opacity: "0.5" });
+  }
+  for (const query of queries(FIRST)) assert.doesNotMatch(query.toString(), /overlay/);
+  const sharp = renderQuery({ ...FIRST, overlay: firstOverlay("sharpness") }, [64, 48]);
+  assert.equal(sharp.has("overlay_threshold"), false);
+  const { render } = (turnBody(state, 4, 10, [64, 48]) as { swivel: { render: Record<string, unknown> } }).swivel;
+  assert.deepEqual([render.overlay, render.overlay_threshold, render.overlay_opacity], ["blur", 3, 0.5]);
+});
+
+test("every map has colours that the page has", () => {
+  for (const name of MAP_NAMES) assert.ok(colorRow(styleOf(name).colormap) >= 0 && styleOf(name).colormap in tables);
+});
+
+/** How near a position is to the middle of a view: the cosine of its direction from the head's middle to the viewer's. */
+function projectedTowards({ orientation }: Partial<ViewState>, position: Vec3): number {
+  assert.ok(orientation);
+  return dot(normalized(subtract(position, SHOWN.envelope_sphere.center_in_patient)), towardsViewer(orientation));
+}
+
+test("a place is brought to the middle and marked; beside the mirrored half from the left, whichever side it is of", () => {
+  const right = [-40, 20, 35] as const;
+  const plain = broughtTo(right, 99, "single", SHOWN);
+  assert.deepEqual([plain.depth_mm, plain.crosshair_mm, plain.layout], [41.23, right, "single"]);
+  assert.ok(projectedTowards(plain, right) > 0.99);
+  const beside = broughtTo(right, 12, "mirror", SHOWN);
+  assert.deepEqual(beside.crosshair_mm, right);
+  assert.ok(projectedTowards(beside, [40, 20, 35]) > 0.99);
+  const left = broughtTo([40, 20, 35], 12, "both", SHOWN);
+  assert.ok(projectedTowards(left, [40, 20, 35]) > 0.99);
+});
