@@ -10,8 +10,8 @@ use crate::failure::from_imaging;
 /// The greatest magnitude of an intensity, and the greatest width of a window, as for the window of a picture.
 const MOST_INTENSITY: f64 = 1e9;
 
-/// The least difference between the darkest and the brightest voxel. DICOM offsets the centre and width of a window by 0.5 and 1, so
-/// that double precision leaves about seven digits of this.
+/// The least difference between the darkest and the brightest voxel. DICOM offsets the centre and width of a window by
+/// 0.5 and 1, so that double precision leaves about seven digits of this.
 const LEAST_RANGE: f64 = 1e-9;
 
 /// The uploaded files.
@@ -21,7 +21,8 @@ pub struct Source {
     pub volume: Bytes,
     /// The brain mask, if one was supplied.
     pub mask: Option<Bytes>,
-    /// The identifying attributes as JSON of [`Attributes`](imaging::dicom::Attributes), if the volume comes from DICOM.
+    /// The identifying attributes as JSON of [`Attributes`](imaging::dicom::Attributes), if the volume comes from
+    /// DICOM.
     pub dicom: Option<Bytes>,
     /// The brain from an earlier extraction, which a rebuilt case keeps.
     pub brain: Option<StoredBrain>,

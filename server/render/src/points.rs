@@ -3,7 +3,8 @@
 /// The points of the isosurface that a row of pixels shows.
 #[derive(Debug, Clone)]
 pub(crate) struct PointRow {
-    /// Heights towards the viewer from the plane through the target's centre, in working voxels; −∞ where there is no point.
+    /// Heights towards the viewer from the plane through the target's centre, in working voxels; −∞ where there is no
+    /// point.
     pub(crate) heights: Vec<f32>,
     /// Cosines between the outward normal and the direction to the viewer.
     pub(crate) facing: Vec<f32>,

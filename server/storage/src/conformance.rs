@@ -1,8 +1,8 @@
-//! Checks that every implementation of the rows and every object store must pass: one suite, for the back ends of this crate
-//! and of others.
+//! Checks that every implementation of the rows and every object store must pass: one suite, for the back ends of this
+//! crate and of others.
 //!
-//! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function that
-//! returns a [`RowsSubject`] on an empty database.
+//! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function
+//! that returns a [`RowsSubject`] on an empty database.
 #![expect(missing_docs, reason = "the names of the checks are sentences")]
 
 mod objects;
@@ -38,7 +38,8 @@ impl RowsSubject {
 }
 
 /// Tests an implementation of the rows: `rows_conformance! { a_name: make_subject }` writes a test for each check;
-/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that are slow to start.
+/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that are slow to
+/// start.
 #[macro_export]
 macro_rules! rows_conformance {
     ($($implementation:ident: $make:path),+ $(,)?) => {$(

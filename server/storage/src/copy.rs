@@ -20,11 +20,13 @@ pub struct Copied {
 }
 
 impl Store {
-    /// Copies every case into another store. Intact objects that the target already has are kept, so an interrupted copy continues
-    /// where it stopped, and a repeated copy adds what is new. Cases that only the target has stay there.
+    /// Copies every case into another store. Intact objects that the target already has are kept, so an interrupted
+    /// copy continues where it stopped, and a repeated copy adds what is new. Cases that only the target has stay
+    /// there.
     ///
-    /// A case that is not prepared yet is prepared there. Each object is verified against its digest when it is read, and read back
-    /// after it is written. `report` receives each case with the result so far, and `false` if the case was not copied.
+    /// A case that is not prepared yet is prepared there. Each object is verified against its digest when it is read,
+    /// and read back after it is written. `report` receives each case with the result so far, and `false` if the case
+    /// was not copied.
     ///
     /// # Errors
     /// If a store cannot be reached.

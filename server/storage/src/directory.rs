@@ -1,7 +1,8 @@
 //! The directory of a process: `uploads/` and `lock`, and `rows.sqlite` and `objects/` unless these have other places.
 //!
 //! Every process that uses it holds a shared lock on `lock`, which the kernel releases when the process ends for any
-//! reason. A process that gets the lock exclusively knows that no other one is running, so every unfinished file is left over.
+//! reason. A process that gets the lock exclusively knows that no other one is running, so every unfinished file is
+//! left over.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -55,7 +56,8 @@ impl Directory {
     }
 }
 
-/// Removes the files of unfinished objects after a long time without a write; files that other machines are writing stay.
+/// Removes the files of unfinished objects after a long time without a write; files that other machines are writing
+/// stay.
 pub(super) fn sweep_shared(objects: &Path) -> io::Result<()> {
     sweep_staged(objects, STALE_AFTER)
 }

@@ -8,8 +8,8 @@ use sqlx::error::DatabaseError;
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
 const FULL: [&str; 2] = ["13", "53100"];
 
-/// PostgreSQL's codes for a server that is stopping or starting, has too many connections, has become a standby, or made a transaction
-/// wait for too long.
+/// PostgreSQL's codes for a server that is stopping or starting, has too many connections, has become a standby, or
+/// made a transaction wait for too long.
 const AWAY: [&str; 6] = ["57P01", "57P02", "57P03", "53300", "25006", "55P03"];
 
 /// What `object_store` calls a bucket in its errors.

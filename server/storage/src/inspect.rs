@@ -30,8 +30,8 @@ pub struct Inspected {
 }
 
 impl Store {
-    /// Reads every row and every object, and reports problems. It changes nothing, except that a case with damaged facts is queued
-    /// again, as by any other reader.
+    /// Reads every row and every object, and reports problems. It changes nothing, except that a case with damaged
+    /// facts is queued again, as by any other reader.
     ///
     /// # Errors
     /// If the store cannot be reached, or the database itself is damaged.

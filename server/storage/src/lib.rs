@@ -483,7 +483,7 @@ async fn listen(rows: Arc<dyn CaseRows>, store: Weak<Inner>) {
             Ok(Some(changes)) => break changes,
             Ok(None) => return,
             Err(error) => {
-                tracing::warn!(%error, "changes by other processes are noticed with a delay")
+                tracing::warn!(%error, "changes by other processes are noticed with a delay");
             }
         }
         tokio::time::sleep(LISTEN_AGAIN_AFTER).await;

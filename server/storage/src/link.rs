@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use uuid::Uuid;
 
-/// Writes `header` into the room at the beginning of a file, and makes the file durable under the name `place`, replacing
-/// any file there. Readers see either the old or the new file, complete. `false` if the file system does not support hard links.
+/// Writes `header` into the room at the beginning of a file, and makes the file durable under the name `place`,
+/// replacing any file there. Readers see either the old or the new file, complete. `false` if the file system does not
+/// support hard links.
 ///
 /// The file keeps its first name, so that a failed attempt can be repeated.
 pub(super) fn link(file: &Path, header: &[u8], place: &Path) -> io::Result<bool> {

@@ -24,8 +24,8 @@ const POSTGRES_PARAMETERS: [&str; 12] = [
 /// The location of a store.
 #[derive(Debug, Clone)]
 pub struct Location {
-    /// The folder of this process: for running uploads, and for the database and the objects unless they have other places. Created
-    /// if missing.
+    /// The folder of this process: for running uploads, and for the database and the objects unless they have other
+    /// places. Created if missing.
     pub folder: PathBuf,
     /// The database, unless it is `rows.sqlite` in the folder.
     pub database: Option<DatabaseAddress>,

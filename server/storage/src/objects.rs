@@ -59,7 +59,8 @@ impl Objects {
         })
     }
 
-    /// Writes an object, replacing an existing one, which may be damaged. Readers see either the old or the new one, complete.
+    /// Writes an object, replacing an existing one, which may be damaged. Readers see either the old or the new one,
+    /// complete.
     ///
     /// # Errors
     /// If the object store fails.
@@ -70,8 +71,8 @@ impl Objects {
         Ok(())
     }
 
-    /// Makes an object from a spooled file, replacing an existing one. In a directory on the same disk, it becomes the same file under
-    /// another name; elsewhere it is copied, with at most one part in memory.
+    /// Makes an object from a spooled file, replacing an existing one. In a directory on the same disk, it becomes the
+    /// same file under another name; elsewhere it is copied, with at most one part in memory.
     ///
     /// # Errors
     /// If the object store fails.
@@ -97,7 +98,8 @@ impl Objects {
         let mut upload = self.files.put_multipart(&name.path()).await?;
         let written = write_parts(&mut *upload, header, file).await;
         if written.is_err() {
-            // Parts of an unfinished object stay in a bucket for ever; if they cannot be aborted either, the rules of the bucket remove them.
+            // Parts of an unfinished object stay in a bucket for ever; if they cannot be aborted either, the rules of
+            // the bucket remove them.
             let _given_up = upload.abort().await;
         }
         written

@@ -1,12 +1,13 @@
 //! Rows: cases, their objects, and jobs; the interface to a database.
 //!
-//! Every method is one transaction, which ends before it returns. The time is the database's own: leases, pins and tombstones of
-//! several machines, whose clocks differ, are compared by one clock. Callers give durations.
+//! Every method is one transaction, which ends before it returns. The time is the database's own: leases, pins and
+//! tombstones of several machines, whose clocks differ, are compared by one clock. Callers give durations.
 //!
-//! An object is removed in three steps, none of which holds a transaction while the object store works: [`CaseRows::mark`] leaves a
-//! tombstone on an unneeded object, the object is deleted, and [`CaseRows::bury`] removes the tombstone. An object with a tombstone
-//! cannot be pinned, and a pinned or needed object gets no tombstone; so no object is deleted that a process is about to reference. A
-//! tombstone has a lease: if its holder is killed, another sweep takes it over and deletes the object again.
+//! An object is removed in three steps, none of which holds a transaction while the object store works:
+//! [`CaseRows::mark`] leaves a tombstone on an unneeded object, the object is deleted, and [`CaseRows::bury`] removes
+//! the tombstone. An object with a tombstone cannot be pinned, and a pinned or needed object gets no tombstone; so no
+//! object is deleted that a process is about to reference. A tombstone has a lease: if its holder is killed, another
+//! sweep takes it over and deletes the object again.
 
 use std::time::Duration;
 
@@ -122,8 +123,8 @@ pub enum Change {
 /// Cases, the objects they need, and jobs, in a database that several processes may share.
 #[async_trait]
 pub trait CaseRows: std::fmt::Debug + Send + Sync {
-    /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of them has a
-    /// tombstone: try again once it is buried.
+    /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of
+    /// them has a tombstone: try again once it is buried.
     async fn pin(&self, pinned: &Pinned, lease: Duration) -> Result<bool, StoreError>;
 
     /// Makes pins expire at once, because the objects are not needed.
@@ -144,14 +145,15 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Changes the label of a case; nothing if there is no such case.
     async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError>;
 
-    /// Removes a case with its job; returns whether it existed. Its objects are left with expired pins; its versions become those
-    /// of the case that it is a version of.
+    /// Removes a case with its job; returns whether it existed. Its objects are left with expired pins; its versions
+    /// become those of the case that it is a version of.
     async fn delete(&self, id: &CaseId) -> Result<bool, StoreError>;
 
     /// How many jobs wait for a lease.
     async fn waiting(&self) -> Result<usize, StoreError>;
 
-    /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the way.
+    /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the
+    /// way.
     async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError>;
 
     /// Renews a lease from now on and notes the progress; `false` if the lease is not ours any more.
@@ -193,11 +195,13 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Releases the rebuild of a case, if the holder still has it.
     async fn end_rebuild(&self, id: &CaseId, holder: &str) -> Result<(), StoreError>;
 
-    /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has ended.
+    /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has
+    /// ended.
     async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError>;
 
-    /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other live sweep
-    /// removes, and forgets the expired pins of all of them. The objects with the sweep's tombstone are its own to delete.
+    /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other
+    /// live sweep removes, and forgets the expired pins of all of them. The objects with the sweep's tombstone are its
+    /// own to delete.
     async fn mark(
         &self,
         names: &[ObjectName],
@@ -210,8 +214,9 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Those of the given objects that no case needs, no pin protects and no sweep removes.
     async fn unneeded(&self, names: &[ObjectName]) -> Result<Vec<ObjectName>, StoreError>;
 
-    /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into references; one that
-    /// is not ready or failed is queued. `false`, and nothing has changed, where it is ready here and not there.
+    /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into
+    /// references; one that is not ready or failed is queued. `false`, and nothing has changed, where it is ready here
+    /// and not there.
     async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError>;
 
     /// Ends every lease and expires every pin, because no other process runs that could hold one.
@@ -223,8 +228,8 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Checks the integrity of the database itself. Takes as long as reading it.
     async fn inspect(&self) -> Result<(), StoreError>;
 
-    /// The changes of all processes from now on, as they are committed; `None` if the database cannot report them. Some may be
-    /// missed, so a process that waits for one must also poll.
+    /// The changes of all processes from now on, as they are committed; `None` if the database cannot report them. Some
+    /// may be missed, so a process that waits for one must also poll.
     async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
         Ok(None)
     }

@@ -1,7 +1,7 @@
 //! Uploads in progress: temporary files, hashed as they arrive.
 //!
-//! Each begins with room for the header of an object, so that the file becomes an object by another name; an upload is written
-//! only once ([`Objects::put_file`](super::Objects::put_file)).
+//! Each begins with room for the header of an object, so that the file becomes an object by another name; an upload is
+//! written only once ([`Objects::put_file`](super::Objects::put_file)).
 
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -93,8 +93,8 @@ impl Spooled {
 
     /// Takes over a file that was written elsewhere, with the same room before its bytes. It is moved into `directory`.
     ///
-    /// The bytes are hashed here. If another process still writes to the file, it damages the object; that is detected when the object is
-    /// read.
+    /// The bytes are hashed here. If another process still writes to the file, it damages the object; that is detected
+    /// when the object is read.
     pub(super) fn take(file: &Path, directory: &Path) -> io::Result<Self> {
         let path = tempfile::Builder::new()
             .prefix("upload-")

@@ -113,11 +113,12 @@ struct Inputs<'a> {
 impl Store {
     /// Makes a case from spooled files and queues its preparation.
     ///
-    /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller drops
-    /// the future.
+    /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller
+    /// drops the future.
     ///
     /// # Errors
-    /// [`StoreError::QueueFull`], or another error if the store fails; nothing is left behind then. The parameters are not checked here.
+    /// [`StoreError::QueueFull`], or another error if the store fails; nothing is left behind then. The parameters are
+    /// not checked here.
     pub async fn submit_upload(
         &self,
         upload: Upload,
@@ -142,8 +143,8 @@ impl Store {
 
     /// Makes a version of a case and queues its preparation; `None` if there is no such case (any more).
     ///
-    /// It has the label of the case. If the same volume, mask and parameters are a case already, that case is unchanged, but a
-    /// failed one is queued again. The operation completes even if the caller drops the future.
+    /// It has the label of the case. If the same volume, mask and parameters are a case already, that case is
+    /// unchanged, but a failed one is queued again. The operation completes even if the caller drops the future.
     ///
     /// # Errors
     /// As [`Store::submit_upload`].

@@ -20,7 +20,8 @@ use triangle::{Samples, Triangles};
 
 pub use facets::Facets;
 
-/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
+/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep
+/// angle.
 const PIECE_PIXELS: f64 = 8.0;
 
 /// Draws the facets of a mesh in the formats of [`crate::draw_splat`], with soft edges.

@@ -1,4 +1,8 @@
 //! The message of a parser without the rejected value, which may be anything, such as the name of a patient.
+//!
+//! serde reports errors of its derived code as text only, so this module and [`super::query`] recognise them by their
+//! first words. Tests pin the messages of each parser: if an update of a library changes them, a test fails before a
+//! `type` of a problem changes.
 
 /// The error as a sentence that begins with its verb. It repeats nothing from the client.
 ///

@@ -9,7 +9,8 @@ const VERSION: u32 = 2;
 const JSON_CHUNK: &[u8; 4] = b"JSON";
 const BINARY_CHUNK: &[u8; 4] = b"BIN\0";
 
-/// LPS mm to glTF's space, column by column: x stays (the patient's left is glTF's +x of a figure that faces +z), up is S, forward is A; metres.
+/// LPS mm to glTF's space, column by column: x stays (the patient's left is glTF's +x of a figure that faces +z), up is
+/// S, forward is A; metres.
 const GLTF_FROM_PATIENT: [f32; 16] = [
     0.001, 0.0, 0.0, 0.0, //
     0.0, 0.0, -0.001, 0.0, //

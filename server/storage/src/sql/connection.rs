@@ -1,4 +1,5 @@
-//! One interface to both databases: the statements of [`super`] are written once, in the SQL that SQLite and PostgreSQL share.
+//! One interface to both databases: the statements of [`super`] are written once, in the SQL that SQLite and PostgreSQL
+//! share.
 //!
 //! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
 

@@ -1,7 +1,8 @@
 //! Rows in an SQL database: a file of SQLite, or PostgreSQL.
 //!
-//! The statements are written once ([`connection`]); the differences are in [`sqlite`] and [`postgres`]. Writing transactions come one
-//! after another in both. The time of a transaction is read from the database inside of it, in microseconds since 1970.
+//! The statements are written once ([`connection`]); the differences are in [`sqlite`] and [`postgres`]. Writing
+//! transactions come one after another in both. The time of a transaction is read from the database inside of it, in
+//! microseconds since 1970.
 
 mod cases;
 mod connection;

@@ -30,16 +30,16 @@ const AWAY_FOR: Duration = Duration::from_secs(1);
 /// The channel for changes (`migrations/postgres`).
 const CHANNEL: &str = "isocortex";
 
-/// Settings of a session: the server stops waiting for a lock, and ends a transaction of a silent process, which would block all
-/// others.
+/// Settings of a session: the server stops waiting for a lock, and ends a transaction of a silent process, which would
+/// block all others.
 const SESSION: [(&str, &str); 3] = [
     ("lock_timeout", "20s"),
     ("idle_in_transaction_session_timeout", "20s"),
     ("tcp_user_timeout", "20s"),
 ];
 
-/// The statement must see what others committed before it got the lock: each has a snapshot of its own at `READ COMMITTED`. The
-/// number spells "isocortx".
+/// The statement must see what others committed before it got the lock: each has a snapshot of its own at `READ
+/// COMMITTED`. The number spells "isocortx".
 const BEGIN: &str =
     "BEGIN ISOLATION LEVEL READ COMMITTED; SELECT pg_advisory_xact_lock(7598539469166376056)";
 
