@@ -255,7 +255,7 @@ impl Crate {
                 })
                 .collect();
             circles.push(circle.iter().map(|module| module.join("::")).collect());
-            seen.extend(circle.into_iter().map(|target| *target));
+            seen.extend(circle.into_iter().copied());
         }
         circles
     }

@@ -1,4 +1,4 @@
-//! Caches of values that weigh as many bytes as they hold.
+//! Caches of values, limited by their bytes.
 
 use std::hash::Hash;
 

@@ -1,6 +1,6 @@
-//! Volumes that were read to be checked, on their way to a worker of the same process that has nothing else to do.
+//! Hands volumes that were decoded for a check to an idle worker of the same process.
 //!
-//! Nothing depends on it: what is not taken soon is dropped, and the worker reads the stored upload.
+//! This is only an optimisation: a volume that is not taken soon is dropped, and the worker reads the stored upload.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,15 +10,15 @@ use case::CaseId;
 use pipeline::ReadSource;
 use tokio::sync::OwnedSemaphorePermit;
 
-/// How long a volume waits for a worker that was idle a moment ago.
+/// How long a volume waits for a worker that was idle.
 const WAIT: Duration = Duration::from_secs(5);
 
-/// A volume, and the room that it takes in memory.
+/// A volume, and its room in memory.
 #[derive(Debug)]
 struct Waiting {
     read: ReadSource,
     _room: OwnedSemaphorePermit,
-    /// Which offer of this case it is.
+    /// The number of this offer.
     number: u64,
 }
 
@@ -30,7 +30,7 @@ struct Table {
     offers: u64,
 }
 
-/// The volumes on their way. Cheap to clone.
+/// The offered volumes. Cheap to clone.
 #[derive(Debug, Clone)]
 pub(crate) struct Handover {
     table: Arc<Mutex<Table>>,
@@ -47,18 +47,18 @@ impl Default for Handover {
 }
 
 impl Handover {
-    /// Held for moments, and every change is whole.
+    /// Held only briefly, and every change is complete.
     fn lock(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A worker has nothing to do, until this is dropped.
+    /// Marks a worker as idle until the result is dropped.
     pub(crate) fn idle(&self) -> Idle {
         self.lock().idle += 1;
         Idle(self.clone())
     }
 
-    /// Whether a worker has nothing to do.
+    /// Whether a worker is idle.
     #[cfg(test)]
     pub(crate) fn is_awaited(&self) -> bool {
         self.lock().idle > 0
@@ -81,13 +81,13 @@ impl Handover {
         Offer(Some((self.clone(), id, number)))
     }
 
-    /// The volume of a case, if it is on its way.
+    /// Takes the volume of a case, if it is offered.
     pub(crate) fn take(&self, id: &CaseId) -> Option<ReadSource> {
         let taken = self.lock().waiting.remove(id);
         taken.map(|waiting| waiting.read)
     }
 
-    /// Drops an offer that was not taken.
+    /// Withdraws an offer that was not taken.
     fn withdraw(&self, id: &CaseId, number: u64) {
         let mut table = self.lock();
         let found = table.waiting.get(id);
@@ -99,7 +99,7 @@ impl Handover {
     }
 }
 
-/// A worker that has nothing to do.
+/// An idle worker.
 #[derive(Debug)]
 pub(crate) struct Idle(Handover);
 
@@ -109,13 +109,13 @@ impl Drop for Idle {
     }
 }
 
-/// A volume that was offered: withdrawn if this is dropped, unless it is [kept](Offer::keep).
+/// An offered volume; withdrawn if this is dropped, unless it is [kept](Offer::keep).
 #[derive(Debug)]
 #[must_use]
 pub(crate) struct Offer(Option<(Handover, CaseId, u64)>);
 
 impl Offer {
-    /// The case was queued: the volume waits for a worker for a while.
+    /// Keeps the offer for a while after the case was queued.
     pub(crate) fn keep(mut self) {
         if let Some((handover, id, number)) = self.0.take() {
             tokio::spawn(async move {

@@ -1,6 +1,8 @@
-//! From spooled files to a queued case: checked at once, so that nothing that cannot be prepared gets into the store.
+//! Makes a queued case from spooled files. The files are checked at once, so that the store contains only usable
+//! uploads.
 //!
-//! What is in the store was checked before. What the check reads of a volume goes on to the worker that prepares it.
+//! Files from the store were checked before. A volume that was decoded for the check is handed to the worker that
+//! prepares it.
 
 #[cfg(test)]
 mod tests;
@@ -14,14 +16,16 @@ use crate::application::Cases;
 use crate::error::Error;
 use crate::handover::Offer;
 
-/// What tells the size of a volume, packed or not.
+/// The number of bytes that contain the size of a volume, gzipped or not.
 const START_BYTES: usize = 64 << 10;
 
 impl Cases {
-    /// Checks an upload and queues it. A case that is there already is answered as it is; with `keep_name` it keeps its label, too.
+    /// Checks an upload and queues it. A case that is there already is answered as it is; with `keep_name` it keeps its
+    /// label, too.
     ///
     /// # Errors
-    /// [`Error::Failure`] with what is wrong with the upload, [`Error::Busy`] if too much waits, or the store's.
+    /// [`Error::Failure`] that states what is wrong with the upload, [`Error::Busy`] if too much is waiting, or an
+    /// error of the store.
     pub async fn submit(
         &self,
         upload: Upload,
@@ -42,7 +46,7 @@ impl Cases {
     /// Checks a version of a case and queues it, as [`Cases::submit`].
     ///
     /// # Errors
-    /// As [`Cases::submit`]; [`Error::NoSuchCase`] if the case is gone.
+    /// As [`Cases::submit`]; [`Error::NoSuchCase`] if the case was deleted.
     pub async fn submit_version(&self, mut version: Version) -> Result<Submitted, Error> {
         let offer;
         (version.parameters, offer) = self.check_version(&version).await?;
@@ -63,7 +67,7 @@ impl Cases {
         }
         let start = upload.volume.head(START_BYTES as u64).await?;
         let room = self.checks.enter(&start).await?;
-        // The same may have been accepted while this one waited.
+        // An equal upload may have been accepted meanwhile.
         if self.is_accepted(&id).await? {
             return Ok((parameters, None));
         }
@@ -106,7 +110,7 @@ impl Cases {
         Ok(known.is_some_and(|case| case.state != CaseState::Failed))
     }
 
-    /// Refuses what cannot be prepared; the parameters with which it will be, and its volume on the way to a worker.
+    /// Rejects unusable uploads; returns the parameters for the preparation, and offers the volume to a worker.
     async fn check(
         &self,
         source: Source,
@@ -123,7 +127,7 @@ impl Cases {
     }
 }
 
-/// The volume of a case that is to be prepared waits for a worker.
+/// Keeps the volume of a queued case for a worker.
 fn keep_if_queued(offer: Option<Offer>, submitted: &Submitted) {
     if let Some(offer) = offer.filter(|_| submitted.created) {
         offer.keep();

@@ -1,6 +1,6 @@
-//! The cases of a store, and what prepares them: the one place where `storage` and `pipeline` meet.
+//! The cases of a store and their preparation: the only place where `storage` and `pipeline` meet.
 //!
-//! Everything but the uploaded files is derived from them: a derived object that is missing or damaged is made again here.
+//! Everything except the uploaded files is derived from them; a missing or damaged derived object is rebuilt here.
 
 mod desk;
 mod maps;
@@ -25,9 +25,10 @@ use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
 
-/// What a worker does with an upload: the objects and facts of a case, or why there are none.
+/// The work on an upload: returns the objects and facts of a case, or the reason why there are none.
 ///
-/// What was read of the upload already comes with it. It is told each step as it begins, and ends soon after the flag is raised.
+/// What was read of the upload already comes with it. It is told each step as it begins, and ends soon after the flag
+/// is raised.
 pub type PrepareFn = dyn Fn(
         Input<'_>,
         &Parameters,
@@ -38,12 +39,12 @@ pub type PrepareFn = dyn Fn(
     + Send
     + Sync;
 
-/// How cases are prepared.
+/// The preparation of cases.
 #[derive(Clone)]
 pub struct Preparation {
     /// Whether there is a network that extracts brains.
     pub has_network: bool,
-    /// What prepares a case.
+    /// The function that prepares a case.
     pub prepare: Arc<PrepareFn>,
 }
 
@@ -74,7 +75,7 @@ impl Default for Preparation {
     }
 }
 
-/// The cases of a store, and what prepares them. Cheap to clone.
+/// The cases of a store, and their preparation. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Library {
     inner: Arc<Inner>,
@@ -84,24 +85,24 @@ pub struct Library {
 struct Inner {
     store: Store,
     preparation: Preparation,
-    /// What uploads may ask for.
+    /// The limits of uploads.
     limits: Limits,
-    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Of one case there is one
-    /// at a time in all processes ([`Store::rebuild_alone`]).
+    /// One rebuild at a time in this process, because it needs the memory of a whole preparation; held across awaits.
+    /// Each case is rebuilt by one process at a time ([`Store::rebuild_alone`]).
     rebuilding: tokio::sync::Mutex<()>,
-    /// `None` if no maps are made.
+    /// `None` if no maps are computed.
     maps: Option<MapsDesk>,
-    /// Volumes that were read to be checked.
+    /// Volumes that were decoded for their check.
     handover: Handover,
 }
 
 impl Library {
-    /// The cases of a store, prepared so, within limits on what uploads may ask for, without maps.
+    /// The cases of a store with this preparation and these limits, without maps.
     pub fn new(store: Store, preparation: Preparation, limits: Limits) -> Self {
         Self::on(store, preparation, limits, None)
     }
 
-    /// The same with maps, of which so many bytes are kept in memory.
+    /// Adds maps, with a limit on their bytes in memory.
     pub fn with_maps(
         store: Store,
         preparation: Preparation,
@@ -131,27 +132,27 @@ impl Library {
         }
     }
 
-    /// The cases of a store, prepared as usual.
+    /// The cases of a store, with the usual preparation.
     pub fn of(store: Store) -> Self {
         Self::new(store, Preparation::default(), Limits::default())
     }
 
-    /// Where the cases are.
+    /// The store.
     pub fn store(&self) -> &Store {
         &self.inner.store
     }
 
-    /// What uploads may ask for.
+    /// The limits of uploads.
     pub fn limits(&self) -> Limits {
         self.inner.limits
     }
 
-    /// Whether the preparations have a network that extracts brains.
+    /// Whether the preparation has a network for brain extraction.
     pub fn has_network(&self) -> bool {
         self.inner.preparation.has_network
     }
 
-    /// Volumes that were read to be checked, on their way to the workers.
+    /// Volumes that were decoded for their check, for the workers.
     pub(crate) fn handover(&self) -> &Handover {
         &self.inner.handover
     }
@@ -169,7 +170,7 @@ impl Library {
         prepare(input, parameters, limits, observe, cancelled)
     }
 
-    /// Makes a case of files in memory and queues its preparation. The parameters are [`settled`] first.
+    /// Makes a case from files in memory and queues its preparation. The parameters are [`settled`] first.
     ///
     /// # Errors
     /// As [`Store::submit_upload`].
@@ -198,14 +199,14 @@ impl Library {
         self.store().submit_upload(upload, parameters).await
     }
 
-    /// Reads derived objects of a ready case; `None` where it is not there or not ready.
+    /// Reads derived objects of a ready case; `None` if it does not exist or is not ready.
     ///
-    /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. Where an object is missing or damaged, or
-    /// `decode` gives `None`, that is logged, and all are made again from the source. Where the source is lost too the case
-    /// becomes failed.
+    /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. If an object is missing or damaged, or
+    /// `decode` returns `None`, this is logged, and all are rebuilt from the source. If the source is lost too, the
+    /// case becomes failed.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn load<T: Send + 'static>(
         &self,
         id: &CaseId,
@@ -220,7 +221,7 @@ impl Library {
         }
         let _one_at_a_time = self.inner.rebuilding.lock().await;
         let read_or_rebuild = async {
-            // Somebody else may have done it meanwhile.
+            // Another caller may have done it meanwhile.
             if let Attempt::Read(value) = self.store().read_derived(id, kinds, &decode).await? {
                 return Ok(Some(value));
             }
@@ -229,7 +230,7 @@ impl Library {
                 Attempt::Read(value) => Ok(Some(value)),
                 Attempt::NoCase => Ok(None),
                 Attempt::Bad => Err(StoreError::Objects(
-                    "derived objects cannot be read right after they were written".into(),
+                    "derived objects cannot be read immediately after they were written".into(),
                 )),
             }
         };
@@ -241,7 +242,7 @@ impl Library {
     /// The uploaded files of a case; `None`, reported, if one is missing or damaged.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn source(
         &self,
         id: &CaseId,
@@ -261,7 +262,7 @@ impl Library {
         }))
     }
 
-    /// What a preparation of a volume and mask that were read already needs besides; as [`Library::source`].
+    /// The other inputs of a preparation whose volume and mask are decoded already; as [`Library::source`].
     pub(crate) async fn source_besides(
         &self,
         id: &CaseId,
@@ -288,7 +289,7 @@ impl Library {
         Ok(read.map(Some))
     }
 
-    /// Makes the derived objects of a ready case again, or makes the case failed where that is impossible.
+    /// Rebuilds the derived objects of a ready case, or makes the case failed if that is impossible.
     async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
         let Some(case) = self.store().rows().case(id).await? else {
             return Ok(());
@@ -316,22 +317,19 @@ impl Library {
                     .publish(Publisher::Rebuild(id), &framed, &derived.facts)
                     .await?;
                 self.store().signals().count(Count::Rebuild);
-                tracing::warn!("the derived objects of a case were made again from its source");
+                tracing::warn!("rebuilt the derived objects of a case from its source");
             }
             Err(failure) => {
                 self.store().rows().condemn(id, &failure).await?;
-                tracing::error!(
-                    kind = failure.name,
-                    "a case cannot be made again from its source"
-                );
+                tracing::error!(kind = failure.name, "cannot rebuild a case from its source");
             }
         }
         self.store().signals().changed(id);
         Ok(())
     }
 
-    /// The brain mask of a case, where it was extracted or judged: it stays what it was, whichever way this server would extract it
-    /// now, and so does the verdict, for another server may have no network to ask.
+    /// The brain mask of a case, if it was extracted or rated. It must not change, even if this server would extract it
+    /// differently now; nor must the rating, because another server may have no network.
     async fn extracted(
         &self,
         case: &Case,
@@ -364,11 +362,11 @@ impl Library {
     }
 }
 
-/// What a case fails with when its mask was lost and would become another one.
+/// The failure of a case whose mask was lost and would differ if extracted again.
 fn extracted_otherwise() -> Failure {
     Failure::new(
         FailureKind::Internal,
         "mask-damaged",
-        "the stored mask is damaged, and this server would extract the brain in another way; upload the volume again",
+        "the stored mask is damaged, and this server would extract the brain with another method; upload the volume again",
     )
 }

@@ -1,4 +1,4 @@
-//! Room in memory for volumes that are checked.
+//! Memory for the checks of volumes.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use crate::error::Error;
 /// How long an upload waits for room.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
-/// Room in memory for volumes that are checked, which wait for each other by their size.
+/// Memory for the checks of volumes, shared by their size.
 #[derive(Debug, Clone)]
 pub(crate) struct RoomToCheck {
     head: HeadLimits,
@@ -37,10 +37,10 @@ impl RoomToCheck {
         }
     }
 
-    /// Room for a volume that begins so, until it is dropped.
+    /// Room for a volume with this header, until it is dropped.
     ///
     /// # Errors
-    /// [`Error::Failure`] if the header is not that of a head; [`Error::Busy`] if others take too long.
+    /// [`Error::Failure`] if the header cannot be that of a head; [`Error::Busy`] if others take too long.
     pub(crate) async fn enter(&self, start: &[u8]) -> Result<OwnedSemaphorePermit, Error> {
         let voxels = self.head.check(start, &self.limits)?;
         let weight = thousands(voxels).min(thousands(self.limits.max_voxels));

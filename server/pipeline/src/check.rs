@@ -1,4 +1,4 @@
-//! What can be told of an upload at once, before it is queued.
+//! Checks an upload before it is queued.
 
 use std::time::{Duration, Instant};
 
@@ -10,31 +10,31 @@ use super::source::{Source, read_sound_volume, read_volume};
 use case::{Failure, MaskSource, Parameters};
 use geometry::Volume;
 
-/// An upload that can be prepared.
+/// An upload that passed the checks.
 #[derive(Debug)]
 pub struct Checked {
-    /// The parameters with which it will be, as [`settled`] makes them.
+    /// The parameters for the preparation, as from [`settled`].
     pub parameters: Parameters,
-    /// What was read, so that the preparation need not read it again.
+    /// The decoded upload, so that the preparation need not read it again.
     pub read: ReadSource,
 }
 
-/// The volume of an upload, read, and its mask.
+/// The decoded volume of an upload, and its mask.
 #[derive(Debug)]
 pub struct ReadSource {
     pub(super) volume: Volume,
     /// `None` if the brain must be extracted.
     pub(super) given: Option<Placed>,
-    /// How long reading took.
+    /// The time for reading.
     pub(super) took: Duration,
 }
 
-/// What a preparation begins with.
+/// The input of a preparation.
 #[derive(Debug)]
 pub struct Input<'a> {
-    /// The upload. If it was read already, neither its volume nor its mask is looked at.
+    /// The upload. If `read` is present, its volume and mask are not used.
     pub source: &'a Source,
-    /// What was read of it.
+    /// The decoded upload, if it has been read already.
     pub read: Option<ReadSource>,
 }
 
@@ -44,12 +44,12 @@ impl<'a> From<&'a Source> for Input<'a> {
     }
 }
 
-/// Whether an upload can be prepared, as far as reading it and bringing its mask to the working grid tell.
+/// Checks an upload by reading it and resampling its mask to the working grid.
 ///
-/// It takes about a tenth of a preparation. What it finds a preparation would find too, with the same [`Failure`].
+/// This takes about a tenth of the time of a preparation, which would find the same errors.
 ///
 /// # Errors
-/// A [`Failure`] that names what is wrong with the input or the parameters.
+/// A [`Failure`] that states what is wrong with the input or the parameters.
 pub fn check(
     source: &Source,
     parameters: Parameters,
@@ -77,16 +77,16 @@ pub fn check(
             geometry::check_closing(grid, radius_mm).map_err(from_geometry)?;
             parameters
         }
-        // Whether there is a brain in the volume, the extraction tells.
+        // The extraction finds out whether there is a brain in the volume.
         None => extracting(parameters, has_network)?,
     };
     Ok(Checked { parameters, read })
 }
 
-/// The parameters with which an upload will be prepared: where the brain must be extracted and there is no network, the method
-/// is no longer left open. So the case is another one than that which a network would make of the same upload.
+/// The parameters for the preparation. If the brain must be extracted without a network, the method becomes `pruning`,
+/// so that the case differs from the one that a network would make from the same upload.
 ///
-/// An input that cannot be read changes nothing: the preparation says what is wrong with it.
+/// An unreadable input changes nothing; the preparation reports what is wrong with it.
 pub fn settled(
     source: &Source,
     parameters: Parameters,

@@ -1,7 +1,7 @@
 //! From the bytes of an upload to everything that a case needs.
 //!
-//! There is no async in here: it runs on a worker's blocking thread, and directly under the command line. Nothing but the
-//! upload and the parameters has a say in the result, so that a case can be made again at any time.
+//! There is no async here: the code runs on a blocking thread of a worker, and directly under the command line. The
+//! result depends only on the upload and the parameters, so a case can be rebuilt at any time.
 
 mod affine;
 mod brain;
@@ -51,11 +51,11 @@ pub use imaging::Limits;
 /// A case, computed.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The mask of the brain on the working grid, as it was closed.
+    /// The brain mask on the working grid, before closing.
     pub brain: BrainMask,
     /// Its model, with the distance map and the forest.
     pub built: BuiltModel,
-    /// What clients are told.
+    /// The facts for clients.
     pub facts: CaseFacts,
 }
 
@@ -106,7 +106,7 @@ fn prepare(
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
         ..facts(&built)
     };
-    // Last of all, so that everything before is part of a stage.
+    // Last, so that everything before belongs to a stage.
     facts.timings = steps.timings();
     Ok(Prepared {
         brain: found.brain,
@@ -126,7 +126,7 @@ fn stage_of(step: BuildStep) -> Option<Stage> {
     }
 }
 
-/// Why no model was built.
+/// The reason why no model was built.
 struct Refused(Failure);
 
 impl From<Failure> for Refused {
@@ -141,7 +141,7 @@ impl From<GeometryError> for Refused {
     }
 }
 
-/// What clients are told of the DICOM files: nothing that says whose they are.
+/// The facts about the DICOM files that clients may see, without the identity of the patient.
 fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
     let stored = attributes(stored)?;
     Ok(DicomFacts {
@@ -150,7 +150,8 @@ fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
     })
 }
 
-/// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are left out.
+/// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are
+/// left out.
 fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
     let parts = [
         ("SequenceName", ""),
@@ -169,15 +170,15 @@ fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
     (!told.is_empty()).then(|| told.join(", "))
 }
 
-/// The attributes of DICOM files as they are stored.
+/// The stored attributes of DICOM files.
 ///
 /// # Errors
-/// When they are not what the store was given.
+/// If they are damaged.
 pub fn attributes(stored: &[u8]) -> Result<Attributes, Failure> {
     serde_json::from_slice(stored).map_err(|_| Failure::source_damaged())
 }
 
-/// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
+/// The part of the volume inside the envelope's grid, which must have more than one intensity.
 fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     let volume = DeformableModel::crop(native, envelope).ok_or_else(|| {
         Failure::unusable(
@@ -190,7 +191,7 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     Ok(volume)
 }
 
-/// What clients are told of a model: grids, depth, intensities, and the plane between the hemispheres.
+/// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres.
 pub fn facts(built: &BuiltModel) -> CaseFacts {
     let (volume, distance) = (built.model.volume(), &built.distance);
     let grid = distance.grid();
@@ -228,7 +229,7 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
     }
 }
 
-/// The window of an interval of intensities. An empty one gets a width all the same, for DICOM wants at least that of a step.
+/// The window for an interval of intensities. An empty interval gets a minimal width, because DICOM requires one.
 fn window(low: f32, high: f32) -> WindowFacts {
     let least_width = f32::EPSILON * low.abs().max(high.abs()).max(1.0) * 16.0;
     WindowFacts {
@@ -237,17 +238,17 @@ fn window(low: f32, high: f32) -> WindowFacts {
     }
 }
 
-/// What is stored of a preparation.
+/// The stored results of a preparation.
 #[derive(Debug)]
 pub struct Derived {
     /// The payload of each derived object.
     pub objects: Vec<(ObjectKind, Bytes)>,
-    /// What clients are told.
+    /// The facts for clients.
     pub facts: CaseFacts,
 }
 
 impl Derived {
-    /// The objects of a computed case.
+    /// Encodes the objects of a computed case.
     pub fn of(prepared: Prepared) -> Self {
         let Prepared {
             brain,
@@ -272,14 +273,14 @@ impl Derived {
     }
 }
 
-/// The preparation of real heads.
+/// Prepares cases.
 #[derive(Debug, Clone, Default)]
 pub struct Pipeline {
     extractor: Arc<Extractor>,
 }
 
 impl Pipeline {
-    /// A pipeline that extracts brains so.
+    /// A pipeline with an extractor.
     pub fn new(extractor: Extractor) -> Self {
         Self {
             extractor: Arc::new(extractor),
@@ -293,11 +294,11 @@ impl Pipeline {
 
     /// Computes everything of a case.
     ///
-    /// `observe` is told each step as it begins, and how far an extraction has come. Where `cancelled` is raised the next step
-    /// is not begun, and an extraction ends at once.
+    /// `observe` receives each step as it begins, and the progress of an extraction. After `cancelled` is set, no
+    /// further step begins, and an extraction stops at once.
     ///
     /// # Errors
-    /// A [`Failure`] that names what is wrong with the input; `cancelled` when it was cancelled.
+    /// A [`Failure`] that states what is wrong with the input; `cancelled` if it was cancelled.
     pub fn prepare(
         &self,
         source: &Source,

@@ -3,13 +3,14 @@
 /// The points of the isosurface that a row of pixels shows.
 #[derive(Debug, Clone)]
 pub(crate) struct PointRow {
-    /// Heights towards the viewer from the plane through the target's centre, in working voxels; −∞ where there is no point.
+    /// Heights towards the viewer from the plane through the target's centre, in working voxels; −∞ where there is no
+    /// point.
     pub(crate) heights: Vec<f32>,
     /// Cosines between the outward normal and the direction to the viewer.
     pub(crate) facing: Vec<f32>,
-    /// About unit vectors into the brain, in patient space; empty when nobody asks for them.
+    /// About unit vectors into the brain, in patient space; empty if not needed.
     pub(crate) inward: Vec<[f32; 3]>,
-    /// How many quarters of each pixel the surface covers; empty where it is all of them.
+    /// The covered quarters of each pixel; empty if all pixels are covered fully.
     pub(crate) quarters: Vec<u8>,
 }
 

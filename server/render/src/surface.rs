@@ -1,4 +1,4 @@
-//! What every pixel of a picture shows, whoever finds it.
+//! The surface that the pixels of a picture show, for every renderer.
 
 use rayon::prelude::*;
 
@@ -8,7 +8,7 @@ use crate::rays::Rays;
 use crate::shade::Shade;
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 
-/// Rows that a thread takes at once.
+/// Rows per piece of work of a thread.
 pub(crate) const BAND: usize = 16;
 
 /// Finds the point of an isosurface that each pixel shows.
@@ -44,10 +44,10 @@ pub(crate) fn draw(
     Frame::new(size, shade.format(), bytes)
 }
 
-/// Whether a picture is still wanted. Asked again and again while it is drawn, from any thread.
+/// Whether a picture is still wanted. Called repeatedly while it is drawn, from any thread.
 pub type Wanted<'a> = dyn Fn() -> bool + Sync + 'a;
 
-/// The picture of a surface; `None` where it was no longer wanted before it was finished, which then is soon.
+/// The picture of a surface; `None` soon after it is no longer wanted.
 pub(crate) fn draw_while(
     surface: &impl Surface,
     scene: &Scene<'_>,
@@ -59,7 +59,7 @@ pub(crate) fn draw_while(
     is_wanted().then_some(frame)
 }
 
-/// A surface that shows nothing any more once it is not wanted.
+/// A surface that shows nothing after it is no longer wanted.
 struct WhileWanted<'a, S> {
     surface: &'a S,
     is_wanted: &'a Wanted<'a>,

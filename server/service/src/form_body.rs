@@ -1,4 +1,4 @@
-//! The body of a form, with an end to what is no part of it.
+//! The body of a form, with a limit on the bytes outside of parts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,9 +10,10 @@ use futures_util::stream::{self, StreamExt as _};
 /// The most bytes from a boundary (at first, from the beginning) to the end of the next part's header.
 const MAX_HEADER_BYTES: usize = 16 << 10;
 
-/// What counts the bytes of a form that belong to no part yet.
+/// Counts the bytes of a form that belong to no part yet.
 ///
-/// multer, which reads the form, gathers everything until it finds a boundary and the end of a part's header, without a limit.
+/// multer, which reads the form, gathers everything until it finds a boundary and the end of a part's header, without a
+/// limit.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct HeaderBudget(Arc<AtomicUsize>);
 
@@ -32,7 +33,8 @@ impl HeaderBudget {
         self.begin_header();
         let start = (body.into_data_stream(), self.clone());
         Body::from_stream(stream::unfold(start, async |(mut pieces, budget)| {
-            // After each piece there seems to be no more for a moment, so that multer looks at what it has before it gathers more.
+            // After each piece there seems to be no more for a moment, so that multer looks at what it has before it
+            // gathers more.
             tokio::task::yield_now().await;
             let piece = match budget.is_spent() {
                 true => Err(NoPart.into()),
@@ -55,9 +57,9 @@ impl HeaderBudget {
     }
 }
 
-/// The form has no part where one should be.
+/// A part is missing where one must begin.
 #[derive(Debug, thiserror::Error)]
-#[error("no header of a part ends within {MAX_HEADER_BYTES} bytes")]
+#[error("the header of a part does not end within {MAX_HEADER_BYTES} bytes")]
 struct NoPart;
 
 #[cfg(test)]

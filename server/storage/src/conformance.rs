@@ -1,8 +1,8 @@
-//! What every implementation of the rows, and every object store, must do: one suite, for those in here and for back ends
-//! elsewhere.
+//! Checks that every implementation of the rows and every object store must pass: one suite, for the back ends of this
+//! crate and of others.
 //!
-//! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function that
-//! returns a [`RowsSubject`] on an empty database.
+//! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function
+//! that returns a [`RowsSubject`] on an empty database.
 #![expect(missing_docs, reason = "the names of the checks are sentences")]
 
 mod objects;
@@ -18,16 +18,16 @@ use super::ObjectName;
 use super::rows::{CaseRows, Inserted, NewCase, Pinned, Published, Release, Sweep};
 use super::testing::{claim, facts, failure, name, new_case, pinned};
 
-/// How long jobs are leased here.
+/// The lease of jobs in these checks.
 const LEASE: Duration = Duration::from_secs(30);
 
-/// Rows to be checked.
+/// Rows to check.
 pub struct RowsSubject {
     /// The rows, empty.
     pub rows: Arc<dyn CaseRows>,
     /// Lets time pass on their clock.
     pub pass_time: Box<dyn Fn(Duration) + Send + Sync>,
-    /// What must live as long.
+    /// A resource that must live as long.
     pub keep: Box<dyn std::any::Any + Send + Sync>,
 }
 
@@ -37,8 +37,9 @@ impl RowsSubject {
     }
 }
 
-/// Tests that rows do what they must: `rows_conformance! { a_name: make_subject }` writes a test for each check;
-/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that take long to start.
+/// Tests an implementation of the rows: `rows_conformance! { a_name: make_subject }` writes a test for each check;
+/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that are slow to
+/// start.
 #[macro_export]
 macro_rules! rows_conformance {
     ($($implementation:ident: $make:path),+ $(,)?) => {$(

@@ -1,4 +1,4 @@
-//! A spooled file becomes an object of a directory: the same file under another name.
+//! Makes a spooled file an object of a directory: the same file under another name.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write as _};
@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 
 use uuid::Uuid;
 
-/// Writes `header` into the room at the beginning of a file, and makes the file durable under the name `place`, over one that is there.
-/// Readers see the old one or the new one, whole. `false` if the file system gives no file a second name.
+/// Writes `header` into the room at the beginning of a file, and makes the file durable under the name `place`,
+/// replacing any file there. Readers see either the old or the new file, complete. `false` if the file system does not
+/// support hard links.
 ///
-/// The file keeps its first name: what was not carried through can be done again.
+/// The file keeps its first name, so that a failed attempt can be repeated.
 pub(super) fn link(file: &Path, header: &[u8], place: &Path) -> io::Result<bool> {
     let mut object = File::options().write(true).open(file)?;
     object.write_all(header)?;
@@ -23,7 +24,7 @@ pub(super) fn link(file: &Path, header: &[u8], place: &Path) -> io::Result<bool>
         Err(error) => return Err(error),
     }
     let renamed = fs::rename(&staged, place);
-    // Nothing is renamed if both are names of one file already; and a failure leaves nothing.
+    // If both names already belong to one file, nothing is renamed; a failure leaves nothing.
     match fs::remove_file(&staged) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
         _ => renamed?,
@@ -32,14 +33,14 @@ pub(super) fn link(file: &Path, header: &[u8], place: &Path) -> io::Result<bool>
     Ok(true)
 }
 
-/// A name that is swept where it is left over, as those of `object_store` are: `address#something`.
+/// A temporary name that is removed if it is left over, like those of `object_store`: `address#something`.
 fn staged(place: &Path) -> PathBuf {
     let mut name = place.as_os_str().to_owned();
     name.push(format!("#{}", Uuid::now_v7()));
     name.into()
 }
 
-/// Whether the two names cannot be on one disk, or the disk knows no second names.
+/// Whether the two names cannot be on one disk, or the disk does not support hard links.
 fn is_impossible(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -50,7 +51,7 @@ fn is_impossible(error: &io::Error) -> bool {
     )
 }
 
-/// Creates a folder and those above it that are missing, each of them durable.
+/// Creates a folder and its missing parents, each durable.
 fn create_durable(folder: &Path) -> io::Result<()> {
     let above = folder.parent().ok_or(ErrorKind::InvalidInput)?;
     match fs::create_dir(folder) {

@@ -1,4 +1,4 @@
-//! Objects: immutable files, addressed by what is in them, behind the `object_store` crate.
+//! Objects: immutable files, named by their contents, behind the `object_store` crate.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,19 +12,19 @@ use tokio::io::AsyncReadExt;
 use super::frame::{FrameError, Framed, plain_header, unframe};
 use super::{ObjectName, Spooled, StoreError, link};
 
-/// Files are copied into the store in parts of this size, which S3 accepts too (5 MiB at least).
+/// The size of a part when a file is copied into the store; S3 accepts 5 MiB or more.
 const PART_LENGTH: usize = 8 << 20;
 
-/// An object that cannot be used.
+/// The reason why an object cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
-    /// It is not there.
+    /// It is missing.
     #[error("an object is missing")]
     Missing,
-    /// It is not as it was written.
+    /// It is damaged.
     #[error("an object is damaged: {0}")]
     Damaged(String),
-    /// It cannot be reached, and may well be sound.
+    /// It cannot be reached; it may be intact.
     #[error(transparent)]
     Store(#[from] StoreError),
 }
@@ -33,7 +33,7 @@ pub enum Unreadable {
 #[derive(Debug, Clone)]
 pub struct Objects {
     files: Arc<dyn ObjectStore>,
-    /// Where they are, if that is a directory of this machine.
+    /// Their directory, if they are on this machine.
     directory: Option<PathBuf>,
 }
 
@@ -46,10 +46,10 @@ impl Objects {
         }
     }
 
-    /// Objects in a directory, made where it is missing. What was put is on the disk when the call returns.
+    /// Objects in a directory, which is created if missing. An object is on the disk when `put` returns.
     ///
     /// # Errors
-    /// When the directory cannot be used.
+    /// If the directory cannot be used.
     pub fn in_directory(directory: &Path) -> Result<Self, StoreError> {
         std::fs::create_dir_all(directory)?;
         let files = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
@@ -59,10 +59,11 @@ impl Objects {
         })
     }
 
-    /// Writes an object, over one that is there: it may be damaged. Readers see the old one or the new one, whole.
+    /// Writes an object, replacing an existing one, which may be damaged. Readers see either the old or the new one,
+    /// complete.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn put(&self, framed: &Framed) -> Result<(), StoreError> {
         let header = Bytes::copy_from_slice(&framed.header);
         let payload = PutPayload::from_iter([header, framed.payload.clone()]);
@@ -70,11 +71,11 @@ impl Objects {
         Ok(())
     }
 
-    /// Makes an object of a spooled file, over one that is there. In a directory on the same disk it is the same file under another
-    /// name; elsewhere it is copied, with at most a part in memory.
+    /// Makes an object from a spooled file, replacing an existing one. In a directory on the same disk, it becomes the
+    /// same file under another name; elsewhere it is copied, with at most one part in memory.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn put_file(&self, name: &ObjectName, file: &Spooled) -> Result<(), StoreError> {
         let header = plain_header(name, file.len());
         if let Some(directory) = &self.directory {
@@ -97,21 +98,22 @@ impl Objects {
         let mut upload = self.files.put_multipart(&name.path()).await?;
         let written = write_parts(&mut *upload, header, file).await;
         if written.is_err() {
-            // Parts of an object that nobody finishes stay in a bucket for ever; what cannot be taken back either is its owner's rule.
+            // Parts of an unfinished object stay in a bucket for ever; if they cannot be aborted either, the rules of
+            // the bucket remove them.
             let _given_up = upload.abort().await;
         }
         written
     }
 
-    /// The payload of an object, checked.
+    /// The verified payload of an object.
     ///
     /// # Errors
-    /// When it is missing or damaged, or the object store fails.
+    /// If it is missing or damaged, or the object store fails.
     pub async fn get(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
         self.read(name).await.map(|(payload, _framed)| payload)
     }
 
-    /// The bytes of an object as it is stored, checked.
+    /// The verified bytes of an object as stored.
     ///
     /// # Errors
     /// As [`Objects::get`].
@@ -119,10 +121,10 @@ impl Objects {
         self.read(name).await.map(|(_payload, framed)| framed)
     }
 
-    /// Writes the bytes of an object of another store, over one that is there.
+    /// Writes the bytes of an object from another store, replacing an existing one.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn put_framed(&self, name: &ObjectName, framed: Bytes) -> Result<(), StoreError> {
         self.files.put(&name.path(), framed.into()).await?;
         Ok(())
@@ -146,10 +148,10 @@ impl Objects {
             .map_err(|fault: FrameError| Unreadable::Damaged(fault.to_string()))
     }
 
-    /// The names of all objects. What is called otherwise is none of them, and is left out.
+    /// The names of all objects. Files with other names are ignored.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn list(&self) -> Result<Vec<ObjectName>, StoreError> {
         let found = self.files.list(None).map_ok(|file| {
             let mut parts = file.location.parts();
@@ -161,10 +163,10 @@ impl Objects {
         Ok(names.into_iter().flatten().collect())
     }
 
-    /// Removes an object; one that is not there is removed.
+    /// Removes an object, if it exists.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn delete(&self, name: &ObjectName) -> Result<(), StoreError> {
         match self.files.delete(&name.path()).await {
             Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
@@ -175,7 +177,7 @@ impl Objects {
     /// Whether the object store answers.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn check(&self) -> Result<(), StoreError> {
         let nowhere = object_store::path::Path::from("check");
         match self.files.head(&nowhere).await {
@@ -185,7 +187,7 @@ impl Objects {
     }
 }
 
-/// Writes a header and a file, of which at most a part is in memory.
+/// Writes a header and a file, with at most one part in memory.
 async fn write_parts(
     upload: &mut dyn MultipartUpload,
     header: Vec<u8>,

@@ -1,7 +1,7 @@
-//! Uploads on their way in: temporary files, hashed as they come.
+//! Uploads in progress: temporary files, hashed as they arrive.
 //!
-//! Each begins with room for the header of an object, so that it becomes one by another name of the same file: an upload is written
-//! once ([`Objects::put_file`](super::Objects::put_file)).
+//! Each begins with room for the header of an object, so that the file becomes an object by another name; an upload is
+//! written only once ([`Objects::put_file`](super::Objects::put_file)).
 
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -13,10 +13,10 @@ use tokio::io::{AsyncReadExt, AsyncSeekExt as _, AsyncWriteExt};
 use super::StoreError;
 use super::frame::HEADER_LENGTH;
 
-/// How much is hashed and written at once.
+/// The number of bytes to hash and write at once.
 const BUFFER_LENGTH: usize = 1 << 20;
 
-/// An upload on its way into the store. Dropping it leaves nothing.
+/// An upload in progress. Dropping it removes the file.
 #[derive(Debug)]
 pub struct Spool {
     file: tokio::io::BufWriter<tokio::fs::File>,
@@ -45,10 +45,10 @@ impl Spool {
         })
     }
 
-    /// Takes the next bytes.
+    /// Writes the next bytes.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn write(&mut self, bytes: Bytes) -> Result<(), StoreError> {
         self.hasher.update(&bytes);
         self.length += bytes.len() as u64;
@@ -60,15 +60,15 @@ impl Spool {
         self.length
     }
 
-    /// Whether nothing has come yet.
+    /// Whether no byte has arrived yet.
     pub fn is_empty(&self) -> bool {
         self.length == 0
     }
 
-    /// All bytes have come.
+    /// Ends the upload after its last byte.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn finish(mut self) -> Result<Spooled, StoreError> {
         self.file.flush().await?;
         Ok(Spooled {
@@ -79,7 +79,7 @@ impl Spool {
     }
 }
 
-/// A whole uploaded file, in a temporary file. Dropping it removes the file.
+/// A complete upload, in a temporary file. Dropping it removes the file.
 #[derive(Debug)]
 pub struct Spooled {
     path: TempPath,
@@ -88,12 +88,13 @@ pub struct Spooled {
 }
 
 impl Spooled {
-    /// Where in the file the uploaded bytes begin.
+    /// The offset of the uploaded bytes in the file.
     pub const START: u64 = HEADER_LENGTH as u64;
 
-    /// Takes over a file that was written elsewhere, with as much room before its bytes. It is moved into `directory`.
+    /// Takes over a file that was written elsewhere, with the same room before its bytes. It is moved into `directory`.
     ///
-    /// The bytes are hashed here: whoever can still write to the file damages the object, which is found when it is read.
+    /// The bytes are hashed here. If another process still writes to the file, it damages the object; that is detected
+    /// when the object is read.
     pub(super) fn take(file: &Path, directory: &Path) -> io::Result<Self> {
         let path = tempfile::Builder::new()
             .prefix("upload-")
@@ -130,7 +131,7 @@ impl Spooled {
     /// The first bytes.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn head(&self, length: u64) -> Result<Vec<u8>, StoreError> {
         let mut head = Vec::new();
         let file = self.open().await?;
@@ -148,7 +149,7 @@ impl Spooled {
     /// All bytes.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn read(&self) -> Result<Bytes, StoreError> {
         let file = Bytes::from(tokio::fs::read(&self.path).await?);
         if file.len() < HEADER_LENGTH {
@@ -157,7 +158,7 @@ impl Spooled {
         Ok(file.slice(HEADER_LENGTH..))
     }
 
-    /// Where the file is. The uploaded bytes begin at [`Spooled::START`].
+    /// The path of the file. The uploaded bytes begin at [`Spooled::START`].
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -170,7 +171,7 @@ pub struct Upload {
     pub volume: Spooled,
     /// The mask of the brain.
     pub mask: Option<Spooled>,
-    /// Whose head it is, where the volume was made of DICOM files.
+    /// The identifying attributes, if the volume comes from DICOM.
     pub dicom: Option<Spooled>,
 }
 

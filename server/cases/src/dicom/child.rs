@@ -1,4 +1,4 @@
-//! The process that reads.
+//! The child process, which reads the files.
 
 use std::io::{self, Read, Write as _};
 use std::process::ExitCode;
@@ -11,23 +11,23 @@ use super::files::FilesBelow;
 use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
 use case::{Failure, FailureKind};
 
-/// The most that is read of an order.
+/// The limit for the size of a request.
 const MAX_ORDER_BYTES: u64 = 64 << 10;
 
 /// Memory for the program itself, one file and one picture.
 const BASE_BYTES: u64 = 1 << 30;
 
-/// Memory for each voxel: its sample in single precision while slices are gathered, and what becomes of it.
+/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
 const BYTES_PER_VOXEL: u64 = 8;
 
 /// Files open at a time: the three standard ones, one that is read, one that is written, and some that libraries want.
 const OPEN_FILES: u64 = 32;
 
-/// Carries out the order on standard input. What is wrong with the files is written as an outcome.
+/// Handles the request on standard input. Errors in the files are written as an outcome.
 pub fn run() -> ExitCode {
     match carry_out() {
         Ok(()) => ExitCode::SUCCESS,
-        // Nobody reads what this process says; its parent sees that it failed.
+        // Nobody reads the output of this process; its parent sees that it failed.
         Err(_) => ExitCode::FAILURE,
     }
 }
@@ -53,7 +53,7 @@ fn write_volume(order: &Order, volume: &[u8]) -> io::Result<()> {
     file.write_all(volume)
 }
 
-/// From here on the kernel ends this process where it takes more than it may, or where its parent ends.
+/// From here on, the kernel ends this process if it exceeds its limits or if its parent ends.
 fn limit_this_process(order: &Order) -> io::Result<()> {
     let voxels = order.max_voxels as u64;
     let at_most = |resource, most: u64| {
@@ -73,7 +73,7 @@ fn limit_this_process(order: &Order) -> io::Result<()> {
         Resource::Fsize,
         BASE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
     )?;
-    // A core file would hold a patient's images.
+    // A core file would contain images of a patient.
     at_most(Resource::Core, 0)?;
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
     Ok(())

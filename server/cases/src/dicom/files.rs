@@ -1,6 +1,6 @@
 //! The files below a directory, and those in zip archives among them.
 //!
-//! Names are never used: nothing is written by them, and they are in no message. Links are not followed.
+//! File names are never used: not for output, and not in messages. Links are not followed.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek as _, SeekFrom};
@@ -10,16 +10,16 @@ use imaging::dicom::{DicomError, Files};
 use imaging::{Format, sniff};
 use zip::ZipArchive;
 
-/// The most files of an upload, those in archives counted.
+/// The greatest number of files of an upload, including files in archives.
 const MAX_FILES: usize = 20_000;
 
-/// How deep directories may lie in each other.
+/// The greatest depth of nested directories.
 const MAX_DEPTH: usize = 16;
 
-/// What tells the kind of a file.
+/// The number of bytes that identify the kind of a file.
 const HEAD_BYTES: u64 = 600;
 
-/// Where a file is.
+/// The place of a file.
 #[derive(Debug, Clone, Copy)]
 enum Place {
     /// By its number in `paths`.
@@ -28,22 +28,22 @@ enum Place {
     Entry { archive: usize, entry: usize },
 }
 
-/// All files, to be read one by one.
+/// All files, for reading one by one.
 pub(super) struct FilesBelow {
-    /// Where the bytes of each file begin.
+    /// The offset of the bytes in each file.
     start: u64,
     paths: Vec<PathBuf>,
     archives: Vec<ZipArchive<BufReader<File>>>,
     places: Vec<Place>,
-    /// The most bytes of all files together, unpacked.
+    /// The limit for the unpacked bytes of all files.
     limit: u64,
-    /// Those of the files that were read for the first time.
+    /// The bytes of the files that were read for the first time.
     counted: Vec<bool>,
     bytes: u64,
 }
 
 impl FilesBelow {
-    /// Looks for files: `input` itself, whose bytes begin at `start`, or those below it.
+    /// Finds files: `input` itself, with its bytes from `start` on, or the files below it.
     pub(super) fn open(input: &Path, start: u64, limit: u64) -> Result<Self, DicomError> {
         let mut files = Self {
             start: 0,
@@ -55,7 +55,7 @@ impl FilesBelow {
             bytes: 0,
         };
         let mut paths = Vec::new();
-        // What the user names may be a link; what is found below may not.
+        // The input itself may be a link, but nothing below it.
         let metadata = std::fs::metadata(input).map_err(unreadable)?;
         if metadata.is_dir() {
             collect(input, 0, &mut paths)?;
@@ -94,7 +94,7 @@ impl FilesBelow {
     }
 
     fn add_archive(&mut self, file: File) -> Result<(), DicomError> {
-        // What is before its first entry, such as the room of a spooled file, is passed over.
+        // Bytes before the first entry, such as the room of a spooled file, are skipped.
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(bad_zip)?;
         let number = self.archives.len();
         for entry in 0..archive.len() {
@@ -115,7 +115,7 @@ impl FilesBelow {
         self.archives.push(archive);
         if self.archives.len() > MAX_ARCHIVES {
             return Err(DicomError::Unreadable {
-                what: format!("there are more than {MAX_ARCHIVES} archives"),
+                what: format!("the upload has more than {MAX_ARCHIVES} archives"),
             });
         }
         Ok(())
@@ -129,7 +129,7 @@ impl FilesBelow {
     }
 }
 
-/// Each keeps a file open.
+/// The greatest number of archives; each keeps a file open.
 const MAX_ARCHIVES: usize = 8;
 
 impl Files for FilesBelow {
@@ -159,7 +159,7 @@ impl Files for FilesBelow {
     }
 }
 
-/// All bytes as they come; `None` where there are more than `limit`. What a header says of the length is not believed.
+/// All bytes; `None` if there are more than `limit`. Lengths in headers are not trusted.
 fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
     let mut bytes = Vec::new();
     let read = source.take(limit.saturating_add(1)).read_to_end(&mut bytes);
@@ -173,7 +173,7 @@ fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomE
 fn collect(directory: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> Result<(), DicomError> {
     if depth > MAX_DEPTH {
         return Err(DicomError::Unreadable {
-            what: "directories lie too deep in each other".to_owned(),
+            what: "the directories are nested too deeply".to_owned(),
         });
     }
     for entry in std::fs::read_dir(directory).map_err(unreadable)? {
@@ -191,12 +191,12 @@ fn collect(directory: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> Result<(
     Ok(())
 }
 
-/// What the system says of a file, without its name.
+/// The message of the system about a file, without its name.
 fn unreadable(error: std::io::Error) -> DicomError {
     DicomError::Unreadable {
         what: match error.kind() {
             std::io::ErrorKind::InvalidData | std::io::ErrorKind::InvalidInput => {
-                "an entry of the archive does not unpack".to_owned()
+                "an entry of the archive cannot be unpacked".to_owned()
             }
             kind => kind.to_string(),
         },
@@ -206,7 +206,7 @@ fn unreadable(error: std::io::Error) -> DicomError {
 fn bad_zip(error: zip::result::ZipError) -> DicomError {
     let what = match error {
         zip::result::ZipError::UnsupportedArchive(_) => {
-            "the archive is packed in a way that is not read (Deflate is)"
+            "the compression of the archive is not supported; use Deflate"
         }
         _ => "the zip archive is damaged",
     };

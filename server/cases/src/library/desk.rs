@@ -18,18 +18,18 @@ use crate::cache;
 /// About how many cases have maps in memory.
 const EXPECTED_CASES: usize = 16;
 
-/// The maps of a case in memory, ready to be drawn.
+/// The maps of a case in memory, ready for drawing.
 #[derive(Debug)]
 pub struct LoadedMaps {
     key: u128,
     grid: Grid,
     layers: Vec<(MapName, Arc<Layer>)>,
-    /// The places that are blurred most, highest first.
+    /// The most blurred places, the highest value first.
     pub candidates: Vec<CandidateFacts>,
 }
 
 impl LoadedMaps {
-    /// Takes over the maps of a case, whose layers get keys made of `key`.
+    /// Takes over the maps of a case; the keys of their layers derive from `key`.
     pub fn new(key: u128, mut maps: CaseMaps) -> Self {
         let candidates = std::mem::take(&mut maps.candidates);
         let grid = maps.map(MapName::Blur).grid().clone();
@@ -52,7 +52,7 @@ impl LoadedMaps {
         }
     }
 
-    /// Where the voxels of all maps are: a block of the volume's own grid.
+    /// The grid of all maps: a block of the grid of the volume.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -63,7 +63,7 @@ impl LoadedMaps {
         &found.expect("there is one of each name").1
     }
 
-    /// One of the maps, and the key under which a graphics device keeps its texture.
+    /// One of the maps, with the key of its texture on a graphics device.
     pub fn keyed(&self, name: MapName) -> KeyedLayer {
         KeyedLayer {
             key: LayerKey(self.key ^ (1 + name as u128)),
@@ -77,12 +77,12 @@ impl LoadedMaps {
     }
 }
 
-/// How far the maps of a case are.
+/// The state of the maps of a case.
 #[derive(Debug, Clone)]
 pub enum MapsState {
     /// They are there.
     Ready(Arc<LoadedMaps>),
-    /// There are none, and why: a sentence.
+    /// There are none; the reason, as a sentence.
     Undefined(Arc<str>),
     /// They are being made.
     Making,
@@ -90,7 +90,7 @@ pub enum MapsState {
     Off,
 }
 
-/// What is remembered of the maps of a case.
+/// The cached state of the maps of a case.
 pub(super) type Known = Result<Arc<LoadedMaps>, Arc<str>>;
 
 /// Whether it is enough that maps are stored, or they must be readable.
@@ -100,17 +100,17 @@ pub(super) enum Make {
     Again,
 }
 
-/// The maps in memory and those that are being made.
+/// The maps in memory, and the running computations.
 pub(super) struct MapsDesk {
     pub(super) known: Cache<CaseId, Known, ByBytes>,
     /// Waiting and at work. Held for moments.
     making: Mutex<HashMap<CaseId, Make>>,
-    /// Of one case at a time: the filters take every core and some 100 MB.
+    /// One case at a time, because the filters use every core and about 100 MB.
     pub(super) one_at_a_time: Semaphore,
 }
 
 impl MapsDesk {
-    /// Nothing yet, and at most so many bytes in memory.
+    /// An empty cache with a limit in bytes.
     pub(super) fn new(cache_bytes: u64) -> Self {
         Self {
             known: cache::one_shard(ByBytes, cache_bytes, EXPECTED_CASES),

@@ -1,4 +1,4 @@
-//! The maps of cases: made once after a case is ready, stored as one of its objects, and kept in memory while they are looked at.
+//! The maps of cases: computed once after a case is ready, stored as one of its objects, and cached in memory.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,7 +13,7 @@ use storage::{ObjectName, Publisher, StoreError, frame_all};
 use super::Library;
 use super::desk::{LoadedMaps, Make, MapsDesk, MapsState};
 
-/// The most cases whose maps wait to be made; others are taken up when they are asked for again.
+/// The greatest number of cases whose maps wait to be computed; others are queued at their next request.
 const MOST_WAITING: usize = 64;
 
 /// Why maps were not read.
@@ -23,7 +23,7 @@ enum NotRead {
 }
 
 impl Library {
-    /// The maps of a ready case. If they are missing, damaged or of another version, their making begins.
+    /// The maps of a ready case. If they are missing, damaged or from another version, their computation begins.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -31,7 +31,7 @@ impl Library {
         let Some(desk) = &self.inner.maps else {
             return Ok(MapsState::Off);
         };
-        // One that is damaged is not read again and again meanwhile.
+        // A damaged object is not read repeatedly meanwhile.
         if desk.making().get(id) == Some(&Make::Again) {
             return Ok(MapsState::Making);
         }
@@ -42,7 +42,7 @@ impl Library {
         }))
     }
 
-    /// The maps in memory or in the store; `None` if they must be made.
+    /// The maps in memory or in the store; `None` if they must be computed.
     async fn stored_maps(
         &self,
         desk: &MapsDesk,
@@ -62,12 +62,12 @@ impl Library {
         }
     }
 
-    /// Begins to make the maps of a ready case, unless they are stored or on their way.
+    /// Begins to compute the maps of a ready case, unless they are stored or being computed.
     pub fn ensure_maps(&self, id: &CaseId) {
         self.begin_maps(id, Make::IfMissing);
     }
 
-    /// The maps of a ready case, made on the spot if they are missing.
+    /// The maps of a ready case, computed now if they are missing.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -80,7 +80,7 @@ impl Library {
         self.maps(id).await
     }
 
-    /// Forgets the maps of a case in memory.
+    /// Drops the maps of a case from memory.
     pub(super) fn forget_maps(&self, id: &CaseId) {
         if let Some(desk) = &self.inner.maps {
             desk.known.remove(id);
@@ -107,13 +107,13 @@ impl Library {
             if let Err(error) = made {
                 tracing::error!(
                     error = &error as &dyn std::error::Error,
-                    "the maps of a case could not be made"
+                    "cannot compute the maps of a case"
                 );
             }
         });
     }
 
-    /// Makes the maps of a case and stores them, once it is their turn.
+    /// Computes the maps of a case and stores them, after waiting for their turn.
     async fn make_maps(&self, desk: &MapsDesk, id: &CaseId, make: Make) -> Result<(), StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
         let Ok(_turn) = desk.one_at_a_time.acquire().await else {
@@ -149,7 +149,7 @@ impl Library {
         self.store().publish(publisher, &framed, &facts).await?;
         desk.known.remove(id);
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
-        tracing::info!(took_ms, undefined, "the maps of a case were made");
+        tracing::info!(took_ms, undefined, "computed the maps of a case");
         Ok(())
     }
 
@@ -159,7 +159,7 @@ impl Library {
         Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
     }
 
-    /// The stored maps of a case; `None` if they are missing, damaged or of another version.
+    /// The stored maps of a case; `None` if they are missing, damaged or from another version.
     async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
         let Some(name) = self.maps_object(id).await? else {
             return Ok(None);
@@ -169,7 +169,9 @@ impl Library {
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;
         if decoded.is_none() {
-            tracing::info!("the maps of a case are of another version and are made again");
+            tracing::info!(
+                "the maps of a case are from another version and will be computed again"
+            );
         }
         Ok(decoded)
     }

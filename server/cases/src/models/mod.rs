@@ -1,4 +1,4 @@
-//! Warm models: what rendering needs of a case, kept in memory within a budget of bytes.
+//! Loaded models: the data of cases for rendering, kept in memory within a budget of bytes.
 
 mod model;
 #[cfg(test)]
@@ -34,7 +34,7 @@ const REMEMBERED_WHILE_AWAY_MS: u64 = REMEMBERED_WHILE_AWAY.as_secs() * 1000;
 
 /// The models in memory, at most a budget of bytes of them. Cheap to clone.
 ///
-/// A model whose bytes alone exceed the budget is loaded anew for each use.
+/// A model that exceeds the budget by itself is loaded for each use.
 #[derive(Clone)]
 pub struct Models {
     inner: Arc<Inner>,
@@ -49,7 +49,7 @@ struct Inner {
 #[derive(Clone)]
 struct Entry {
     model: Arc<WarmModel>,
-    /// When the case was last known to be there, in ms since `Inner::begun`.
+    /// When the case was last known to exist, in ms since `Inner::begun`.
     seen_ms: Arc<AtomicU64>,
 }
 
@@ -62,7 +62,7 @@ impl Weighter<CaseId, Entry> for ByBytes {
     }
 }
 
-/// Why a model was not loaded.
+/// The reason why a model was not loaded.
 enum NotLoaded {
     NotReady,
     Failed(StoreError),
@@ -85,12 +85,12 @@ impl Models {
         Self { inner }
     }
 
-    /// The model of a case that is ready; `None` where there is no such case or it is not ready.
+    /// The model of a case that is ready; `None` if there is no such case or it is not ready.
     ///
-    /// A missing or damaged derived object is made again from the source. Several callers at once wait for one loading.
+    /// A missing or damaged derived object is rebuilt from the source. Concurrent callers wait for one loading.
     ///
     /// # Errors
-    /// When the store fails.
+    /// If the store fails.
     pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<WarmModel>>, StoreError> {
         if let Some(entry) = self.inner.cache.get(id) {
             return self.inner.confirm(id, entry).await;
@@ -119,7 +119,7 @@ impl Inner {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// A model from the cache, if its case is still there.
+    /// A model from the cache, if its case still exists.
     async fn confirm(
         &self,
         id: &CaseId,
@@ -147,7 +147,7 @@ impl Inner {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
             Ok(Some(model)) => {
-                // A case of before there were maps gets them when it is opened.
+                // A case from an earlier version gets its maps when it is opened.
                 self.library.ensure_maps(id);
                 Ok(Entry {
                     model: Arc::new(model),

@@ -1,19 +1,19 @@
-//! Depths that can be asked for, and what a case has of them.
+//! Requested depths, and the depth that a case shows.
 
 use case::CaseFacts;
 
 use crate::error::Error;
 
-/// A depth below the envelope that can be asked for, in mm: finite and not negative.
+/// A requested depth below the envelope, in mm: finite and not negative.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 pub struct DepthMm(f32);
 
-/// What a case shows when a depth is asked for.
+/// The depth that a case shows for a requested one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShownDepth {
-    /// The depth that is shown, in mm.
+    /// The shown depth, in mm.
     pub mm: f32,
-    /// Whether more than the greatest depth of the case was asked for, which is shown instead.
+    /// Whether the requested depth exceeds the greatest depth of the case, which is shown instead.
     pub is_clamped: bool,
 }
 
@@ -33,19 +33,19 @@ impl DepthMm {
         Ok(Self(mm))
     }
 
-    /// Refuses what lies outside of the envelope.
+    /// Rejects depths outside the envelope.
     ///
     /// # Errors
     /// [`Error::Parameter`] for `depth_mm`.
     pub fn check_sign(mm: f64) -> Result<(), Error> {
         if mm < 0.0 {
-            let detail = "must not be negative: depth is counted inwards from the envelope";
+            let detail = "must not be negative; depth is measured inwards from the envelope";
             return Err(refused("depth-negative", detail));
         }
         Ok(())
     }
 
-    /// This depth in a case: at most the greatest that it has.
+    /// This depth in a case, limited to its greatest depth.
     pub fn shown_in(self, facts: &CaseFacts) -> ShownDepth {
         ShownDepth {
             mm: self.0.min(facts.max_depth_mm),

@@ -1,4 +1,4 @@
-//! A picture that can be drawn, and the drawing of it.
+//! Drawing of pictures.
 
 use case::CaseFacts;
 use geometry::ShrunkMesh;
@@ -23,19 +23,20 @@ pub async fn backend_for(asked: Renderer, graphics: &Graphics) -> RenderBackend 
     RenderBackend::choose(asked, device)
 }
 
-/// A picture that can be drawn, and who draws it. Cheap to clone but for its mesh.
+/// A picture to draw, and its backend. Cheap to clone, except for its mesh.
 #[derive(Debug, Clone)]
 pub struct PictureJob {
     /// The picture.
     pub job: RenderJob,
-    /// The renderer that was asked for.
+    /// The requested renderer.
     pub asked: Renderer,
-    /// Who draws.
+    /// The backend.
     pub backend: RenderBackend,
 }
 
 impl CheckedPicture {
-    /// The job of drawing it for a case, with the layers that it asks for and a backend. If the backend draws a mesh, `shrink` makes it at that depth, in mm.
+    /// The job of drawing it for a case, with the layers that it asks for and a backend. If the backend draws a mesh,
+    /// `shrink` makes it at that depth, in mm.
     ///
     /// # Errors
     /// Those of `shrink`.
@@ -68,10 +69,11 @@ impl CheckedPicture {
     }
 }
 
-/// The job of drawing a picture of a warm case. Make it in a turn: a mesh may have to be walked first.
+/// The job of drawing a picture of a loaded case. Call it in a turn, because the vertices of a mesh may have to walk
+/// first.
 ///
 /// # Errors
-/// When the mesh cannot be had.
+/// If the mesh cannot be made.
 pub async fn warm_job(
     warm: &WarmModel,
     picture: &CheckedPicture,
@@ -87,12 +89,12 @@ pub async fn warm_job(
         .await
 }
 
-/// A picture that was drawn.
+/// A finished picture.
 #[derive(Debug)]
 pub struct DrawnPicture {
     /// The picture.
     pub rendered: RenderedFrame,
-    /// Who drew it, after all.
+    /// The backend that drew it.
     pub backend: RenderBackend,
 }
 
@@ -100,7 +102,7 @@ impl PictureJob {
     /// Draws in a turn. If a graphics device fails, the CPU draws with the same renderer.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for what cannot be drawn, and as [`Turn::run`].
+    /// [`Error::Parameter`] if the picture cannot be drawn, and as [`Turn::run`].
     pub async fn draw(self, turn: &Turn) -> Result<DrawnPicture, Error> {
         match self.draw_on_device().await {
             Ok(Some(rendered)) => Ok(DrawnPicture {
@@ -109,7 +111,7 @@ impl PictureJob {
             }),
             Ok(None) => self.draw_on_cpu(turn).await,
             Err(RenderError::Gpu(error)) => {
-                tracing::warn!(%error, "the graphics device did not draw: the processor does");
+                tracing::warn!(%error, "the graphics device failed; the CPU draws this picture");
                 let backend = RenderBackend::choose(self.asked, None);
                 Self { backend, ..self }.draw_on_cpu(turn).await
             }

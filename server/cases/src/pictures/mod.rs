@@ -1,4 +1,4 @@
-//! Pictures of cases: what may be asked for, who draws it, and where.
+//! Pictures of cases: requests, drawing and encoding.
 
 mod depth;
 mod drawing;

@@ -1,4 +1,4 @@
-//! What may be asked for in a picture: one request for HTTP and the command line.
+//! The request for a picture, shared by HTTP and the command line.
 
 use case::{CaseFacts, MapName};
 use geometry::{DeformableModel, MeshSize};
@@ -33,7 +33,7 @@ pub fn default_zoom() -> f64 {
     1.0
 }
 
-/// The fineness of a mesh by default, along and across.
+/// The default number of contours and points of a mesh.
 pub fn default_count() -> usize {
     DeformableModel::DEFAULT_MESH.contour_count()
 }
@@ -53,43 +53,44 @@ fn default_ambient() -> f64 {
 #[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
 #[serde(deny_unknown_fields)]
 pub struct PictureRequest {
-    /// Depth below the envelope in mm; more than the case's maximum is clamped to it.
+    /// Depth below the envelope in mm; a greater depth than the maximum of the case is clamped to it.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, default = 0))]
     pub depth_mm: f32,
-    /// A named direction: `left` where neither it nor `orientation` is given.
+    /// A named view; by default `left`, unless `orientation` is given.
     #[cfg_attr(feature = "openapi", param(inline))]
     pub view: Option<NamedView>,
     /// The quaternion x,y,z,w from patient to view space (x right, y up, z to the viewer), instead of `view`.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0,0,1"))]
     pub orientation: Option<Numbers<4>>,
-    /// Who draws; `auto` takes what this server has, and the answer's header says which that was.
+    /// The renderer; `auto` chooses one, and a header of the answer states which.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub renderer: Renderer,
-    /// Pixels in a row.
+    /// Width in pixels.
     #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub width: u32,
-    /// Rows of pixels.
+    /// Height in pixels.
     #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub height: u32,
-    /// 1 fits the envelope's bounding sphere into the smaller side.
+    /// The magnification; 1 fits the bounding sphere of the envelope into the smaller side.
     #[serde(default = "default_zoom")]
     #[cfg_attr(feature = "openapi", param(minimum = 0.01, maximum = 100, default = 1))]
     pub zoom: f64,
-    /// Millimetres by which the head is moved to the right and up: `x,y`.
+    /// The shift of the head to the right and up, in mm: `x,y`.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0"))]
     pub pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
-    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
+    /// Window centre and width, in intensities: `c,w`; by default from the case. As in DICOM (LINEAR), the ramp from
+    /// black to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width
+    /// is at least 1.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "80,120"))]
     pub window: Option<Numbers<2>>,
-    /// Colours for brightness.
+    /// The colour map.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub colormap: ColorMap,
@@ -97,11 +98,11 @@ pub struct PictureRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 20, default = 0))]
     pub slab_mm: f64,
-    /// The share of light that reaches every face; 1 turns the shading off.
+    /// The fraction of ambient light; 1 turns the shading off.
     #[serde(default = "default_ambient")]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1, default = 0.3))]
     pub ambient: f64,
-    /// What is behind the brain.
+    /// The background.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub background: Background,
@@ -113,38 +114,40 @@ pub struct PictureRequest {
     #[serde(default = "default_count")]
     #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 1024, default = 30))]
     pub points: usize,
-    /// What the vertices of the mesh follow, for the renderer `mesh`. Deep down, meshes along the gradient are nearer to the
-    /// exact picture than those along the forest, which tear.
+    /// The paths of the vertices, for the renderer `mesh`. At great depths, meshes along the gradient are closer to the
+    /// exact picture than meshes along the forest, which tear.
     #[serde(default = "default_paths")]
     #[cfg_attr(feature = "openapi", param(inline, default = "flow"))]
     pub paths: PathKind,
-    /// Whether label, day and first digits of the case, depth, window, scale, directions and the notice of research use are written into
-    /// the picture, with an overlay its colours too.
+    /// Whether to draw the label, day and short id of the case, depth, window, scale, directions and the notice into
+    /// the picture, and the colours of an overlay.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,
-    /// What is seen in place of the case's intensities, with the window in its values: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show instead of the intensities; `window` then refers to its
+    /// values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub layer: Option<MapName>,
-    /// What lies in colours above the grey texture: a map of the junction of grey and white matter. Undefined parts are transparent.
+    /// A map of the junction of grey and white matter to show in colours over the grey texture. Undefined parts are
+    /// transparent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub overlay: Option<MapName>,
-    /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
+    /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,5"))]
     pub overlay_window: Option<Numbers<2>>,
-    /// The overlay's colours; by default those of the layer.
+    /// The colours of the overlay; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub overlay_colormap: Option<ColorMap>,
-    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude; above it the overlay fades in over a
-    /// tenth of its window. By default that of the layer.
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. Above it, the overlay fades
+    /// in over a tenth of its window. By default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlay_threshold: Option<f64>,
-    /// How much the overlay hides of what is below it, 0 to 1.
+    /// The opacity of the overlay, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1))]
     pub overlay_opacity: Option<f64>,
@@ -181,10 +184,10 @@ impl Default for PictureRequest {
 }
 
 impl PictureRequest {
-    /// The values, each in its range.
+    /// The checked values.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for the one that is not.
+    /// [`Error::Parameter`] for an invalid value.
     pub fn checked(&self) -> Result<CheckedPicture, Error> {
         let depth = DepthMm::new(self.depth_mm)?;
         let mesh = mesh_size(self.contours, self.points)?;
@@ -214,7 +217,7 @@ impl PictureRequest {
     fn camera(&self) -> Result<Camera, Error> {
         let camera = match (self.orientation, self.view) {
             (Some(_), Some(_)) => {
-                let detail = "cannot be given together with `view`";
+                let detail = "cannot be combined with `view`";
                 return Err(Error::out_of_range("orientation", detail));
             }
             (Some(Numbers(orientation)), None) => Camera::new(orientation, 1.0, [0.0; 2])?,
@@ -224,7 +227,7 @@ impl PictureRequest {
         Ok(camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?)
     }
 
-    /// The layers that are asked for.
+    /// The requested layers.
     pub fn layers(&self) -> LayerChoice {
         LayerChoice {
             layer: self.layer,
@@ -236,7 +239,7 @@ impl PictureRequest {
         }
     }
 
-    /// From where the head is seen: the name of the view, or the orientation.
+    /// The name of the view, or the orientation.
     pub fn direction(&self) -> String {
         match (self.orientation, self.view) {
             (Some(Numbers([x, y, z, w])), _) => format!("{x:.2},{y:.2},{z:.2},{w:.2}"),
@@ -245,18 +248,18 @@ impl PictureRequest {
     }
 }
 
-/// A picture that can be asked of every case.
+/// A checked request for a picture of any case.
 #[derive(Debug, Clone)]
 pub struct CheckedPicture {
-    /// What was asked for.
+    /// The request.
     pub asked: PictureRequest,
-    /// At which depth.
+    /// The depth.
     pub depth: DepthMm,
     /// The mesh, for a renderer that draws one.
     pub mesh: MeshSize,
-    /// Through which window, if not that of the layer or the case.
+    /// The window; by default from the layer or the case.
     window: Option<Window>,
-    /// Everything else, at depth 0.
+    /// All other values, at depth 0.
     request: RenderRequest,
 }
 
@@ -269,13 +272,13 @@ impl CheckedPicture {
             .shown(depth_mm, self.window.unwrap_or_else(usual))
     }
 
-    /// From where the head is seen.
+    /// The view.
     pub fn camera(&self) -> &Camera {
         &self.request.parameters().camera
     }
 }
 
-/// Whether a count is within `least..=most`.
+/// Checks that a count is within `least..=most`.
 ///
 /// # Errors
 /// [`Error::Parameter`] for `key`.
@@ -295,7 +298,7 @@ pub fn check_count(
     }
 }
 
-/// The size of a mesh that can be asked for.
+/// A checked size of a mesh.
 ///
 /// # Errors
 /// [`Error::Parameter`] that names the key.
@@ -305,19 +308,19 @@ pub fn mesh_size(contours: usize, points: usize) -> Result<MeshSize, Error> {
     Ok(MeshSize::new(contours, points)?)
 }
 
-/// Whether what is to be written into a picture fits into it.
+/// Checks that a picture is large enough for its annotation.
 ///
 /// # Errors
 /// [`Error::Parameter`] for `annotate`.
 pub fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), Error> {
     if annotate && size.iter().any(|&side| side < MIN_ANNOTATED_SIDE) {
-        let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
+        let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels per side");
         return Err(Error::out_of_range("annotate", detail));
     }
     Ok(())
 }
 
-/// A size that is accepted.
+/// A checked size.
 ///
 /// # Errors
 /// [`Error::Parameter`] that names the side.
@@ -338,7 +341,7 @@ pub fn window_of_numbers(Numbers([centre, width]): Numbers<2>) -> Result<Window,
     Ok(Window::new(centre, width)?)
 }
 
-/// The case's own window: its ramp runs over the interval that the facts hold.
+/// The window of the case, whose ramp covers the interval in its facts.
 pub fn window_of(facts: &CaseFacts) -> Window {
     let half = facts.window.width / 2.0;
     Window::between(facts.window.center - half, facts.window.center + half)

@@ -26,7 +26,8 @@ use crate::config::Config;
 /// A depth beyond the deepest point is drawn at the deepest point.
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    /// A case of the store by its id, a NIfTI volume, DICOM (a folder, a zip, one file), or a file of `isocortex prepare --output`.
+    /// The id of a case in the store, a NIfTI volume, DICOM (a folder, a zip, one file), or a file from `isocortex
+    /// prepare --output`.
     #[arg(value_name = "CASE|VOLUME")]
     input: PathBuf,
     #[command(flatten)]
@@ -37,20 +38,20 @@ pub(super) struct RenderArgs {
     /// The PNG file to write.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Whether pictures may be drawn by a graphics device.
+    /// Whether a GPU may draw.
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU", default_value = "auto")]
     gpu: GpuUse,
     #[command(flatten)]
     picture: PictureArgs,
 }
 
-/// The picture, in the words of the HTTP interface.
+/// The picture, with the values of the HTTP interface.
 #[derive(Debug, Args)]
 struct PictureArgs {
     /// Depth below the envelope, in mm.
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     depth: f32,
-    /// From where. [default: left]
+    /// The view. [default: left]
     #[arg(long, value_parser = choices::view())]
     view: Option<NamedView>,
     /// The quaternion x,y,z,w from patient to view space, instead of --view.
@@ -61,13 +62,13 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     orientation: Option<Numbers<4>>,
-    /// Who draws.
+    /// The renderer.
     #[arg(long, value_parser = choices::renderer(), default_value = "auto")]
     renderer: Renderer,
-    /// Pixels in a row.
+    /// Width in pixels.
     #[arg(long, default_value_t = 512)]
     width: u32,
-    /// Rows of pixels.
+    /// Height in pixels.
     #[arg(long, default_value_t = 512)]
     height: u32,
     /// 1 fits the head into the picture.
@@ -76,41 +77,41 @@ struct PictureArgs {
     /// Moves the head to the right and up, in mm.
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5. [default: that of
-    /// the case]
+    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5.
+    /// [default: that of the case]
     #[arg(long, value_name = "C,W", allow_hyphen_values = true)]
     window: Option<Numbers<2>>,
-    /// Colours for brightness.
+    /// The colour map.
     #[arg(long, value_parser = choices::colormap(), default_value = "grey")]
     colormap: ColorMap,
-    /// Averages over this depth to either side, in mm.
+    /// Average intensities over this depth to either side, in mm.
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     slab: f64,
-    /// The share of light that reaches every face, 0 to 1; 1 turns the shading off.
+    /// The fraction of ambient light, 0 to 1; 1 turns the shading off.
     #[arg(long, default_value_t = 0.3)]
     ambient: f64,
-    /// What is behind the brain.
+    /// The background.
     #[arg(long, value_parser = choices::background(), default_value = "black")]
     background: Background,
-    /// Contours of the mesh, for the renderer mesh.
+    /// Number of contours of the mesh, for the renderer mesh.
     #[arg(long, default_value_t = 30)]
     contours: usize,
-    /// Points on each contour of the mesh, for the renderer mesh.
+    /// Number of points on each contour of the mesh, for the renderer mesh.
     #[arg(long, default_value_t = 30)]
     points: usize,
-    /// What the vertices of the mesh follow, for the renderer mesh.
+    /// The paths of the vertices, for the renderer mesh.
     #[arg(long, value_parser = choices::paths(), default_value = "flow")]
     paths: PathKind,
-    /// Writes the case's label, day and first digits, depth, window, scale, directions and the notice of research use into the picture.
+    /// Write the label, day and short id of the case, depth, window, scale, directions and the notice into the picture.
     #[arg(long)]
     annotate: bool,
-    /// What is seen in place of the intensities: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show instead of the intensities.
     #[arg(long, value_parser = choices::map())]
     layer: Option<MapName>,
-    /// What lies in colours above the texture: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show in colours over the texture.
     #[arg(long, value_parser = choices::map())]
     overlay: Option<MapName>,
-    /// The values of the overlay's first and last colour. [default: those of the map]
+    /// The values of the first and last colour of the overlay. [default: from the map]
     #[arg(
         long,
         value_name = "LOW,HIGH",
@@ -118,10 +119,10 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     overlay_window: Option<Numbers<2>>,
-    /// The overlay's colours. [default: those of the map]
+    /// The colours of the overlay. [default: from the map]
     #[arg(long, value_parser = choices::colormap(), requires = "overlay")]
     overlay_colormap: Option<ColorMap>,
-    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude. [default: that of the map]
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. [default: from the map]
     #[arg(
         long,
         value_name = "VALUE",
@@ -129,7 +130,7 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     overlay_threshold: Option<f64>,
-    /// How much the overlay hides of what is below it, 0 to 1. [default: that of the map]
+    /// The opacity of the overlay, 0 to 1. [default: from the map]
     #[arg(long, value_name = "SHARE", requires = "overlay")]
     overlay_opacity: Option<f64>,
 }
@@ -170,7 +171,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     let picture = args.picture.checked()?;
     check_output(&args.output)?;
     let png = super::block_on(async {
-        // Looked for while the case is read; splatting needs none.
+        // The search runs while the case is read; splatting needs no GPU.
         let use_of = if picture.asked.renderer == Renderer::Splat {
             GpuUse::Off
         } else {
@@ -185,7 +186,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     write_output(&args.output, &png)
 }
 
-/// An id, unless there is a file of that name.
+/// The id of a case, unless there is a file with that name.
 fn case_id(input: &Path) -> Option<CaseId> {
     let id = CaseId::parse(input.to_str()?)?;
     (!input.exists()).then_some(id)
@@ -201,7 +202,7 @@ async fn of_case(
     let data = data.unwrap_or_else(|| Config::default().storage.data);
     if !data.is_dir() {
         let message = format!(
-            "there is no store at {}; say where with --data",
+            "there is no store at {}; name it with --data",
             data.display()
         );
         return Err(CliError::new(ExitStatus::NoInput, message));
@@ -217,7 +218,7 @@ async fn of_case(
     let model = model.ok_or_else(|| {
         CliError::new(
             ExitStatus::NoInput,
-            "the store has no such case that is ready",
+            "the store has no ready case with this id",
         )
     })?;
     let layers = if choice.is_any() {

@@ -1,4 +1,4 @@
-//! Pictures off screen, and their way back.
+//! Targets for pictures, and their transfer back.
 
 use std::sync::mpsc;
 use std::time::Duration;
@@ -21,10 +21,10 @@ pub(super) const MISS: f32 = -1e30;
 /// Both formats that are read back have four bytes a pixel.
 const PIXEL_BYTES: u32 = 4;
 
-/// How long a picture may take. A driver that takes longer hangs.
+/// The time limit for a picture. A driver that exceeds it hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What is drawn, into what.
+/// A surface and the size and kind of its picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Plan {
     pub(super) size: FrameSize,
@@ -39,7 +39,7 @@ pub(super) enum Surface {
     Trace,
 }
 
-/// What is written for each pixel.
+/// The value written for each pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Output {
     /// Its colour.
@@ -48,7 +48,7 @@ pub(super) enum Output {
     Height,
 }
 
-/// Where pictures of one size and kind are drawn.
+/// A target for pictures of one size and kind.
 #[derive(Debug)]
 pub(super) struct Target {
     pub(super) plan: Plan,
@@ -190,7 +190,7 @@ impl Target {
         let (sender, receiver) = mpsc::channel();
         self.readback
             .map_async(wgpu::MapMode::Read, .., move |result| {
-                // Nobody waits any more when the device hangs.
+                // After a hang, nobody waits.
                 let _ = sender.send(result);
             });
         let waited = open.device.poll(wgpu::PollType::Wait {

@@ -2,7 +2,7 @@
 
 use geometry::{MeshSize, ShrunkMesh};
 
-/// A mesh to draw: how fine it is, and its vertices.
+/// A mesh to draw: its size and its vertices.
 #[derive(Debug, Clone, Copy)]
 pub struct Facets<'a> {
     pub(super) size: MeshSize,
@@ -10,10 +10,10 @@ pub struct Facets<'a> {
 }
 
 impl<'a> Facets<'a> {
-    /// The facets of `mesh`, which is one of `size`.
+    /// The facets of `mesh`, which has the size `size`.
     ///
     /// # Panics
-    /// When it has not as many vertices.
+    /// If the number of vertices does not match.
     pub fn new(size: MeshSize, mesh: &'a ShrunkMesh) -> Self {
         assert_eq!(
             mesh.positions_in_patient.len(),

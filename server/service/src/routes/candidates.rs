@@ -1,4 +1,4 @@
-//! The places of a case at which the junction is least sharp, and what lies along the way through a point.
+//! The most blurred places of a case, and the profile through a point.
 
 use std::fmt::Write as _;
 
@@ -27,12 +27,12 @@ const CSV: &str = "text/csv";
 /// The most candidates in one answer.
 const MAX_CANDIDATES: usize = 60;
 
-/// How many candidates are wanted.
+/// The query for candidates.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CandidatesQuery {
-    /// The most candidates in the answer, the highest of them.
+    /// The greatest number of candidates in the answer; the highest are returned.
     #[serde(default = "default_limit")]
     #[param(minimum = 1, maximum = 60, default = 20)]
     limit: usize,
@@ -57,7 +57,7 @@ pub struct CandidateList {
     candidates: Vec<CandidateFacts>,
 }
 
-/// Places where the junction is less sharp than around it and on the other side
+/// Places where the junction is less sharp than in its surroundings and on the other side
 ///
 /// Most are normal: they are places to look at, and nothing is detected. As JSON, or with `Accept: text/csv` as CSV.
 #[utoipa::path(
@@ -65,8 +65,8 @@ pub struct CandidateList {
     params(("id" = String, Path, description = "The case"), CandidatesQuery),
     responses(
         (status = 200, description = "The places, highest first", content((CandidateList = "application/json"), (String = "text/csv"))),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case or its maps are not ready, or the maps are undefined", body = Problem, content_type = "application/problem+json"),
@@ -147,21 +147,21 @@ impl Asked for ProfileQuery {
     }
 }
 
-/// What lies along the way through a point, and through its mirror image
+/// The profile through a point, and through its mirrored point
 ///
-/// From the envelope inwards along the gradient of the depth: intensities, the maps, and at the point the width of the junction of grey
-/// and white matter. As JSON, or with `Accept: text/csv` the samples as CSV.
+/// From the envelope inwards along the gradient of the depth: intensities, maps, and the width of the junction of grey
+/// and white matter at the point. As JSON, or with `Accept: text/csv` the samples as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/profile", tag = "layers",
     params(("id" = String, Path, description = "The case"), ProfileQuery),
     responses(
-        (status = 200, description = "The profiles; without maps their values are null", content((Profile = "application/json"), (String = "text/csv"))),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong, or the point lies outside of the envelope", body = Problem, content_type = "application/problem+json"),
+        (status = 200, description = "The profiles; without maps, the values of maps are null", content((Profile = "application/json"), (String = "text/csv"))),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid, or the point is outside the envelope", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case or its maps are not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_profile(
@@ -205,7 +205,7 @@ pub async fn get_profile(
     question.answer(&cases, format, work).await
 }
 
-/// A row for each sample; what is undefined is empty.
+/// A row for each sample; undefined values are empty.
 fn csv(profile: &Profile) -> String {
     let mut text = "point,distance_mm,left_mm,posterior_mm,superior_mm,depth_mm,intensity,blur,sharpness,asymmetry,\
                     intensity_asymmetry,junction\r\n"

@@ -32,7 +32,7 @@ const PLY: &str = "application/ply";
 /// The media types of a mesh; the first is the default.
 const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY];
 
-/// The most points of a mesh of which every depth is sent: their table has some 50 MB.
+/// The greatest number of points of a mesh with all depths; its table has about 50 MB.
 const MAX_TABULATED_POINTS: usize = 1 << 16;
 
 /// The mesh at a depth.
@@ -40,19 +40,19 @@ const MAX_TABULATED_POINTS: usize = 1 << 16;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct MeshQuery {
-    /// Depth below the envelope in mm; more than the case's maximum is clamped to it.
+    /// Depth below the envelope in mm; a greater depth than the maximum of the case is clamped to it.
     #[serde(default)]
     #[param(minimum = 0, default = 0)]
     depth_mm: f32,
-    /// Number of sagittal contours, the paper's N_F.
+    /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
-    /// Number of points on each contour, the paper's N_P.
+    /// Number of points on each contour, N_P in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 1024, default = 30)]
     points: usize,
-    /// What vertices follow.
+    /// The paths of the vertices.
     #[serde(default)]
     #[param(inline)]
     paths: PathKind,
@@ -63,11 +63,11 @@ pub struct MeshQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct TrianglesQuery {
-    /// Number of sagittal contours, the paper's N_F.
+    /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
-    /// Number of points on each contour, the paper's N_P.
+    /// Number of points on each contour, N_P in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 1024, default = 30)]
     points: usize,
@@ -78,21 +78,21 @@ pub struct TrianglesQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct PathsQuery {
-    /// Number of sagittal contours, the paper's N_F.
+    /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
-    /// Number of points on each contour, the paper's N_P.
+    /// Number of points on each contour, N_P in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 1024, default = 30)]
     points: usize,
-    /// What vertices follow.
+    /// The paths of the vertices.
     #[serde(default)]
     #[param(inline)]
     paths: PathKind,
 }
 
-/// A mesh at a depth that can be asked for.
+/// A checked request for a mesh at a depth.
 #[derive(Debug)]
 pub struct MeshValues {
     depth: DepthMm,
@@ -124,7 +124,8 @@ impl Asked for PathsQuery {
     fn checked(&self) -> Result<MeshSize, AppError> {
         let size = mesh_size(self.contours, self.points)?;
         if self.contours * self.points > MAX_TABULATED_POINTS {
-            let detail = format!("times `points` must be at most {MAX_TABULATED_POINTS} here");
+            let detail =
+                format!("times `points` must be at most {MAX_TABULATED_POINTS} for this request");
             return Err(AppError::out_of_range("contours", detail));
         }
         Ok(size)
@@ -133,26 +134,26 @@ impl Asked for PathsQuery {
 
 /// The mesh of the isosurface at a depth
 ///
-/// By `Accept`: the positions alone, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points contour by contour and
-/// then the two cap centres; or a whole mesh as GLB (y up, metres), STL, OBJ or PLY (LPS mm).
+/// Depending on `Accept`: only the positions, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points
+/// contour by contour and then the two cap centres; or a complete mesh as GLB (y up, metres), STL, OBJ or PLY (LPS mm).
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh", tag = "meshes",
     params(("id" = String, Path, description = "The case"), MeshQuery),
     responses(
         (status = 200, description = "The mesh", headers(
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this mesh"),
-            ("X-Isocortex-Depth-Clamped" = bool, description = "Whether more than the maximum was asked for"),
+            ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
             ("ETag" = String, description = "A strong tag"),
         ), content(
             (Vec<u8> = "application/octet-stream"), (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "model/stl"),
             (String = "model/obj"), (Vec<u8> = "application/ply"),
         )),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "No accepted media type is offered", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "No accepted media type is available", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_mesh(
@@ -173,7 +174,7 @@ pub async fn get_mesh(
         let model = cases.model(&id).await?;
         let shrunk = model.shrink(size, asked.paths, depth.mm);
         let body = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
-            // Microseconds: that is no work to wait a turn for.
+            // This takes microseconds, so it does not wait for a turn.
             wire::positions(&shrunk.await?)
         } else {
             let turn = cases.queue.turn().await?;
@@ -208,14 +209,15 @@ fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
 
 /// The triangles of every mesh of a size
 ///
-/// Three little-endian u32 vertex numbers for each triangle, counter-clockwise seen from outside. The same for every case and depth.
+/// Three little-endian u32 vertex numbers for each triangle, counter-clockwise seen from outside. The same for every
+/// case and depth.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh/triangles", tag = "meshes",
     params(("id" = String, Path, description = "The case"), TrianglesQuery),
     responses(
         (status = 200, description = "The triangles", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
     )
@@ -251,17 +253,17 @@ pub async fn get_triangles(
 
 /// The mesh at every depth
 ///
-/// With it a client shrinks the mesh by itself. The layout is in the wire README.
+/// With this table, a client computes the mesh at any depth itself. The README of `wire` describes the layout.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh/paths", tag = "meshes",
     params(("id" = String, Path, description = "The case"), PathsQuery),
     responses(
         (status = 200, description = "The table of positions by depth", body = Vec<u8>, content_type = "application/vnd.isocortex.paths"),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_paths(

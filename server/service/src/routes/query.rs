@@ -1,4 +1,4 @@
-//! Reading addresses: the case's id in the path, and the keys of the query, none of them unknown.
+//! Parses addresses: the id of the case in the path, and the keys of the query.
 
 use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
@@ -9,7 +9,7 @@ use super::refusals::{known, without_input};
 use crate::problem::AppError;
 use case::CaseId;
 
-/// The case that the path names.
+/// The case in the path.
 #[derive(Debug, Clone, Copy)]
 pub struct CasePath(pub CaseId);
 
@@ -26,9 +26,9 @@ impl<S: Send + Sync> FromRequestParts<S> for CasePath {
     }
 }
 
-/// A query as it is written in an address: readable, but its values may be out of their ranges.
+/// A parsed query whose values are not checked yet.
 pub trait Asked: DeserializeOwned {
-    /// Its values, each in its range.
+    /// The checked values.
     type Values;
 
     /// The values.
@@ -38,10 +38,10 @@ pub trait Asked: DeserializeOwned {
     fn checked(&self) -> Result<Self::Values, AppError>;
 }
 
-/// A query whose every key is known and whose every value is in its range.
+/// A checked query, with known keys and valid values.
 #[derive(Debug, Clone)]
 pub struct ApiQuery<T: Asked> {
-    /// As it was asked, which names the answer.
+    /// The query as requested, which identifies the answer.
     pub asked: T,
     /// Its values.
     pub values: T::Values,
@@ -102,7 +102,7 @@ fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -
     }
 }
 
-/// A query of an address that takes none.
+/// The query of an address that accepts no keys.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoQuery {}
@@ -172,7 +172,7 @@ mod tests {
             ("depth_mm=", "`depth_mm` must be a number"),
             (
                 "window=1",
-                "`window` cannot be read: 2 numbers with commas are wanted, not 1",
+                "`window` cannot be read: 2 numbers with commas are required, not 1",
             ),
             ("side=up", "`side` must be one of `left`, `right`, `both`"),
             ("count=-1", "`count` must be a whole number, not negative"),

@@ -1,4 +1,4 @@
-//! Pictures of slices with the isosurfaces' contours.
+//! Pictures of slices with the contours of isosurfaces.
 
 use std::sync::Arc;
 
@@ -30,15 +30,15 @@ use cases::pictures::{
 pub struct SliceQuery {
     /// The LPS coordinate across the plane, in mm; by default the middle of the grid.
     position_mm: Option<f64>,
-    /// Depths in mm of the isosurfaces whose contours are drawn: at most 16, with commas.
+    /// Depths in mm of the contours: at most 16, separated by commas.
     #[serde(default)]
     #[param(value_type = Option<String>, example = "5,10")]
     depth_mm: NumberList,
-    /// Pixels in a row.
+    /// Width in pixels.
     #[serde(default = "default_side")]
     #[param(minimum = 1, maximum = 4096, default = 512)]
     width: u32,
-    /// Rows of pixels.
+    /// Height in pixels.
     #[serde(default = "default_side")]
     #[param(minimum = 1, maximum = 4096, default = 512)]
     height: u32,
@@ -46,42 +46,46 @@ pub struct SliceQuery {
     #[serde(default = "default_zoom")]
     #[param(minimum = 0.01, maximum = 100, default = 1)]
     zoom: f64,
-    /// Millimetres by which the slice is moved to the right and up: `x,y`.
+    /// The shift of the slice to the right and up, in mm: `x,y`.
     #[param(value_type = Option<String>, example = "0,0")]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
-    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
+    /// Window centre and width, in intensities: `c,w`; by default from the case. As in DICOM (LINEAR), the ramp from
+    /// black to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width
+    /// is at least 1.
     #[param(value_type = Option<String>, example = "80,120")]
     window: Option<Numbers<2>>,
-    /// Colours for brightness.
+    /// The colour map.
     #[serde(default)]
     #[param(inline)]
     colormap: ColorMap,
-    /// Whether label, day and first digits of the case, place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
+    /// Whether to draw the label, day and short id of the case, position, window, scale, depths of the contours,
+    /// directions and the notice into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
-    /// What is seen in place of the case's intensities, with the window in its values: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show instead of the intensities; `window` then refers to its
+    /// values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     layer: Option<MapName>,
-    /// What lies in colours above the grey texture: a map of the junction of grey and white matter. Undefined parts are transparent.
+    /// A map of the junction of grey and white matter to show in colours over the grey texture. Undefined parts are
+    /// transparent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     overlay: Option<MapName>,
-    /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
+    /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(value_type = Option<String>, example = "2.5,5")]
     overlay_window: Option<Numbers<2>>,
-    /// The overlay's colours; by default those of the layer.
+    /// The colours of the overlay; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     overlay_colormap: Option<ColorMap>,
-    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude; above it the overlay fades in over a
-    /// tenth of its window. By default that of the layer.
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. Above it, the overlay fades
+    /// in over a tenth of its window. By default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     overlay_threshold: Option<f64>,
-    /// How much the overlay hides of what is below it, 0 to 1.
+    /// The opacity of the overlay, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(minimum = 0, maximum = 1)]
     overlay_opacity: Option<f64>,
@@ -100,16 +104,16 @@ impl SliceQuery {
     }
 }
 
-/// A slice that can be asked of every case.
+/// A checked request for a slice.
 #[derive(Debug)]
 pub struct SliceValues {
-    /// Where, if not in the middle of the case.
+    /// The position; by default the middle of the case.
     position_mm: Option<f64>,
-    /// Through which window, if not that of the layer or the case.
+    /// The window; by default from the layer or the case.
     window: Option<Window>,
-    /// What lies in it besides intensities.
+    /// The layers.
     layers: LayerChoice,
-    /// Everything else, of the axial plane through the origin.
+    /// All other values, for the axial plane through the origin.
     request: SliceRequest,
 }
 
@@ -170,17 +174,17 @@ fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
     get, path = "/v1/cases/{id}/slices/{plane}", tag = "pictures",
     params(
         ("id" = String, Path, description = "The case"),
-        ("plane" = inline(SlicePlane), Path, description = "Which way the slice lies"),
+        ("plane" = inline(SlicePlane), Path, description = "The orientation of the slice"),
         SliceQuery,
     ),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case or plane", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_slice(
@@ -221,7 +225,7 @@ pub async fn get_slice(
     question.answer(&cases, format, work).await
 }
 
-/// Draws a slice; `named` is written into it, with all else that an annotation has.
+/// Draws a slice; with `named`, annotated.
 fn draw(
     model: &WarmModel,
     layers: &KeyedLayers,

@@ -21,10 +21,10 @@ use cases::pictures::check_count;
 
 pub(super) const MEDIA_TYPE: &str = "application/octet-stream";
 
-/// The coarsest that depths are sent.
+/// The greatest step of the depths.
 const MAX_STEP: usize = 16;
 
-/// How the intensities are sent.
+/// The format of the intensities.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -35,12 +35,12 @@ pub struct VolumeQuery {
     bits: u8,
 }
 
-/// How the depths are sent.
+/// The format of the depths.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct DistanceQuery {
-    /// Every so manieth voxel along each axis, from the first on: 4 is enough for the light of a first picture.
+    /// Every n-th voxel along each axis, from the first on; 4 is enough for the shading of a first picture.
     #[serde(default = "every_voxel")]
     #[param(minimum = 1, maximum = 16, default = 1)]
     step: usize,
@@ -79,7 +79,7 @@ impl Asked for DistanceQuery {
 
 /// The intensities, cropped to the envelope
 ///
-/// Unsigned voxels of 16 bits as acquired, or of 8, little-endian, x-fastest; the headers say how to read them.
+/// Unsigned voxels of 16 bits as acquired, or of 8, little-endian, x-fastest; the headers describe them.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/volume", tag = "textures",
     params(("id" = String, Path, description = "The case"), VolumeQuery),
@@ -91,13 +91,13 @@ impl Asked for DistanceQuery {
             ("X-Isocortex-Offset" = f32, description = "Intensity of the stored 0"),
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
-        (status = 206, description = "The range asked for"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 304, description = "The client has it already"),
+        (status = 206, description = "The requested range"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_volume(
@@ -131,11 +131,11 @@ pub async fn get_volume(
 
 /// The signed depth on the working grid
 ///
-/// Signed 16-bit voxels, little-endian, x-fastest, positive inside; the headers say how to read them.
+/// Signed 16-bit voxels, little-endian, x-fastest, positive inside; the headers describe them.
 ///
-/// Outside of the envelope distances are exact up to 6 voxels from it; every voxel further out has the distance of 6 voxels. If the
-/// case has `cuts`, a value is the distance to the nearest border, be it dura or cut: it is a depth only if the voxel lies at least
-/// that far, and a voxel more, within each of the cuts.
+/// Outside the envelope, distances are exact up to 6 voxels; farther voxels have the distance of 6 voxels. If the case
+/// has `cuts`, a value is the distance to the nearest border, either dura or cut; it is a depth only if the voxel is
+/// farther than that, plus one voxel, from each cut.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/distance", tag = "textures",
     params(("id" = String, Path, description = "The case"), DistanceQuery),
@@ -147,13 +147,13 @@ pub async fn get_volume(
             ("X-Isocortex-Offset" = f32, description = "Depth of the stored 0, in mm"),
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
-        (status = 206, description = "The range asked for"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 304, description = "The client has it already"),
+        (status = 206, description = "The requested range"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_distance(
@@ -221,7 +221,7 @@ async fn answer(
     question.answer(cases, format, work).await
 }
 
-/// The headers that say how to read a texture.
+/// The headers that describe a texture.
 pub(super) fn layout(texture: &Texture) -> HeaderMap {
     let size = texture.size.map(|side| side.to_string()).join(",");
     let affine = texture.patient_from_voxel.map(|x| x.to_string()).join(",");

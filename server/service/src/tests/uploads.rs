@@ -170,11 +170,14 @@ async fn volumes_that_cannot_be_read() {
     }
 }
 
+/// A name, the mask and the parameters of an upload, and the status and the kind of the refusal.
+type UnusableMask<'a> = (&'a str, Vec<u8>, &'a [u8], u16, &'a str);
+
 #[tokio::test]
 async fn masks_that_cannot_be_used() {
     let volume = &head().0;
     let mask = File::mask;
-    let cases: Vec<(&str, Vec<u8>, &[u8], u16, &str)> = vec![
+    let cases: Vec<UnusableMask<'_>> = vec![
         (
             "an empty mask",
             mask().filled(0).packed(),
@@ -354,11 +357,14 @@ async fn bodies_that_are_not_right() {
     }
 }
 
+/// Names and values of headers.
+type Headers<'a> = Vec<(&'a str, &'a str)>;
+
 #[tokio::test]
 async fn what_is_refused_before_the_body_is_read() {
     let server = Server::start().await;
     let too_long = (MAX_UPLOAD_BYTES + (2 << 20)).to_string();
-    let cases: [(&str, Vec<(&str, &str)>, u16, &str); 4] = [
+    let cases: [(&str, Headers<'_>, u16, &str); 4] = [
         ("no type", vec![], 415, "unsupported-media-type"),
         (
             "JSON",

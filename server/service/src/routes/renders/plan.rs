@@ -1,4 +1,4 @@
-//! What is asked for in many pictures, and the plan of them once all is checked.
+//! The request for many pictures, and the checked plan.
 
 use cases::Error;
 use cases::pictures::{CheckedPicture, Numbers, PictureRequest, picture_size};
@@ -15,18 +15,19 @@ const MAX_PICTURES: usize = 256;
 /// The most pixels of all pictures of one answer.
 const MAX_TOTAL_PIXELS: usize = 1 << 26;
 
-/// What is asked for: exactly one of `renders`, `swivel` and `sweep`.
+/// A request for many pictures: exactly one of `renders`, `swivel` and `sweep`.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RendersBody {
-    /// Pictures, each with the keys of the single one: a zip of PNGs, or one contact sheet.
+    /// Pictures, each with the keys of a single one: a zip of PNGs, or one contact sheet.
     renders: Option<Vec<PictureRequest>>,
-    /// Whether `renders` come as one PNG: a row for each depth, a column for each direction. They are then of one size.
+    /// Whether to return `renders` as one PNG with a row for each depth and a column for each direction. All must have
+    /// one size.
     #[serde(default)]
     sheet: bool,
-    /// A full turn around the axis that is upright in the picture, as animated PNG.
+    /// A full turn around the vertical axis of the picture, as animated PNG.
     swivel: Option<Swivel>,
-    /// From one depth to another, as animated PNG.
+    /// A sweep from one depth to another, as animated PNG.
     sweep: Option<Sweep>,
 }
 
@@ -34,18 +35,18 @@ pub struct RendersBody {
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Swivel {
-    /// Pictures of the turn.
+    /// Number of pictures.
     #[schema(minimum = 2, maximum = 256)]
     frames: u32,
-    /// How long each is shown, in ms.
+    /// The time of each picture, in ms.
     #[serde(default = "default_delay")]
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
-    /// What turns.
+    /// The picture to turn.
     render: PictureRequest,
 }
 
-/// A way through the depths.
+/// A sweep through the depths.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sweep {
@@ -55,17 +56,17 @@ pub struct Sweep {
     /// The last depth, in mm.
     #[schema(minimum = 0)]
     to_mm: f32,
-    /// Pictures on the way, the first and the last among them.
+    /// Number of pictures, including the first and the last.
     #[schema(minimum = 2, maximum = 256)]
     frames: u32,
-    /// How long each is shown, in ms.
+    /// The time of each picture, in ms.
     #[serde(default = "default_delay")]
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
-    /// Whether the pictures of the way back follow; neither end is shown twice.
+    /// Whether to append the way back; neither end is shown twice.
     #[serde(default)]
     there_and_back: bool,
-    /// What is seen, without a depth.
+    /// The picture, without a depth.
     render: PictureRequest,
 }
 
@@ -73,13 +74,13 @@ fn default_delay() -> u16 {
     80
 }
 
-/// The pictures to draw, checked, and what becomes of them.
+/// The checked pictures and their file.
 pub(super) struct Plan {
     pub(super) pictures: Vec<CheckedPicture>,
     pub(super) form: Form,
 }
 
-/// What becomes of the pictures.
+/// The kind of file.
 pub(super) enum Form {
     Zip,
     Sheet {
@@ -92,7 +93,7 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// What makes a form another: its name and the time that each picture is shown.
+    /// The values that distinguish files: the kind and the time of each picture.
     pub(super) fn parameters(&self) -> (&'static str, u16) {
         match self {
             Self::Zip => ("zip", 0),
@@ -138,14 +139,14 @@ pub(super) fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
         refuse(
             "body-unreadable",
             ".".to_owned(),
-            "has more after the object".to_owned(),
+            "has more data after the object".to_owned(),
         )
     })?;
     Ok(body)
 }
 
 impl RendersBody {
-    /// Checks everything that is asked for.
+    /// Checks the whole request.
     ///
     /// # Errors
     /// [`AppError::Query`] that names the path of what is wrong.
@@ -155,10 +156,10 @@ impl RendersBody {
             (None, Some(swivel), None) if !self.sheet => swivel.plan()?,
             (None, None, Some(sweep)) if !self.sheet => sweep.plan()?,
             (None, ..) if self.sheet => {
-                return Err(out_of_range("sheet", "goes with `renders` alone"));
+                return Err(out_of_range("sheet", "is only accepted with `renders`"));
             }
             _ => {
-                let detail = "must hold exactly one of `renders`, `swivel` and `sweep`";
+                let detail = "must contain exactly one of `renders`, `swivel` and `sweep`";
                 return Err(out_of_range(".", detail));
             }
         };
@@ -167,8 +168,7 @@ impl RendersBody {
             .map(|picture| picture.asked.width as usize * picture.asked.height as usize)
             .sum();
         if pixels > MAX_TOTAL_PIXELS {
-            let detail =
-                format!("asks for {pixels} pixels; at most {MAX_TOTAL_PIXELS} are drawn at once");
+            let detail = format!("requests {pixels} pixels; the limit is {MAX_TOTAL_PIXELS}");
             return Err(out_of_range(".", &detail));
         }
         Ok(plan)
@@ -210,7 +210,7 @@ fn check_frames(path: &str, frames: u32, delay_ms: u16) -> Result<(), AppError> 
 
 fn of_list(pictures: &[PictureRequest], sheet: bool) -> Result<Plan, AppError> {
     if !(1..=MAX_PICTURES).contains(&pictures.len()) {
-        return Err(out_of_range("renders", "must hold 1 to 256 pictures"));
+        return Err(out_of_range("renders", "must contain 1 to 256 pictures"));
     }
     let numbered = pictures.iter().enumerate();
     let checked = numbered.map(|(number, picture)| checked_at(&place(number), picture));
@@ -252,7 +252,7 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
             picture.overlay.is_some(),
         ) != of_first
         {
-            let detail = "must have the width, height, colormap and background of the first picture of its sheet, and like it an overlay or none";
+            let detail = "must have the same width, height, colormap and background as the first picture of the sheet, and an overlay only if that has one";
             return Err(out_of_range(&path, detail));
         }
         let cell = [
@@ -262,7 +262,7 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
         if cells.contains(&cell) {
             return Err(out_of_range(
                 &path,
-                "has the depth and direction of another picture of its sheet",
+                "has the same depth and direction as another picture of the sheet",
             ));
         }
         cells.push(cell);
@@ -313,7 +313,7 @@ impl Sweep {
         if self.render.depth_mm != 0.0 {
             return Err(out_of_range(
                 "sweep.render.depth_mm",
-                "is given by `from_mm` and `to_mm`",
+                "is determined by `from_mm` and `to_mm`; omit it",
             ));
         }
         for (path, depth_mm) in [("sweep.from_mm", self.from_mm), ("sweep.to_mm", self.to_mm)] {
@@ -334,7 +334,7 @@ impl Sweep {
             pictures.extend((1..self.frames - 1).rev().map(at));
         }
         if pictures.len() > MAX_PICTURES {
-            let detail = "must be 2 to 129: there and back, at most 256 pictures are drawn";
+            let detail = "must be 2 to 129, because there and back at most 256 pictures are drawn";
             return Err(out_of_range("sweep.frames", detail));
         }
         Ok(Plan {

@@ -27,13 +27,13 @@ pub(super) struct Form {
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct SentParameters {
     pub(super) parameters: Parameters,
-    /// What is to be chosen among DICOM files.
+    /// The choice among DICOM files.
     pub(super) options: Options,
-    /// Whether a case that is there already keeps its label.
+    /// Whether an existing case keeps its label.
     pub(super) keep_name: bool,
 }
 
-/// The volume as it was sent.
+/// The uploaded volume.
 pub(super) enum Volume {
     /// One file, of any kind.
     File(Spooled),
@@ -42,7 +42,7 @@ pub(super) enum Volume {
 }
 
 impl Form {
-    /// Reads the parts in whatever order they come.
+    /// Reads the parts in any order.
     pub(super) async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Self, AppError> {
         let budget = HeaderBudget::default();
         let request = request.map(|body| budget.watch(body));
@@ -78,11 +78,11 @@ impl Volume {
             (None, Some(directory)) => return Ok(Self::Dicom(directory)),
             (None, None) => (
                 "volume-missing",
-                "the form has no part named `volume`, and none named `dicom`",
+                "the form has neither a part `volume` nor a part `dicom`; send the volume as `volume`",
             ),
             (Some(_), Some(_)) => (
                 "volume-twice",
-                "the form has parts named `volume` and `dicom`; send one or the other",
+                "the form has both `volume` and `dicom`; send only one of them",
             ),
         };
         Err(AppError::Upload {
@@ -92,12 +92,13 @@ impl Volume {
     }
 }
 
-/// The name is not repeated: it may be anything, such as a patient's.
+/// The name is not repeated, because it may be anything, such as the name of a patient.
 fn unknown_part() -> AppError {
     AppError::Upload {
         kind: "unknown-part",
-        detail: "the form has a part that is none of `volume`, `dicom`, `mask` and `parameters`"
-            .to_owned(),
+        detail:
+            "the form has an unknown part; send only `volume`, `dicom`, `mask` and `parameters`"
+                .to_owned(),
     }
 }
 
@@ -105,7 +106,7 @@ fn set_once<T>(slot: &mut Option<T>, name: &str, value: T) -> Result<(), AppErro
     if slot.is_some() {
         return Err(AppError::Upload {
             kind: "part-twice",
-            detail: format!("the form has two parts named `{name}`"),
+            detail: format!("the form has two parts `{name}`; send only one"),
         });
     }
     *slot = Some(value);
@@ -130,12 +131,12 @@ fn unreadable(what: &dyn std::fmt::Display) -> AppError {
 
 impl SentParameters {
     fn parse(text: &[u8]) -> Result<Self, AppError> {
-        // By way of an object, because a list of the values in order would be taken as well.
+        // Parsed as an object first, because serde would also accept a list of the values in order.
         let mut object: Map<String, Value> =
             serde_json::from_slice(text).map_err(|error| unreadable(&error))?;
         let options = take_options(&mut object).map_err(|what| unreadable(&what))?;
         let keep_name = take_flag(&mut object, "keep_name")
-            .ok_or_else(|| unreadable(&"`keep_name` is true or false"))?;
+            .ok_or_else(|| unreadable(&"`keep_name` must be true or false"))?;
         let parameters = serde_json::from_value(Value::Object(object));
         Ok(Self {
             parameters: parameters.map_err(|error| unreadable(&error))?,
@@ -145,7 +146,7 @@ impl SentParameters {
     }
 }
 
-/// Takes a flag out of the parameters: false where it is missing, `None` where it is neither true nor false.
+/// Takes a flag out of the parameters: false if it is missing, `None` if it is neither true nor false.
 fn take_flag(object: &mut Map<String, Value>, name: &str) -> Option<bool> {
     match object.remove(name) {
         None => Some(false),
@@ -153,19 +154,19 @@ fn take_flag(object: &mut Map<String, Value>, name: &str) -> Option<bool> {
     }
 }
 
-/// Takes out of the parameters what is no part of the preparation.
+/// Takes the options that are not part of the preparation out of the parameters.
 fn take_options(object: &mut Map<String, Value>) -> Result<Options, &'static str> {
     let series = match object.remove("series") {
         None | Some(Value::Null) => None,
         Some(Value::Number(number)) => Some(number.to_string()),
         Some(Value::String(text)) => Some(text),
-        Some(_) => return Err("`series` is a number or a text"),
+        Some(_) => return Err("`series` must be a number or a text"),
     };
     let series = series.map(|text| SeriesName::parse(&text));
     if series == Some(None) {
-        return Err("`series` is a number, an instance UID or a token of a series");
+        return Err("`series` must be the number, the instance UID or the token of a series");
     }
-    let allow_gaps = take_flag(object, "allow_gaps").ok_or("`allow_gaps` is true or false")?;
+    let allow_gaps = take_flag(object, "allow_gaps").ok_or("`allow_gaps` must be true or false")?;
     Ok(Options {
         series: series.flatten(),
         allow_gaps,
@@ -209,17 +210,17 @@ mod tests {
             ("", "cannot be read"),
             ("[10]", "must be a map"),
             ("{} {}", "cannot be read"),
-            (r#"{"Smith": 1}"#, "has a key that is not known here"),
-            (r#"{"series": [1]}"#, "`series` is a number or a text"),
+            (r#"{"Smith": 1}"#, "has an unknown key"),
+            (r#"{"series": [1]}"#, "`series` must be a number or a text"),
             (
                 r#"{"series": "Smith, Anna"}"#,
-                "`series` is a number, an instance UID or a token",
+                "`series` must be the number, the instance UID or the token",
             ),
             (
                 r#"{"allow_gaps": "Smith"}"#,
-                "`allow_gaps` is true or false",
+                "`allow_gaps` must be true or false",
             ),
-            (r#"{"keep_name": 1}"#, "`keep_name` is true or false"),
+            (r#"{"keep_name": 1}"#, "`keep_name` must be true or false"),
             (r#"{"closing_radius_mm": "Smith"}"#, "must be f64"),
             (r#"{"mask": "Smith"}"#, "must be"),
         ] {

@@ -1,4 +1,4 @@
-//! Uploads: streamed to the store's disk, checked, queued.
+//! Uploads: streamed to the disk of the store, checked, queued.
 
 mod form;
 mod parts;
@@ -23,53 +23,55 @@ use crate::state::Uploads;
 
 pub(super) use self::parts::Incoming;
 
-/// What tells the kind of a file, packed or not.
+/// The number of bytes that identify the kind of a file.
 const SNIFFED_BYTES: u64 = 64 << 10;
 
-/// Seconds after which it is worth asking for a new case.
+/// Seconds to wait before the first request for a new case.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 
 /// The parts of an upload.
 #[derive(Debug, ToSchema)]
 pub struct UploadForm {
-    /// The MR volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM file.
+    /// The MR volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM
+    /// file.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     volume: Option<String>,
-    /// DICOM files of a series, one a part, or zips of them, instead of `volume`.
+    /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
     #[schema(format = Binary, content_media_type = "application/dicom")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     dicom: Vec<String>,
-    /// The brain mask, in NIfTI, on any grid. Not needed where the volume holds nothing but the brain.
+    /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     mask: Option<String>,
-    /// JSON: `closing_radius_mm` (0 to 50), `mask` (where none is supplied: `auto`, `volume`, `network` or `pruning`), `mask_kind` (`brain` or
-    /// `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label. Of DICOM
-    /// files also `series`, the series to take by its number, instance UID or token, and `allow_gaps`: true interpolates
-    /// single missing slices, and says which. `keep_name`: true leaves a case that is there already the label that it has.
+    /// JSON: `closing_radius_mm` (0 to 50), `mask` (if none is supplied: `auto`, `volume`, `network` or `pruning`),
+    /// `mask_kind` (`brain` or `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label.
+    /// For DICOM files also `series`, the number, instance UID or token of the series to read, and `allow_gaps`: true
+    /// interpolates single missing slices and lists them. `keep_name`: true keeps the label of an existing case.
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
 
 /// Upload a volume
 ///
-/// It is read and checked at once; its preparation is queued. The same input and parameters again are the same case.
+/// The volume is read and checked at once, and its preparation is queued. The same input and parameters always give the
+/// same case.
 #[utoipa::path(
     post, path = "/v1/cases", tag = "cases",
     request_body(content = UploadForm, content_type = "multipart/form-data"),
     responses(
         (status = 202, description = "A new case", body = CaseView, headers(
-            ("Location" = String, description = "Where it is"), ("Retry-After" = u32, description = "Seconds after which to look"),
+            ("Location" = String, description = "The address of the case"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),
         )),
-        (status = 200, description = "The case was there already", body = CaseView),
+        (status = 200, description = "The case already exists", body = CaseView),
         (status = 400, description = "The form cannot be read", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "It is no form", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body is not a form", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "The volume or mask cannot be used", body = Problem, content_type = "application/problem+json"),
-        (status = 501, description = "The network is asked for, whose weights this server does not have (`network-missing`)", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many cases wait", body = Problem, content_type = "application/problem+json"),
+        (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many cases are waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn create_case(
@@ -82,7 +84,7 @@ pub async fn create_case(
     let _room = uploads.begin()?;
     let incoming = Incoming::begin(cases.store(), &uploads);
     let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
-    // Before DICOM files are read, which takes long.
+    // Before the DICOM files are read, which takes long.
     sent.parameters.check()?;
     let (upload, choice) = into_upload(&cases, volume, mask, &sent.options).await?;
     let accepted = cases
@@ -91,7 +93,7 @@ pub async fn create_case(
     Ok(submitted(accepted, choice))
 }
 
-/// The answer that names a case, and what was chosen among DICOM files: 202 where it is new.
+/// The answer with a case and the choice among DICOM files: 202 if the case is new.
 pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Response {
     let status = if submitted.created {
         StatusCode::ACCEPTED
@@ -109,7 +111,7 @@ pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Respons
     response
 }
 
-/// DICOM files, which content tells, become a volume.
+/// DICOM files, recognised by content, become a volume.
 async fn into_upload(
     cases: &Cases,
     volume: Volume,
@@ -155,11 +157,13 @@ async fn read_dicom(
 fn not_of_nifti() -> AppError {
     AppError::Upload {
         kind: "parameters-unreadable",
-        detail: "`series` and `allow_gaps` are for DICOM files, and `volume` is none".to_owned(),
+        detail:
+            "`series` and `allow_gaps` are only accepted for DICOM files; `volume` is not DICOM"
+                .to_owned(),
     }
 }
 
-/// Refuses what can be refused before the body is read.
+/// Rejects a request before its body is read, if possible.
 fn refuse_early(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
     if !is_form(headers) {
         return Err(AppError::UnsupportedMediaType);
@@ -171,13 +175,13 @@ fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// Whether a body is said to be a form.
+/// Whether the headers announce a form.
 pub(super) fn is_form(headers: &HeaderMap) -> bool {
     text(headers, header::CONTENT_TYPE)
         .is_some_and(|kind| kind.to_ascii_lowercase().starts_with("multipart/form-data"))
 }
 
-/// Refuses a body that is said to be too large.
+/// Rejects a body with too large an announced length.
 pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
     let length: Option<u64> =
         text(headers, header::CONTENT_LENGTH).and_then(|length| length.parse().ok());

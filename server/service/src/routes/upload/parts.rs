@@ -1,4 +1,4 @@
-//! What comes in with an upload, piece by piece: within limits of size and time, and onto the store's disk.
+//! Reads the parts of an upload piece by piece, within limits of size and time, onto the disk of the store.
 
 use std::time::{Duration, Instant};
 
@@ -15,23 +15,23 @@ use crate::pace::is_too_slow;
 use crate::problem::AppError;
 use crate::state::{UploadLimits, Uploads};
 
-/// The most parts named `dicom`: a series has a few hundred.
+/// The greatest number of parts `dicom`; a series has a few hundred.
 const MAX_DICOM_PARTS: usize = 20_000;
 
-/// How much of a DICOM file is written at once.
+/// The number of bytes of a DICOM file to write at once.
 const WRITE_BUFFER_BYTES: usize = 256 << 10;
 
-/// An upload on its way in.
+/// An upload in progress.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::routes) struct Incoming<'a> {
     store: &'a Store,
     metrics: &'a Metrics,
     limits: UploadLimits,
-    /// When it must be over.
+    /// The deadline.
     end: Instant,
 }
 
-/// Why no further piece can be read.
+/// The reason why no further piece can be read.
 pub(in crate::routes) trait PieceError: std::error::Error + 'static {
     /// The answer to whoever sent it, if it was sent fast enough.
     fn refusal(&self, limits: &UploadLimits) -> AppError;
@@ -82,7 +82,7 @@ impl<'a> Incoming<'a> {
         }
     }
 
-    /// Waits for what comes next, but not for ever.
+    /// Waits for the next piece, within the time limits.
     ///
     /// # Errors
     /// [`AppError::Upload`] if it comes too late or too slowly; [`PieceError::refusal`].
@@ -96,7 +96,7 @@ impl<'a> Incoming<'a> {
         let piece = piece.map_err(|_elapsed| stalled(self.too_late(wait)))?;
         piece.map_err(|error| match is_too_slow(&error) {
             true => stalled(
-                "the upload came too slowly; send it again over a faster connection".to_owned(),
+                "the upload was too slow; send it again over a faster connection".to_owned(),
             ),
             false => error.refusal(&self.limits),
         })
@@ -107,7 +107,7 @@ impl<'a> Incoming<'a> {
         if wait < idle {
             format!("the upload took more than {} seconds", whole.as_secs())
         } else {
-            format!("nothing more came for {} seconds", idle.as_secs())
+            format!("no data arrived for {} seconds", idle.as_secs())
         }
     }
 
@@ -119,7 +119,7 @@ impl<'a> Incoming<'a> {
             .await
     }
 
-    /// Streams a file to the store's disk.
+    /// Streams a file to the disk of the store.
     ///
     /// # Errors
     /// [`AppError::TooLarge`], what comes too late or cannot be read, or the disk's.
@@ -164,14 +164,16 @@ pub(super) struct DicomParts {
 }
 
 impl DicomParts {
-    /// Streams the next file to the store's disk.
+    /// Streams the next file to the disk of the store.
     pub(super) async fn add(
         &mut self,
         incoming: &Incoming<'_>,
         mut field: Field<'_>,
     ) -> Result<(), AppError> {
         if self.count == MAX_DICOM_PARTS {
-            let detail = format!("the form has more than {MAX_DICOM_PARTS} parts named `dicom`");
+            let detail = format!(
+                "the form has more than {MAX_DICOM_PARTS} parts `dicom`; send them as a zip"
+            );
             return Err(AppError::PartTooLarge { detail });
         }
         let directory = match &mut self.directory {
@@ -187,9 +189,8 @@ impl DicomParts {
             self.bytes += bytes.len() as u64;
             let limit = incoming.limits.max_bytes;
             if self.bytes > limit {
-                let detail = format!(
-                    "the parts named `dicom` are larger than the limit of {limit} bytes together"
-                );
+                let detail =
+                    format!("the parts `dicom` together exceed the limit of {limit} bytes");
                 return Err(AppError::PartTooLarge { detail });
             }
             incoming.metrics.uploaded(bytes.len());
