@@ -86,7 +86,7 @@ class Cluster:
         return self
 
     def __exit__(self, *_):
-        for worker in self.workers:
+        for worker in list(self.workers):
             self.kill(worker)
         shutil.rmtree(self.folder, ignore_errors=True)
 
