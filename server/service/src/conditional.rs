@@ -259,7 +259,7 @@ impl Representation {
     /// The answer to a request: complete (200), the requested range (206), or unchanged (304).
     ///
     /// # Errors
-    /// [`AppError::RangeNotSatisfiable`] when the range begins beyond the end.
+    /// [`AppError::RangeNotSatisfiable`] if the range begins beyond the end.
     pub fn respond(self, request: &HeaderMap) -> Result<Response, AppError> {
         if self.tag.is_known_to(request) {
             return Ok(not_modified(&self.tag, self.vary, self.cache_control));

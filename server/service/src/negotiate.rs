@@ -36,7 +36,7 @@ impl Coding {
 
     /// The coding that the client prefers; among equals zstd, then gzip, then none.
     ///
-    /// Without `Accept-Encoding`, or where nothing listed is known, it is [`Coding::Identity`].
+    /// Without `Accept-Encoding`, or without a known coding in it, the result is [`Coding::Identity`].
     pub fn preferred(headers: &HeaderMap) -> Self {
         let accepted = Accepted::read(headers, header::ACCEPT_ENCODING);
         let quality = |name: &str| {
@@ -82,7 +82,7 @@ fn gzip(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
 /// Without `Accept` it is the first. Offers are in lower case.
 ///
 /// # Errors
-/// [`AppError::NotAcceptable`] when none is accepted.
+/// [`AppError::NotAcceptable`] if none is accepted.
 pub fn media_type(
     headers: &HeaderMap,
     offered: &'static [&'static str],
@@ -128,7 +128,7 @@ impl Accepted {
     }
 }
 
-/// `name;q=0.5` → name and quality; other parameters are passed over. `None` for an empty item.
+/// `name;q=0.5` → name and quality; other parameters are ignored. `None` for an empty item.
 fn item(text: &str) -> Option<(String, f32)> {
     let mut parts = text.split(';').map(str::trim);
     let name = parts.next().filter(|name| !name.is_empty())?;

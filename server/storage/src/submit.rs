@@ -209,7 +209,7 @@ impl Store {
         ))
     }
 
-    /// Writes the sources and inserts the case; leaves nothing where that fails. `None` if a stored source has gone.
+    /// Writes the sources and inserts the case; leaves nothing behind if that fails. `None` if a stored source has gone.
     async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
         let sources = self
             .pin(inputs.sources.iter().map(|(name, _)| *name))

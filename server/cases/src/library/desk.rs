@@ -15,7 +15,7 @@ use tokio::sync::Semaphore;
 
 use crate::cache;
 
-/// About how many cases have maps in memory.
+/// The expected number of cases with maps in memory.
 const EXPECTED_CASES: usize = 16;
 
 /// The maps of a case in memory, ready for drawing.
@@ -80,20 +80,20 @@ impl LoadedMaps {
 /// The state of the maps of a case.
 #[derive(Debug, Clone)]
 pub enum MapsState {
-    /// They are there.
+    /// They are available.
     Ready(Arc<LoadedMaps>),
     /// There are none; the reason, as a sentence.
     Undefined(Arc<str>),
-    /// They are being made.
+    /// They are being computed.
     Making,
-    /// This server makes none.
+    /// This server computes none.
     Off,
 }
 
 /// The cached state of the maps of a case.
 pub(super) type Known = Result<Arc<LoadedMaps>, Arc<str>>;
 
-/// Whether it is enough that maps are stored, or they must be readable.
+/// Whether stored maps suffice, or must also be readable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Make {
     IfMissing,
@@ -103,7 +103,7 @@ pub(super) enum Make {
 /// The maps in memory, and the running computations.
 pub(super) struct MapsDesk {
     pub(super) known: Cache<CaseId, Known, ByBytes>,
-    /// Waiting and at work. Held for moments.
+    /// Waiting and at work. Held only briefly.
     making: Mutex<HashMap<CaseId, Make>>,
     /// One case at a time, because the filters use every core and about 100 MB.
     pub(super) one_at_a_time: Semaphore,

@@ -20,13 +20,13 @@ use crate::library::Library;
 
 pub use self::model::{PathKind, PathsError, WarmModel};
 
-/// Models in memory unless said otherwise, in bytes: some twenty heads of 256³.
+/// The default limit for models in memory, in bytes: about twenty heads of 256³.
 pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
 
-/// For how long a model is served without asking the rows whether another process has deleted its case.
+/// How long a model is used before the rows are checked for a deletion of its case by another process.
 const TRUST_FOR: Duration = Duration::from_secs(2);
 
-/// For how long what is known of a case is trusted if the database cannot be reached.
+/// How long a case is remembered as ready if the database is unreachable.
 pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
 
 /// The same in ms.
@@ -69,7 +69,7 @@ enum NotLoaded {
 }
 
 impl Models {
-    /// Models of the cases of a library, `budget_bytes` of them at most.
+    /// Models of the cases of a library, at most `budget_bytes`.
     pub fn new(library: Library, budget_bytes: u64) -> Self {
         let inner = Arc::new(Inner {
             cache: cache::one_shard(ByBytes, budget_bytes, 32),

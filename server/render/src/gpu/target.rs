@@ -122,7 +122,7 @@ impl Target {
         }
     }
 
-    /// The depth buffer of several samples a pixel, to be read; `None` where the picture needs none.
+    /// The depth buffer of several samples a pixel, to be read; `None` if the picture needs none.
     pub(super) fn multisampled_depth(&self) -> Option<&BindGroup> {
         match &self.depth {
             Depth::Multisampled { bound, .. } => Some(bound),

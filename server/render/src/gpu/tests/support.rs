@@ -107,7 +107,7 @@ pub(super) const LIMITS: GpuLimits = GpuLimits {
     max_side_3d: None,
 };
 
-/// A device, or `None` where there is no driver: said aloud, and a failure where tests must not be skipped.
+/// A device, or `None` if there is no driver, which is reported, or fails if tests must not be skipped.
 pub(super) fn worker(limits: GpuLimits) -> Option<GpuWorker> {
     match Adapter::find().and_then(|adapter| GpuWorker::new(adapter, limits)) {
         Ok(worker) => Some(worker),
