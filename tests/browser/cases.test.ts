@@ -353,9 +353,9 @@ test(
     await page.getByRole("button", { name: "Undo", exact: true }).click();
     assert.equal((await fragment(page)).v, "superior");
     await page.keyboard.press("Control+Shift+z");
-    await page.getByRole("button", { name: "Do again", exact: true }).click();
+    await page.getByRole("button", { name: "Redo", exact: true }).click();
     assert.deepEqual(await fragment(page), again);
-    assert.ok(await page.getByRole("button", { name: "Do again", exact: true }).isDisabled());
+    assert.ok(await page.getByRole("button", { name: "Redo", exact: true }).isDisabled());
     await keep(page, "undo");
   },
 );
@@ -527,10 +527,12 @@ test("the versions of a case are told apart in the list", { skip, timeout: 60_00
   const { id: version } = (await answer.json()) as { id: string };
   await page.waitForSelector(`#case-list li[data-id="${version}"][data-state=ready]`, { timeout: 40_000 });
   const words = (one: string | null): Promise<string> => page.locator(`#case-list li[data-id="${one}"]`).innerText();
-  assert.match(await words(version), /Version of .*\d:\d\d/);
+  assert.match(await words(version), /Version from .*\d:\d\d/);
   await page.waitForFunction(
     (one) =>
-      /First version, of .*\d:\d\d/.test(document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? ""),
+      /First version, from .*\d:\d\d/.test(
+        document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? "",
+      ),
     id,
   );
   await fetch(new URL(`v1/cases/${version}`, server.address), { method: "DELETE" });
@@ -552,7 +554,7 @@ test("a case is deleted only after a confirmation", { skip }, async () => {
   assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address))).status, 404);
   await page.evaluate((gone) => (location.hash = gone ?? ""), id);
   await page.waitForFunction(() =>
-    /no such case|no case/i.test(document.querySelector("#case-note")?.textContent ?? ""),
+    /does not exist|no case/i.test(document.querySelector("#case-note")?.textContent ?? ""),
   );
 });
 

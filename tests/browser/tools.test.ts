@@ -207,7 +207,8 @@ test(
       /has that mask and radius already/.test(document.querySelector(".panel")?.textContent ?? ""),
     );
     await row.and(page.locator("[data-state=ready]")).waitFor({ timeout: 60_000 });
-    await fetch(new URL(`v1/cases/${version.id}`, server.address), { method: "DELETE" });
+    await row.locator(".thumb img").waitFor();
+  await fetch(new URL(`v1/cases/${version.id}`, server.address), { method: "DELETE" });
     await row.waitFor({ state: "detached", timeout: 20_000 });
   },
 );

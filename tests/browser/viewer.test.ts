@@ -647,7 +647,7 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
 test("what is shown is read out: depth, side, place and grey", { skip }, async () => {
   await reset();
   await page.waitForFunction(() =>
-    /^Depth 10\.0 millimetres, Left\. Middle of the picture: L\s\d.* millimetres, 10\.0 millimetres deep, grey \d/.test(
+    /^Depth 10\.0 millimetres, Left\. Centre of the picture: L\s\d.* millimetres, 10\.0 millimetres deep, grey \d/.test(
       document.querySelector("#surface-keys")?.textContent ?? "",
     ),
   );

@@ -1,6 +1,6 @@
-//! Real heads through the whole of the geometry: how exact the meshes are, and that axes do not matter.
+//! Tests of the whole geometry on real heads: the exactness of the meshes, and independence of the order of axes.
 //!
-//! The heads are not part of the project; without them these tests say so and pass.
+//! The heads are not part of the project; without them, these tests report it and pass.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use geometry::{
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
-/// The folder of test data: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout.
+/// The folder of real heads, from the variable `ISOCORTEX_TEST_DATA`; reports if there is none.
 pub(crate) fn data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);

@@ -271,25 +271,6 @@ async fn coarse_depths_are_depths_of_the_whole_map() {
 }
 
 #[tokio::test]
-async fn textures_of_another_kind_are_refused() {
-    let server = Server::start().await;
-    let case = server.plain_case().await;
-    for query in [
-        "volume?bits=12",
-        "volume?step=2",
-        "distance?step=0",
-        "distance?step=17",
-        "distance?bits=8",
-    ] {
-        assert_eq!(
-            server.get(&format!("{case}/{query}")).await.status.as_u16(),
-            400,
-            "{query}"
-        );
-    }
-}
-
-#[tokio::test]
 async fn pictures_show_the_brain_and_name_their_renderer() {
     let server = Server::start().await;
     let case = server.plain_case().await;

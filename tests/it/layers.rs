@@ -26,13 +26,13 @@ fn needed_by(package: &str) -> BTreeSet<String> {
     names
 }
 
-/// What a part of the server must not need, besides itself.
+/// A part of the server.
 struct Layer {
     name: &'static str,
-    /// Crates of ours.
+    /// The crates of ours that it may need, directly or not, besides itself: no others.
+    needs: &'static [&'static str],
+    /// Crates of others that it must not need.
     never: &'static [&'static str],
-    /// Crates of others.
-    never_others: &'static [&'static str],
 }
 
 /// What serves HTTP or reads a command line: the business of `service`, `pacs` and the program alone.
@@ -46,124 +46,90 @@ const FILES_AND_TASKS: &[&str] = &["tokio", "sqlx", "object_store"];
 const LAYERS: &[Layer] = &[
     Layer {
         name: "geometry",
-        never: &[
-            "analysis",
-            "case",
-            "cases",
-            "extraction",
-            "imaging",
-            "bench",
-            "pipeline",
-            "render",
-            "service",
-            "storage",
-        ],
-        never_others: &["wgpu", "naga", "image", "png", "flate2", "zstd", "serde"],
+        needs: &[],
+        never: &["wgpu", "naga", "image", "png", "flate2", "zstd", "serde"],
     },
     Layer {
         name: "analysis",
-        never: &[
-            "case",
-            "cases",
-            "extraction",
-            "imaging",
-            "bench",
-            "pipeline",
-            "render",
-            "service",
-            "storage",
-        ],
-        never_others: &["wgpu", "image", "png", "flate2", "zstd"],
+        needs: &["geometry"],
+        never: &["wgpu", "image", "png", "flate2", "zstd"],
     },
     Layer {
         name: "extraction",
-        never: &[
-            "analysis", "case", "cases", "imaging", "bench", "pipeline", "render", "service",
-            "storage",
-        ],
-        never_others: &["wgpu"],
+        needs: &["geometry"],
+        never: &["wgpu"],
     },
     Layer {
         name: "imaging",
-        never: &[
-            "analysis",
-            "case",
-            "cases",
-            "extraction",
-            "bench",
-            "pipeline",
-            "render",
-            "service",
-            "storage",
-        ],
-        never_others: &["wgpu"],
+        needs: &["geometry"],
+        never: &["wgpu"],
     },
     Layer {
         name: "render",
-        never: &[
-            "analysis",
-            "case",
-            "cases",
-            "extraction",
-            "imaging",
-            "bench",
-            "pipeline",
-            "service",
-            "storage",
-        ],
-        never_others: &[],
-    },
-    Layer {
-        name: "bench",
-        never: &["cases", "service", "storage"],
-        never_others: &[],
+        needs: &["geometry"],
+        never: &[],
     },
     Layer {
         name: "case",
-        never: &[
-            "analysis",
-            "cases",
-            "extraction",
-            "geometry",
-            "imaging",
-            "bench",
-            "pipeline",
-            "render",
-            "service",
-            "storage",
-        ],
-        never_others: &["wgpu"],
+        needs: &[],
+        never: &["wgpu"],
     },
     Layer {
         name: "pipeline",
-        never: &["cases", "bench", "service", "storage"],
-        never_others: &[],
+        needs: &["analysis", "case", "extraction", "geometry", "imaging"],
+        never: &["wgpu"],
     },
     Layer {
         name: "storage",
-        never: &[
+        needs: &["case"],
+        never: &["wgpu"],
+    },
+    Layer {
+        name: "bench",
+        needs: &[
             "analysis",
-            "cases",
+            "case",
             "extraction",
             "geometry",
             "imaging",
-            "bench",
             "pipeline",
             "render",
-            "service",
         ],
-        never_others: &["wgpu"],
+        never: &["axum", "hyper", "tower-http"],
     },
     Layer {
         name: "cases",
-        never: &["bench", "service"],
-        never_others: &[],
+        needs: CASES_NEED,
+        never: &[],
     },
     Layer {
         name: "service",
-        never: &["bench"],
-        never_others: &["clap"],
+        needs: SERVICE_NEEDS,
+        never: &["clap"],
     },
+];
+
+const CASES_NEED: &[&str] = &[
+    "analysis",
+    "case",
+    "extraction",
+    "geometry",
+    "imaging",
+    "pipeline",
+    "render",
+    "storage",
+];
+
+const SERVICE_NEEDS: &[&str] = &[
+    "analysis",
+    "case",
+    "cases",
+    "extraction",
+    "geometry",
+    "imaging",
+    "pipeline",
+    "render",
+    "storage",
 ];
 
 fn assert_needs_none_of(package: &str, needed: &BTreeSet<String>, forbidden: &[&str]) {
@@ -179,20 +145,15 @@ fn no_layer_needs_what_is_above_or_beside_it() {
     for layer in LAYERS {
         let package = format!("isocortex-{}", layer.name);
         let needed = needed_by(&package);
-        let ours: Vec<_> = layer
-            .never
-            .iter()
-            .map(|name| format!("isocortex-{name}"))
-            .collect();
-        let ours: Vec<_> = ours.iter().map(String::as_str).collect();
-        assert_needs_none_of(&package, &needed, &ours);
-        assert_needs_none_of(&package, &needed, layer.never_others);
-        assert_needs_none_of(&package, &needed, &["isocortex"]);
-        match layer.name {
-            "service" => {}
-            // A program of its own, which reads a command line and speaks no HTTP.
-            "bench" => assert_needs_none_of(&package, &needed, &["axum", "tower-http"]),
-            _ => assert_needs_none_of(&package, &needed, PROTOCOLS),
+        let is_ours = |name: &&String| *name == "isocortex" || name.starts_with("isocortex-");
+        let ours: BTreeSet<_> = needed.iter().filter(is_ours).cloned().collect();
+        let allowed = layer.needs.iter().chain([&layer.name]);
+        let allowed = allowed.map(|name| format!("isocortex-{name}")).collect();
+        let more: Vec<_> = ours.difference(&allowed).collect();
+        assert!(more.is_empty(), "{package} must not need {more:?}");
+        assert_needs_none_of(&package, &needed, layer.never);
+        if !["service", "bench"].contains(&layer.name) {
+            assert_needs_none_of(&package, &needed, PROTOCOLS);
         }
         if !["storage", "cases", "service"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, FILES_AND_TASKS);

@@ -3,7 +3,7 @@
 mod agreement;
 mod attacks;
 mod backup;
-mod bad_input;
+mod circles;
 mod dicom;
 mod extraction;
 mod faults;
@@ -11,7 +11,6 @@ mod golden;
 mod head;
 mod heads;
 mod hygiene;
-mod immutable;
 mod interface;
 mod kill;
 mod layers;
@@ -23,7 +22,6 @@ mod renderers;
 mod renders;
 mod restart;
 mod scenes;
-mod security;
 #[path = "../../server/imaging/tests/it/series_builder.rs"]
 #[allow(dead_code, reason = "the tests of another crate use more of it")]
 mod series_builder;

@@ -23,6 +23,9 @@ const LESION: DVec3 = DVec3::new(36.0, -24.0, 26.0);
 const LESION_MM: f64 = 7.0;
 const SPACING_MM: f64 = 1.6;
 
+/// The blur in colours from a lower value on than by default: the head has no folds, and its spread is small.
+const OVERLAY: &str = "overlay=blur&overlay_window=1.5,4&overlay_threshold=1.5";
+
 /// A smooth rise from 0 to 1 about 0, as wide as an error function of deviation 1.
 fn rise(place: f64) -> f64 {
     1.0 / (1.0 + (-1.702 * place).exp())
@@ -41,7 +44,7 @@ fn intensity(place: DVec3) -> f64 {
         return 0.0;
     }
     let into_lesion = (1.0 - (place.distance(LESION) - LESION_MM) / 2.0).clamp(0.0, 1.0);
-    let width_mm = 1.0 + 2.8 * into_lesion;
+    let width_mm = 1.0 + 3.5 * into_lesion;
     let white = rise((below - JUNCTION_MM) / width_mm);
     let tissue = rise((below - FLUID_MM) / 0.8);
     400.0 + 300.0 * (2.0 * tissue - 1.0 + white * tissue)
@@ -142,32 +145,27 @@ async fn a_blur_on_the_left_is_coloured_there_and_not_on_the_right() {
     let depth_mm = first["depth_mm"].as_f64().unwrap();
     for renderer in ["splat", "trace", "mesh"] {
         let sides = async |view: &str| {
-            let query =
-                format!("renderer={renderer}&view={view}&overlay=blur&width=200&height=200");
+            let query = format!("renderer={renderer}&view={view}&{OVERLAY}&width=200&height=200");
             let address = format!("{case}/render?depth_mm={depth_mm}&{query}");
             coloured(&picture(&server.get(&address).await))
         };
-        assert!(
-            sides("left").await.iter().sum::<usize>() > 200,
-            "{renderer}"
-        );
+        let shown = sides("left").await.iter().sum::<usize>();
+        assert!(shown > 60, "{renderer}: {shown}");
         assert_eq!(sides("right").await, [0, 0], "{renderer}");
         // Facing the patient, the left is at the right of the picture; seen from above it is at the left.
         let [left, right] = sides("anterior").await;
-        assert!(left == 0 && right > 50, "{renderer}: {left} {right}");
+        assert!(left == 0 && right > 20, "{renderer}: {left} {right}");
         let [left, right] = sides("superior").await;
-        assert!(left > 50 && right == 0, "{renderer}: {left} {right}");
+        assert!(left > 20 && right == 0, "{renderer}: {left} {right}");
     }
-    for (plane, along, is_at_right) in [("axial", 2, true), ("coronal", 1, true)] {
+    // On both planes the left is at the right of the picture.
+    for (plane, along) in [("axial", 2), ("coronal", 1)] {
         let address = format!(
-            "{case}/slices/{plane}?position_mm={}&overlay=blur&width=200&height=200",
+            "{case}/slices/{plane}?position_mm={}&{OVERLAY}&width=200&height=200",
             position[along]
         );
         let [left, right] = coloured(&picture(&server.get(&address).await));
-        assert!(
-            is_at_right && left == 0 && right > 20,
-            "{plane}: {left} {right}"
-        );
+        assert!(left == 0 && right > 20, "{plane}: {left} {right}");
     }
 }
 
@@ -219,7 +217,7 @@ async fn an_annotated_picture_has_the_colours_of_its_overlay_and_the_state_names
     let texts = &reader.info().uncompressed_latin1_text;
     let text = |name: &str| texts.iter().find(|text| text.keyword == name).unwrap();
     assert_eq!(text("overlay").text, "blur");
-    assert_eq!(text("overlay_window").text, "2.5,6");
+    assert_eq!(text("overlay_window").text, "2.5,5");
     assert_eq!(text("overlay_colormap").text, "vermilion-yellow");
 }
 

@@ -16,7 +16,6 @@ pub(crate) struct Nifti {
 #[derive(Debug, Clone)]
 pub(crate) enum Data {
     I16(Vec<i16>),
-    F32(Vec<f32>),
     U8(Vec<u8>),
 }
 
@@ -26,11 +25,6 @@ impl Nifti {
         let (kind, bits, voxels): (i16, i16, Vec<u8>) = match &self.data {
             Data::U8(values) => (2, 8, values.clone()),
             Data::I16(values) => (4, 16, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
-            Data::F32(values) => (
-                16,
-                32,
-                values.iter().flat_map(|v| v.to_le_bytes()).collect(),
-            ),
         };
         let mut file = vec![0u8; 352];
         let mut put = |offset: usize, bytes: &[u8]| {

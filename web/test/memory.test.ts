@@ -11,7 +11,7 @@ import { SHOWN } from "./shown.ts";
 const FIRST = firstState(SHOWN);
 const at = (depth_mm: number): ViewState => ({ ...FIRST, depth_mm });
 
-test("what was done is undone and done again, in order", () => {
+test("changes are undone and redone in order", () => {
   const history = new StateHistory(at(8));
   history.record(at(9));
   history.record(at(10));
@@ -23,7 +23,7 @@ test("what was done is undone and done again, in order", () => {
   assert.equal(history.redo(), null);
 });
 
-test("what was not recorded yet can be done again as well", () => {
+test("a change that is not recorded yet can be redone as well", () => {
   const history = new StateHistory(at(8));
   assert.equal(history.undo(at(12))?.depth_mm, 8);
   assert.equal(history.redo()?.depth_mm, 12);

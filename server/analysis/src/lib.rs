@@ -10,6 +10,7 @@ mod candidates;
 mod coarse;
 mod convolve;
 mod gradient;
+mod head;
 mod junction;
 mod maps;
 mod midsagittal;
@@ -27,7 +28,8 @@ mod undefined;
 mod width;
 
 pub use candidates::{Candidate, Side};
-pub use maps::{Head, MapParameters, Maps, maps};
+pub use head::Head;
+pub use maps::{MapParameters, Maps, maps};
 pub use midsagittal::{MidsagittalPlane, midsagittal_plane};
 pub use registration::{Doubt, Registration, Verdict, register};
 pub use stored::{MAP_FORMAT, MapKind, Scale, StoredMap, StoredMapError, UNDEFINED};

@@ -1,11 +1,12 @@
 //! All maps of a head.
 
-use geometry::{DepthField, Grid, Volume};
+use geometry::Grid;
 
 use crate::MidsagittalPlane;
 use crate::block::Block;
 use crate::candidates::{Candidate, Choice, Scores, candidates};
 use crate::gradient::{Slope, weighted_gradient};
+use crate::head::Head;
 use crate::junction::junction_density;
 use crate::mirror::{Differences, Widths, differences, intensity_differences};
 use crate::robust::Robust;
@@ -21,17 +22,6 @@ const MAX_SPACING_MM: f64 = 2.0;
 ///
 /// Four real heads have 0.04 to 0.06 per mm, and 0.13 to 0.17.
 const LEAST_SPREAD: f32 = 0.025;
-
-/// The input of the maps.
-#[derive(Debug, Clone, Copy)]
-pub struct Head<'a> {
-    /// T1-weighted intensities.
-    pub volume: &'a Volume,
-    /// The depth below the envelope.
-    pub depth: &'a DepthField,
-    /// The plane between the hemispheres.
-    pub plane: &'a MidsagittalPlane,
-}
 
 /// Widths of all filters. The standard ones belong to [`crate::MAP_FORMAT`].
 #[derive(Debug, Clone, Copy, PartialEq)]

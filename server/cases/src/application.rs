@@ -1,4 +1,4 @@
-//! Everything that a protocol needs to serve cases.
+//! The application, which a protocol needs to serve cases.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -9,65 +9,58 @@ use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use render::{RenderBackend, RenderJob, SizedMesh};
 use storage::{Location, Store, StoreError};
-use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::dicom::{DicomReader, Program};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
-use crate::models::{Models, WarmModel};
-use crate::pictures::{Graphics, GraphicsOptions, PictureJob, PictureRequest, window_of};
+use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
+use crate::pictures::{Graphics, GraphicsOptions};
+use crate::room::RoomToCheck;
 
-/// Maps may take this part of the memory for warm cases, beside them.
+/// The memory for maps, as a fraction of the memory for loaded cases, in addition to it.
 const MAPS_PART: u64 = 4;
 
-/// How many cases are remembered to be ready.
+/// The number of cases that are remembered as ready.
 const REMEMBERED_CASES: usize = 4096;
 
-/// For how long: another server on the same store may delete a case.
+/// How long a case is remembered as ready; another server on the same store may delete it.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
-/// For how long if the database cannot be reached.
-pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
-
-/// How long an upload waits for room to be checked.
-const LONGEST_WAIT_FOR_CHECK: Duration = Duration::from_secs(30);
-
-/// How the application is set up.
+/// The options of the application.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Where the store is.
+    /// The location of the store.
     pub location: Location,
-    /// How the store behaves.
+    /// The options of the store.
     pub store: storage::Options,
-    /// The weights of the network that extracts brains; by default those beside the program.
+    /// The file with the weights for brain extraction; by default the one beside the program.
     pub network: Option<PathBuf>,
-    /// What uploads may ask for.
+    /// The limits of a preparation.
     pub limits: Limits,
-    /// What the volume of a head may measure.
+    /// The limits on the dimensions of a head.
     pub head: HeadLimits,
-    /// Pictures, meshes and the like at work at a time.
+    /// Pictures, meshes and checks of uploads that are computed at a time.
     pub render_threads: usize,
-    /// How many more may wait.
+    /// The number of these that may wait.
     pub max_queued_renders: usize,
-    /// Memory for warm cases, in bytes.
+    /// Memory for loaded cases, in bytes.
     pub model_cache_bytes: u64,
-    /// Whether maps of the cases are made.
+    /// Whether to compute maps of the cases.
     pub makes_maps: bool,
     /// The graphics device.
     pub graphics: GraphicsOptions,
     /// The program that reads DICOM files.
     pub dicom_program: Program,
-    /// The most bytes of the DICOM files of an upload, unpacked.
+    /// The limit for the unpacked DICOM files of an upload, in bytes.
     pub max_dicom_bytes: u64,
 }
 
-/// Why the application cannot start.
+/// The reason why the application cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The network's weights cannot be used.
+    /// The weights of the network cannot be used.
     #[error(transparent)]
     Network(#[from] NoNetwork),
     /// The store cannot be opened.
@@ -75,15 +68,10 @@ pub enum StartError {
     Store(#[from] StoreError),
 }
 
-fn thousands(voxels: usize) -> u32 {
-    let most = Semaphore::MAX_PERMITS.min(u32::MAX as usize);
-    u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
-}
-
-/// Opens the store, with what prepares its cases.
+/// Opens the store and the preparation of its cases.
 ///
 /// # Errors
-/// When the store or the network cannot be opened.
+/// If the store or the network cannot be opened.
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
     tracing::info!("brains are extracted {}", extractor.words());
@@ -99,31 +87,29 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
 
 /// Everything that a protocol needs to serve cases. Cheap to clone.
 ///
-/// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
+/// It holds no results of its own: caches are filled from the store, so a restarted server gives the same bytes.
 #[derive(Debug, Clone)]
 pub struct Cases {
-    /// Cases on disk, and what prepares them.
+    /// Cases in the store, and their preparation.
     pub library: Library,
     /// Cases in memory.
     pub models: Models,
-    /// The one queue for pictures, meshes and whatever else keeps a processor busy for a client.
+    /// The queue for pictures, meshes and all other CPU work for clients.
     pub queue: ConcurrencyLimit,
     /// The graphics device, if there is one.
     pub graphics: Graphics,
-    /// Where DICOM files are read.
+    /// The reader of DICOM files.
     pub dicom: Arc<DicomReader>,
-    head: HeadLimits,
-    /// Voxels that are checked at a time, in thousands: one volume of the largest size, or several small ones.
-    checking: Arc<Semaphore>,
+    pub(crate) checks: RoomToCheck,
     remembered: Arc<Remembered>,
 }
 
 type ForgetHook = Box<dyn Fn(&CaseId) + Send + Sync>;
 
-/// The cases that were ready a moment ago, and who else remembers something of cases.
+/// The cases that were ready recently, and the other caches of cases.
 struct Remembered {
     ready: Cache<CaseId, (Instant, Arc<CaseFacts>)>,
-    /// Held for moments.
+    /// Held only briefly.
     hooks: Mutex<Vec<ForgetHook>>,
 }
 
@@ -157,13 +143,18 @@ impl fmt::Debug for Remembered {
 }
 
 impl Cases {
-    /// Opens the store. No case is prepared until workers are started on the library.
+    /// Opens the store. Cases are prepared only after workers are started on the library.
     ///
     /// # Errors
-    /// When the store or the network cannot be opened.
+    /// If the store or the network cannot be opened.
     pub async fn open(options: Options) -> Result<Self, StartError> {
-        // In a box: the compiler rejects futures that hold each other much deeper.
+        // Boxed, because the compiler rejects futures that are nested deeper.
         let library = Box::pin(open_library(&options)).await?;
+        Ok(Self::on(library, &options))
+    }
+
+    /// The application on a library.
+    pub(crate) fn on(library: Library, options: &Options) -> Self {
         let remembered = Arc::<Remembered>::default();
         let weak = Arc::downgrade(&remembered);
         library.store().on_delete(move |id| {
@@ -172,46 +163,30 @@ impl Cases {
             }
         });
         let dicom = DicomReader::new(
-            options.dicom_program,
+            options.dicom_program.clone(),
             options.limits,
             options.max_dicom_bytes,
         );
-        Ok(Self {
+        Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
             library,
             queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
-            head: options.head,
-            checking: Arc::new(Semaphore::new(thousands(options.limits.max_voxels) as usize)),
+            checks: RoomToCheck::new(options.head, options.limits),
             remembered,
-        })
+        }
     }
 
-    /// Where the cases are.
+    /// The store of the cases.
     pub fn store(&self) -> &Store {
         self.library.store()
-    }
-
-    /// Room to check an upload, until it is dropped; `start` is the first 64 kB of its volume. Its voxels are in memory meanwhile, so that
-    /// volumes wait for each other by their size.
-    ///
-    /// # Errors
-    /// [`Error::Failure`] where the header is not that of a head; [`Error::Busy`] where others take too long.
-    pub async fn room_to_check(&self, start: &[u8]) -> Result<SemaphorePermit<'_>, Error> {
-        let limits = self.library.limits();
-        let weight = thousands(self.head.check(start, &limits)?).min(thousands(limits.max_voxels));
-        let permit = self.checking.acquire_many(weight);
-        match tokio::time::timeout(LONGEST_WAIT_FOR_CHECK, permit).await {
-            Ok(permit) => permit.map_err(|_| Error::Unavailable),
-            Err(_elapsed) => Err(Error::Busy),
-        }
     }
 
     /// A case.
     ///
     /// # Errors
-    /// [`Error::NoSuchCase`], or the store's.
+    /// [`Error::NoSuchCase`], or an error of the store.
     pub async fn case(&self, id: &CaseId) -> Result<Case, Error> {
         self.store().case(id).await?.ok_or(Error::NoSuchCase)
     }
@@ -219,7 +194,7 @@ impl Cases {
     /// The facts of a case that is ready.
     ///
     /// # Errors
-    /// [`Error::NoSuchCase`], [`Error::NotReady`], the failure of a failed case, or the store's.
+    /// [`Error::NoSuchCase`], [`Error::NotReady`], the failure of a failed case, or an error of the store.
     pub async fn ready(&self, id: &CaseId) -> Result<Arc<CaseFacts>, Error> {
         let remembered = self.remembered.ready.get(id);
         if let Some((since, facts)) = &remembered
@@ -249,10 +224,11 @@ impl Cases {
         }
     }
 
-    /// What an annotated picture says of a case: see [`Case::identity`](case::Case::identity). `None` where nothing is written.
+    /// The line about a case in an annotated picture: see [`Case::identity`](case::Case::identity). `None` without
+    /// annotation.
     ///
     /// # Errors
-    /// When there is no such case.
+    /// If the case does not exist.
     pub async fn identity(&self, id: &CaseId, annotate: bool) -> Result<Option<String>, Error> {
         if !annotate {
             return Ok(None);
@@ -261,7 +237,7 @@ impl Cases {
         Ok(Some(case.identity()))
     }
 
-    /// The verdict on the mask of a case that was asked about a moment ago.
+    /// The verdict on the mask of a recently requested case.
     pub fn known_quality(&self, id: &CaseId) -> Option<QualityState> {
         let (_, facts) = self.remembered.ready.get(id)?;
         facts.quality.as_ref().map(|quality| quality.state)
@@ -275,13 +251,13 @@ impl Cases {
         if let Some(model) = self.models.get(id).await? {
             return Ok(model);
         }
-        // It was ready a moment ago, but is deleted or, with its source lost, failed by now.
+        // It was ready a moment ago, but has been deleted, or has failed because its source is lost.
         self.remembered.forget(id);
         self.ready(id).await?;
         Err(Error::Unavailable)
     }
 
-    /// Removes a case and what no other case needs; `false` if there was none.
+    /// Removes a case and the objects that no other case needs; `false` if the case did not exist.
     ///
     /// # Errors
     /// As [`Store::delete`].
@@ -291,41 +267,9 @@ impl Cases {
         Ok(deleted?)
     }
 
-    /// Calls `hook` whenever a case turns out to be gone, or is removed by this process or, as far as the database tells, by others.
+    /// Calls `hook` whenever a case is found missing, or is removed by this process or, if the database reports it, by
+    /// others.
     pub fn on_forget(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
         self.remembered.hooks().push(Box::new(hook));
-    }
-
-    /// Gets everything ready that a picture needs. Call it in a turn of [`Cases::queue`]: a mesh may have to be walked first.
-    ///
-    /// # Errors
-    /// When the mesh cannot be had, or the case has no such layer, or not yet.
-    pub async fn picture_job(
-        &self,
-        warm: &WarmModel,
-        request: &PictureRequest,
-        backend: RenderBackend,
-    ) -> Result<PictureJob, Error> {
-        let depth_mm = request.depth_mm.min(warm.facts.max_depth_mm);
-        let mesh = if backend.needs_mesh() {
-            let size = request.mesh_size()?;
-            let mesh = warm.shrink(size, request.paths, depth_mm).await?;
-            Some(SizedMesh { size, mesh })
-        } else {
-            None
-        };
-        let choice = request.layers();
-        let layers = choice.of_case(&self.library, warm.id()).await?;
-        let window = choice.window_or(window_of(&warm.facts));
-        Ok(PictureJob {
-            job: RenderJob {
-                case: warm.keyed(),
-                request: request.at(depth_mm, window)?,
-                mesh,
-                layers,
-            },
-            asked: request.renderer,
-            backend,
-        })
     }
 }

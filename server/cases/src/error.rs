@@ -1,4 +1,4 @@
-//! Why the application could not do what was asked, without the words of any protocol.
+//! Errors of the application, independent of any protocol.
 
 use std::borrow::Cow;
 
@@ -9,62 +9,62 @@ use storage::StoreError;
 
 use crate::models::PathsError;
 
-/// Why the application could not do what was asked. The sentences are fit for clients, but for [`Error::Store`].
+/// An error of the application. The sentences may be shown to clients, except for [`Error::Store`].
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// No such case.
     #[error("there is no case with this id")]
     NoSuchCase,
-    /// The case is still on its way.
+    /// The case is not prepared yet.
     #[error("the case is not ready yet: it is {}", .state.name())]
     NotReady {
-        /// How far it has come.
+        /// Its state.
         state: CaseState,
     },
-    /// The maps of the case are being made.
-    #[error("the maps of this case are being made; try again in a moment")]
+    /// The maps of the case are being computed.
+    #[error("the maps of this case are being computed; try again in a moment")]
     LayerNotReady,
     /// The case has no maps.
     #[error("{reason}")]
     MapsUndefined {
-        /// Why: a sentence.
+        /// The reason, as a sentence.
         reason: String,
     },
-    /// The input cannot be used, now or when it was prepared.
+    /// The input cannot be used, as found now or during its preparation.
     #[error(transparent)]
     Failure(#[from] Failure),
-    /// A parameter of what was asked for is not accepted.
+    /// A parameter of a request is invalid.
     #[error("`{name}` {detail}")]
     Parameter {
-        /// A stable name of what is wrong, in kebab case.
+        /// The stable name of the error, in kebab case.
         kind: &'static str,
-        /// Which parameter.
+        /// The parameter.
         name: Cow<'static, str>,
-        /// What is wrong with it: a sentence that begins with its verb.
+        /// The error, as a sentence that begins with its verb.
         detail: String,
     },
-    /// A step of the geometry refuses the parameters.
+    /// The geometry rejects the parameters.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
-    /// Too much work waits already.
+    /// Too much work is waiting.
     #[error("too much work is waiting; try again in a moment")]
     Busy,
-    /// The server is stopping, or its store cannot be reached.
+    /// The server is stopping, or its store is unreachable.
     #[error("the server cannot answer now; try again in a moment")]
     Unavailable,
-    /// The store has no room left.
-    #[error("the store has no room left: cases must be deleted, or its disk enlarged")]
+    /// The store is full.
+    #[error("the store is full; delete cases, or enlarge its disk")]
     StorageFull,
     /// The store failed.
     #[error(transparent)]
     Store(StoreError),
-    /// A fault of the program.
-    #[error("the server failed at this request; its log says more under the request id")]
+    /// An internal error.
+    #[error("internal error; the log of the server has the details under the request id")]
     Internal,
 }
 
 impl Error {
-    /// A parameter that is out of its range.
+    /// A parameter outside its range.
     pub fn out_of_range(name: &'static str, detail: impl Into<String>) -> Self {
         Self::Parameter {
             kind: "query-value-out-of-range",
@@ -80,7 +80,10 @@ impl From<StoreError> for Error {
             StoreError::QueueFull => Self::Busy,
             full if full.is_full() => Self::StorageFull,
             away if away.is_away() => {
-                tracing::warn!(error = &away as &dyn std::error::Error, "the store is away");
+                tracing::warn!(
+                    error = &away as &dyn std::error::Error,
+                    "the store is unreachable"
+                );
                 Self::Unavailable
             }
             other => Self::Store(other),
@@ -105,7 +108,8 @@ impl From<RenderError> for Error {
             RenderError::TooManyContours { .. } => "depth_mm",
             _ => return Self::Internal,
         };
-        // `window centre` and `window width` are both of the key `window`: the rest of the name stays in the sentence.
+        // `window centre` and `window width` both belong to the key `window`; the rest of the name stays in the
+        // sentence.
         let key = name.split(' ').next().unwrap_or(name);
         let text = error.to_string();
         let detail = match text.strip_prefix(key) {

@@ -1,14 +1,14 @@
 //! Workers that prepare queued cases.
 //!
-//! A job is a row with a lease. A worker renews it while it prepares; where it is killed the lease ends and another worker
-//! takes the job, with a greater fence number, so that nothing of the first one's can be published any more.
+//! A job is a row with a lease. A worker renews the lease while it prepares. If the worker is killed, the lease ends
+//! and another worker takes the job with a greater fence number, so that the first one can no longer publish.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use case::{Failure, FailureKind, Progress, Stage};
-use pipeline::{Derived, Source};
+use pipeline::{Derived, Input};
 use storage::{
     Claim, Count, LeaseTerms, Published, Publisher, Release, Store, StoreError, frame_all,
 };
@@ -18,20 +18,20 @@ use tokio::time::MissedTickBehavior;
 
 use crate::library::Library;
 
-/// How often objects that a killed process has left are looked for.
+/// How often to search for objects that a killed process left behind.
 const COLLECT_EVERY: Duration = Duration::from_secs(600);
 
-/// What the workers are told, in this order.
+/// The phases of the workers, in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
     Working,
-    /// Finish what is begun, and begin nothing.
+    /// Finish running work, and begin none.
     Finishing,
-    /// Stop, and hand back what is begun.
+    /// Stop, and return running jobs.
     Stopping,
 }
 
-/// Running workers. Dropping them stops them; their work is taken up by others when its leases end.
+/// Running workers. Dropping them stops them; others take their jobs after the leases end.
 #[derive(Debug)]
 pub struct Workers {
     phase: watch::Sender<Phase>,
@@ -58,7 +58,7 @@ impl Workers {
         Self { phase, tasks }
     }
 
-    /// Takes no more work, lets running work finish within `grace`, and hands back what is not done by then.
+    /// Takes no more work, lets running work finish within `grace`, and then returns unfinished jobs.
     pub async fn shut_down(mut self, grace: Duration) {
         self.phase.send_replace(Phase::Finishing);
         let all_done = async { while self.tasks.join_next().await.is_some() {} };
@@ -69,9 +69,9 @@ impl Workers {
     }
 }
 
-/// Waits until a phase is reached, or the workers are gone.
+/// Waits for a phase, or for the end of the workers.
 async fn until(phase: &mut watch::Receiver<Phase>, reached: Phase) {
-    // The value would hold a lock.
+    // Holding the value would hold a lock.
     drop(phase.wait_for(|&phase| phase >= reached).await);
 }
 
@@ -84,19 +84,19 @@ async fn collect_now_and_then(store: Store, mut phase: watch::Receiver<Phase>) {
         if let Err(error) = store.collect().await {
             tracing::warn!(
                 error = &error as &dyn std::error::Error,
-                "left-over objects could not be removed"
+                "cannot remove left-over objects"
             );
         }
     }
 }
 
-/// How a preparation ended.
+/// The end of a preparation.
 enum Outcome {
     Derived(Box<Derived>),
     Refused(Failure),
-    /// Deleted meanwhile, or another has the lease.
+    /// The case was deleted, or another worker has the lease.
     Lost,
-    /// The process is to stop.
+    /// The process must stop.
     HandedBack,
 }
 
@@ -115,7 +115,7 @@ impl Worker {
                 Err(error) => {
                     tracing::error!(
                         error = &error as &dyn std::error::Error,
-                        "no job could be taken"
+                        "cannot take a job"
                     );
                     self.wait().await;
                 }
@@ -124,6 +124,7 @@ impl Worker {
     }
 
     async fn wait(&mut self) {
+        let _idle = self.library.handover().idle();
         let poll = tokio::time::sleep(self.store.options().poll);
         tokio::select! {
             () = until(&mut self.phase, Phase::Finishing) => {}
@@ -159,16 +160,29 @@ impl Worker {
         self.store.signals().changed(&claim.id);
     }
 
-    /// Prepares and keeps the lease; the store has nothing of it yet at the end.
+    /// Prepares and renews the lease; nothing is stored yet.
     async fn run(&self, claim: &Claim, cancelled: &Arc<AtomicBool>) -> Result<Outcome, StoreError> {
-        let Some(source) = self.library.source(&claim.id, &claim.sources).await? else {
+        let read = self.library.handover().take(&claim.id);
+        let source = match &read {
+            Some(_) => {
+                self.library
+                    .source_besides(&claim.id, &claim.sources)
+                    .await?
+            }
+            None => self.library.source(&claim.id, &claim.sources).await?,
+        };
+        let Some(source) = source else {
             return Ok(Outcome::Refused(Failure::source_damaged()));
         };
         let (progress, seen) = watch::channel(None);
         let mut derived = tokio::task::spawn_blocking({
             let (library, claim) = (self.library.clone(), claim.clone());
             let cancelled = cancelled.clone();
-            move || derive(&library, &claim, &source, &progress, &cancelled)
+            move || {
+                let source = &source;
+                let input = Input { source, read };
+                derive(&library, &claim, input, &progress, &cancelled)
+            }
         });
         let mut heartbeat = tokio::time::interval(self.store.options().heartbeat);
         heartbeat.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -219,7 +233,7 @@ impl Worker {
         }
     }
 
-    /// `false` where the lease is not ours any more. A store that cannot be asked is asked again at the next beat.
+    /// `false` if the lease is lost. If the store is unreachable, the next beat tries again.
     async fn renew(&self, claim: &Claim, progress: Option<Progress>) -> bool {
         let renewed = self
             .store
@@ -230,7 +244,7 @@ impl Worker {
             tracing::warn!(
                 job = claim.fence,
                 error = &error as &dyn std::error::Error,
-                "a lease could not be renewed"
+                "cannot renew a lease"
             );
             true
         })
@@ -260,7 +274,7 @@ impl Worker {
                     counts: false,
                 };
                 self.store.rows().release(claim, release).await?;
-                tracing::info!(job = claim.fence, "a preparation was handed back");
+                tracing::info!(job = claim.fence, "a preparation was returned to the queue");
                 Ok(())
             }
         }
@@ -271,7 +285,7 @@ impl Worker {
             .signals()
             .progress(&claim.id, Some(Progress::at(Stage::Storing)));
         let framed = frame_all(derived.objects).await?;
-        // The lease is renewed once more: writing is bounded, the preparation was not.
+        // The lease is renewed once more, because writing takes a bounded time.
         self.store
             .rows()
             .renew(
@@ -291,40 +305,40 @@ impl Worker {
         } else {
             tracing::info!(
                 job = claim.fence,
-                "a preparation came too late and was dropped"
+                "a preparation finished after its lease had ended and was discarded"
             );
         }
         Ok(())
     }
 
-    /// The store, not the input, was at fault: the job is tried again, by this worker or another.
+    /// The store failed, not the input, so this worker or another one tries the job again.
     async fn retry_later(&self, claim: &Claim, error: &StoreError) {
         tracing::error!(
             job = claim.fence,
             error = error as &dyn std::error::Error,
-            "a preparation was interrupted by the store"
+            "a preparation was interrupted by a failure of the store"
         );
         self.store.signals().count(Count::Retried);
         let release = Release {
             after: self.store.options().retry_after,
             counts: true,
         };
-        // Where even this fails, the lease ends by itself.
+        // If even this fails, the lease ends by itself.
         if let Err(error) = self.store.rows().release(claim, release).await {
             tracing::warn!(
                 job = claim.fence,
                 error = &error as &dyn std::error::Error,
-                "a lease could not be handed back"
+                "cannot return a lease"
             );
         }
     }
 }
 
-/// On a blocking thread: prepares, and tells how far it has come.
+/// Prepares on a blocking thread, and reports progress.
 fn derive(
     library: &Library,
     claim: &Claim,
-    source: &Source,
+    input: Input<'_>,
     progress: &watch::Sender<Option<Progress>>,
     cancelled: &AtomicBool,
 ) -> Result<Derived, Failure> {
@@ -332,23 +346,23 @@ fn derive(
         progress.send_replace(Some(now));
         library.store().signals().progress(&claim.id, Some(now));
     };
-    library.prepare(source, &claim.parameters, &observe, cancelled)
+    library.prepare(input, &claim.parameters, &observe, cancelled)
 }
 
-/// The preparation took longer than it may.
+/// The preparation exceeded its time limit.
 fn too_slow(longest: Duration) -> Failure {
     let detail = format!(
-        "the preparation took longer than {} seconds and was given up; upload a volume with fewer voxels",
+        "the preparation exceeded the limit of {} seconds; upload a volume with fewer voxels",
         longest.as_secs()
     );
     Failure::unusable("preparation-too-slow", detail)
 }
 
-/// The preparation panicked: a fault of this program that the same input would meet again.
+/// The preparation panicked. The same input would cause the same internal error again.
 fn crashed() -> Failure {
     Failure::new(
         FailureKind::Internal,
         "preparation-crashed",
-        "the preparation met a fault of the program",
+        "internal error during the preparation",
     )
 }

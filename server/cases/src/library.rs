@@ -1,7 +1,8 @@
-//! The cases of a store, and what prepares them: the one place where `storage` and `pipeline` meet.
+//! The cases of a store and their preparation: the only place where `storage` and `pipeline` meet.
 //!
-//! Everything but the uploaded files is derived from them: a derived object that is missing or damaged is made again here.
+//! Everything except the uploaded files is derived from them; a missing or damaged derived object is rebuilt here.
 
+mod desk;
 mod maps;
 #[cfg(test)]
 mod tests;
@@ -10,24 +11,26 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use self::maps::MapsDesk;
-pub use self::maps::{LoadedMaps, MapsState};
+use self::desk::MapsDesk;
+pub use self::desk::{LoadedMaps, MapsState};
+use crate::handover::Handover;
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
     Quality,
 };
 use imaging::Limits;
-use pipeline::{Derived, Pipeline, Source, StoredBrain, settled};
+use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
 
-/// What a worker does with an upload: the objects and facts of a case, or why there are none.
+/// The work on an upload: returns the objects and facts of a case, or the reason why there are none.
 ///
-/// It is told each step as it begins, and ends soon after the flag is raised.
+/// What was read of the upload already comes with it. It is told each step as it begins, and ends soon after the flag
+/// is raised.
 pub type PrepareFn = dyn Fn(
-        &Source,
+        Input<'_>,
         &Parameters,
         &Limits,
         &(dyn Fn(Progress) + Sync),
@@ -36,12 +39,12 @@ pub type PrepareFn = dyn Fn(
     + Send
     + Sync;
 
-/// How cases are prepared.
+/// The preparation of cases.
 #[derive(Clone)]
 pub struct Preparation {
     /// Whether there is a network that extracts brains.
     pub has_network: bool,
-    /// What prepares a case.
+    /// The function that prepares a case.
     pub prepare: Arc<PrepareFn>,
 }
 
@@ -58,8 +61,8 @@ impl From<Pipeline> for Preparation {
     fn from(pipeline: Pipeline) -> Self {
         Self {
             has_network: pipeline.has_network(),
-            prepare: Arc::new(move |source, parameters, limits, observe, cancelled| {
-                let prepared = pipeline.prepare(source, parameters, limits, observe, cancelled);
+            prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
+                let prepared = pipeline.prepare_read(input, parameters, limits, observe, cancelled);
                 prepared.map(Derived::of)
             }),
         }
@@ -72,7 +75,7 @@ impl Default for Preparation {
     }
 }
 
-/// The cases of a store, and what prepares them. Cheap to clone.
+/// The cases of a store, and their preparation. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Library {
     inner: Arc<Inner>,
@@ -82,22 +85,24 @@ pub struct Library {
 struct Inner {
     store: Store,
     preparation: Preparation,
-    /// What uploads may ask for.
+    /// The limits of uploads.
     limits: Limits,
-    /// One rebuild at a time in this process, for it takes a whole preparation's memory; held across awaits. Of one case there is one
-    /// at a time in all processes ([`Store::rebuild_alone`]).
+    /// One rebuild at a time in this process, because it needs the memory of a whole preparation; held across awaits.
+    /// Each case is rebuilt by one process at a time ([`Store::rebuild_alone`]).
     rebuilding: tokio::sync::Mutex<()>,
-    /// `None` if no maps are made.
+    /// `None` if no maps are computed.
     maps: Option<MapsDesk>,
+    /// Volumes that were decoded for their check.
+    handover: Handover,
 }
 
 impl Library {
-    /// The cases of a store, prepared so, within limits on what uploads may ask for, without maps.
+    /// The cases of a store with this preparation and these limits, without maps.
     pub fn new(store: Store, preparation: Preparation, limits: Limits) -> Self {
         Self::on(store, preparation, limits, None)
     }
 
-    /// The same with maps, of which so many bytes are kept in memory.
+    /// Adds maps, with a limit on their bytes in memory.
     pub fn with_maps(
         store: Store,
         preparation: Preparation,
@@ -122,43 +127,50 @@ impl Library {
                 limits,
                 rebuilding: tokio::sync::Mutex::default(),
                 maps,
+                handover: Handover::default(),
             }),
         }
     }
 
-    /// The cases of a store, prepared as usual.
+    /// The cases of a store, with the usual preparation.
     pub fn of(store: Store) -> Self {
         Self::new(store, Preparation::default(), Limits::default())
     }
 
-    /// Where the cases are.
+    /// The store.
     pub fn store(&self) -> &Store {
         &self.inner.store
     }
 
-    /// What uploads may ask for.
+    /// The limits of uploads.
     pub fn limits(&self) -> Limits {
         self.inner.limits
     }
 
-    /// Whether the preparations have a network that extracts brains.
+    /// Whether the preparation has a network for brain extraction.
     pub fn has_network(&self) -> bool {
         self.inner.preparation.has_network
+    }
+
+    /// Volumes that were decoded for their check, for the workers.
+    pub(crate) fn handover(&self) -> &Handover {
+        &self.inner.handover
     }
 
     /// Prepares a case on the calling thread.
     pub(crate) fn prepare(
         &self,
-        source: &Source,
+        input: Input<'_>,
         parameters: &Parameters,
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
         let prepare = &self.inner.preparation.prepare;
-        prepare(source, parameters, &self.inner.limits, observe, cancelled)
+        let limits = &self.inner.limits;
+        prepare(input, parameters, limits, observe, cancelled)
     }
 
-    /// Makes a case of files in memory and queues its preparation. The parameters are [`settled`] first.
+    /// Makes a case from files in memory and queues its preparation. The parameters are [`settled`] first.
     ///
     /// # Errors
     /// As [`Store::submit_upload`].
@@ -187,14 +199,14 @@ impl Library {
         self.store().submit_upload(upload, parameters).await
     }
 
-    /// Reads derived objects of a ready case; `None` where it is not there or not ready.
+    /// Reads derived objects of a ready case; `None` if it does not exist or is not ready.
     ///
-    /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. Where an object is missing or damaged, or
-    /// `decode` gives `None`, that is logged, and all are made again from the source. Where the source is lost too the case
-    /// becomes failed.
+    /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. If an object is missing or damaged, or
+    /// `decode` returns `None`, this is logged, and all are rebuilt from the source. If the source is lost too, the
+    /// case becomes failed.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn load<T: Send + 'static>(
         &self,
         id: &CaseId,
@@ -209,7 +221,7 @@ impl Library {
         }
         let _one_at_a_time = self.inner.rebuilding.lock().await;
         let read_or_rebuild = async {
-            // Somebody else may have done it meanwhile.
+            // Another caller may have done it meanwhile.
             if let Attempt::Read(value) = self.store().read_derived(id, kinds, &decode).await? {
                 return Ok(Some(value));
             }
@@ -218,56 +230,66 @@ impl Library {
                 Attempt::Read(value) => Ok(Some(value)),
                 Attempt::NoCase => Ok(None),
                 Attempt::Bad => Err(StoreError::Objects(
-                    "derived objects cannot be read right after they were written".into(),
+                    "derived objects cannot be read immediately after they were written".into(),
                 )),
             }
         };
-        let loaded = self.store().rebuild_alone(id, read_or_rebuild).await?;
-        Ok(loaded.flatten())
+        // In a box: the future of a rebuild is large, and rarely needed.
+        let rebuilt = self.store().rebuild_alone(id, Box::pin(read_or_rebuild));
+        Ok(rebuilt.await?.flatten())
     }
 
-    /// The uploaded files of a case; `None`, reported, where one is missing or damaged.
+    /// The uploaded files of a case; `None`, reported, if one is missing or damaged.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn source(
         &self,
         id: &CaseId,
         names: &[ObjectName],
     ) -> Result<Option<Source>, StoreError> {
-        let Some(volume) = self
-            .store()
-            .read(id, names, ObjectKind::SourceVolume)
-            .await?
-        else {
+        let store = self.store();
+        let Some(volume) = store.read(id, names, ObjectKind::SourceVolume).await? else {
             return Ok(None);
         };
-        let mut source = Source {
+        let mask = self.read_if_any(id, names, ObjectKind::SourceMask).await?;
+        let dicom = self.read_if_any(id, names, ObjectKind::SourceDicom).await?;
+        Ok(mask.zip(dicom).map(|(mask, dicom)| Source {
             volume,
-            ..Source::default()
-        };
-        if names.iter().any(|name| name.kind == ObjectKind::SourceMask) {
-            source.mask = self.store().read(id, names, ObjectKind::SourceMask).await?;
-            if source.mask.is_none() {
-                return Ok(None);
-            }
-        }
-        if names
-            .iter()
-            .any(|name| name.kind == ObjectKind::SourceDicom)
-        {
-            source.dicom = self
-                .store()
-                .read(id, names, ObjectKind::SourceDicom)
-                .await?;
-            if source.dicom.is_none() {
-                return Ok(None);
-            }
-        }
-        Ok(Some(source))
+            mask,
+            dicom,
+            brain: None,
+        }))
     }
 
-    /// Makes the derived objects of a ready case again, or makes the case failed where that is impossible.
+    /// The other inputs of a preparation whose volume and mask are decoded already; as [`Library::source`].
+    pub(crate) async fn source_besides(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+    ) -> Result<Option<Source>, StoreError> {
+        let dicom = self.read_if_any(id, names, ObjectKind::SourceDicom).await?;
+        Ok(dicom.map(|dicom| Source {
+            dicom,
+            ..Source::default()
+        }))
+    }
+
+    /// An uploaded file that a case may have, or `None` in it; `None`, reported, if it is missing or damaged.
+    async fn read_if_any(
+        &self,
+        id: &CaseId,
+        names: &[ObjectName],
+        kind: ObjectKind,
+    ) -> Result<Option<Option<Bytes>>, StoreError> {
+        if names.iter().all(|name| name.kind != kind) {
+            return Ok(Some(None));
+        }
+        let read = self.store().read(id, names, kind).await?;
+        Ok(read.map(Some))
+    }
+
+    /// Rebuilds the derived objects of a ready case, or makes the case failed if that is impossible.
     async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
         let Some(case) = self.store().rows().case(id).await? else {
             return Ok(());
@@ -295,22 +317,19 @@ impl Library {
                     .publish(Publisher::Rebuild(id), &framed, &derived.facts)
                     .await?;
                 self.store().signals().count(Count::Rebuild);
-                tracing::warn!("the derived objects of a case were made again from its source");
+                tracing::warn!("rebuilt the derived objects of a case from its source");
             }
             Err(failure) => {
                 self.store().rows().condemn(id, &failure).await?;
-                tracing::error!(
-                    kind = failure.name,
-                    "a case cannot be made again from its source"
-                );
+                tracing::error!(kind = failure.name, "cannot rebuild a case from its source");
             }
         }
         self.store().signals().changed(id);
         Ok(())
     }
 
-    /// The brain mask of a case, where it was extracted or judged: it stays what it was, whichever way this server would extract it
-    /// now, and so does the verdict, for another server may have no network to ask.
+    /// The brain mask of a case, if it was extracted or rated. It must not change, even if this server would extract it
+    /// differently now; nor must the rating, because another server may have no network.
     async fn extracted(
         &self,
         case: &Case,
@@ -337,17 +356,17 @@ impl Library {
         let library = self.clone();
         let derived = tokio::task::spawn_blocking(move || {
             let never = AtomicBool::new(false);
-            library.prepare(&source, &parameters, &|_| {}, &never)
+            library.prepare((&source).into(), &parameters, &|_| {}, &never)
         });
         Ok(derived.await?)
     }
 }
 
-/// What a case fails with when its mask was lost and would become another one.
+/// The failure of a case whose mask was lost and would differ if extracted again.
 fn extracted_otherwise() -> Failure {
     Failure::new(
         FailureKind::Internal,
         "mask-damaged",
-        "the stored mask is damaged, and this server would extract the brain in another way; upload the volume again",
+        "the stored mask is damaged, and this server would extract the brain with another method; upload the volume again",
     )
 }

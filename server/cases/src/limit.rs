@@ -1,4 +1,4 @@
-//! One bound on work for clients: so much at a time, so much waiting, all of it awaited.
+//! The limit on work for clients: how much runs at a time and how much waits.
 
 use std::sync::Arc;
 
@@ -8,9 +8,10 @@ use tokio::task;
 
 use crate::error::Error;
 
-/// Admits a bounded number of pieces of work at a time and lets a bounded number wait, in the order in which they came. Cheap to clone.
+/// Admits a bounded number of pieces of work at a time and lets a bounded number wait, in the order in which they came.
+/// Cheap to clone.
 ///
-/// Whoever drops a future leaves the queue at once.
+/// Dropping a future leaves the queue at once.
 #[derive(Debug, Clone)]
 pub struct ConcurrencyLimit {
     running: Bound,
@@ -18,7 +19,7 @@ pub struct ConcurrencyLimit {
     inside: Bound,
 }
 
-/// A semaphore that knows how many permits it began with.
+/// A semaphore with its number of permits.
 #[derive(Debug, Clone)]
 struct Bound {
     permits: Arc<Semaphore>,
@@ -39,14 +40,14 @@ impl Bound {
     }
 }
 
-/// A place in the queue, for work that takes one turn or several. Between its turns others get theirs.
+/// A place in the queue, for work with one or several turns. Between them, others get their turns.
 #[derive(Debug)]
 pub struct Queued {
     running: Arc<Semaphore>,
     inside: Arc<OwnedSemaphorePermit>,
 }
 
-/// A turn: the right to keep one processor busy. It lasts as long as any of its clones, and as what it runs.
+/// A turn: the right to keep one CPU busy. It lasts as long as any of its clones, and as its work.
 #[derive(Debug, Clone)]
 pub struct Turn {
     _running: Arc<OwnedSemaphorePermit>,
@@ -93,7 +94,7 @@ impl ConcurrencyLimit {
         self.turn().await?.run(work).await
     }
 
-    /// How many wait for their turn.
+    /// The number of waiting turns.
     pub fn waiting(&self) -> usize {
         self.inside.taken().saturating_sub(self.running.taken())
     }
@@ -125,7 +126,8 @@ impl Turn {
         self.run_while(|_| work()).await
     }
 
-    /// Runs `work`, which asks now and then whether it is still wanted: not once the future is dropped. The turn lasts until it ends.
+    /// Runs `work`, which checks regularly whether it is still wanted; it is not after the future is dropped. The turn
+    /// lasts until `work` ends.
     ///
     /// # Errors
     /// As [`Turn::run`].

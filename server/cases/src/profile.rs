@@ -1,4 +1,4 @@
-//! What lies along the way from the envelope through a point and further inwards, and on the other side of the head.
+//! The profile from the envelope inwards through a point, and through its mirrored point.
 
 use case::{CaseFacts, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
@@ -13,53 +13,54 @@ use crate::models::WarmModel;
 /// The distance from one sample to the next, in mm.
 const STEP_MM: f64 = 0.5;
 
-/// How far inwards a profile goes beyond its point, in mm.
+/// The length of a profile inwards from its point, in mm.
 const INWARDS_MM: f64 = 20.0;
 
-/// How far outwards it may go to the envelope, in mm.
+/// The greatest length outwards to the envelope, in mm.
 const OUTWARDS_MM: f64 = 60.0;
 
-/// Below this length a gradient has no direction: a ridge, from which every way leads outwards.
+/// Below this length, a gradient has no direction: at a ridge, every direction leads outwards.
 const LEAST_GRADIENT: f32 = 0.2;
 
-/// The profile through a point and the one through its mirror image.
+/// The profile through a point and the profile through its mirrored point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Profile {
-    /// Through the point that was asked for.
+    /// Through the requested point.
     pub own: PointProfile,
-    /// Through the point mirrored at the plane between the hemispheres; absent if that point lies outside of the envelope, or the case
-    /// was prepared before the plane was fitted.
+    /// Through the point mirrored at the plane between the hemispheres; absent if that point is outside the envelope,
+    /// or if the case has no plane because it comes from an earlier version.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mirrored: Option<PointProfile>,
-    /// Why the values of maps are absent, if they are.
+    /// The reason why the values of maps are absent, if they are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub maps_undefined: Option<String>,
 }
 
-/// A point and what lies along the way through it.
+/// A point and the profile through it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PointProfile {
-    /// On which side of the plane between the hemispheres; absent without that plane.
+    /// The side of the plane between the hemispheres; absent without that plane.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub side: Option<PatientSide>,
-    /// How wide the junction of grey and white matter is there.
+    /// The width of the junction of grey and white matter.
     pub junction_width: JunctionWidthView,
-    /// The point itself.
+    /// The position of the point.
     pub point: ProfileSample,
     /// From the envelope inwards, 0.5 mm apart, along the gradient of the depth. The point is one of them.
     pub samples: Vec<ProfileSample>,
 }
 
-/// The width of the junction of grey and white matter at a point: the deviation of the error function that the rise of intensity from
-/// grey to white is most like.
+/// The width of the junction of grey and white matter at a point: the standard deviation of the error function that
+/// best fits the rise of intensity from grey to white.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = JunctionWidth))]
 pub struct JunctionWidthView {
-    /// `measured`, `under-1-mm` (sharper than these voxels can tell), `over-6-mm`, or `undefined` if there is no junction.
+    /// `measured`, `under-1-mm` (sharper than these voxels can resolve), `over-6-mm`, or `undefined` if there is no
+    /// junction.
     pub verdict: WidthVerdict,
-    /// If it was measured.
+    /// The width, if it was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mm: Option<f32>,
 }
@@ -68,10 +69,10 @@ pub struct JunctionWidthView {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub enum WidthVerdict {
-    /// It was.
+    /// It was measured.
     #[serde(rename = "measured")]
     Measured,
-    /// It is sharper than the voxels can tell.
+    /// It is sharper than the voxels can resolve.
     #[serde(rename = "under-1-mm")]
     UnderOneMm,
     /// It is wider than the table.
@@ -82,15 +83,15 @@ pub enum WidthVerdict {
     Undefined,
 }
 
-/// A point of a profile. What is undefined there is null.
+/// A point of a profile. Undefined values are null.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ProfileSample {
-    /// Along the way from the point that was asked for; negative outwards.
+    /// The distance along the profile from the requested point; negative outwards.
     pub distance_mm: f64,
     /// LPS mm.
     pub position_in_patient: [f64; 3],
-    /// Below the envelope; null beside a face of the volume that cuts the brain.
+    /// The depth below the envelope; null near a face of the volume that cuts the brain.
     pub depth_mm: Option<f32>,
     /// The intensity, interpolated.
     pub intensity: Option<f32>,
@@ -109,7 +110,7 @@ pub struct ProfileSample {
 /// The profile of a case through a point (LPS mm), with the values of its maps if there are any.
 ///
 /// # Errors
-/// [`Error::Parameter`] if the point lies outside of the envelope.
+/// [`Error::Parameter`] if the point is outside the envelope.
 pub fn profile(
     warm: &WarmModel,
     maps: Result<&LoadedMaps, String>,
@@ -122,7 +123,7 @@ pub fn profile(
     };
     let outside = || {
         let detail =
-            "lies outside of the envelope: give LPS coordinates in mm of a point in the brain";
+            "is outside the envelope; set the LPS coordinates in mm of a point in the brain";
         Error::out_of_range("position", detail)
     };
     let own = probe.point(position_in_patient).ok_or_else(outside)?;
@@ -142,7 +143,7 @@ struct Probe<'a> {
 }
 
 impl Probe<'_> {
-    /// `None` outside of the envelope.
+    /// `None` outside the envelope.
     fn point(&self, position: DVec3) -> Option<PointProfile> {
         (self.field_depth_mm(position) >= 0.0).then(|| {
             let point = self.sample(position, 0.0);
@@ -165,7 +166,8 @@ impl Probe<'_> {
         })
     }
 
-    /// The samples from a position on, inwards (1) or outwards (−1), until the envelope, a ridge or the greatest distance.
+    /// The samples from a position on, inwards (1) or outwards (−1), until the envelope, a ridge or the greatest
+    /// distance.
     fn way(&self, start: DVec3, sign: f64) -> Vec<ProfileSample> {
         let most_mm = if sign > 0.0 { INWARDS_MM } else { OUTWARDS_MM };
         let mut here = start;
@@ -174,7 +176,7 @@ impl Probe<'_> {
             let Some(direction) = self.inward(here) else {
                 break;
             };
-            // Half a step first, so that the way does not leave a bend.
+            // Half a step first, so that the profile follows bends.
             let middle = here + direction * (sign * STEP_MM / 2.0);
             let direction = self.inward(middle).unwrap_or(direction);
             here += direction * (sign * STEP_MM);

@@ -46,8 +46,8 @@ impl Fake {
         let fake = Arc::clone(self);
         Preparation {
             has_network: true,
-            prepare: Arc::new(move |source, _, _, observe, cancelled| {
-                fake.run(source, observe, cancelled)
+            prepare: Arc::new(move |input, _, _, observe, cancelled| {
+                fake.run(input.source, observe, cancelled)
             }),
         }
     }
@@ -77,6 +77,18 @@ impl Fake {
             }),
         }
     }
+}
+
+/// Waits until something holds.
+pub(crate) async fn until(holds: impl Fn() -> bool) {
+    let wait = async {
+        while !holds() {
+            tokio::time::sleep(Duration::from_millis(2)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), wait)
+        .await
+        .expect("it comes to hold");
 }
 
 pub(crate) fn fake_objects(volume: &[u8]) -> Vec<(ObjectKind, Bytes)> {

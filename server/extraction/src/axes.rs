@@ -5,7 +5,7 @@
 use geometry::{BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
-use crate::extract::{Extraction, Method, closed, predict};
+use crate::methods::{Extraction, Method, closed, predict};
 use crate::quality::Quality;
 use crate::{ExtractionError, Network, Observe};
 

@@ -11,22 +11,21 @@ mod axes;
 mod canonical;
 mod error;
 mod extract;
+mod methods;
 mod network;
+mod observe;
 mod probability;
 mod pruning;
 mod quality;
 mod rim;
 mod supplied;
 
-use std::ops::ControlFlow;
-
 pub use error::ExtractionError;
-pub use extract::{CLOSING_RADIUS_MM, Extraction, Method, extract, predict, prune};
+pub use extract::extract;
+pub use methods::{CLOSING_RADIUS_MM, Extraction, Method, predict, prune};
 pub use network::{Network, Prediction};
+pub use observe::Observe;
 pub use probability::Probability;
 pub use quality::{Doubt, MaskNumbers, Quality, Reason, Verdict};
 pub use rim::Rim;
 pub use supplied::{Judgement, Supplied, judge};
-
-/// Receives the finished fraction of the work, 0 to 1, and returns whether to continue.
-pub type Observe<'a> = &'a dyn Fn(f32) -> ControlFlow<()>;

@@ -7,7 +7,7 @@ use geometry::{BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
 use crate::ExtractionError;
-use crate::extract::{Extraction, closed};
+use crate::methods::{Extraction, closed};
 use crate::quality::{Doubt, MaskNumbers, Verdict, contrast, doubt, review_if};
 use crate::rim::{Rim, rim};
 

@@ -1,7 +1,7 @@
 //! The steps from a mask to a mesh at a depth, one thread each.
 //!
-//! The head is Colin27 at 256³, the paper's case (2.5 million voxels inside), where the folder named by
-//! `ISOCORTEX_TEST_DATA` holds `colin27/ch2bet.nii.gz`; elsewhere an ellipsoid of the same size.
+//! The head is Colin27 at 256³, the case of the paper (2.5 million voxels inside), if the folder `ISOCORTEX_TEST_DATA`
+//! contains `colin27/ch2bet.nii.gz`; otherwise an ellipsoid of the same size.
 
 use std::hint::black_box;
 
@@ -20,7 +20,7 @@ fn head() -> (Mask, Grid) {
         std::env::var_os("ISOCORTEX_TEST_DATA").unwrap_or_else(|| "../../../shared/data".into());
     let path = std::path::Path::new(&folder).join("colin27/ch2bet.nii.gz");
     let Ok(bytes) = std::fs::read(path) else {
-        eprintln!("no Colin27 under ISOCORTEX_TEST_DATA: an ellipsoid takes its place");
+        eprintln!("Colin27 is not in ISOCORTEX_TEST_DATA; an ellipsoid is used instead");
         let brain = phantom::ellipsoid([75.0, 95.0, 80.0], SPACING_MM);
         return (brain.mask().clone(), brain.mask().grid().clone());
     };

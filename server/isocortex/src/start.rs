@@ -1,4 +1,4 @@
-//! From a configuration to a server that can answer.
+//! Starts a server from a configuration.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use crate::config::{Config, ConfigError};
 /// Why a server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The configuration is not right.
+    /// The configuration is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The application cannot start.
@@ -18,10 +18,10 @@ pub enum StartError {
     Cases(#[from] cases::StartError),
 }
 
-/// Opens the store. No case is prepared until workers are started on the library.
+/// Opens the store for serving. Cases are prepared only after workers are started on the library.
 ///
 /// # Errors
-/// When the configuration is not right, or the store cannot be opened.
+/// If the configuration is invalid or the store cannot be opened.
 pub async fn open(config: &Config) -> Result<AppState, StartError> {
     config.check()?;
     let options = HttpOptions {
@@ -39,10 +39,10 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
     Ok(AppState::new(cases, options))
 }
 
-/// Opens the store to prepare its cases, and nothing else.
+/// Opens the store for preparing cases only.
 ///
 /// # Errors
-/// When the configuration is not right, or the store cannot be opened.
+/// If the configuration is invalid or the store cannot be opened.
 pub async fn open_library(config: &Config) -> Result<Library, StartError> {
     config.check()?;
     Ok(cases::open_library(&config.cases()?).await?)

@@ -1,4 +1,4 @@
-//! The mask of the brain: supplied, the volume's own, or extracted.
+//! Finds the brain mask: supplied, from a skull-stripped volume, or extracted.
 
 use extraction::{Judgement, Supplied, judge};
 use geometry::{
@@ -14,21 +14,21 @@ use crate::codec::decode_brain;
 use crate::quality;
 use case::{Failure, MaskKind, MaskMethod, MaskSource, Parameters, Quality, Stage};
 
-/// No mask of a human brain is smaller or larger, in ml: that of an infant born early has more than 100, a whole head with all
-/// its scalp less than 7,000.
+/// The limits for the mask of a human brain, in ml: a preterm infant has more than 100, a whole head with its scalp
+/// less than 7,000.
 const POSSIBLE_ML: std::ops::RangeInclusive<f64> = 50.0..=8000.0;
 
-/// The brain of a head, and where it came from.
+/// The brain of a head and its origin.
 pub(super) struct Found {
     pub(super) brain: BrainMask,
     /// The faces of the volume that cut it.
     cuts: Vec<Cut>,
-    /// The depth below its envelope, where the extraction has closed it by the radius that is wanted.
+    /// The depth below its envelope, if the extraction has already closed it by the requested radius.
     closed: Option<DistanceMap>,
     verdict: Verdict,
 }
 
-/// What is known of a mask before it is closed.
+/// The origin of a mask.
 enum Verdict {
     Measured {
         method: MaskMethod,
@@ -41,7 +41,7 @@ enum Verdict {
 }
 
 impl Found {
-    /// The brain, closed as the parameters say.
+    /// The brain, closed according to the parameters.
     pub(super) fn close(&mut self, parameters: &Parameters) -> Result<ClosedBrain, Failure> {
         if let Some(distance) = self.closed.take() {
             return Ok(ClosedBrain::Measured(distance));
@@ -51,7 +51,7 @@ impl Found {
         Ok(ClosedBrain::Envelope(envelope.map_err(from_geometry)?))
     }
 
-    /// How far the mask can be trusted.
+    /// The quality of the mask.
     pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
         match &self.verdict {
             Verdict::Known(quality) => (**quality).clone(),
@@ -73,9 +73,10 @@ impl Found {
     }
 }
 
-/// Finds the brain of an upload and brings it to the working grid, as the parameters say.
+/// Finds the brain of an upload on the working grid, according to the parameters. `looked` is the result of
+/// [`Given::on_working_grid`] for the same upload and parameters, if it is known already.
 pub(super) fn find_brain(
-    source: &Source,
+    (source, looked): (&Source, Option<Option<Placed>>),
     volume: &Volume,
     (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
     steps: &mut Steps<'_>,
@@ -86,13 +87,26 @@ pub(super) fn find_brain(
         steps.begin(Stage::Mask)?;
         return Ok(found);
     }
-    let Some((mask, method)) = given_mask(source, volume, (parameters, limits))? else {
-        steps.begin(Stage::Extracting)?;
+    let placed = match looked {
+        Some(placed) => {
+            steps.begin(stage_after(placed.is_some()))?;
+            placed
+        }
+        None => {
+            let given = given_mask(source, volume, (parameters, limits))?;
+            steps.begin(stage_after(given.is_some()))?;
+            let placed = given.map(|given| given.on_working_grid(volume.grid()));
+            placed.transpose()?
+        }
+    };
+    let Some(placed) = placed else {
         return extracted(volume, (parameters, extractor), steps);
     };
-    steps.begin(Stage::Mask)?;
-    let brain = BrainMask::from_mask(&mask, volume.grid()).map_err(from_geometry)?;
-    refuse_absurd(&brain)?;
+    let Placed {
+        mask,
+        method,
+        brain,
+    } = placed;
     let judgement = match method {
         MaskMethod::Supplied => Some(judged(&mask, &brain, volume, (extractor, steps))?),
         _ => None,
@@ -109,7 +123,15 @@ pub(super) fn find_brain(
     })
 }
 
-/// What is thought of a supplied mask; the network is asked where that is in doubt.
+/// The stage after reading: resampling a given mask to the working grid, or extracting the brain.
+fn stage_after(is_given: bool) -> Stage {
+    match is_given {
+        true => Stage::Mask,
+        false => Stage::Extracting,
+    }
+}
+
+/// Rates a supplied mask; in doubt, the network extracts the brain too.
 fn judged(
     mask: &Mask,
     brain: &BrainMask,
@@ -125,14 +147,14 @@ fn judged(
     judge(supplied, ask).map_err(from_extraction)
 }
 
-/// The faces of a volume that cut a brain, before its surface is moved by an offset, as they cut it then.
+/// The faces of a volume that cut a brain, adjusted for a later offset of its surface.
 fn moved_cuts(brain: &BrainMask, volume_grid: &Grid, offset_mm: f64) -> Vec<Cut> {
     let cuts = brain.cuts(volume_grid).into_iter();
     cuts.map(|cut| cut.moved_inwards((-offset_mm).max(0.0)))
         .collect()
 }
 
-/// Extracts the brain of a volume that shows more than that.
+/// Extracts the brain of a volume.
 fn extracted(
     volume: &Volume,
     (parameters, extractor): (&Parameters, &Extractor),
@@ -166,12 +188,44 @@ fn stored_brain(stored: &StoredBrain, volume_grid: &Grid) -> Option<Found> {
     })
 }
 
-/// The mask that was supplied, or that the volume is of itself; `None` where the brain must be extracted.
+/// The supplied mask, or the mask from a skull-stripped volume.
+#[derive(Debug)]
+pub(super) struct Given {
+    mask: Mask,
+    method: MaskMethod,
+}
+
+/// A mask that was resampled to the working grid.
+#[derive(Debug)]
+pub(super) struct Placed {
+    mask: Mask,
+    method: MaskMethod,
+    pub(super) brain: BrainMask,
+}
+
+impl Given {
+    /// Resamples the mask to the working grid of a volume.
+    ///
+    /// # Errors
+    /// If it is empty, mostly outside the volume, or of an impossible size.
+    pub(super) fn on_working_grid(self, volume_grid: &Grid) -> Result<Placed, Failure> {
+        let Self { mask, method } = self;
+        let brain = BrainMask::from_mask(&mask, volume_grid).map_err(from_geometry)?;
+        refuse_absurd(&brain)?;
+        Ok(Placed {
+            mask,
+            method,
+            brain,
+        })
+    }
+}
+
+/// The supplied mask, or the mask from a skull-stripped volume; `None` if the brain must be extracted.
 pub(super) fn given_mask(
     source: &Source,
     volume: &Volume,
     (parameters, limits): (&Parameters, &Limits),
-) -> Result<Option<(Mask, MaskMethod)>, Failure> {
+) -> Result<Option<Given>, Failure> {
     match (&source.mask, parameters.mask) {
         (Some(bytes), MaskSource::Auto) => {
             let mask = imaging::nifti::read_mask(bytes, limits).map_err(|error| {
@@ -181,45 +235,34 @@ pub(super) fn given_mask(
                     ..failure
                 }
             })?;
-            Ok(Some((mask, MaskMethod::Supplied)))
+            let method = MaskMethod::Supplied;
+            Ok(Some(Given { mask, method }))
         }
         (Some(_), _) => Err(Failure::unusable(
             "mask-twice",
-            "a mask was supplied, and the parameter `mask` names another source: leave one of them away"
-                .to_owned(),
+            "send either a mask file or the parameter `mask`, not both".to_owned(),
         )),
         (None, MaskSource::Network | MaskSource::Pruning) => Ok(None),
         (None, wanted) => match (own_mask(volume)?, wanted) {
-            (Some(mask), _) => Ok(Some((mask, MaskMethod::Volume))),
+            (Some(mask), _) => {
+                let method = MaskMethod::Volume;
+                Ok(Some(Given { mask, method }))
+            }
             (None, MaskSource::Volume) => Err(mask_missing()),
             (None, _) => Ok(None),
         },
     }
 }
 
-/// A mask on the working grid, moved by the offset.
-///
-/// # Errors
-/// When it is empty, largely outside of the volume, or of a size that no brain has.
-pub(super) fn to_working_grid(
-    mask: &Mask,
-    parameters: &Parameters,
-    volume_grid: &Grid,
-) -> Result<BrainMask, Failure> {
-    let brain = BrainMask::from_mask(mask, volume_grid).map_err(from_geometry)?;
-    refuse_absurd(&brain)?;
-    moved(brain, parameters.offset_mm)
-}
-
 /// A mask moved by an offset.
-fn moved(brain: BrainMask, offset_mm: f64) -> Result<BrainMask, Failure> {
+pub(super) fn moved(brain: BrainMask, offset_mm: f64) -> Result<BrainMask, Failure> {
     if offset_mm == 0.0 {
         return Ok(brain);
     }
     let moved = geometry::offset(&brain, offset_mm).map_err(|error| match error {
         GeometryError::EmptyMask => Failure::unusable(
             "offset-out-of-range",
-            format!("offset_mm is {offset_mm}; nothing is left of the mask then"),
+            format!("offset_mm is {offset_mm}; nothing is left of the mask"),
         ),
         other => from_geometry(other),
     })?;
@@ -233,17 +276,17 @@ fn refuse_absurd(brain: &BrainMask) -> Result<(), Failure> {
         return Ok(());
     }
     let (least, most) = POSSIBLE_ML.into_inner();
-    // Three digits, however small it is.
+    // Three significant digits.
     let digits = (2.0 - brain_ml.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize;
     Err(Failure::unusable(
         "mask-size-absurd",
         format!(
-            "the mask holds {brain_ml:.digits$} ml, and a brain {least} to {most}: is it a mask of the brain, and its spacing in mm?"
+            "the mask has {brain_ml:.digits$} ml, but a brain has {least} to {most} ml; is it a brain mask, with its spacing in mm?"
         ),
     ))
 }
 
-/// The radius by which the mask is closed: an envelope is closed already.
+/// The closing radius; an envelope is not closed.
 pub(super) fn closing_radius_mm(parameters: &Parameters) -> f64 {
     match parameters.mask_kind {
         MaskKind::Brain => parameters.closing_radius_mm,
@@ -254,7 +297,7 @@ pub(super) fn closing_radius_mm(parameters: &Parameters) -> f64 {
 fn mask_missing() -> Failure {
     Failure::unusable(
         "mask-missing",
-        "the volume shows more than a brain, so it cannot be its own mask: leave the parameter `mask` away to have the brain \
+        "the volume is not skull-stripped; omit `mask` to have the brain \
          extracted, or supply a mask as the part `mask` of the upload (NIfTI, brain voxels above 0)"
             .to_owned(),
     )

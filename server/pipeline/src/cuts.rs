@@ -1,4 +1,4 @@
-//! The faces of the volume that cut a brain, as they are stored.
+//! The stored form of the faces of the volume that cut a brain.
 
 use case::{CaseFacts, CutFacts};
 use geometry::{Cut, Envelope, Face};
@@ -6,10 +6,10 @@ use glam::DVec3;
 
 use crate::codec::decode_envelope;
 
-/// Which version of the preparation this is; see [`CaseFacts::pipeline`].
+/// The version of the preparation; see [`CaseFacts::pipeline`].
 pub(crate) const PIPELINE: u32 = 2;
 
-/// The envelope of a case with what cuts it, from its payload; `None` if that is damaged.
+/// The envelope of a case with its cuts, from its payload; `None` if that is damaged.
 pub fn envelope_of(facts: &CaseFacts, payload: &[u8]) -> Option<Envelope> {
     let cuts = facts.cuts.iter().filter_map(cut_of).collect();
     Some(decode_envelope(payload)?.with_cuts(cuts))
@@ -25,7 +25,7 @@ fn cut_of(stored: &CutFacts) -> Option<Cut> {
     })
 }
 
-/// Cuts as they are stored.
+/// The stored form of cuts.
 pub(crate) fn cut_facts(cuts: &[Cut]) -> Vec<CutFacts> {
     let stored = |cut: &Cut| CutFacts {
         face: cut.face.name().to_owned(),

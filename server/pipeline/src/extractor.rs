@@ -12,17 +12,17 @@ use geometry::Volume;
 use super::failure::{cancelled, from_geometry};
 use case::{Failure, FailureKind, MaskSource};
 
-/// The file with the network's weights, as it is published.
+/// The published file with the weights of the network.
 pub const NETWORK_FILE: &str = "deepbet-1.0.2-py3-none-any.whl";
 
-/// The probability above which a voxel is brain, where nobody says another.
+/// The default probability above which a voxel is brain.
 const USUAL_THRESHOLD: f32 = 0.5;
 
-/// How often a preparation that waits for its turn looks whether it is still wanted.
+/// How often a waiting preparation checks whether it was cancelled.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// Extracts brains: with the network where there is one, else by tree pruning. One at a time, for each takes hundreds of
-/// megabytes and every core.
+/// Extracts brains with the network, if there is one, or by tree pruning. One at a time, because each extraction uses
+/// hundreds of megabytes and every core.
 #[derive(Debug, Default)]
 pub struct Extractor {
     network: Option<Network>,
@@ -30,33 +30,33 @@ pub struct Extractor {
     turn: Mutex<()>,
 }
 
-/// The network cannot be used.
+/// The reason why the network cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum NoNetwork {
     /// The file cannot be read.
     #[error("the network's weights {} cannot be read: {source}", .path.display())]
     Unreadable {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: std::io::Error,
     },
-    /// The file is something else.
+    /// The file does not contain the weights.
     #[error("the network's weights {} cannot be used: {source}", .path.display())]
     Unusable {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: ExtractionError,
     },
 }
 
 impl Extractor {
-    /// With the network of a file, or of [`NETWORK_FILE`] beside the program or a folder above it; without one where there is
-    /// none.
+    /// With the network from a file, or from [`NETWORK_FILE`] beside the program or in a folder above it; without a
+    /// network if there is no such file.
     ///
     /// # Errors
-    /// When the file that was named, or found, cannot be read or is something else.
+    /// If the named or found file cannot be read or does not contain the weights.
     pub fn open(file: Option<&Path>) -> Result<Self, NoNetwork> {
         let Some(path) = file.map(Path::to_owned).or_else(beside_the_program) else {
             return Ok(Self::default());
@@ -78,22 +78,22 @@ impl Extractor {
         self.network.is_some()
     }
 
-    /// How brains are extracted, in words.
+    /// A description of the method, for the log.
     pub fn words(&self) -> &'static str {
         match self.network {
             Some(_) => "by the network",
-            None => "by tree pruning, for there are no network weights",
+            None => "by tree pruning, because the network's weights are not installed",
         }
     }
 
-    /// The brain of a volume, when its turn comes.
+    /// Extracts the brain of a volume after waiting for its turn.
     ///
-    /// `source` names the method: [`MaskSource::Network`], [`MaskSource::Pruning`], else the one that does better. `threshold` is
-    /// the probability above which a voxel is brain, where the network finds it; `observe` is told the share of the work that
-    /// is done.
+    /// `source` selects the method: [`MaskSource::Network`], [`MaskSource::Pruning`], otherwise the better one.
+    /// `threshold` is the probability above which the network counts a voxel as brain. `observe` receives the finished
+    /// fraction.
     ///
     /// # Errors
-    /// When there is nothing that can be a brain, the network is wanted and missing, or `cancelled` is raised.
+    /// If nothing can be a brain, if the network is requested but missing, or if `cancelled` is set.
     pub(super) fn extract(
         &self,
         volume: &Volume,
@@ -120,10 +120,11 @@ impl Extractor {
         found.map_err(from_extraction)
     }
 
-    /// What the network finds in a volume for which a mask was supplied, when its turn comes; `None` if there is no network.
+    /// Extracts the brain with the network, for comparison with a supplied mask, after waiting for its turn; `None`
+    /// without a network.
     ///
     /// # Errors
-    /// When it finds nothing, or `cancelled` is raised.
+    /// If it finds nothing, or `cancelled` is set.
     pub(super) fn second_opinion(
         &self,
         volume: &Volume,
@@ -151,7 +152,7 @@ impl Extractor {
             }
             match self.turn.try_lock() {
                 Ok(turn) => return Ok(turn),
-                // Whoever panicked left nothing half done.
+                // A panic leaves nothing half done.
                 Err(TryLockError::Poisoned(turn)) => return Ok(turn.into_inner()),
                 Err(TryLockError::WouldBlock) => std::thread::sleep(LOOK_EVERY),
             }
@@ -167,12 +168,12 @@ fn beside_the_program() -> Option<PathBuf> {
         .find(|file| file.is_file())
 }
 
-/// The network is asked for, and there is none.
+/// The failure of a request for the network without its weights.
 pub(super) fn network_missing() -> Failure {
     Failure::new(
         FailureKind::NotSupported,
         "network-missing",
-        "the parameter `mask` asks for the network, whose weights this server does not have: leave it away, or say `pruning`",
+        "`mask=network` needs weights that are not installed; omit it or use `mask=pruning`",
     )
 }
 
@@ -182,7 +183,7 @@ pub(super) fn from_extraction(error: ExtractionError) -> Failure {
         ExtractionError::Geometry(error) => from_geometry(error),
         other => Failure::unusable(
             "no-brain-found",
-            format!("{other}; supply a mask of the brain as the part `mask` of the upload"),
+            format!("{other}; upload a brain mask as the part `mask`"),
         ),
     }
 }

@@ -1,4 +1,4 @@
-//! What is wrong with an input, for clients.
+//! Converts errors to failures for clients.
 
 use geometry::GeometryError;
 use imaging::ImagingError;
@@ -39,7 +39,7 @@ pub(super) fn from_geometry(error: GeometryError) -> Failure {
     Failure::new(kind, name, error.to_string())
 }
 
-/// The preparation was stopped: the case was deleted, or the process ends.
+/// The preparation was cancelled, because the case was deleted or the process stops.
 pub(super) fn cancelled() -> Failure {
     Failure::new(
         FailureKind::Cancelled,

@@ -1,19 +1,20 @@
-//! What a head can measure.
+//! Limits on the dimensions of a head.
 
 use geometry::Grid;
 
-use super::{Limits, from_imaging};
+use super::Limits;
+use super::failure::from_imaging;
 use case::{Failure, FailureKind};
 
-/// What the volume of a head may measure. Anything else is refused before it is queued: a few kilobytes of a volume that no scanner
-/// makes can cost gigabytes and minutes.
+/// Limits on the dimensions of a volume. Anything else is rejected before it is queued, because a few kilobytes of an
+/// impossible volume can cost gigabytes and minutes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadLimits {
     /// The shortest and the longest edge of a voxel, in mm.
     pub voxel_mm: [f64; 2],
     /// The shortest and the longest side of the volume, in mm.
     pub field_mm: [f64; 2],
-    /// How much longer than another edge one of a voxel may be.
+    /// The greatest ratio of two edges of a voxel.
     pub max_ratio: f64,
 }
 
@@ -28,10 +29,10 @@ impl Default for HeadLimits {
 }
 
 impl HeadLimits {
-    /// The number of voxels of an upload that is a head's as far as its header tells; `start` is the first 64 kB of its volume.
+    /// Checks the header of an upload and returns its number of voxels; `start` is the first 64 kB of the volume.
     ///
     /// # Errors
-    /// A [`Failure`] that names what is out of its limits, with both numbers.
+    /// A [`Failure`] that names the exceeded limit, with both numbers.
     pub fn check(&self, start: &[u8], limits: &Limits) -> Result<usize, Failure> {
         let grid = imaging::nifti::read_grid(start, limits).map_err(from_imaging)?;
         self.check_grid(&grid)?;
@@ -43,7 +44,7 @@ impl HeadLimits {
         let size = grid.size();
         let sides = [0, 1, 2].map(|axis| edges[axis] * size[axis] as f64);
         let within = |values: [f64; 3], [least, most]: [f64; 2]| {
-            // What is written as 10 mm may be 10.000001 mm in single precision.
+            // 10 mm may be stored as 10.000001 mm in single precision.
             let slack = 1e-4;
             let range = least * (1.0 - slack)..=most * (1.0 + slack);
             values.iter().all(|value| range.contains(value))
@@ -91,7 +92,7 @@ fn product([x, y, z]: [f64; 3]) -> String {
 
 fn refusal(name: &'static str, what: String) -> Failure {
     let detail = format!(
-        "{what}, or whoever runs this server must widen its limits; if the volume is a head, mend its header"
+        "{what}. If the volume is a head, correct its header; the limits of the server are configurable"
     );
     Failure::new(FailureKind::Unusable, name, detail)
 }

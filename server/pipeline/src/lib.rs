@@ -1,8 +1,9 @@
 //! From the bytes of an upload to everything that a case needs.
 //!
-//! There is no async in here: it runs on a worker's blocking thread, and directly under the command line. Nothing but the
-//! upload and the parameters has a say in the result, so that a case can be made again at any time.
+//! There is no async here: the code runs on a blocking thread of a worker, and directly under the command line. The
+//! result depends only on the upload and the parameters, so a case can be rebuilt at any time.
 
+mod affine;
 mod brain;
 mod check;
 pub mod codec;
@@ -13,6 +14,7 @@ mod head_limits;
 pub mod maps;
 mod own_mask;
 pub mod quality;
+mod source;
 mod steps;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
@@ -24,63 +26,36 @@ use std::sync::atomic::AtomicBool;
 
 use bytes::Bytes;
 use case::{
-    CaseFacts, DicomFacts, Failure, ObjectKind, Parameters, PlaneFacts, Progress, Quality,
-    SphereFacts, Stage, WindowFacts,
+    CaseFacts, DicomFacts, Failure, ObjectKind, Parameters, PlaneFacts, Progress, SphereFacts,
+    Stage, WindowFacts,
 };
 use geometry::{
     BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
 };
-use glam::DAffine3;
 use imaging::dicom::Attributes;
 
+use self::affine::rows_of;
 use self::brain::find_brain;
 use self::codec::{encode_brain, encode_envelope, encode_forest, encode_paths, encode_volume};
-use self::failure::{from_geometry, from_imaging};
+use self::failure::from_geometry;
+use self::source::{check_intensities, read_sound_volume};
 use self::steps::Steps;
 
-pub use self::check::{check, settled};
+pub use self::check::{Checked, Input, ReadSource, check, settled};
 pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
 pub use self::head_limits::HeadLimits;
+pub use self::source::{Source, StoredBrain, read_volume};
 pub use imaging::Limits;
-
-/// The greatest magnitude of an intensity, and the greatest width of a window: those of a picture's window.
-const MOST_INTENSITY: f64 = 1e9;
-
-/// The least difference between the darkest and the brightest voxel. A window's centre and width are counted from 0.5 and from 1, as
-/// DICOM has it, so that double precision has no more than seven digits left of this.
-const LEAST_RANGE: f64 = 1e-9;
-
-/// What was uploaded.
-#[derive(Debug, Clone, Default)]
-pub struct Source {
-    /// The volume, as it came.
-    pub volume: Bytes,
-    /// The mask of the brain, as it came; `None` where none was supplied.
-    pub mask: Option<Bytes>,
-    /// Whose head it is, as JSON of [`Attributes`], where the volume was made of DICOM files.
-    pub dicom: Option<Bytes>,
-    /// The brain as it was extracted before: a case that is made again keeps it.
-    pub brain: Option<StoredBrain>,
-}
-
-/// An extracted brain, as it is stored.
-#[derive(Debug, Clone)]
-pub struct StoredBrain {
-    /// The payload of [`ObjectKind::Mask`].
-    pub mask: Bytes,
-    /// What was found out about it.
-    pub quality: Quality,
-}
 
 /// A case, computed.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The mask of the brain on the working grid, as it was closed.
+    /// The brain mask on the working grid, before closing.
     pub brain: BrainMask,
     /// Its model, with the distance map and the forest.
     pub built: BuiltModel,
-    /// What clients are told.
+    /// The facts for clients.
     pub facts: CaseFacts,
 }
 
@@ -91,17 +66,23 @@ impl Prepared {
     }
 }
 
-/// Computes everything of a case, as [`Pipeline::prepare`] says.
+/// Computes everything of a case, as [`Pipeline::prepare`] says, of what was read before if anything was.
 fn prepare(
-    source: &Source,
+    Input { source, read }: Input<'_>,
     (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
     mut steps: Steps<'_>,
 ) -> Result<Prepared, Failure> {
     parameters.check()?;
     steps.begin(Stage::Reading)?;
-    let native = read_volume(source, limits)?;
-    check_intensities(&native)?;
-    let mut found = find_brain(source, &native, (parameters, limits, extractor), &mut steps)?;
+    let (native, given) = match read {
+        Some(read) => {
+            steps.took_before(read.took);
+            (read.volume, Some(read.given))
+        }
+        None => (read_sound_volume(source, limits)?, None),
+    };
+    let how = (parameters, limits, extractor);
+    let mut found = find_brain((source, given), &native, how, &mut steps)?;
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
@@ -125,7 +106,7 @@ fn prepare(
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
         ..facts(&built)
     };
-    // Last of all, so that everything before is part of a stage.
+    // Last, so that everything before belongs to a stage.
     facts.timings = steps.timings();
     Ok(Prepared {
         brain: found.brain,
@@ -145,7 +126,7 @@ fn stage_of(step: BuildStep) -> Option<Stage> {
     }
 }
 
-/// Why no model was built.
+/// The reason why no model was built.
 struct Refused(Failure);
 
 impl From<Failure> for Refused {
@@ -160,7 +141,7 @@ impl From<GeometryError> for Refused {
     }
 }
 
-/// What clients are told of the DICOM files: nothing that says whose they are.
+/// The facts about the DICOM files that clients may see, without the identity of the patient.
 fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
     let stored = attributes(stored)?;
     Ok(DicomFacts {
@@ -169,7 +150,8 @@ fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
     })
 }
 
-/// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are left out.
+/// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are
+/// left out.
 fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
     let parts = [
         ("SequenceName", ""),
@@ -188,23 +170,15 @@ fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
     (!told.is_empty()).then(|| told.join(", "))
 }
 
-/// The attributes of DICOM files as they are stored.
+/// The stored attributes of DICOM files.
 ///
 /// # Errors
-/// When they are not what the store was given.
+/// If they are damaged.
 pub fn attributes(stored: &[u8]) -> Result<Attributes, Failure> {
     serde_json::from_slice(stored).map_err(|_| Failure::source_damaged())
 }
 
-/// The volume of an upload, whole, as it was acquired.
-///
-/// # Errors
-/// A [`Failure`] that names what is wrong with it.
-pub fn read_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> {
-    imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)
-}
-
-/// What of the volume pictures of the envelope show. A volume of one intensity shows nothing.
+/// The part of the volume inside the envelope's grid, which must have more than one intensity.
 fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     let volume = DeformableModel::crop(native, envelope).ok_or_else(|| {
         Failure::unusable(
@@ -217,29 +191,7 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     Ok(volume)
 }
 
-/// Whether the intensities differ, and a window can tell them apart.
-fn check_intensities(volume: &Volume) -> Result<(), Failure> {
-    let [least, greatest] = volume.intensity_range().map(f64::from);
-    if least >= greatest {
-        let detail = format!(
-            "every voxel around the brain has the intensity {least}; there is nothing to show"
-        );
-        return Err(Failure::unusable("volume-constant", detail));
-    }
-    let is_within = least >= -MOST_INTENSITY && greatest <= MOST_INTENSITY;
-    let range = greatest - least;
-    // The window of a ramp is wider by 1.
-    if is_within && range >= LEAST_RANGE && range + 1.0 <= MOST_INTENSITY {
-        return Ok(());
-    }
-    let detail = format!(
-        "the intensities run from {least:e} to {greatest:e}; they must lie within -1e9 to 1e9 and differ by 1e-9 to 1e9, or no window \
-         shows them: scale the volume"
-    );
-    Err(Failure::unusable("intensity-range", detail))
-}
-
-/// What clients are told of a model: grids, depth, intensities, and the plane between the hemispheres.
+/// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres.
 pub fn facts(built: &BuiltModel) -> CaseFacts {
     let (volume, distance) = (built.model.volume(), &built.distance);
     let grid = distance.grid();
@@ -277,16 +229,7 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
     }
 }
 
-/// The rows of an affine.
-fn rows_of(affine: DAffine3) -> [[f64; 4]; 4] {
-    let row = |axis: usize| {
-        let matrix = affine.matrix3.row(axis);
-        [matrix.x, matrix.y, matrix.z, affine.translation[axis]]
-    };
-    [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
-}
-
-/// The window of an interval of intensities. An empty one gets a width all the same, for DICOM wants at least that of a step.
+/// The window for an interval of intensities. An empty interval gets a minimal width, because DICOM requires one.
 fn window(low: f32, high: f32) -> WindowFacts {
     let least_width = f32::EPSILON * low.abs().max(high.abs()).max(1.0) * 16.0;
     WindowFacts {
@@ -295,17 +238,17 @@ fn window(low: f32, high: f32) -> WindowFacts {
     }
 }
 
-/// What is stored of a preparation.
+/// The stored results of a preparation.
 #[derive(Debug)]
 pub struct Derived {
     /// The payload of each derived object.
     pub objects: Vec<(ObjectKind, Bytes)>,
-    /// What clients are told.
+    /// The facts for clients.
     pub facts: CaseFacts,
 }
 
 impl Derived {
-    /// The objects of a computed case.
+    /// Encodes the objects of a computed case.
     pub fn of(prepared: Prepared) -> Self {
         let Prepared {
             brain,
@@ -330,14 +273,14 @@ impl Derived {
     }
 }
 
-/// The preparation of real heads.
+/// Prepares cases.
 #[derive(Debug, Clone, Default)]
 pub struct Pipeline {
     extractor: Arc<Extractor>,
 }
 
 impl Pipeline {
-    /// A pipeline that extracts brains so.
+    /// A pipeline with an extractor.
     pub fn new(extractor: Extractor) -> Self {
         Self {
             extractor: Arc::new(extractor),
@@ -351,11 +294,11 @@ impl Pipeline {
 
     /// Computes everything of a case.
     ///
-    /// `observe` is told each step as it begins, and how far an extraction has come. Where `cancelled` is raised the next step
-    /// is not begun, and an extraction ends at once.
+    /// `observe` receives each step as it begins, and the progress of an extraction. After `cancelled` is set, no
+    /// further step begins, and an extraction stops at once.
     ///
     /// # Errors
-    /// A [`Failure`] that names what is wrong with the input; `cancelled` when it was cancelled.
+    /// A [`Failure`] that states what is wrong with the input; `cancelled` if it was cancelled.
     pub fn prepare(
         &self,
         source: &Source,
@@ -364,7 +307,22 @@ impl Pipeline {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Prepared, Failure> {
+        self.prepare_read(source.into(), parameters, limits, observe, cancelled)
+    }
+
+    /// The same of an upload that may have been read when it was checked: then its volume and mask are not read again.
+    ///
+    /// # Errors
+    /// As [`Pipeline::prepare`].
+    pub fn prepare_read(
+        &self,
+        input: Input<'_>,
+        parameters: &Parameters,
+        limits: &Limits,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Prepared, Failure> {
         let how = (parameters, limits, &*self.extractor);
-        prepare(source, how, Steps::new(observe, cancelled))
+        prepare(input, how, Steps::new(observe, cancelled))
     }
 }

@@ -1,4 +1,4 @@
-//! The maps of a case: how sharp its junction of grey and white matter is, computed once and stored as one object.
+//! The maps of a case: the sharpness of its junction of grey and white matter, computed once and stored as one object.
 
 use analysis::{
     Candidate, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined, MidsagittalPlane, Side,
@@ -10,19 +10,19 @@ use glam::DVec3;
 
 pub use analysis::{JunctionWidth, Scale, UNDEFINED as UNDEFINED_CODE};
 
-/// The version of the maps; part of the tags of everything that shows them.
+/// The version of the maps; part of the entity tags of everything that shows them.
 pub const MAPS_FORMAT: u32 = MAP_FORMAT;
 
 /// The maps of a case.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CaseMaps {
-    /// One for each name, in the order of [`MapKind::ALL`].
+    /// The maps in the order of [`MapKind::ALL`].
     pub(crate) maps: Vec<StoredMap>,
-    /// The places that are blurred most, highest first.
+    /// The most blurred places, the highest value first.
     pub candidates: Vec<CandidateFacts>,
 }
 
-/// The maps of a case, or why it has none, in a sentence.
+/// The maps of a case, or the reason why it has none, as a sentence.
 pub type MapsOrReason = Result<CaseMaps, String>;
 
 impl CaseMaps {
@@ -43,12 +43,13 @@ pub fn map_unit(name: MapName) -> &'static str {
     kind_of(name).unit()
 }
 
-/// From the sharpness of a junction to its width, on voxels of these edges.
+/// Converts the sharpness of a junction to its width, for voxels with these edges.
 pub fn width_table(spacing_mm: [f64; 3]) -> WidthTable {
     MapParameters::STANDARD.width_table(spacing_mm)
 }
 
-/// The plane at which a case is mirrored: the stored one, or for a case that was prepared before there was one, that of its envelope.
+/// The plane at which a case is mirrored: the stored one, or, for a case from an earlier version without one, the plane
+/// of its envelope.
 pub fn mirror_plane(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MidsagittalPlane {
     stored_plane(facts).unwrap_or_else(|| midsagittal_plane(envelope, volume))
 }
@@ -70,7 +71,7 @@ pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> 
     )
 }
 
-/// The same of a case whose depth is at hand.
+/// Computes the maps with the depth of the case.
 pub fn maps_of(
     facts: &CaseFacts,
     volume: &Volume,

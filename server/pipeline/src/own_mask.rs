@@ -1,27 +1,28 @@
-//! A volume that is already skull-stripped is its own mask.
+//! Recognises skull-stripped volumes, which are their own masks.
 
 use geometry::{Grid, Mask, Volume};
 
 use case::Failure;
 
-/// What a skull holds at most, in ml. A whole head with its scalp has more than 2,400 even when parts of it are cut off,
-/// the largest brains with all that surrounds them less than 2,100.
+/// The greatest volume inside a skull, in ml. A whole head with its scalp has more than 2,400 even if parts are cut
+/// off; the largest brains with their surroundings have less than 2,100.
 const LARGEST_BRAIN_ML: f64 = 2200.0;
 
-/// How many of the voxels on the faces of the volume may belong to the brain: a brain stem, not a neck or a cut head.
+/// The greatest fraction of the voxels on the faces of the volume that may belong to the brain: a brain stem, not a
+/// neck or a cut head.
 const MOST_ON_FACES: f64 = 0.05;
 
-/// The voxels with an intensity, where they can be those of a brain alone.
+/// The voxels with an intensity, if the volume is skull-stripped.
 ///
-/// That is so where the background is exactly 0 in all eight corners and on all but a twentieth of the voxels on the faces,
-/// and where what is not background encloses no more than 2,200 ml; else `None`.
+/// It is if the background is exactly 0 in all eight corners and in at least 95 % of the voxels on the faces, and if
+/// the rest encloses at most 2,200 ml; otherwise `None`.
 pub(super) fn own_mask(volume: &Volume) -> Result<Option<Mask>, Failure> {
     let half_a_step = volume.rescale().slope.abs() / 2.0;
     let is_brain = |&stored: &u16| volume.intensity(f32::from(stored)).abs() > half_a_step;
     let voxels: Vec<bool> = volume.voxels().iter().map(is_brain).collect();
     let grid = volume.grid();
     if has_background_around(grid, &voxels) && enclosed_ml(grid, &voxels) <= LARGEST_BRAIN_ML {
-        let mask = Mask::new(grid.clone(), voxels).map_err(super::from_geometry)?;
+        let mask = Mask::new(grid.clone(), voxels).map_err(super::failure::from_geometry)?;
         return Ok(Some(mask));
     }
     Ok(None)

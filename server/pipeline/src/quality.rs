@@ -1,15 +1,15 @@
-//! How far a mask can be trusted: what was measured of it, and what that means.
+//! The quality of a mask: measurements and a rating.
 
 use case::{MaskMethod, Quality, QualityNumbers, QualityState};
 use extraction::{Judgement, MaskNumbers, Method, Reason, Verdict};
 use geometry::{BrainMask, Envelope, Grid};
 
-use super::rows_of;
+use super::affine::rows_of;
 
-/// Joins what was measured of a supplied mask with what is thought of it, if it was looked at in its volume.
+/// Combines the measurements of a supplied mask with its rating, if it was compared with the volume.
 ///
-/// It is never `failed`, for somebody chose it: what is unusual about it is said, and put to `review`. What the closing added
-/// is not judged, for masks may follow the sulci.
+/// A supplied mask is at worst `review`, because somebody chose it. The volume added by the closing is not rated,
+/// because masks may follow the sulci.
 pub fn of_supplied(
     measured: QualityNumbers,
     method: MaskMethod,
@@ -55,7 +55,7 @@ fn sentences(reasons: Vec<Reason>) -> Vec<String> {
     reasons.into_iter().map(|reason| reason.sentence).collect()
 }
 
-/// Joins what the extraction says of its mask with what was measured of the mask as it is used.
+/// Combines the rating of an extracted mask with the measurements of the mask in use.
 pub fn of_extracted(
     measured: QualityNumbers,
     method: MaskMethod,

@@ -1,13 +1,13 @@
 //! Progress, timings and cancellation between the steps of a preparation.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use case::{Failure, Progress, Stage};
 
 use crate::failure::cancelled;
 
-/// How much of a preparation without an extraction is done when a stage begins.
+/// The finished fraction when a stage begins, without an extraction.
 fn fraction_at(stage: Stage) -> f32 {
     Progress::at(stage).fraction
 }
@@ -19,7 +19,7 @@ pub(super) struct Steps<'a> {
     begun: Vec<(Stage, Instant)>,
 }
 
-/// How much of a preparation is done when a brain has been extracted: an extraction takes far longer than all else.
+/// The finished fraction after an extraction, which takes far longer than everything else.
 const EXTRACTED: f32 = 0.8;
 
 impl<'a> Steps<'a> {
@@ -31,7 +31,7 @@ impl<'a> Steps<'a> {
         }
     }
 
-    /// The step before is done and the next begins.
+    /// Ends the previous stage and begins the next one.
     pub(super) fn begin(&mut self, stage: Stage) -> Result<(), Failure> {
         self.go_on()?;
         (self.observe)(Progress {
@@ -42,6 +42,13 @@ impl<'a> Steps<'a> {
         Ok(())
     }
 
+    /// Part of the stage that has just begun was done before, and took so long.
+    pub(super) fn took_before(&mut self, took: Duration) {
+        if let Some((_, begun)) = self.begun.last_mut() {
+            *begun = begun.checked_sub(took).unwrap_or(*begun);
+        }
+    }
+
     /// A step within a stage begins.
     pub(super) fn go_on(&self) -> Result<(), Failure> {
         if self.cancelled.load(Ordering::Relaxed) {
@@ -50,7 +57,7 @@ impl<'a> Steps<'a> {
         Ok(())
     }
 
-    /// How much of the preparation is done when a stage begins.
+    /// The finished fraction when a stage begins.
     fn fraction(&self, stage: Stage) -> f32 {
         let has_extracted = self
             .begun
@@ -60,12 +67,12 @@ impl<'a> Steps<'a> {
         if !has_extracted {
             return at;
         }
-        // What follows shares what the extraction leaves until the results are stored.
+        // The later stages share the rest.
         let [first, last] = [Stage::Mask, Stage::Storing].map(fraction_at);
         EXTRACTED + (at - first) / (last - first) * (last - EXTRACTED)
     }
 
-    /// Of the extraction at work, such a share is done.
+    /// Reports the finished fraction of the extraction.
     pub(super) fn extracted(&self, share: f32) {
         let from = fraction_at(Stage::Extracting);
         (self.observe)(Progress {
@@ -74,12 +81,12 @@ impl<'a> Steps<'a> {
         });
     }
 
-    /// Raised when the preparation is to end.
+    /// The flag that cancels the preparation.
     pub(super) fn cancelled(&self) -> &'a AtomicBool {
         self.cancelled
     }
 
-    /// Wall time of each step in ms; the last one ends now.
+    /// The wall-clock time of each stage in ms; the last one ends now.
     pub(super) fn timings(&self) -> Vec<(Stage, f64)> {
         let now = Instant::now();
         let ends = self

@@ -1,4 +1,4 @@
-//! Heads for the tests of the crate: made-up ones, and the real ones where there are any.
+//! Heads for tests: synthetic ones, and real ones if they are available.
 
 use std::path::PathBuf;
 
@@ -39,7 +39,7 @@ pub fn stripped(volume: &Volume, mask: &Mask) -> Volume {
     Volume::new(volume.grid().clone(), voxels.collect(), volume.rescale()).unwrap()
 }
 
-/// The folder of real heads: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout. Says so where there is none.
+/// The folder of real heads from the variable `ISOCORTEX_TEST_DATA`. Reports if there is none.
 pub fn real_heads() -> Option<PathBuf> {
     let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);

@@ -1,39 +1,37 @@
-//! What is written into a picture on request.
+//! Writes text into a picture on request.
 
 use glam::{DQuat, DVec3};
 
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
-    Frame, FrameSize, Layer, Layers, Overlay, Projection, RenderRequest, SlicePlane, SliceRequest,
-    Window,
+    Frame, FrameSize, Layer, Layers, Overlay, Projection, RenderRequest, SHORT_NOTICE, SlicePlane,
+    SliceRequest, Window,
 };
 
-/// The smallest side of a picture that is written into, in pixels: the notice needs so much.
+/// The smallest side of an annotated picture, in pixels: the notice needs this much.
 pub const MIN_ANNOTATED_SIDE: u32 = 128;
 
-/// The letters of a day and of the first digits of an id, with what separates them: ` 2026-01-01 · 01234567`.
+/// The length of a day and the first digits of an id with their separators: ` 2026-01-01 · 01234567`.
 const DAY_AND_ID: usize = 22;
 
-/// What stands at the foot of a picture.
-const NOTICE: &str = "research use only";
-
-/// Lengths that a scale bar may have, in mm.
+/// Possible lengths of a scale bar, in mm.
 const BARS_MM: [f64; 9] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0];
 
 /// The patient's directions along +L, +P, +S and against them.
 const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];
 
-/// The grey under the colours of a legend: what lies between dark and bright tissue.
+/// The grey under the colours of a legend, between dark and bright tissue.
 const BAR_GREY: u8 = 96;
 
 /// A second letter is written where its axis is at least 30° off the perpendicular.
 const SECOND_LETTER: f64 = 0.5;
 
-/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a picture; with layers
-/// also the name of the texture, and the colours of the overlay with their values. `named` is the first line.
+/// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a
+/// picture; with layers also the name of the texture, and the colours of the overlay with their values. `named` is the
+/// first line.
 ///
-/// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it.
+/// A picture smaller than [`MIN_ANNOTATED_SIDE`] has room for only a part.
 pub fn annotate(
     frame: Frame,
     request: &RenderRequest,
@@ -55,12 +53,12 @@ pub fn annotate(
     canvas.into_frame()
 }
 
-/// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the edges and the
-/// notice of research use into a slice; with layers also the name of the texture, and the colours of the overlay with their values.
-/// `named` is the first line.
+/// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the
+/// edges and the notice of research use into a slice; with layers also the name of the texture, and the colours of the
+/// overlay with their values. `named` is the first line.
 ///
-/// A picture smaller than [`MIN_ANNOTATED_SIDE`] holds only part of it, and one with more contours than fit above its middle says how
-/// many more there are.
+/// A picture smaller than [`MIN_ANNOTATED_SIDE`] has room for only a part. If more contours are drawn than fit above
+/// the middle, the last line states how many more there are.
 pub fn annotate_slice(
     frame: Frame,
     request: &SliceRequest,
@@ -100,7 +98,7 @@ fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
     [place, window].into_iter().chain(base).collect()
 }
 
-/// What is written in the upper left corner.
+/// The text in the upper left corner.
 struct Corner {
     lines: Vec<String>,
     /// Whether the first line names the case; it may be as wide as the picture.
@@ -108,7 +106,7 @@ struct Corner {
 }
 
 impl Corner {
-    /// The name of the case, as far as it fits, before the other lines.
+    /// The lines, headed by as much of the name of the case as fits.
     fn new(canvas: &Canvas, named: Option<&str>, others: Vec<String>) -> Self {
         let room = canvas.size().width() as i32 - canvas.line_height();
         let first = named.map(|words| fitting(canvas, words, room));
@@ -119,7 +117,8 @@ impl Corner {
     }
 }
 
-/// The text, or its beginning and its last 22 letters, day and id, as far as they fit. Letters that the font lacks become `?`.
+/// The text, or its beginning and its last 22 letters (day and id) if it is too long. Letters that the font lacks
+/// become `?`.
 fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
     let is_drawn = |letter: char| matches!(letter, ' '..='~' | '\u{a1}'..='\u{ff}');
     let known = |letter: char| if is_drawn(letter) { letter } else { '?' };
@@ -143,7 +142,8 @@ fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
     letters.split_off(end).into_iter().collect()
 }
 
-/// The colours of an overlay on grey, with the values of their ends, its threshold, and its name, in the lower right quarter.
+/// The colours of an overlay on grey, with the values of their ends, its threshold, and its name, in the lower right
+/// quarter.
 fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     let Some(Overlay { layer, style }) = layers.overlay else {
         return;
@@ -160,21 +160,23 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     };
     let title = height / 2 + line;
     put(&layer.title(), title);
+    let mut top = title + line + margin;
+    if let Some(threshold) = parameters.threshold {
+        let text = if parameters.colormap.is_diverging() {
+            format!("beyond ±{}", short(threshold))
+        } else {
+            format!("above {}", short(threshold))
+        };
+        put(&text, title + line);
+        top += line;
+    }
     // The notice has the last line.
-    let [top, bottom] = [title + line + margin, height - margin - line - margin];
+    let bottom = height - margin - line - margin;
     if bottom - top < 2 * line {
         return;
     }
     let ends = [put(&short(high), top), put(&short(low), bottom - line)];
-    let mut beside = ends.into_iter().min().unwrap_or(width);
-    if let Some(threshold) = parameters.threshold {
-        let text = if parameters.colormap.is_diverging() {
-            format!("± {}", short(threshold))
-        } else {
-            format!("> {}", short(threshold))
-        };
-        beside = beside.min(put(&text, (top + bottom - line) / 2));
-    }
+    let beside = ends.into_iter().min().unwrap_or(width);
     let ramp = style.ramp();
     let colors = parameters.colormap.table();
     for y in top..bottom {
@@ -190,7 +192,8 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     }
 }
 
-/// Writes what all pictures have: two or three lines in the corner, a scale bar, the patient's directions and the notice.
+/// Writes the common annotations: two or three lines in the corner, a scale bar, the patient's directions and the
+/// notice.
 fn write_over(
     canvas: &mut Canvas,
     Corner { lines, is_named }: &Corner,
@@ -210,7 +213,7 @@ fn write_over(
     canvas.write(&left, margin, middle);
     let end = width - margin - canvas.text_width(&right);
     canvas.write(&right, end, middle);
-    // The lines in the corner have the top to themselves where the picture is narrow.
+    // In a narrow picture, the lines in the corner need the whole top.
     let at = centred(canvas, &up);
     let top = if side < 320 || *is_named {
         margin + lines.len() as i32 * line
@@ -221,8 +224,8 @@ fn write_over(
     let foot = height - margin - line;
     let at = centred(canvas, &down);
     canvas.write(&down, at, foot - 3 * line);
-    let at = centred(canvas, NOTICE);
-    canvas.write(NOTICE, at, foot);
+    let at = centred(canvas, SHORT_NOTICE);
+    canvas.write(SHORT_NOTICE, at, foot);
     scale_bar(
         canvas,
         projection.mm_per_pixel(),
@@ -230,7 +233,7 @@ fn write_over(
     );
 }
 
-/// The depths of contours with their colours, down from the upper right corner as far as to the middle.
+/// The depths of contours with their colours, from the upper right corner down to the middle.
 ///
 /// They begin below the lines of the other corner, which may be as wide as the picture.
 fn legend(canvas: &mut Canvas, depths_mm: &[f64], corner: &Corner, [width, middle]: [i32; 2]) {
@@ -261,7 +264,7 @@ fn legend(canvas: &mut Canvas, depths_mm: &[f64], corner: &Corner, [width, middl
     }
 }
 
-/// On which side of the scanner's origin a slice lies.
+/// The side of the scanner's origin on which a slice lies.
 pub(crate) fn letter_at(plane: SlicePlane, position_mm: f64) -> char {
     let [towards, against] = LETTERS[plane.axis()];
     if position_mm < 0.0 { against } else { towards }
@@ -290,7 +293,7 @@ pub(crate) fn edge_letters(orientation: DQuat) -> [String; 4] {
         .map(|direction| letters(patient_from_view * direction))
 }
 
-/// The letters of a patient direction: that of the nearest axis, and a second one where it is oblique.
+/// The letters of a patient direction: the nearest axis, and a second one if the direction is oblique.
 fn letters(direction: DVec3) -> String {
     let mut axes = [0, 1, 2].map(|axis| (direction[axis], LETTERS[axis]));
     axes.sort_by(|(a, _), (b, _)| b.abs().total_cmp(&a.abs()));
@@ -304,7 +307,7 @@ fn letters(direction: DVec3) -> String {
     text
 }
 
-/// A number with at most two digits after its point.
+/// A number with at most two decimals.
 pub(crate) fn short(number: f64) -> String {
     let rounded = (number * 100.0).round() / 100.0;
     rounded.to_string()

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::png::{add_text, color_type};
 use crate::{Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, RenderError};
 
-/// An animated PNG that is being written, frame by frame; it repeats for ever.
+/// Writes an animated PNG frame by frame; the animation repeats for ever.
 pub struct AnimatedPng {
     writer: png::Writer<Shared>,
     bytes: Shared,
@@ -23,11 +23,11 @@ impl std::fmt::Debug for AnimatedPng {
 }
 
 impl AnimatedPng {
-    /// Begins an animation of exactly `frames` pictures of one size and format, each shown for `delay_ms`, with texts as
-    /// [`encode_png`](crate::encode_png) has them.
+    /// Begins an animation of exactly `frames` pictures of one size and format, each shown for `delay_ms`, with texts
+    /// as in [`encode_png`](crate::encode_png).
     ///
     /// # Errors
-    /// When a keyword is not 1 to 79 printable Latin-1 characters.
+    /// If a keyword is not 1 to 79 printable Latin-1 characters.
     pub fn begin(
         size: FrameSize,
         format: PixelFormat,
@@ -58,7 +58,7 @@ impl AnimatedPng {
     /// Adds the next picture.
     ///
     /// # Errors
-    /// When it has another size or format than the animation, or there is one too many.
+    /// If its size or format differs from the animation, or if there is one too many.
     pub fn add(&mut self, frame: &Frame) -> Result<(), RenderError> {
         self.missing = self
             .missing
@@ -71,7 +71,7 @@ impl AnimatedPng {
     /// The file.
     ///
     /// # Errors
-    /// When pictures are missing.
+    /// If pictures are missing.
     pub fn finish(self) -> Result<Vec<u8>, RenderError> {
         if self.missing > 0 {
             return Err(RenderError::PngEncoding);
@@ -81,12 +81,12 @@ impl AnimatedPng {
     }
 }
 
-/// The file so far: the encoder does not give its writer back, so both hold this.
+/// The file so far, shared with the encoder, which does not return its writer.
 #[derive(Debug, Clone, Default)]
 struct Shared(Arc<Mutex<Vec<u8>>>);
 
 impl Shared {
-    /// Nothing panics while it is held, so a poisoned one is sound.
+    /// No code panics while the lock is held, so a poisoned lock is sound.
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<u8>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,4 +1,4 @@
-//! Who draws a picture, and the drawing of it.
+//! The backends that draw pictures.
 
 use std::fmt;
 use std::sync::Arc;
@@ -10,12 +10,12 @@ use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, GpuTicket, KeyedMo
 use crate::mesh::{draw_mesh_while, mesh_hits};
 use crate::splat::{draw_splat_while, splat_hits};
 use crate::trace::{draw_trace_while, trace_hits};
-use crate::{Facets, Frame, Hits, KeyedLayers, RenderError, RenderRequest, Scene, Wanted};
+use crate::{Facets, Hits, KeyedLayers, RenderError, RenderRequest, RenderedFrame, Scene, Wanted};
 
 /// One way to draw the isosurface {depth = D}.
 ///
-/// All of them draw the same picture, within limits that one suite of checks holds them to (`conformance`, behind the
-/// feature of that name). Pictures from the CPU are the same bytes on every machine; those from graphics devices are not.
+/// All backends draw the same picture within limits that one suite of checks enforces (`conformance`, behind the
+/// feature of that name). The CPU gives the same bytes on every machine; graphics devices do not.
 #[derive(Debug, Clone)]
 pub enum RenderBackend {
     /// Splatting, on the CPU: see [`crate::draw_splat`].
@@ -37,7 +37,7 @@ impl fmt::Display for RenderBackend {
     }
 }
 
-/// A picture that can be drawn: everything it needs is at hand. Cheap to clone but for its mesh.
+/// A picture to draw, with all its data. Cheap to clone, except for its mesh.
 #[derive(Debug, Clone)]
 pub struct RenderJob {
     /// The model to draw.
@@ -46,26 +46,17 @@ pub struct RenderJob {
     pub request: RenderRequest,
     /// The mesh, for a backend that needs one.
     pub mesh: Option<SizedMesh>,
-    /// What is seen beside or in place of the case's intensities.
+    /// Layers to show in addition to the intensities of the case, or instead of them.
     pub layers: KeyedLayers,
 }
 
-/// A mesh at a depth, and how fine it is.
+/// A mesh at a depth, and its size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SizedMesh {
     /// Its contours and points.
     pub size: MeshSize,
     /// Its vertices.
     pub mesh: ShrunkMesh,
-}
-
-/// A picture that was drawn.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RenderedFrame {
-    /// Its pixels, in a format that depends on the request alone.
-    pub frame: Frame,
-    /// How many native voxels along x, y and z became one, if the volume is too large for the graphics device.
-    pub reduction: Option<[usize; 3]>,
 }
 
 impl RenderBackend {
@@ -75,7 +66,7 @@ impl RenderBackend {
             (Renderer::Mesh, Some(pool)) => Self::GpuMesh(pool),
             (Renderer::Auto | Renderer::Trace, Some(pool)) => Self::GpuTrace(pool),
             (Renderer::Mesh, None) => Self::Mesh,
-            // The exact isosurface, with a device or without.
+            // The exact isosurface, with or without a device.
             (Renderer::Auto | Renderer::Trace, None) => Self::Trace,
             (Renderer::Splat, _) => Self::Splat,
         }
@@ -112,14 +103,14 @@ impl RenderBackend {
     /// Draws a picture.
     ///
     /// # Errors
-    /// [`RenderError::MeshMissing`] for a job without a mesh that needs one, [`RenderError::Gpu`] if the graphics device
-    /// fails.
+    /// [`RenderError::MeshMissing`] for a job without a mesh that needs one, [`RenderError::Gpu`] if the graphics
+    /// device fails.
     pub fn draw(&self, job: &RenderJob) -> Result<RenderedFrame, RenderError> {
         let drawn = self.draw_while(job, &|| true)?;
         Ok(drawn.expect("a picture that stays wanted is drawn"))
     }
 
-    /// Hands a picture to the graphics device, to be awaited; `None` if the CPU draws with this backend.
+    /// Queues a picture for the graphics device; `None` if this backend draws on the CPU.
     ///
     /// # Errors
     /// As [`RenderBackend::draw`].
@@ -135,7 +126,7 @@ impl RenderBackend {
         }
     }
 
-    /// Draws a picture as long as it is wanted; `None` soon after it is not. A graphics device finishes what it was given.
+    /// Draws a picture; `None` soon after it is no longer wanted. A graphics device finishes the pictures it has begun.
     ///
     /// # Errors
     /// As [`RenderBackend::draw`].
@@ -190,7 +181,7 @@ impl RenderBackend {
 }
 
 impl RenderJob {
-    /// What is drawn.
+    /// The kind of picture.
     pub fn scene(&self) -> Scene<'_> {
         self.case.scene().with_layers(self.layers.layers())
     }

@@ -1,4 +1,4 @@
-//! Where the viewer stands: an orthographic camera around the envelope's centre.
+//! An orthographic camera around the centre of the envelope.
 
 use std::str::FromStr;
 
@@ -92,13 +92,13 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera that turns patient space into view space by the quaternion `[x, y, z, w]`, which is brought to unit length.
+    /// A camera that rotates patient space into view space by the quaternion `[x, y, z, w]`, which is normalised.
     ///
     /// `zoom` 1 fits the envelope's bounding sphere into the smaller side of the picture. `pan_mm` moves the head to
     /// the right of the picture and up.
     ///
     /// # Errors
-    /// When a number is not finite or out of its range: the quaternion's length must be in 0.001..=1000.
+    /// If a number is not finite or out of its range: the quaternion's length must be in 0.001..=1000.
     pub fn new(orientation: [f64; 4], zoom: f64, pan_mm: [f64; 2]) -> Result<Self, RenderError> {
         let orientation = DQuat::from_array(orientation);
         let length = orientation.length();
@@ -129,7 +129,7 @@ impl Camera {
     /// The same camera at another zoom.
     ///
     /// # Errors
-    /// When `zoom` is not in 0.01..=100.
+    /// If `zoom` is not in 0.01..=100.
     pub fn with_zoom(self, zoom: f64) -> Result<Self, RenderError> {
         let zoom = checked("zoom", zoom, 0.01..=100.0, "within 0.01 to 100")?;
         Ok(Self { zoom, ..self })
@@ -138,7 +138,7 @@ impl Camera {
     /// The same camera with the head moved to the right of the picture and up.
     ///
     /// # Errors
-    /// When one of `pan_mm` is not within ±10,000.
+    /// If one of `pan_mm` is not within ±10,000.
     pub fn with_pan_mm(self, pan_mm: [f64; 2]) -> Result<Self, RenderError> {
         for pan in pan_mm {
             checked("pan", pan, -1e4..=1e4, "within -10000 to 10000")?;
@@ -146,12 +146,21 @@ impl Camera {
         Ok(Self { pan_mm, ..self })
     }
 
+    /// The same from a named direction.
+    #[must_use]
+    pub fn turned_to(self, view: NamedView) -> Self {
+        Self {
+            orientation: view.orientation(),
+            ..self
+        }
+    }
+
     /// The unit quaternion from patient to view space.
     pub fn orientation(&self) -> DQuat {
         self.orientation
     }
 
-    /// How much larger than to fit the picture.
+    /// The magnification relative to a fit into the picture.
     pub fn zoom(&self) -> f64 {
         self.zoom
     }
@@ -161,7 +170,7 @@ impl Camera {
         self.pan_mm
     }
 
-    /// How this camera projects what `target` surrounds into a picture.
+    /// The projection of the sphere `target` into a picture.
     pub fn projection(&self, target: &BoundingSphere, size: FrameSize) -> Projection {
         let smaller_side = f64::from(size.width().min(size.height()));
         Projection {
@@ -176,8 +185,9 @@ impl Camera {
 
 /// An orthographic projection between the patient and the pixels of a picture.
 ///
-/// *Frame space* has x in pixels to the right and y in pixels down, both from the picture's top left corner, so that the
-/// centre of pixel (0, 0) is at (0.5, 0.5), and z in mm towards the viewer from the plane through the target's centre.
+/// *Frame space* has x in pixels to the right and y in pixels down, both from the picture's top left corner, so that
+/// the centre of pixel (0, 0) is at (0.5, 0.5), and z in mm towards the viewer from the plane through the target's
+/// centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     size: FrameSize,

@@ -6,13 +6,13 @@ use crate::{Frame, FrameSize, PixelFormat};
 const BLACK: u8 = 0;
 const WHITE: u8 = 255;
 
-/// Width, for labels that are not written yet, and height of a letter in a picture whose smaller side is `side` pixels.
+/// Width and height of a letter in a picture whose smaller side is `side` pixels, for planning a layout.
 pub(crate) fn letter_size(side: u32) -> [u32; 2] {
     let lettering = Lettering::for_side(side);
     [lettering.width("0"), lettering.line_height()]
 }
 
-/// A picture that is written on.
+/// A picture to write on.
 #[derive(Debug)]
 pub(crate) struct Canvas {
     size: FrameSize,
@@ -52,7 +52,7 @@ impl Canvas {
         (self.lettering.line_height() as usize / 14).max(1)
     }
 
-    /// Writes a line in white with a black rim; `left` and `top` are pixels, what lies outside is left away.
+    /// Writes a line in white with a black rim; `left` and `top` are in pixels; parts outside the picture are dropped.
     pub(crate) fn write(&mut self, text: &str, left: i32, top: i32) {
         let letters = self.lettering.coverage(text);
         let rim = self.rim();
@@ -61,7 +61,7 @@ impl Canvas {
         self.paint(&letters, [left, top], WHITE);
     }
 
-    /// Lays a level of grey over the pixels from a corner on, as much as each is covered.
+    /// Blends a level of grey over the pixels from a corner on, by the coverage of each.
     fn paint(&mut self, coverage: &Coverage, [left, top]: [i32; 2], level: u8) {
         let width = coverage.size[0].max(1);
         for (index, &share) in coverage.shares.iter().enumerate() {
@@ -117,7 +117,7 @@ impl Canvas {
         self.bytes.get_mut(start..start + length)
     }
 
-    /// Lays a share of a level of grey over a pixel.
+    /// Blends a level of grey over a pixel.
     fn blend(&mut self, x: i32, y: i32, (level, share): (u8, f32)) {
         let format = self.format;
         let Some(pixel) = self.pixel(x, y).filter(|_| share > 0.0) else {
@@ -134,7 +134,7 @@ impl Canvas {
             .as_deref()
             .map_or(1.0, |&alpha| f32::from(alpha) / 255.0);
         let after = share + (1.0 - share) * before;
-        // Colours are not multiplied by alpha.
+        // Colours are not premultiplied by alpha.
         let new = share / after;
         for color in colors {
             let mixed = f32::from(*color) * (1.0 - new) + f32::from(level) * new;

@@ -1,15 +1,15 @@
-//! Which renderer is asked for.
+//! The choice of a renderer.
 
-/// The renderer that a client asks for.
+/// The renderer that a client requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub enum Renderer {
-    /// The best that this machine has.
+    /// The best one on this machine.
     #[default]
     Auto,
-    /// Voxels of a thin shell, in software (the paper's section 3.3).
+    /// Voxels of a thin shell, on the CPU (section 3.3 of the paper).
     Splat,
     /// The facets of the mesh.
     Mesh,

@@ -1,4 +1,4 @@
-//! Colours for brightness.
+//! Colour maps.
 
 mod viridis;
 
@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use crate::RenderError;
 
-/// How brightness, 0 to 255, becomes a colour.
+/// The mapping from brightness, 0 to 255, to a colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -24,9 +24,10 @@ pub enum ColorMap {
     Viridis,
     /// Grey with a tinge of blue, like an X-ray film.
     Bone,
-    /// Vermilion to yellow, for overlays of one side: it stands out on grey for all kinds of colour vision.
+    /// Vermilion to yellow, for overlays with one sign: it stands out on grey for all kinds of colour vision.
     VermilionYellow,
-    /// Sky blue through grey to orange, for overlays of two signs: all kinds of colour vision tell the ends apart.
+    /// Sky blue through grey to orange, for overlays with two signs: all kinds of colour vision can distinguish the
+    /// ends.
     BlueOrange,
 }
 
@@ -55,22 +56,23 @@ impl ColorMap {
         }
     }
 
-    /// Whether its middle means nothing and its ends are opposites: an overlay is then transparent in the middle.
+    /// Whether the map diverges from a neutral middle: an overlay is then transparent in the middle.
     pub fn is_diverging(self) -> bool {
         matches!(self, Self::BlueOrange)
     }
 
-    /// Whether red, green and blue are the same throughout, so that one byte a pixel is enough.
+    /// Whether all its colours are grey, so that one byte per pixel is enough.
     pub fn is_grey(self) -> bool {
         matches!(self, Self::Grey | Self::Inverted)
     }
 
     /// The 256 colours from black to white brightness, as red, green, blue.
     ///
-    /// `hot` and `bone` are MATLAB's, in closed form: hot rises in red, then green, then blue over 3/8, 3/8 and 2/8 of the
-    /// range; bone is 7 parts grey and 1 part hot with red and blue exchanged. `viridis` is by N. J. Smith, S. van der Walt and E. Firing,
-    /// given to the public domain (CC0), <https://bids.github.io/colormap/>. The ends of `vermilion-yellow` and `blue-orange` are of the
-    /// palette for all kinds of colour vision by M. Okabe and K. Ito, "Color Universal Design", 2002; between them lie straight lines.
+    /// `hot` and `bone` are MATLAB's, in closed form: hot rises in red, then green, then blue over 3/8, 3/8 and 2/8 of
+    /// the range; bone is 7 parts grey and 1 part hot with red and blue exchanged. `viridis` is by N. J. Smith, S. van
+    /// der Walt and E. Firing, given to the public domain (CC0), <https://bids.github.io/colormap/>. The ends of
+    /// `vermilion-yellow` and `blue-orange` come from the palette for all kinds of colour vision by M. Okabe and K.
+    /// Ito, "Color Universal Design", 2002; between them, the colours are linear.
     pub fn table(self) -> [[u8; 3]; 256] {
         match self {
             Self::Grey => table_of(|level| [level; 3]),
@@ -98,7 +100,7 @@ impl FromStr for ColorMap {
     }
 }
 
-/// A table of colours given as shares of red, green and blue for levels of 0 to 1.
+/// The table of a function from levels, 0 to 1, to fractions of red, green and blue.
 fn table_of(color: impl Fn(f64) -> [f64; 3]) -> [[u8; 3]; 256] {
     std::array::from_fn(|index| {
         color(index as f64 / 255.0).map(|share| (255.0 * share + 0.5).floor() as u8)
@@ -126,7 +128,7 @@ const SKY_BLUE: [f64; 3] = [86.0, 180.0, 233.0];
 const ORANGE: [f64; 3] = [230.0, 159.0, 0.0];
 const MIDDLE_GREY: [f64; 3] = [160.0; 3];
 
-/// A colour on the straight line between two of 0 to 255, as shares.
+/// The linear mix of two colours of 0 to 255, as fractions.
 fn mixed(from: [f64; 3], to: [f64; 3], part: f64) -> [f64; 3] {
     std::array::from_fn(|channel| (from[channel] + part * (to[channel] - from[channel])) / 255.0)
 }
@@ -170,7 +172,8 @@ mod tests {
             [hot[0], hot[51], hot[255]],
             [[0, 0, 0], [136, 0, 0], [255; 3]]
         );
-        // Viridis at its ends and middle: 0.267004, 0.004874, 0.329415; 0.127568, 0.566949, 0.550556; 0.993248, 0.906157, 0.143936.
+        // Viridis at its ends and middle: 0.267004, 0.004874, 0.329415; 0.127568, 0.566949, 0.550556; 0.993248,
+        // 0.906157, 0.143936.
         let viridis = ColorMap::Viridis.table();
         assert_eq!(
             [viridis[0], viridis[128], viridis[255]],
@@ -184,8 +187,9 @@ mod tests {
         );
     }
 
-    /// What dichromats see of linear red, green and blue: F. Viénot, H. Brettel and J. D. Mollon, "Digital Video Colourmaps for Checking
-    /// the Legibility of Displays by Dichromats", Color Research and Application 24, 1999; for protanopes and deuteranopes.
+    /// What dichromats see of linear red, green and blue: F. Viénot, H. Brettel and J. D. Mollon, "Digital Video
+    /// Colourmaps for Checking the Legibility of Displays by Dichromats", Color Research and Application 24, 1999; for
+    /// protanopes and deuteranopes.
     const DICHROMATS: [[[f64; 3]; 3]; 2] = [
         [
             [0.11238, 0.88762, 0.0],

@@ -1,6 +1,6 @@
-//! What every renderer must do, checked on a made-up case whose pictures are known on paper.
+//! Checks that every renderer must pass, on a synthetic case whose pictures are known on paper.
 //!
-//! A renderer passes when [`check`] does not panic.
+//! A renderer passes if [`check`] does not panic.
 
 mod layers;
 
@@ -21,8 +21,8 @@ use crate::{
 /// How much a renderer may differ from the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Greatest distance of a hit from {depth = D}, in working voxels, from 5 voxels of depth on; nearer the envelope, where its
-    /// terraces are smoothed away, a voxel more.
+    /// Greatest distance of a hit from {depth = D}, in working voxels, from 5 voxels of depth on; nearer the envelope,
+    /// where its terraces are smoothed away, a voxel more.
     pub depth_voxels: f64,
     /// Mean difference from the exact renderer over covered pixels, in levels of 255.
     pub mean_difference: f64,
@@ -30,7 +30,7 @@ pub struct Limits {
     pub has_soft_edges: bool,
 }
 
-/// A made-up case: an ellipsoid of half axes 30, 38 and 26 mm about (5, −7, 11), at 1.25 mm.
+/// A synthetic case: an ellipsoid of half axes 30, 38 and 26 mm about (5, −7, 11), at 1.25 mm.
 #[derive(Debug)]
 struct Phantom {
     case: KeyedModel,
@@ -213,7 +213,7 @@ fn cameras() -> Vec<Camera> {
 /// Runs all checks.
 ///
 /// # Panics
-/// When a check fails: the message says which.
+/// If a check fails: the message says which.
 pub fn check(backend: RenderBackend, limits: Limits) {
     let renderer = &Renderer::new(backend);
     there_are_no_holes_inside_the_silhouette(renderer, &limits);
@@ -504,7 +504,8 @@ fn outside_of_the_volume_nothing_is_shown(renderer: &Renderer) {
     assert_eq!(frame.pixel(70, 48), Some(&[200, 255][..]), "the right");
 }
 
-/// What is nearer to the cut than to any border of the whole ellipsoid is bare; what is not shows what the whole one shows.
+/// What is nearer to the cut than to any border of the whole ellipsoid is bare; what is not shows what the whole one
+/// shows.
 fn beside_a_cut_nothing_is_shown(renderer: &Renderer) {
     let cut = Cut {
         face: Face::Inferior,

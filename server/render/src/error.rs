@@ -1,41 +1,41 @@
-//! What can be wrong with a request for a picture.
+//! Errors in requests for pictures.
 
 use crate::gpu::GpuError;
 
-/// Why a picture was refused.
+/// The reason why a picture was not drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// A parameter is out of its range or not a number.
+    /// A parameter is outside its range or not a number.
     #[error("{name} is {value}; it must be {range}")]
     Parameter {
         /// The parameter's name as in the interfaces.
         name: &'static str,
-        /// What was given.
+        /// The given value.
         value: f64,
-        /// What is accepted, in words.
+        /// A description of the accepted range.
         range: &'static str,
     },
-    /// A word is none of those that are known.
+    /// A name is unknown.
     #[error("{name} is unknown; it must be one of {known}")]
     UnknownName {
         /// The parameter's name as in the interfaces.
         name: &'static str,
-        /// The words that are known.
+        /// The known names.
         known: &'static str,
     },
-    /// More depths than can be told apart in one picture.
-    #[error("{count} depths were asked for; at most {limit} fit into a picture")]
+    /// More depths than one picture can show.
+    #[error("{count} depths were requested; a picture can show at most {limit}")]
     TooManyContours {
-        /// How many were asked for.
+        /// The requested number.
         count: usize,
-        /// How many are accepted.
+        /// The greatest number.
         limit: usize,
     },
-    /// A backend that draws a mesh was given none.
-    #[error("this renderer draws a mesh, and none was given")]
+    /// The backend draws a mesh, and the job has none.
+    #[error("this renderer needs a mesh")]
     MeshMissing,
-    /// A layer has not one value for each voxel.
+    /// The number of values of a layer differs from its number of voxels.
     #[error("the layer has {found} values for {expected} voxels")]
     LayerSize {
         /// Values.
@@ -46,7 +46,7 @@ pub enum RenderError {
     /// The graphics device did not draw.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A text to be kept in a PNG cannot be: its keyword is not one.
+    /// The keyword of a PNG text is invalid.
     #[error("a PNG text needs a keyword of 1 to 79 Latin letters")]
     PngKeyword,
     /// The PNG could not be written.
@@ -54,7 +54,7 @@ pub enum RenderError {
     PngEncoding,
 }
 
-/// Passes `value` on when it lies in `accepted`; what is not a number never does.
+/// Returns `value` if it is in `accepted`; NaN never is.
 pub(crate) fn checked(
     name: &'static str,
     value: f64,

@@ -1,4 +1,4 @@
-//! Finished pixels, before PNG.
+//! Finished pixels, before encoding.
 
 use crate::RenderError;
 use crate::error::checked;
@@ -6,7 +6,7 @@ use crate::error::checked;
 /// The largest accepted width or height, in pixels.
 pub const MAX_SIDE: u32 = 4096;
 
-/// The size of a picture: 1 to [`MAX_SIDE`] pixels a side.
+/// The size of a picture: 1 to [`MAX_SIDE`] pixels per side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct FrameSize {
     width: u32,
@@ -17,7 +17,7 @@ impl FrameSize {
     /// A picture of `width` × `height` pixels.
     ///
     /// # Errors
-    /// When a side is not in 1..=[`MAX_SIDE`].
+    /// If a side is not in 1..=[`MAX_SIDE`].
     pub fn new(width: u32, height: u32) -> Result<Self, RenderError> {
         let accepted = 1.0..=f64::from(MAX_SIDE);
         checked(
@@ -56,10 +56,10 @@ impl Default for FrameSize {
     }
 }
 
-/// What the bytes of a pixel mean. Alpha is not premultiplied.
+/// The format of a pixel. Alpha is not premultiplied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
-    /// Grey: one byte a pixel.
+    /// Grey: one byte per pixel.
     Grey8,
     /// Grey and alpha.
     GreyAlpha8,
@@ -93,7 +93,7 @@ impl Frame {
     /// A picture of the given bytes.
     ///
     /// # Panics
-    /// When `bytes` is not as long as `size` and `format` say.
+    /// If the length of `bytes` does not match `size` and `format`.
     pub fn new(size: FrameSize, format: PixelFormat, bytes: Vec<u8>) -> Self {
         let expected = size.pixel_count() * format.bytes_per_pixel();
         assert_eq!(bytes.len(), expected, "a frame has all of its pixels");
@@ -109,7 +109,7 @@ impl Frame {
         self.size
     }
 
-    /// What its bytes mean.
+    /// The format of its pixels.
     pub fn format(&self) -> PixelFormat {
         self.format
     }
@@ -119,7 +119,7 @@ impl Frame {
         &self.bytes
     }
 
-    /// The bytes of a pixel, `None` outside of the picture.
+    /// The bytes of a pixel, `None` outside the picture.
     pub fn pixel(&self, x: u32, y: u32) -> Option<&[u8]> {
         if x >= self.size.width || y >= self.size.height {
             return None;
@@ -129,6 +129,15 @@ impl Frame {
             .chunks_exact(self.format.bytes_per_pixel())
             .nth(index)
     }
+}
+
+/// A finished picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RenderedFrame {
+    /// Its pixels, in a format that depends on the request alone.
+    pub frame: Frame,
+    /// How many native voxels along x, y and z became one, if the volume is too large for the graphics device.
+    pub reduction: Option<[usize; 3]>,
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Where each pixel meets the surface.
+//! The points of the surface that pixels show.
 
 use glam::DVec3;
 
@@ -12,10 +12,10 @@ pub struct Hits {
 }
 
 impl Hits {
-    /// The hits of a picture from their frame-space z in mm, row by row; what is not finite is none.
+    /// The hits of a picture from their frame-space z in mm, row by row; a value that is not finite is no hit.
     ///
     /// # Panics
-    /// When there is not one for each pixel.
+    /// If the number of values differs from the number of pixels.
     pub(crate) fn new(projection: Projection, heights_mm: Vec<f32>) -> Self {
         assert_eq!(
             heights_mm.len(),
@@ -28,12 +28,13 @@ impl Hits {
         }
     }
 
-    /// How the picture was projected.
+    /// The projection of the picture.
     pub fn projection(&self) -> &Projection {
         &self.projection
     }
 
-    /// Position in LPS mm of what pixel (x, y) shows; `None` where it shows the background or lies outside of the picture.
+    /// Position in LPS mm of the surface at pixel (x, y); `None` if it shows the background or lies outside the
+    /// picture.
     pub fn position_in_patient(&self, x: u32, y: u32) -> Option<DVec3> {
         let size = self.projection.size();
         if x >= size.width() || y >= size.height() {

@@ -1,11 +1,11 @@
-//! The isosurface {depth = D} and where a line of sight meets it.
+//! The isosurface {depth = D} and its intersections with lines of sight.
 
 use geometry::DepthField;
 use multiversion::multiversion;
 
+use crate::points::{Point, PointRow};
 use crate::rays::{Ray, Rays};
 use crate::sampler::{LANES, Lanes, Sampler};
-use crate::surface::{Point, PointRow};
 
 /// Depths, in voxels, between which the smoothed field gives way to the field.
 const SHALLOW: [f32; 2] = [3.0, 5.0];
@@ -30,8 +30,9 @@ pub(crate) struct Isosurface<'a> {
 impl<'a> Isosurface<'a> {
     /// The isosurface `depth_mm` below the envelope, without the terraces that the envelope's voxels make near it.
     ///
-    /// Down to `SHALLOW[0]` voxels it is that of the smoothed field, from `SHALLOW[1]` on that of the field itself, between them that
-    /// of a blend: less than a voxel apart, and no step between one depth and the next.
+    /// It comes from the smoothed field down to `SHALLOW[0]` voxels, from the field itself from `SHALLOW[1]` on, and
+    /// from a blend between them. The two differ by less than a voxel, and the blend leaves no step from one depth to
+    /// the next.
     pub(crate) fn new(field: &'a DepthField, normals: &'a DepthField, depth_mm: f64) -> Self {
         let depth_in_voxels = (depth_mm / field.grid().spacing_mm()[0]) as f32;
         Self {
@@ -42,7 +43,7 @@ impl<'a> Isosurface<'a> {
         }
     }
 
-    /// Whether it is another than that of the field itself.
+    /// Whether it differs from the isosurface of the field itself.
     pub(crate) fn is_smoothed(&self) -> bool {
         self.smooth > 0.0
     }
@@ -120,8 +121,8 @@ impl<'a> Isosurface<'a> {
         }
     }
 
-    /// The height of the isosurface between a place above it and one below it (height, depth below the isosurface), to `tolerance`
-    /// voxels of depth, by false position (the Illinois variant).
+    /// The height of the isosurface between a place above it and one below it (height, depth below the isosurface), to
+    /// `tolerance` voxels of depth, by false position (the Illinois variant).
     pub(crate) fn between(
         &self,
         ray: &Ray,

@@ -1,17 +1,17 @@
-//! What of an isosurface is known: a head that its volume cuts has none beside the cut.
+//! The known part of an isosurface: beside a face of the volume that cuts the head, it is unknown.
 
 use geometry::{Cut, DepthField};
 
+use crate::points::PointRow;
 use crate::rays::{Rays, single};
-use crate::surface::PointRow;
 
 /// The greatest number of faces that cut a head.
 pub(crate) const MOST_CUTS: usize = 6;
 
-/// A plane in voxel coordinates of the depth field: what it weighs less than nothing is unknown.
+/// A plane in voxel coordinates of the depth field: positions with a negative value are unknown.
 pub(crate) type CutPlane = [f32; 4];
 
-/// What of the isosurface at a depth is unknown: behind which planes it lies, in mm.
+/// The planes behind which the isosurface at a depth is unknown, in mm.
 pub(crate) fn cut_planes(field: &DepthField, depth_mm: f64) -> Vec<CutPlane> {
     let voxel_mm = f64::from(field.spacing_mm());
     let origin = field.grid().patient_from_voxel().translation;
@@ -23,7 +23,7 @@ pub(crate) fn cut_planes(field: &DepthField, depth_mm: f64) -> Vec<CutPlane> {
     field.cuts().iter().map(plane).collect()
 }
 
-/// Takes the points from a row of pixels that are unknown.
+/// Removes the unknown points from a row of pixels.
 pub(crate) fn leave_bare(planes: &[CutPlane], rays: &Rays, row: usize, points: &mut PointRow) {
     if planes.is_empty() {
         return;

@@ -1,4 +1,4 @@
-//! Layers: volumes that are seen on the surfaces of a case, as their texture or as colours above it.
+//! Layers: volumes shown on the surfaces of a case, as their texture or as colours over it.
 
 use std::sync::Arc;
 
@@ -9,17 +9,17 @@ use crate::error::checked;
 use crate::sampler::{Sampler, trilinear};
 use crate::{ColorMap, RenderError};
 
-/// The least that is divided by: how much of a cell is defined.
+/// The smallest defined fraction of a cell that is divided by.
 const LEAST_SHARE: f32 = 1e-6;
 
-/// How much of a cell must be defined for a layer to be there as a texture.
+/// The fraction of a cell that must be defined for a texture to be defined there.
 const ENOUGH: f32 = 0.5;
 
 /// The part of the window over which an overlay fades in above its threshold.
 const SOFT_PART: f64 = 0.1;
 
-/// A volume on a grid of its own, with its place in the patient space of a case. It is never resampled: every picture interpolates its
-/// own voxels.
+/// A volume on a grid of its own, with its place in the patient space of a case. It is never resampled: every picture
+/// interpolates its own voxels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {
     name: String,
@@ -29,7 +29,7 @@ pub struct Layer {
     values: LayerValues,
 }
 
-/// The values of a layer's voxels, x-fastest. Some may be undefined.
+/// The values of the voxels of a layer, x-fastest. Some may be undefined.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LayerValues {
     /// Eight bits: a code of 1 to 255 is the value `least + (code − 1) · step`; 0 is undefined.
@@ -41,17 +41,17 @@ pub enum LayerValues {
         /// The difference between one code and the next, above 0.
         step: f32,
     },
-    /// Numbers, of which those that are not finite are undefined.
+    /// Numbers; a number that is not finite is undefined.
     Numbers(Vec<f32>),
 }
 
 impl Layer {
-    /// A layer on a grid of its own patient space, which a rigid transform takes into that of the case.
+    /// A layer on a grid in its own patient space, with the rigid transform into the patient space of the case.
     ///
-    /// `name` and `unit` are what a legend says; both may be empty.
+    /// A legend shows `name` and `unit`; both may be empty.
     ///
     /// # Errors
-    /// If there is not one value for each voxel.
+    /// If the number of values differs from the number of voxels.
     pub fn new(
         [name, unit]: [&str; 2],
         grid: &Grid,
@@ -84,7 +84,7 @@ impl Layer {
         })
     }
 
-    /// What it is called in legends.
+    /// Its name in legends.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -117,8 +117,8 @@ impl Layer {
         &self.values
     }
 
-    /// The value at a position (LPS mm of the case), interpolated between the voxels that are defined; `None` outside, and
-    /// if most of what is around it is undefined.
+    /// The value at a position (LPS mm of the case), interpolated between the voxels that are defined; `None` outside,
+    /// and if most of the cell around it is undefined.
     pub fn value_at(&self, position_in_case: DVec3) -> Option<f32> {
         let position = self.voxel_from_case.transform_point3(position_in_case);
         self.sampler()
@@ -159,7 +159,8 @@ pub(crate) enum LayerSampler<'a> {
 }
 
 impl LayerSampler<'_> {
-    /// The value at a position in voxel coordinates, and which share of it is defined, 0 to 1. Undefined voxels do not contribute to the value.
+    /// The value at a position in voxel coordinates, and its defined fraction, 0 to 1. Undefined voxels do not
+    /// contribute to the value.
     pub(crate) fn at(&self, position: [f32; 3]) -> [f32; 2] {
         match self {
             Self::Codes {
@@ -201,22 +202,22 @@ fn within<T: Copy + Into<f32>>(sampler: &Sampler<'_, T>, position: [f32; 3], sha
     }
 }
 
-/// How an overlay is coloured, not yet checked: see [`OverlayStyle::new`].
+/// Unchecked parameters of an [`OverlayStyle`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OverlayParameters {
     /// The values of the first and the last colour.
     pub window: [f64; 2],
     /// Its colours.
     pub colormap: ColorMap,
-    /// What is at most this is transparent: the value, or its magnitude if the colours are [diverging](ColorMap::is_diverging).
-    /// `None` shows all that is defined.
+    /// Values up to this are transparent; for [diverging](ColorMap::is_diverging) colours, magnitudes up to this.
+    /// `None` shows every defined value.
     pub threshold: Option<f64>,
-    /// How much it hides of what is below it, 0 to 1.
+    /// Its opacity, 0 to 1.
     pub opacity: f64,
 }
 
-/// How an overlay is coloured: source-over, `mix(below, color(v), opacity · smoothstep(threshold, threshold + soft, v))`, where `soft` is a
-/// tenth of the window.
+/// The colouring of an overlay: source-over, `mix(below, color(v), opacity · smoothstep(threshold, threshold + soft,
+/// v))`, where `soft` is a tenth of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OverlayStyle(OverlayParameters);
 
@@ -254,12 +255,12 @@ impl OverlayStyle {
         Ok(Self(parameters))
     }
 
-    /// The parameters, which are right.
+    /// The checked parameters.
     pub fn parameters(&self) -> &OverlayParameters {
         &self.0
     }
 
-    /// What is done for every pixel.
+    /// The colouring prepared for the pixels.
     pub(crate) fn ramp(&self) -> OverlayRamp {
         let OverlayParameters {
             window: [low, high],
@@ -296,7 +297,7 @@ impl OverlayRamp {
         ((value - self.low) * self.factor).clamp(0.0, 255.0)
     }
 
-    /// How much a value hides of what is below it, 0 to 1.
+    /// The opacity of a value, 0 to 1.
     pub(crate) fn share(&self, value: f32) -> f32 {
         let size = if self.is_diverging {
             value.abs()
@@ -308,7 +309,7 @@ impl OverlayRamp {
     }
 }
 
-/// A layer that is drawn above the texture of a picture, and its colours.
+/// A layer that is drawn over the texture of a picture, and its colours.
 #[derive(Debug, Clone, Copy)]
 pub struct Overlay<'a> {
     /// The layer.
@@ -317,20 +318,20 @@ pub struct Overlay<'a> {
     pub style: OverlayStyle,
 }
 
-/// What is seen on a surface beside or in place of the case's own intensities.
+/// Layers shown on a surface in addition to the intensities of the case, or instead of them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Layers<'a> {
-    /// The grey texture, in place of the case's intensities. The window is in its values.
+    /// The grey texture, instead of the intensities of the case. The window refers to its values.
     pub base: Option<&'a Layer>,
-    /// Colours above the texture.
+    /// Colours over the texture.
     pub overlay: Option<Overlay<'a>>,
 }
 
-/// Which layer a texture on a graphics device is of. The same key must always mean the same layer.
+/// Identifies a layer on a graphics device. The same key must always mean the same layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct LayerKey(pub u128);
 
-/// A layer that threads share, and the key of its texture.
+/// A shared layer, and the key of its texture.
 #[derive(Debug, Clone)]
 pub struct KeyedLayer {
     /// The key: the same one always means the same layer.
@@ -339,7 +340,7 @@ pub struct KeyedLayer {
     pub layer: Arc<Layer>,
 }
 
-/// The layers of a picture, kept as long as the picture is waited for.
+/// The layers of a picture, owned by its job.
 #[derive(Debug, Clone, Default)]
 pub struct KeyedLayers {
     /// See [`Layers::base`].

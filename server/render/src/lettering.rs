@@ -4,27 +4,27 @@ use std::sync::LazyLock;
 
 use ab_glyph::{Font as _, FontRef, Glyph, PxScaleFont, ScaleFont as _, point};
 
-/// DejaVu Sans Bold, its printable Latin-1; `fonts/LICENSE.txt` says under which terms.
+/// DejaVu Sans Bold, its printable Latin-1; its licence is in `fonts/LICENSE.txt`.
 const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans-Bold-subset.ttf");
 
 static LETTERS: LazyLock<FontRef<'static>> =
     LazyLock::new(|| FontRef::try_from_slice(FONT).expect("a sound font, which a test reads"));
 
-/// The height of a line in a picture whose smaller side is so many times as long.
+/// The smaller side of a picture divided by the height of a line.
 const LINES_IN_A_SIDE: f32 = 30.0;
 
-/// The smallest height of a line that can be read, and the greatest, in pixels.
+/// The smallest legible height of a line and the greatest, in pixels.
 const LINE_HEIGHTS: [f32; 2] = [12.0, 128.0];
 
 /// The font at the size that suits a picture.
 ///
-/// Outlines are filled without the hints of a system's font engine, so letters are the same pixels on every machine.
+/// Outlines are filled without the hinting of a system's font engine, so letters have the same pixels on every machine.
 #[derive(Debug, Clone)]
 pub(crate) struct Lettering {
     font: PxScaleFont<&'static FontRef<'static>>,
 }
 
-/// How much of each pixel of a block text covers, row by row, 0 to 1.
+/// The coverage of each pixel of a block by text, row by row, 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Coverage {
     pub(crate) size: [usize; 2],

@@ -2,13 +2,13 @@
 //!
 //! `Scene + RenderRequest → Frame → PNG`
 //!
-//! A [`RenderBackend`] is one way to draw. Camera, window, colour map and light are shared by all of them. [`draw_splat`] draws the
-//! isosurface {depth = D} in software by projecting the voxels of a thin shell (the paper's section 3.3)
-//! and correcting every pixel along its line of sight; [`draw_trace`] follows every line of sight to the isosurface itself and
-//! judges the others; [`draw_mesh`] draws the facets of a shrunk mesh; [`draw_slice`] draws a slice with the contours
-//! of the isosurfaces. All give the same bytes for the same request on every machine and for any
-//! number of threads: pixels are computed with additions, multiplications, divisions and square roots alone,
-//! which IEEE 754 rounds in one way, and no sum is split between threads.
+//! A [`RenderBackend`] is one way to draw. Camera, window, colour map and light are shared by all of them.
+//! [`draw_splat`] draws the isosurface {depth = D} on the CPU by projecting the voxels of a thin shell (section 3.3 of
+//! the paper) and correcting every pixel along its line of sight; [`draw_trace`] follows every line of sight to the
+//! isosurface itself and is the reference for the others; [`draw_mesh`] draws the facets of a shrunk mesh;
+//! [`draw_slice`] draws a slice with the contours of the isosurfaces. All give the same bytes for the same request on
+//! every machine and for any number of threads: pixels are computed with additions, multiplications, divisions and
+//! square roots alone, which IEEE 754 rounds in one way, and no sum is split between threads.
 //!
 //! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
 //! camera looks: x to the right of the picture, y up, z towards the viewer.
@@ -32,7 +32,9 @@ mod layer;
 mod lettering;
 mod light;
 mod mesh;
+mod notice;
 mod png;
+mod points;
 mod quality;
 mod rays;
 mod sampler;
@@ -50,11 +52,11 @@ mod window;
 
 pub use annotate::{MIN_ANNOTATED_SIDE, annotate, annotate_slice};
 pub use apng::AnimatedPng;
-pub use backend::{RenderBackend, RenderJob, RenderedFrame, SizedMesh};
+pub use backend::{RenderBackend, RenderJob, SizedMesh};
 pub use camera::{Camera, NamedView, Projection};
 pub use colormap::ColorMap;
 pub use error::RenderError;
-pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat};
+pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat, RenderedFrame};
 pub use hits::Hits;
 pub use layer::{
     KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues, Layers, Overlay, OverlayParameters,
@@ -62,7 +64,8 @@ pub use layer::{
 };
 pub use light::Light;
 pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
-pub use png::{RESEARCH_USE_NOTICE, encode_png};
+pub use notice::{RESEARCH_USE_NOTICE, SHORT_NOTICE};
+pub use png::encode_png;
 pub use quality::draw_quality_sheet;
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};

@@ -10,16 +10,16 @@ pub struct Light {
 }
 
 impl Light {
-    /// A light whose share `ambient` (0 to 1) reaches every face; 1 turns the shading off.
+    /// A light with the ambient fraction `ambient`, 0 to 1; 1 turns the shading off.
     ///
     /// # Errors
-    /// When `ambient` is not in 0..=1.
+    /// If `ambient` is not in 0..=1.
     pub fn new(ambient: f64) -> Result<Self, RenderError> {
         let ambient = checked("ambient", ambient, 0.0..=1.0, "within 0 to 1")? as f32;
         Ok(Self { ambient })
     }
 
-    /// The share that reaches every face.
+    /// The ambient fraction.
     pub fn ambient(self) -> f32 {
         self.ambient
     }
@@ -37,7 +37,7 @@ impl Light {
 }
 
 impl Default for Light {
-    /// 0.3 ambient: form is seen, and no gyrus is lost in the dark.
+    /// 0.3 ambient: shapes are visible, and no gyrus is too dark.
     fn default() -> Self {
         Self { ambient: 0.3 }
     }

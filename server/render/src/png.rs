@@ -1,18 +1,15 @@
-//! PNG files with their notice and their story.
+//! PNG files with the notice and metadata.
 
 use std::borrow::Cow;
 
-use crate::{Frame, PixelFormat, RenderError};
-
-/// What every picture says, in its PNG text `Disclaimer`.
-pub const RESEARCH_USE_NOTICE: &str = "For research use only. Not for diagnosis.";
+use crate::{Frame, PixelFormat, RESEARCH_USE_NOTICE, RenderError};
 
 /// Encodes a picture as PNG, grey as grey, with [`RESEARCH_USE_NOTICE`] and the given texts (keyword, value).
 ///
 /// Texts in Latin-1 become `tEXt` chunks, others `iTXt`.
 ///
 /// # Errors
-/// When a keyword is not 1 to 79 printable Latin-1 characters.
+/// If a keyword is not 1 to 79 printable Latin-1 characters.
 pub fn encode_png(frame: &Frame, texts: &[(&str, String)]) -> Result<Vec<u8>, RenderError> {
     let mut bytes = Vec::with_capacity(frame.bytes().len() / 4 + 1024);
     let mut encoder = png::Encoder::new(&mut bytes, frame.size().width(), frame.size().height());

@@ -1,4 +1,4 @@
-//! Nine slices of a head with the contours of its envelope and of the cuts below it, to judge a mask by.
+//! Nine slices of a head with the contours of its envelope and of the cuts below it, for checking a mask.
 
 use glam::DVec3;
 
@@ -6,33 +6,30 @@ use crate::annotate::{edge_letters, letter_at};
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
-    Frame, FrameSize, PixelFormat, RenderError, Scene, SheetPlan, SliceParameters, SlicePlane,
-    SliceRequest, Window, draw_slice,
+    Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, RenderError, Scene, SheetPlan,
+    SliceParameters, SlicePlane, SliceRequest, Window, draw_slice,
 };
 
-/// Depths whose contours are drawn: the envelope itself, and cuts through the cortex and below it.
+/// The depths of the contours: the envelope itself, and cuts through the cortex and below it.
 const DEPTHS_MM: [f64; 5] = [0.0, 4.0, 8.0, 12.0, 20.0];
 
-/// Where the slices lie, as parts of the brain's extent.
+/// The positions of the slices, as fractions of the extent of the brain.
 const PLACES: [f64; 3] = [0.25, 0.5, 0.75];
 
-/// Pixels along a side of a slice.
+/// Side of a slice in pixels.
 const CELL: u32 = 384;
 
-/// So much of the scale of a render that what surrounds the brain shows: where the mask left brain out, that is there.
+/// The zoom, below 1 to show the surroundings of the brain, where a mask may have missed some.
 const ZOOM: f64 = 0.78;
 
-/// What stands at the foot of the sheet.
-const NOTICE: &str = "For research use only. Not for diagnosis.";
-
-/// Draws three axial, three coronal and three sagittal slices, at a quarter, a half and three quarters of the brain's extent,
-/// with the contours of the isosurfaces at 0, 4, 8, 12 and 20 mm.
+/// Draws three axial, three coronal and three sagittal slices, at a quarter, a half and three quarters of the brain's
+/// extent, with the contours of the isosurfaces at 0, 4, 8, 12 and 20 mm.
 ///
-/// Each slice says where it lies and which way the patient lies in it. Below them stand the colours of the contours, `lines`
-/// (Latin-1) and the notice of research use. `scene` should hold the volume beyond the envelope too.
+/// Each slice shows its position and the directions of the patient. Below the slices are the colours of the contours,
+/// `lines` (Latin-1) and the notice. `scene` should hold the volume beyond the envelope too.
 ///
 /// # Errors
-/// When the brain lies too far from the scanner's origin.
+/// If the brain lies too far from the scanner's origin.
 pub fn draw_quality_sheet(
     scene: &Scene<'_>,
     window: Window,
@@ -54,7 +51,7 @@ pub fn draw_quality_sheet(
     let canvas = sheet.canvas();
     let line = canvas.line_height();
     legend(canvas, [line, foot]);
-    let notice = std::iter::once(NOTICE);
+    let notice = std::iter::once(RESEARCH_USE_NOTICE);
     let lines = lines.iter().map(String::as_str).chain(notice);
     for (number, text) in lines.enumerate() {
         canvas.write(text, line, foot + (number as i32 + 1) * line);
@@ -62,7 +59,7 @@ pub fn draw_quality_sheet(
     Ok(sheet.finish())
 }
 
-/// The coordinate of a slice at a part of the extent of the envelope's grid.
+/// The coordinate of a slice at a fraction of the extent of the envelope's grid.
 fn position_mm(scene: &Scene<'_>, plane: SlicePlane, place: f64) -> f64 {
     let grid = scene.field.grid();
     let last = DVec3::from_array(grid.size().map(|side| (side - 1) as f64));

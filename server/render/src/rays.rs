@@ -5,7 +5,7 @@ use glam::{DAffine3, DVec3};
 
 use crate::Projection;
 
-/// From places in the frame to voxel coordinates of a grid: for every pixel a line of sight.
+/// Maps positions in the frame to voxel coordinates of a grid: each pixel has a line of sight.
 ///
 /// *Heights* count towards the viewer from the plane through the target's centre, in units of `unit_mm`.
 #[derive(Debug, Clone, Copy)]
@@ -29,7 +29,7 @@ impl Rays {
         Self::through_voxels(projection, grid.voxel_from_patient(), unit_mm)
     }
 
-    /// The lines of sight of a projection through voxels that lie in the patient so.
+    /// The lines of sight of a projection through voxels with this transform.
     pub(crate) fn through_voxels(
         projection: &Projection,
         voxel_from_patient: DAffine3,

@@ -1,4 +1,4 @@
-//! What is drawn, and how it is asked for.
+//! The scene and the request for a picture.
 
 use geometry::{BoundingSphere, DeformableModel, DepthField, ShellIndex, Volume};
 
@@ -7,10 +7,10 @@ use crate::{
     Camera, ColorMap, FrameSize, Layers, Light, NamedView, Projection, RenderError, Window,
 };
 
-/// All that a renderer needs of a case. Cheap to make: it borrows everything.
+/// The data of a case that a renderer needs. Cheap to make, because it borrows everything.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
-    /// Intensities on their native grid; what surrounds the envelope may be cropped away.
+    /// Intensities on their native grid, which may be cropped around the envelope.
     pub volume: &'a Volume,
     /// Depth below the envelope.
     pub field: &'a DepthField,
@@ -18,9 +18,9 @@ pub struct Scene<'a> {
     pub normals: &'a DepthField,
     /// The envelope's voxels by depth.
     pub shell: &'a ShellIndex,
-    /// What the camera looks at.
+    /// The sphere that the camera looks at.
     pub bounds: BoundingSphere,
-    /// What is seen beside or in place of the volume's intensities.
+    /// Layers to show in addition to the intensities of the volume, or instead of them.
     pub layers: Layers<'a>,
 }
 
@@ -44,7 +44,7 @@ impl<'a> From<&'a DeformableModel> for Scene<'a> {
     }
 }
 
-/// What is behind the brain.
+/// The background.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -57,24 +57,25 @@ pub enum Background {
     Transparent,
 }
 
-/// How an isosurface is to be drawn, not yet checked: see [`RenderRequest::new`].
+/// Unchecked parameters of a [`RenderRequest`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderParameters {
     /// Depth of the isosurface below the envelope, 0 to 1000 mm; beyond the deepest point there is nothing to see.
     pub depth_mm: f64,
-    /// Where the viewer stands.
+    /// The camera.
     pub camera: Camera,
     /// Size of the picture.
     pub size: FrameSize,
-    /// Which intensities are black and white.
+    /// The display window.
     pub window: Window,
-    /// Colours for brightness.
+    /// The colour map.
     pub colormap: ColorMap,
-    /// Intensities are averaged over this depth to either side of the isosurface, 0 to 20 mm, but never beyond the envelope.
+    /// Intensities are averaged over this depth to either side of the isosurface, 0 to 20 mm, but never beyond the
+    /// envelope.
     pub slab_mm: f64,
-    /// Light and shade.
+    /// The light.
     pub light: Light,
-    /// What is behind the brain.
+    /// The background.
     pub background: Background,
 }
 
@@ -94,7 +95,7 @@ impl RenderParameters {
     }
 }
 
-/// How an isosurface is to be drawn, checked.
+/// A checked request for a picture of an isosurface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderRequest(RenderParameters);
 
@@ -102,7 +103,7 @@ impl RenderRequest {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// When `depth_mm` is not in 0..=1000 or `slab_mm` not in 0..=20.
+    /// If `depth_mm` is not in 0..=1000 or `slab_mm` not in 0..=20.
     pub fn new(parameters: RenderParameters) -> Result<Self, RenderError> {
         checked(
             "depth_mm",
@@ -114,12 +115,22 @@ impl RenderRequest {
         Ok(Self(parameters))
     }
 
-    /// The parameters, which are right.
+    /// The same at a depth of a case, within 0 to 1000 mm, through a window.
+    #[must_use]
+    pub fn shown(self, depth_mm: f64, window: Window) -> Self {
+        Self(RenderParameters {
+            depth_mm: depth_mm.clamp(0.0, 1000.0),
+            window,
+            ..self.0
+        })
+    }
+
+    /// The checked parameters.
     pub fn parameters(&self) -> &RenderParameters {
         &self.0
     }
 
-    /// How the request's camera projects `scene`.
+    /// The projection of `scene` by the camera of the request.
     pub fn projection(&self, scene: &Scene<'_>) -> Projection {
         self.0.camera.projection(&scene.bounds, self.0.size)
     }

@@ -1,4 +1,4 @@
-//! The shell's voxels in a coarse z-buffer: where lines of sight begin.
+//! A coarse z-buffer of the shell's voxels, in which lines of sight begin.
 
 use geometry::{Grid, ShellVoxel};
 use glam::{DAffine3, DVec3};
@@ -15,7 +15,7 @@ const SHELL_THICKNESS: f64 = 2.0;
 /// How far above the voxels around it a point of the isosurface may be: √3 voxels, and one for a smoothed surface.
 const MARGIN: f32 = 2.75;
 
-/// Voxels that are projected at once.
+/// Voxels projected at once.
 const LANES: usize = 64;
 
 /// The nodes of a coarse grid over the picture: about one for a voxel, at least one pixel apart.
@@ -27,7 +27,7 @@ pub(crate) struct Lattice {
     pub(crate) pitch: f32,
     pub(crate) columns: usize,
     pub(crate) rows: usize,
-    /// Whether the nodes are so many voxels apart that what is as wide as some voxels may lie between them.
+    /// Whether structures several voxels wide may lie between nodes.
     pub(crate) is_wide: bool,
 }
 
@@ -68,7 +68,7 @@ pub(crate) struct Seeds {
 }
 
 impl Seeds {
-    /// Projects the voxels of the shell [D, D + δ), found by binary search (the paper's section 3.3).
+    /// Projects the voxels of the shell [D, D + δ), found by binary search (section 3.3 of the paper).
     pub(crate) fn new(scene: &Scene<'_>, request: &RenderRequest, projection: &Projection) -> Self {
         let grid = scene.shell.grid();
         let voxel_mm = grid.spacing_mm()[0];
@@ -102,7 +102,8 @@ impl Seeds {
         greatest_around(&self.cells, self.lattice.columns, 1, 0)
     }
 
-    /// At each node a height above which no line of sight within a node of it enters the isosurface; −∞ where none does.
+    /// At each node a height above which no line of sight within a node of it enters the isosurface; −∞ where none
+    /// does.
     ///
     /// A voxel beside a point of the isosurface is at most √3 voxels from it,
     /// and so in one of the 4 × 4 cells around each of the four nodes around it.

@@ -1,4 +1,4 @@
-//! The mesh beside the other renderers' isosurface.
+//! Moves the mesh onto the isosurface of the other renderers.
 
 use std::borrow::Cow;
 
@@ -9,16 +9,17 @@ use rayon::prelude::*;
 use crate::Scene;
 use crate::isosurface::Isosurface;
 
-/// How often a vertex is moved. What is left of its distance shrinks to a third or less each time.
+/// How often a vertex is moved. Each move reduces its distance to a third or less.
 const MOVES: usize = 4;
 
 /// The farthest that a vertex moves at once, in voxels.
 const FARTHEST: f32 = 1.0;
 
-/// The mesh as it is drawn.
+/// The mesh to draw.
 ///
-/// From five voxels of depth on, as it is. Nearer to the envelope its voxels would show, so the other renderers draw an
-/// isosurface without these terraces, up to a voxel away: there the vertices go, each along the gradient.
+/// From a depth of five voxels on, the mesh is unchanged. Nearer to the envelope, its voxels would be visible, so the
+/// other renderers draw an isosurface without these terraces, up to a voxel away; the vertices move there along the
+/// gradient.
 pub(crate) fn settled<'a>(mesh: &'a ShrunkMesh, scene: &Scene<'_>) -> Cow<'a, ShrunkMesh> {
     let isosurface = Isosurface::new(scene.field, scene.normals, f64::from(mesh.depth_mm));
     if !isosurface.is_smoothed() {

@@ -1,13 +1,13 @@
-//! From a point of the surface to the bytes of its pixel.
+//! Computes the bytes of a pixel from its point of the surface.
 
 use geometry::{Rescale, Volume};
 use glam::{DAffine3, DVec3};
 use multiversion::multiversion;
 
 use crate::layer::{LayerSampler, OverlayRamp};
+use crate::points::PointRow;
 use crate::rays::{Rays, single};
 use crate::sampler::{Sampler, trilinear, whole};
-use crate::surface::PointRow;
 use crate::window::WindowLine;
 use crate::{
     Background, Layers, Light, Overlay, PixelFormat, Projection, RenderParameters, RenderRequest,
@@ -33,7 +33,7 @@ pub(crate) struct Shade<'a> {
     slab: Option<Slab>,
 }
 
-/// What the brightness of a surface is taken from: the case's intensities or a layer.
+/// The source of the brightness of a surface: the intensities of the case or a layer.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Texture<'a> {
     Volume(Sampler<'a, u16>),
@@ -51,7 +51,7 @@ impl<'a> Texture<'a> {
         }
     }
 
-    /// The value at a position in voxel coordinates; `None` outside and where it is undefined.
+    /// The value at a position in voxel coordinates; `None` if outside or undefined.
     #[inline]
     pub(crate) fn at(&self, position: [f32; 3]) -> Option<f32> {
         match self {
@@ -61,7 +61,7 @@ impl<'a> Texture<'a> {
     }
 }
 
-/// Where the voxels of a scene's texture lie in the patient.
+/// The transform from the voxels of a scene's texture to the patient.
 pub(crate) fn texture_from_patient(scene: &Scene<'_>) -> DAffine3 {
     match scene.layers.base {
         Some(layer) => layer.voxel_from_case(),
@@ -69,7 +69,7 @@ pub(crate) fn texture_from_patient(scene: &Scene<'_>) -> DAffine3 {
     }
 }
 
-/// How the stored values of a scene's texture become those of a window.
+/// The window for the stored values of a scene's texture.
 pub(crate) fn texture_rescale(scene: &Scene<'_>) -> Rescale {
     match scene.layers.base {
         Some(_) => Rescale {
@@ -80,7 +80,7 @@ pub(crate) fn texture_rescale(scene: &Scene<'_>) -> Rescale {
     }
 }
 
-/// Lays the colours of a layer over those of a texture.
+/// Blends the colours of a layer over a texture.
 #[derive(Debug)]
 pub(crate) struct OverlayPaint<'a> {
     layer: LayerSampler<'a>,
@@ -132,7 +132,7 @@ impl Slab {
     }
 }
 
-/// Where a slab is sampled along the depth, in mm from the isosurface, at equal distances; nowhere when there is no slab.
+/// Where a slab is sampled along the depth, in mm from the isosurface, at equal distances; empty without a slab.
 ///
 /// Over ±`slab_mm`, at most half a native voxel apart, none beyond the envelope.
 pub(crate) fn slab_offsets(slab_mm: f64, depth_mm: f64, volume: &Volume) -> Vec<f32> {
@@ -189,7 +189,7 @@ impl<'a> Shade<'a> {
         }
     }
 
-    /// What the bytes of a pixel mean.
+    /// The format of a pixel.
     pub(crate) fn format(&self) -> PixelFormat {
         self.format
     }
@@ -301,7 +301,7 @@ impl<'a> Shade<'a> {
         }
     }
 
-    /// The mean over the slab about a surface point; `None` outside of the volume.
+    /// The mean over the slab about a surface point; `None` outside the volume.
     fn slab_mean(&self, slab: &Slab, position: [f32; 3], inward: [f32; 3]) -> Option<f32> {
         let [x, y, z] = inward;
         let length = (x * x + y * y + z * z).sqrt().max(1e-6);

@@ -4,7 +4,7 @@ use crate::canvas::Canvas;
 use crate::error::checked;
 use crate::{Frame, FrameSize, MAX_SIDE, PixelFormat, RenderError};
 
-/// Where things stand on a contact sheet: rows and columns of cells of one size, each row and column with its label.
+/// The layout of a contact sheet: rows and columns of cells of one size, each row and column with its label.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SheetPlan {
     cell: FrameSize,
@@ -15,7 +15,7 @@ pub struct SheetPlan {
     size: FrameSize,
 }
 
-/// A sheet that is being filled.
+/// A sheet to fill.
 #[derive(Debug)]
 pub struct Sheet {
     plan: SheetPlan,
@@ -26,7 +26,7 @@ impl SheetPlan {
     /// A sheet of `rows` × `columns` cells, under these labels (Latin-1).
     ///
     /// # Errors
-    /// When the sheet would have a side of more than [`MAX_SIDE`] pixels, or no cell.
+    /// If a side would exceed [`MAX_SIDE`] pixels, or there would be no cell.
     pub fn new(
         cell: FrameSize,
         rows: Vec<String>,
@@ -55,10 +55,10 @@ impl SheetPlan {
         })
     }
 
-    /// The same with room for so many lines of text below the cells, and half a line around them.
+    /// Adds room for lines of text below the cells, and half a line around them.
     ///
     /// # Errors
-    /// When the sheet would be too high.
+    /// If the sheet would be too high.
     pub(crate) fn with_footer(self, lines: usize) -> Result<Self, RenderError> {
         let [_, line] = crate::canvas::letter_size(self.cell.width().min(self.cell.height()));
         let lines = u32::try_from(lines).unwrap_or(u32::MAX);
@@ -103,7 +103,7 @@ impl Sheet {
     /// Puts a picture into a cell.
     ///
     /// # Panics
-    /// When there is no such cell, or the picture has another size or format than the sheet's.
+    /// If there is no such cell, or the picture has another size or format than the sheet's.
     pub fn put(&mut self, frame: &Frame, row: usize, column: usize) {
         assert_eq!(frame.size(), self.plan.cell, "a picture fills its cell");
         assert!(row < self.plan.rows.len() && column < self.plan.columns.len());
@@ -113,7 +113,7 @@ impl Sheet {
         self.canvas.put(frame, x, y);
     }
 
-    /// To write below the cells.
+    /// The canvas, to write below the cells.
     pub(crate) fn canvas(&mut self) -> &mut Canvas {
         &mut self.canvas
     }

@@ -1,17 +1,19 @@
-//! The state of a picture, to be kept with it.
+//! The state of a picture, stored in its file.
 
 use glam::DQuat;
 
 use crate::annotate::edge_letters;
 use crate::{Background, Camera, Layers, RenderRequest, SliceRequest, Window};
 
-/// The program, as every picture names its maker.
+/// The name of the program in each picture.
 const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
 
-/// All that is needed to draw a picture again, as PNG texts (keyword, value) for [`crate::encode_png`], which adds the notice itself.
+/// The state needed to draw a picture again, as PNG texts (keyword, value) for [`crate::encode_png`], which adds the
+/// notice itself.
 ///
-/// `case` is the case's id, which holds nothing of the patient; `renderer` the name of the one that drew. Lengths are in mm, the
-/// orientation is the quaternion x,y,z,w from patient to view space, the window its centre and width.
+/// `case` is the id of the case, which reveals nothing about the patient; `renderer` is the name of the renderer.
+/// Lengths are in mm, the orientation is the quaternion x,y,z,w from patient to view space, the window its centre and
+/// width.
 pub fn state_texts(
     case: &str,
     renderer: &str,
@@ -41,10 +43,10 @@ pub fn state_texts(
     texts
 }
 
-/// All that is needed to draw a slice again, and to read it, as [`state_texts`] has it for a render.
+/// The state needed to draw a slice again and to read it: see [`state_texts`].
 ///
-/// `position_mm` is the LPS coordinate across the `plane`, `depth_mm` the depths of the contours with commas (empty where there are none),
-/// and `convention` says which way the patient lies: `left R, right L, up A, down P`.
+/// `position_mm` is the LPS coordinate across the `plane`, `depth_mm` the depths of the contours with commas (empty if
+/// there are none), and `convention` states the directions of the patient: `left R, right L, up A, down P`.
 pub fn slice_texts(
     case: &str,
     request: &SliceRequest,
@@ -69,7 +71,7 @@ pub fn slice_texts(
     texts
 }
 
-/// The layers of a picture by the keys that ask for them; nothing of a picture without.
+/// The layers of a picture, under the keys of its request; empty without layers.
 fn layer_texts(layers: &Layers<'_>) -> Vec<(&'static str, String)> {
     let mut texts = Vec::new();
     if let Some(base) = layers.base {
@@ -100,18 +102,18 @@ fn camera_texts(camera: &Camera) -> [(&'static str, String); 3] {
     ]
 }
 
-/// A window as the interfaces take it: `c,w`.
+/// A window in the syntax of the interfaces: `c,w`.
 fn window_text(window: Window) -> String {
     format!("{},{}", window.centre(), window.width())
 }
 
-/// Where the patient's directions are in a picture.
+/// The directions of the patient in a picture.
 fn convention(orientation: DQuat) -> String {
     let [left, right, up, down] = edge_letters(orientation);
     format!("left {left}, right {right}, up {up}, down {down}")
 }
 
-/// What a quality sheet is of, as [`state_texts`] has it for a render.
+/// The state of a quality sheet: see [`state_texts`].
 pub fn sheet_texts(case: &str, window: Window) -> Vec<(&'static str, String)> {
     vec![
         ("Software", SOFTWARE.to_owned()),

@@ -1,62 +1,20 @@
-//! What every pixel of a picture shows, whoever finds it.
+//! The surface that the pixels of a picture show, for every renderer.
 
 use rayon::prelude::*;
 
 use crate::known::{cut_planes, leave_bare};
+use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::shade::Shade;
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 
-/// Rows that a thread takes at once.
+/// Rows per piece of work of a thread.
 pub(crate) const BAND: usize = 16;
 
 /// Finds the point of an isosurface that each pixel shows.
 pub(crate) trait Surface: Sync {
     /// Writes what each pixel of some rows shows, from row `first` on; `rows` hold nothing before.
     fn find_rows(&self, first: usize, rows: &mut [PointRow]);
-}
-
-/// The points of the isosurface that a row of pixels shows.
-#[derive(Debug, Clone)]
-pub(crate) struct PointRow {
-    /// Heights towards the viewer from the plane through the target's centre, in working voxels; −∞ where there is no point.
-    pub(crate) heights: Vec<f32>,
-    /// Cosines between the outward normal and the direction to the viewer.
-    pub(crate) facing: Vec<f32>,
-    /// About unit vectors into the brain, in patient space; empty when nobody asks for them.
-    pub(crate) inward: Vec<[f32; 3]>,
-    /// How many quarters of each pixel the surface covers; empty where it is all of them.
-    pub(crate) quarters: Vec<u8>,
-}
-
-/// A point of the isosurface as [`PointRow`] keeps it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Point {
-    pub(crate) height: f32,
-    pub(crate) facing: f32,
-    pub(crate) inward: [f32; 3],
-}
-
-impl PointRow {
-    /// A row of `width` pixels that show nothing, with or without directions into the brain.
-    pub(crate) fn new(width: usize, with_inward: bool) -> Self {
-        Self {
-            heights: vec![f32::NEG_INFINITY; width],
-            facing: vec![0.0; width],
-            inward: vec![[0.0; 3]; if with_inward { width } else { 0 }],
-            quarters: Vec::new(),
-        }
-    }
-
-    /// Writes what a pixel shows.
-    #[inline]
-    pub(crate) fn set(&mut self, column: usize, point: Point) {
-        self.heights[column] = point.height;
-        self.facing[column] = point.facing;
-        if let Some(inward) = self.inward.get_mut(column) {
-            *inward = point.inward;
-        }
-    }
 }
 
 /// The picture of a surface.
@@ -86,10 +44,10 @@ pub(crate) fn draw(
     Frame::new(size, shade.format(), bytes)
 }
 
-/// Whether a picture is still wanted. Asked again and again while it is drawn, from any thread.
+/// Whether a picture is still wanted. Called repeatedly while it is drawn, from any thread.
 pub type Wanted<'a> = dyn Fn() -> bool + Sync + 'a;
 
-/// The picture of a surface; `None` where it was no longer wanted before it was finished, which then is soon.
+/// The picture of a surface; `None` soon after it is no longer wanted.
 pub(crate) fn draw_while(
     surface: &impl Surface,
     scene: &Scene<'_>,
@@ -101,7 +59,7 @@ pub(crate) fn draw_while(
     is_wanted().then_some(frame)
 }
 
-/// A surface that shows nothing any more once it is not wanted.
+/// A surface that shows nothing after it is no longer wanted.
 struct WhileWanted<'a, S> {
     surface: &'a S,
     is_wanted: &'a Wanted<'a>,

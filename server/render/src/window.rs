@@ -1,20 +1,20 @@
-//! From intensities to the displayed range.
+//! Display windows.
 
 use crate::RenderError;
 use crate::error::checked;
 
 /// A display window: centre and width in units of intensity.
 ///
-/// The function is DICOM PS3.3 C.11.2.1.2.1, `LINEAR`: what is at most `centre − 0.5 − (width − 1)/2` is
-/// black, what is above `centre − 0.5 + (width − 1)/2` is white, and between them runs a straight ramp. Intensities are real
-/// numbers here, so that the window may be, too: the ramp is `width − 1` long however small that is, and at width 1 it is a step.
+/// The function is DICOM PS3.3 C.11.2.1.2.1, `LINEAR`: intensities up to `centre − 0.5 − (width − 1)/2` are black,
+/// intensities above `centre − 0.5 + (width − 1)/2` are white, and between them the brightness is linear. Intensities
+/// and windows are real numbers here: the ramp is `width − 1` long, however small that is, and a step at width 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Window {
     centre: f64,
     width: f64,
 }
 
-/// The widths that are accepted, in words.
+/// A description of the accepted widths.
 const WIDTHS: &str = "within 1 to 1e9: as DICOM has it (LINEAR), the ramp from black to white is width - 1 long, and its middle is \
                       centre - 0.5";
 
@@ -22,7 +22,7 @@ impl Window {
     /// A window of `centre` and `width`.
     ///
     /// # Errors
-    /// When `centre` is not within ±1e9, or `width` not in 1..=1e9.
+    /// If `centre` is not within ±1e9, or `width` not in 1..=1e9.
     pub fn new(centre: f64, width: f64) -> Result<Self, RenderError> {
         Ok(Self {
             centre: checked("window centre", centre, -1e9..=1e9, "within -1e9 to 1e9")?,
@@ -32,8 +32,8 @@ impl Window {
 
     /// The window whose ramp runs exactly from `black` to `white`.
     ///
-    /// With the 2nd and the 98th percentile inside the envelope this is the default window. Bounds that are equal, crossed or not finite
-    /// give a step at the first of them.
+    /// With the 2nd and 98th percentiles inside the envelope, this is the default window. Bounds that are equal,
+    /// crossed or not finite give a step at the first of them.
     pub fn between(black: f32, white: f32) -> Self {
         let black = if black.is_finite() {
             f64::from(black)
@@ -83,7 +83,8 @@ impl Window {
 
     /// The window for the stored values of a volume: what is done for every pixel.
     ///
-    /// A slope of 0 gives all of them the intercept's brightness; a step is a very steep ramp that begins where it should.
+    /// With a slope of 0, all values have the brightness of the intercept; a step is a very steep ramp that begins at
+    /// the same place.
     pub(crate) fn line(self, rescale: geometry::Rescale) -> WindowLine {
         let [black, white] = self.ramp();
         let [slope, intercept] = [rescale.slope, rescale.intercept].map(f64::from);

@@ -18,7 +18,7 @@ use crate::problem::AppError;
 use crate::routes;
 use crate::state::AppState;
 
-/// Headers of every answer. Nothing comes from another host, nothing is shown in another's frame, and no type is guessed.
+/// Headers of every answer: nothing from another host, no frames, no guessed types.
 const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
@@ -41,7 +41,7 @@ const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
     ),
 ];
 
-/// Builds the whole service. It can be served, or asked with `oneshot` and no socket.
+/// Builds the whole service. Serve it, or call `oneshot` without a socket.
 pub fn app(state: AppState) -> Router {
     let (routes, openapi) = routes::all(&state);
     let (access, metrics) = (Access::from_ref(&state), Metrics::from_ref(&state));
@@ -69,7 +69,7 @@ async fn add_security_headers<B>(mut response: Response<B>) -> Response<B> {
     response
 }
 
-/// The panic's own text goes to standard error by the panic hook, never to the client.
+/// The panic hook writes the text of the panic to standard error; it never reaches the client.
 fn panicked(_panic: Box<dyn Any + Send + 'static>) -> axum::response::Response {
     tracing::error!("a handler panicked");
     AppError::from(Error::Internal).into_response()

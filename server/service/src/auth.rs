@@ -1,4 +1,4 @@
-//! Who may ask: the bearer token, the Host header, and pages of other sites.
+//! Access control: the bearer token, the Host header, and pages of other sites.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -16,33 +16,33 @@ use crate::problem::AppError;
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
 
-/// Who may ask.
+/// The access rules.
 ///
-/// With a token every request under `/v1` must carry it, whatever name the server was reached by. Without one the server
-/// listens on this machine alone, and answers only to the names of this machine: a page of another site that has its
-/// own name resolve to 127.0.0.1 (DNS rebinding) is refused by its Host header.
+/// With a token, every request under `/v1` must carry it, under any host name. Without a token, the server listens on
+/// this machine only and accepts only its names as Host, which defeats DNS rebinding: a page of another site whose name
+/// resolves to 127.0.0.1.
 #[derive(Debug, Clone, Default)]
 pub struct Access {
-    /// A digest: digests are compared in constant time, and tokens of any length in the same.
+    /// A digest, so that tokens of any length are compared in constant time.
     token: Option<blake3::Hash>,
     guesses: Arc<Guesses>,
 }
 
-/// The token cannot be used.
+/// The token is too weak.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the token must be at least {MIN_TOKEN_LENGTH} printable ASCII characters without spaces")]
 pub struct BadToken;
 
 impl Access {
-    /// Anyone on this machine may ask.
+    /// Everyone on this machine has access.
     pub fn of_this_machine() -> Self {
         Self::default()
     }
 
-    /// Whoever knows the token may ask.
+    /// Everyone with the token has access.
     ///
     /// # Errors
-    /// When the token is too short, or cannot be sent in a header.
+    /// If the token is too short, or cannot be sent in a header.
     pub fn with_token(token: &str) -> Result<Self, BadToken> {
         let sendable = token.bytes().all(|byte| byte.is_ascii_graphic());
         if token.len() < MIN_TOKEN_LENGTH || !sendable {
@@ -54,7 +54,7 @@ impl Access {
         })
     }
 
-    /// Whether a token is wanted.
+    /// Whether a token is required.
     pub fn wants_token(&self) -> bool {
         self.token.is_some()
     }
@@ -114,11 +114,11 @@ fn is_name_of_this_machine(host: &str) -> bool {
         || address.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
 }
 
-/// Whether a page of another site wants to change something, as far as its browser says.
+/// Whether a page of another site requests a change, according to its browser.
 ///
-/// `Sec-Fetch-Site` decides where it is sent: it is right behind a proxy that changes `Host`, too. Browsers leave it out on plain
-/// HTTP to other machines, and old ones always; there a change must come from the authority that it goes to, by `Origin`. What sends
-/// neither is no page.
+/// `Sec-Fetch-Site` decides if it is present; it is correct even behind a proxy that changes `Host`. Browsers omit it
+/// on plain HTTP to other machines, and old browsers always; then the `Origin` must match the authority of the request.
+/// A request with neither header does not come from a page.
 fn is_cross_site_change(method: &Method, uri: &Uri, headers: &HeaderMap) -> bool {
     if method.is_safe() {
         return false;
@@ -132,7 +132,8 @@ fn is_cross_site_change(method: &Method, uri: &Uri, headers: &HeaderMap) -> bool
     }
 }
 
-/// Whether an origin names the host and port that the request goes to, whatever the scheme: a proxy may have ended TLS.
+/// Whether an origin has the host and port of the request. The scheme may differ, because a proxy may have terminated
+/// TLS.
 fn is_own_origin(origin: &HeaderValue, uri: &Uri, headers: &HeaderMap) -> bool {
     let host = headers
         .get(header::HOST)
@@ -152,7 +153,7 @@ fn is_own_origin(origin: &HeaderValue, uri: &Uri, headers: &HeaderMap) -> bool {
     named.eq_ignore_ascii_case(asked)
 }
 
-/// Refuses requests that name another machine, and changes asked for by pages of other sites.
+/// Rejects requests with another Host, and changes requested by pages of other sites.
 ///
 /// # Errors
 /// [`AppError::WrongHost`], [`AppError::CrossSite`].
@@ -168,7 +169,7 @@ pub async fn guard_origin(
     Ok(next.run(request).await)
 }
 
-/// Refuses requests without the token, where one is configured. The answer to a wrong one waits, longer each time.
+/// Rejects requests without the token, if one is configured. The answer to a wrong token is delayed, longer each time.
 ///
 /// # Errors
 /// [`AppError::Unauthorized`].
@@ -178,7 +179,7 @@ pub async fn require_token(
     next: Next,
 ) -> Result<Response, AppError> {
     if let Err(refusal) = access.check_token(request.headers()) {
-        // Who sends no token does not guess.
+        // A request without a token is not a guess.
         if bearer_token(request.headers()).is_some() {
             let peer = request.extensions().get::<Peer>();
             access.guesses.punish(peer.map(|peer| peer.0)).await;

@@ -13,12 +13,12 @@ use crate::negotiate::Coding;
 use crate::problem::AppError;
 
 /// Part of every entity tag: raised when the bytes of any answer to the same request change.
-const FORMAT_VERSION: u8 = 2;
+const FORMAT_VERSION: u8 = 3;
 
 /// How long answers stay fresh: a pure function of id and query never goes stale.
 const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
-/// The client keeps the answer, asks again each time, and gets 304 if nothing has changed.
+/// The client stores the answer and validates it before each use; it gets 304 if nothing has changed.
 pub const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 
 /// A strong entity tag.
@@ -28,7 +28,7 @@ pub struct EntityTag(HeaderValue);
 impl EntityTag {
     /// The tag of an answer about a case: a digest of the case, the route, the checked query and what was negotiated.
     ///
-    /// `query` is the checked query; equal queries have equal tags, in whatever order and spelling they came.
+    /// `query` is the checked query; equal queries have equal tags, in any order and spelling.
     pub fn of_answer(
         id: &CaseId,
         route: &str,
@@ -78,7 +78,7 @@ impl EntityTag {
             .any(|tag| tag == b"*" || tag.strip_prefix(b"W/").unwrap_or(tag) == own)
     }
 
-    /// Whether a range may be cut from this answer (`If-Range`, where there is one).
+    /// Whether a range of this answer may be sent (`If-Range`, if present).
     fn allows_range(&self, request: &HeaderMap) -> bool {
         request
             .get(header::IF_RANGE)
@@ -86,12 +86,12 @@ impl EntityTag {
     }
 }
 
-/// What is asked about a case, where the answer to the same question never changes.
+/// A question about a case whose answer never changes.
 #[derive(Debug)]
 pub struct Question<'a, Q> {
     /// The case.
     pub id: CaseId,
-    /// What about it: the rest of the route.
+    /// The rest of the route.
     pub route: &'static str,
     /// The checked query.
     pub query: &'a Q,
@@ -99,20 +99,20 @@ pub struct Question<'a, Q> {
     pub request: &'a HeaderMap,
 }
 
-/// The form in which a question is answered.
+/// The format of an answer.
 #[derive(Debug)]
-pub struct Form {
+pub struct Format {
     media_type: &'static str,
-    /// What else tells answers to one question apart; by default the media type.
+    /// A name that distinguishes answers to one question; by default the media type.
     variant: String,
-    /// What the answer says of the case that can change.
+    /// Facts about the case in the answer that can change.
     named: Option<String>,
     coding: Coding,
     vary: &'static str,
     cache_control: HeaderValue,
 }
 
-impl Form {
+impl Format {
     /// A media type that was negotiated, not compressed.
     pub fn of(media_type: &'static str) -> Self {
         Self {
@@ -125,7 +125,7 @@ impl Form {
         }
     }
 
-    /// A media type that is the only one, compressed as the client prefers.
+    /// The only media type, compressed as the client prefers.
     pub fn compressed(media_type: &'static str, request: &HeaderMap) -> Self {
         Self {
             coding: coding_for(request),
@@ -134,7 +134,7 @@ impl Form {
         }
     }
 
-    /// The same form, told apart by something else than its media type.
+    /// The format, distinguished by a name other than its media type.
     #[must_use]
     pub fn variant(self, variant: impl Into<String>) -> Self {
         Self {
@@ -143,7 +143,7 @@ impl Form {
         }
     }
 
-    /// The same form of an answer that a later version of this program may give otherwise: caches ask each time whether it is the same.
+    /// The form for answers that a later version of this program may change: caches must validate them before each use.
     #[must_use]
     pub fn revalidated(self) -> Self {
         Self {
@@ -152,7 +152,7 @@ impl Form {
         }
     }
 
-    /// The same form, with what the answer says of the case that can change: the client asks for it again each time.
+    /// The form for answers with facts about the case that can change: the client must validate them before each use.
     #[must_use]
     pub fn named(self, named: Option<String>) -> Self {
         match named {
@@ -170,14 +170,14 @@ impl Form {
     }
 }
 
-/// What was found out for an answer.
+/// The result of the work for an answer.
 #[derive(Debug, Default)]
 pub struct Content {
-    /// The bytes, in the coding of the form.
+    /// The bytes, in the coding of the format.
     pub body: Bytes,
-    /// What else to say about them.
+    /// Further headers.
     pub headers: HeaderMap,
-    /// The variant of the form, if the work decided on another one.
+    /// The variant of the format, if the work chose another one.
     pub variant: Option<String>,
 }
 
@@ -191,42 +191,43 @@ impl From<Bytes> for Content {
 }
 
 impl<Q: serde::Serialize> Question<'_, Q> {
-    /// Answers about a case that is ready: by 304 without any work if the client has the answer, and otherwise with what `work` finds.
+    /// Answers a question about a ready case: with 304 and without any work if the client has the answer, otherwise
+    /// with the result of `work`.
     ///
     /// # Errors
     /// As [`Cases::ready`] and [`Representation::respond`], and those of `work`.
     pub async fn answer(
         self,
         cases: &Cases,
-        form: Form,
+        format: Format,
         work: impl AsyncFnOnce(Arc<CaseFacts>) -> Result<Content, AppError>,
     ) -> Result<Response, AppError> {
         let tag_of = |variant: &str| {
-            let named = form.named.as_deref().unwrap_or_default();
+            let named = format.named.as_deref().unwrap_or_default();
             let variant = format!("{variant} {named}");
-            let negotiated = (variant.trim_end(), form.coding);
+            let negotiated = (variant.trim_end(), format.coding);
             EntityTag::of_answer(&self.id, self.route, self.query, negotiated)
         };
-        let tag = tag_of(&form.variant);
+        let tag = tag_of(&format.variant);
         let facts = cases.ready(&self.id).await?;
         if tag.is_known_to(self.request) {
-            return Ok(not_modified(&tag, form.vary, form.cache_control));
+            return Ok(not_modified(&tag, format.vary, format.cache_control));
         }
         let content = work(facts).await?;
         Representation {
             tag: content.variant.as_deref().map_or(tag, tag_of),
-            media_type: form.media_type,
-            coding: form.coding,
+            media_type: format.media_type,
+            coding: format.coding,
             body: content.body,
             headers: content.headers,
-            vary: form.vary,
-            cache_control: form.cache_control,
+            vary: format.vary,
+            cache_control: format.cache_control,
         }
         .respond(self.request)
     }
 }
 
-/// The coding to answer in. A request for a range is answered without one, so that ranges count the bytes that are documented.
+/// The coding of the answer. A range request is answered without one, so that ranges refer to the documented bytes.
 pub fn coding_for(request: &HeaderMap) -> Coding {
     if request.contains_key(header::RANGE) {
         Coding::Identity
@@ -246,7 +247,7 @@ pub struct Representation {
     pub coding: Coding,
     /// The bytes, in that coding.
     pub body: Bytes,
-    /// What else to say about it.
+    /// Further headers.
     pub headers: HeaderMap,
     /// The request headers on which the answer depends, for `Vary`.
     pub vary: &'static str,
@@ -255,7 +256,7 @@ pub struct Representation {
 }
 
 impl Representation {
-    /// The answer to a request: whole, the part asked for (206), or nothing new (304).
+    /// The answer to a request: complete (200), the requested range (206), or unchanged (304).
     ///
     /// # Errors
     /// [`AppError::RangeNotSatisfiable`] when the range begins beyond the end.
@@ -294,7 +295,7 @@ impl Representation {
     }
 }
 
-/// The answer to a client that has it already.
+/// The answer to a client that already has it.
 fn not_modified(tag: &EntityTag, vary: &'static str, cache_control: HeaderValue) -> Response {
     let mut response = StatusCode::NOT_MODIFIED.into_response();
     about(response.headers_mut(), tag, vary, cache_control);
@@ -307,7 +308,7 @@ fn about(headers: &mut HeaderMap, tag: &EntityTag, vary: &'static str, cache_con
     headers.insert(header::VARY, HeaderValue::from_static(vary));
 }
 
-/// Sets a header whose text is known to be printable.
+/// Sets a header to a printable text.
 pub fn insert(headers: &mut HeaderMap, name: HeaderName, text: &str) {
     if let Ok(value) = HeaderValue::from_str(text) {
         headers.insert(name, value);
@@ -316,7 +317,7 @@ pub fn insert(headers: &mut HeaderMap, name: HeaderName, text: &str) {
 
 /// The one byte range asked for, first and last byte; `Err` where it cannot be satisfied.
 ///
-/// `None` where there is none, or it is malformed, or there are several: the whole is sent then (RFC 9110, section 14.2).
+/// `None` if there is none, or it is malformed, or there are several: the whole is sent then (RFC 9110, section 14.2).
 fn range_of(request: &HeaderMap, length: u64) -> Option<Result<(u64, u64), ()>> {
     let text = request.get(header::RANGE)?.to_str().ok()?;
     let (first, last) = text.trim().strip_prefix("bytes=")?.split_once('-')?;
@@ -375,6 +376,7 @@ mod tests {
         assert_eq!(content_range("bytes=2-4"), "bytes 2-4/10");
         assert_eq!(content_range("bytes=7-"), "bytes 7-9/10");
         assert_eq!(content_range("bytes=-3"), "bytes 7-9/10");
+        assert_eq!(content_range("bytes=-99"), "bytes 0-9/10");
         assert_eq!(content_range("bytes=0-999"), "bytes 0-9/10");
     }
 

@@ -1,19 +1,19 @@
-//! The body of a form, with an end to what is no part of it.
+//! The body of a form, with a limit on the bytes outside of parts.
 
-use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::task::{Context, Poll};
 
-use axum::body::{Body, Bytes, HttpBody};
-use hyper::body::{Frame, SizeHint};
+use axum::BoxError;
+use axum::body::{Body, Bytes};
+use futures_util::stream::{self, StreamExt as _};
 
 /// The most bytes from a boundary (at first, from the beginning) to the end of the next part's header.
 const MAX_HEADER_BYTES: usize = 16 << 10;
 
-/// What counts the bytes of a form that belong to no part yet.
+/// Counts the bytes of a form that belong to no part yet.
 ///
-/// multer, which reads the form, gathers everything until it finds a boundary and the end of a part's header, without a limit.
+/// multer, which reads the form, gathers everything until it finds a boundary and the end of a part's header, without a
+/// limit.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct HeaderBudget(Arc<AtomicUsize>);
 
@@ -31,11 +31,18 @@ impl HeaderBudget {
     /// The body of a form that this counts.
     pub(crate) fn watch(&self, body: Body) -> Body {
         self.begin_header();
-        Body::new(FormBody {
-            body,
-            budget: self.clone(),
-            rests: false,
-        })
+        let start = (body.into_data_stream(), self.clone());
+        Body::from_stream(stream::unfold(start, async |(mut pieces, budget)| {
+            // After each piece there seems to be no more for a moment, so that multer looks at what it has before it
+            // gathers more.
+            tokio::task::yield_now().await;
+            let piece = match budget.is_spent() {
+                true => Err(NoPart.into()),
+                false => pieces.next().await?.map_err(BoxError::from),
+            };
+            budget.spend(piece.as_ref().map_or(0, Bytes::len));
+            Some((piece, (pieces, budget)))
+        }))
     }
 
     fn is_spent(&self) -> bool {
@@ -50,50 +57,10 @@ impl HeaderBudget {
     }
 }
 
-/// The form has no part where one should be.
+/// A part is missing where one must begin.
 #[derive(Debug, thiserror::Error)]
-#[error("no header of a part ends within {MAX_HEADER_BYTES} bytes")]
+#[error("the header of a part does not end within {MAX_HEADER_BYTES} bytes")]
 struct NoPart;
-
-struct FormBody {
-    body: Body,
-    budget: HeaderBudget,
-    /// After each piece the body seems to have no more for a moment, so that multer looks at what it has before it gathers more.
-    rests: bool,
-}
-
-impl HttpBody for FormBody {
-    type Data = Bytes;
-    type Error = axum::BoxError;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Self::Error>>> {
-        if std::mem::take(&mut self.rests) {
-            context.waker().wake_by_ref();
-            return Poll::Pending;
-        }
-        if self.budget.is_spent() {
-            return Poll::Ready(Some(Err(NoPart.into())));
-        }
-        let frame = std::task::ready!(Pin::new(&mut self.body).poll_frame(context));
-        if let Some(Ok(frame)) = &frame {
-            self.budget
-                .spend(frame.data_ref().map_or(0, bytes::Bytes::len));
-            self.rests = true;
-        }
-        Poll::Ready(frame.map(|frame| frame.map_err(Into::into)))
-    }
-
-    fn is_end_stream(&self) -> bool {
-        !self.rests && self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
-    }
-}
 
 #[cfg(test)]
 mod tests {

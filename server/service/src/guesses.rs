@@ -1,4 +1,4 @@
-//! Wrong tokens: a line in the log, and an answer that waits longer each time.
+//! Wrong tokens: a log line, and an answer that is delayed longer each time.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -7,22 +7,22 @@ use std::time::{Duration, Instant};
 
 use crate::places::network_of;
 
-/// How long the answer to the first wrong token of an address waits; to each further one twice as long.
+/// The delay of the answer to the first wrong token from an address; it doubles with each further one.
 const FIRST_DELAY: Duration = Duration::from_millis(100);
 
-/// How long an answer waits at most.
+/// The greatest delay of an answer.
 const LONGEST_DELAY: Duration = Duration::from_secs(5);
 
-/// An address is forgotten that sent no wrong token for so long.
+/// An address is forgotten after this time without a wrong token.
 const REMEMBERED_FOR: Duration = Duration::from_secs(600);
 
 /// Addresses that are remembered.
 const ADDRESSES: usize = 4096;
 
-/// How many wrong tokens each address has sent of late.
+/// The number of recent wrong tokens from each address.
 #[derive(Debug, Default)]
 pub(crate) struct Guesses {
-    /// Held for moments.
+    /// Held only briefly.
     by_address: Mutex<HashMap<IpAddr, Guess>>,
 }
 
@@ -33,17 +33,17 @@ struct Guess {
 }
 
 impl Guesses {
-    /// Notes a wrong token, and waits. The first, the second, the fourth, the eighth … of an address is logged.
+    /// Records a wrong token, and waits. The first, second, fourth, eighth … from an address is logged.
     pub(crate) async fn punish(&self, address: Option<IpAddr>) {
         let address = address.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), network_of);
         let count = self.count(address, Instant::now());
         if count.is_power_of_two() {
-            tracing::warn!(%address, count, "wrong tokens were sent");
+            tracing::warn!(%address, count, "wrong tokens from this address");
         }
         tokio::time::sleep(delay(count)).await;
     }
 
-    /// One more; how many they are now.
+    /// Adds one, and returns the new number.
     fn count(&self, address: IpAddr, now: Instant) -> u32 {
         let mut all = self
             .by_address
@@ -71,7 +71,7 @@ impl Guesses {
     }
 }
 
-/// How long the answer to the `count`th wrong token waits.
+/// The delay of the answer to the `count`th wrong token.
 fn delay(count: u32) -> Duration {
     let doublings = count.saturating_sub(1).min(16);
     LONGEST_DELAY.min(FIRST_DELAY.saturating_mul(1 << doublings))

@@ -14,5 +14,7 @@ mod places;
 pub mod problem;
 pub mod routes;
 pub mod state;
+#[cfg(test)]
+mod tests;
 mod unstalled;
 pub mod wire;

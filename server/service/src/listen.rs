@@ -1,6 +1,7 @@
-//! From sockets to requests: time limits, a cap on connections and an orderly end.
+//! Accepts connections: time limits, a cap on connections and an orderly shutdown.
 //!
-//! `axum::serve` sets no timer for the headers of a request, so that half a header holds a connection for ever; this loop does.
+//! `axum::serve` has no timeout for the headers of a request, so that half a header holds a connection for ever; this
+//! loop has one.
 
 use std::convert::Infallible;
 use std::net::IpAddr;
@@ -25,35 +26,35 @@ use crate::places::{Places, Spares};
 use crate::problem::AppError;
 use crate::unstalled::Unstalled;
 
-/// How long to wait after the system refused a connection for want of descriptors.
+/// How long to wait after the system is out of descriptors.
 const PAUSE_AFTER_REFUSAL: Duration = Duration::from_millis(100);
 
-/// How long a connection beyond all places may take altogether.
+/// The time limit of a connection beyond the cap.
 const SPARE_TIME: Duration = Duration::from_secs(5);
 
-/// What a connection beyond all places may ask for.
+/// The paths that a connection beyond the cap may request.
 const SPARE_ROUTES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// What connections may take.
+/// Limits of connections.
 #[derive(Debug, Clone, Copy)]
 pub struct ConnectionLimits {
-    /// Connections at a time. Of those beyond only health checks are answered.
+    /// Connections at a time. Beyond this, only health checks are answered.
     pub connections: usize,
-    /// Of these, how many may come from one address.
+    /// Of these, connections from one address.
     pub connections_per_address: usize,
     /// Time for the headers of a request, and for which a connection may be idle between two.
     pub header_timeout: Duration,
-    /// How fast a client must send the body of a request, and take that of an answer.
+    /// The minimum rate at which a client must send and receive bodies.
     pub least_rate: LeastRate,
-    /// Time for requests at work to finish when the server stops.
+    /// Time for running requests to finish when the server stops.
     pub shutdown_grace: Duration,
 }
 
-/// Who asks: an extension of every request that came through a socket.
+/// The address of the client: an extension of every request from a socket.
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub IpAddr);
 
-/// Serves `app` until `stop` resolves, then finishes the requests at work within the grace.
+/// Serves `app` until `stop` resolves, then finishes running requests within the grace period.
 pub async fn serve(
     listener: TcpListener,
     app: Router,
@@ -83,7 +84,7 @@ pub async fn serve(
         let connection = connection(http1(limits), stream, peer, limits.least_rate, answer);
         let connection = graceful.watch(connection);
         tokio::spawn(async move {
-            // What fails here is the client's side: a cut connection, a timeout, a bad request line.
+            // A failure here is on the side of the client: a lost connection, a timeout, a bad request line.
             if let Err(error) = connection.await {
                 tracing::debug!(%error, "connection ended");
             }
@@ -99,7 +100,7 @@ pub async fn serve(
     }
 }
 
-/// The next connection; `None` where the system has none to give.
+/// The next connection; `None` if the system cannot accept one.
 async fn accept(listener: &TcpListener) -> Option<(TcpStream, Peer)> {
     match listener.accept().await {
         Ok((stream, address)) => {
@@ -110,7 +111,7 @@ async fn accept(listener: &TcpListener) -> Option<(TcpStream, Peer)> {
             Some((stream, Peer(address.ip())))
         }
         Err(error) => {
-            tracing::warn!(%error, "no connection could be accepted");
+            tracing::warn!(%error, "cannot accept a connection");
             None
         }
     }
@@ -125,7 +126,7 @@ fn http1(limits: ConnectionLimits) -> http1::Builder {
     builder
 }
 
-/// Answers one health check on a connection that is one too many, and tells other requests to come again.
+/// Answers one health check on a connection beyond the cap, and 503 to other requests.
 async fn serve_spare(stream: TcpStream, peer: Peer, app: Router, limits: ConnectionLimits) {
     let answer = move |request: Request| {
         let app = app.clone();

@@ -1,4 +1,4 @@
-//! Log lines: one for each request, with nothing of the patient in it.
+//! Log lines: one for each request, without patient data.
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,7 @@ use crate::metrics::Metrics;
 /// The header of the request id, in both directions.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
-/// Gives each request without an id one of its own.
+/// Gives each request without an id a new one.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MakeId;
 
@@ -31,15 +31,15 @@ impl MakeRequestId for MakeId {
     }
 }
 
-/// An id that a client may choose: a random one, as programs make them (a UUID, or 32 hexadecimal digits). Anything else could be a
-/// name or a patient's number, and would reach the log.
+/// Whether a client may choose this id: only random ids from programs (a UUID, or 32 hexadecimal digits). Anything else
+/// could be a name or the number of a patient, and would reach the log.
 fn is_acceptable_id(id: &[u8]) -> bool {
     let digits = id.iter().filter(|byte| byte.is_ascii_hexdigit()).count();
     let is_uuid = id.len() == 36 && [8, 13, 18, 23].iter().all(|&at| id[at] == b'-');
     digits == 32 && (id.len() == 32 || is_uuid)
 }
 
-/// Takes away an id that a client should not have chosen.
+/// Removes an id that a client may not choose.
 pub async fn drop_bad_request_id(mut request: Request, next: Next) -> Response {
     let id = request.headers().get(&REQUEST_ID);
     if id.is_some_and(|id| !is_acceptable_id(id.as_bytes())) {
@@ -50,7 +50,8 @@ pub async fn drop_bad_request_id(mut request: Request, next: Next) -> Response {
 
 /// Counts the request and writes its line: method, route template, status, time and id.
 ///
-/// Neither query nor header is written, and of the address only the template: case ids are digests of patient data.
+/// It contains neither query nor headers, and only the template of the address, because case ids are digests of patient
+/// data.
 pub async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
     let started = Instant::now();
     let in_flight = metrics.begin();
@@ -79,7 +80,7 @@ fn write_line(method: &str, route: &str, status: u16, time: Duration) {
     }
 }
 
-/// Methods become labels of metrics, of which there must be few.
+/// Methods become labels of metrics, so their number must be small.
 fn known_method(method: &Method) -> &'static str {
     match *method {
         Method::GET => "GET",

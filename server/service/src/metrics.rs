@@ -12,12 +12,12 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-/// Upper bounds of the classes of answer times, in seconds.
+/// Upper bounds of the buckets of answer times, in seconds.
 const TIME_CLASSES: [f64; 12] = [
     0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 5.0, 30.0,
 ];
 
-/// What distinguishes requests: the template of the route, never the address itself.
+/// The labels of requests: the template of the route, never the address itself.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct RequestLabels {
     method: &'static str,
@@ -64,10 +64,10 @@ impl Metrics {
             Unit::Seconds,
             times.clone(),
         );
-        registry.register("http_in_flight", "Requests at work", in_flight.clone());
+        registry.register("http_in_flight", "Requests in progress", in_flight.clone());
         registry.register(
             "render_queue_waiting",
-            "Pieces of work that wait for a render thread",
+            "Work waiting for a render thread",
             waiting_renders.clone(),
         );
         registry.register_with_unit(
@@ -125,7 +125,7 @@ impl Metrics {
     }
 }
 
-/// A request at work.
+/// A request in progress.
 #[derive(Debug)]
 pub struct InFlight(Gauge);
 

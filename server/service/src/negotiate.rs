@@ -1,4 +1,4 @@
-//! Which representation a client wants: media types and content codings.
+//! Content negotiation: media types and content codings.
 
 use std::io::Write as _;
 
@@ -7,13 +7,16 @@ use bytes::Bytes;
 
 use crate::problem::AppError;
 
-/// zstd's own default: within a few percent of the best here at a hundredth of its time.
+/// The default of zstd: within a few percent of the best here, in a hundredth of the time.
 const ZSTD_LEVEL: i32 = 3;
 
-/// How a body is compressed.
+/// The media type of a gzipped NIfTI file.
+pub(crate) const GZIP: &str = "application/gzip";
+
+/// A content coding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coding {
-    /// Not at all.
+    /// None.
     Identity,
     /// RFC 8878.
     Zstd,
@@ -31,7 +34,7 @@ impl Coding {
         }
     }
 
-    /// What the client prefers: of equally welcome codings zstd, then gzip, then none.
+    /// The coding that the client prefers; among equals zstd, then gzip, then none.
     ///
     /// Without `Accept-Encoding`, or where nothing listed is known, it is [`Coding::Identity`].
     pub fn preferred(headers: &HeaderMap) -> Self {
@@ -74,7 +77,7 @@ fn gzip(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
     encoder.finish()
 }
 
-/// Picks the offered media type that the client likes best; of equals the first offered.
+/// Picks the offered media type that the client prefers; among equals the first.
 ///
 /// Without `Accept` it is the first. Offers are in lower case.
 ///
@@ -99,7 +102,7 @@ pub fn media_type(
     best.ok_or(AppError::NotAcceptable { offered })
 }
 
-/// The items of an `Accept` header and how welcome each is, 0 to 1.
+/// The items of an `Accept` header with their quality, 0 to 1.
 struct Accepted(Vec<(String, f32)>);
 
 impl Accepted {

@@ -1,4 +1,4 @@
-//! The least rate at which a client must send or take bytes.
+//! The minimum rate at which a client must send or receive bytes.
 
 use std::io;
 use std::pin::Pin;
@@ -9,10 +9,10 @@ use axum::body::{Bytes, HttpBody};
 use hyper::body::{Frame, SizeHint};
 use tokio::time::{Instant, Sleep, sleep};
 
-/// How fast bytes must come while they are waited for. Time in which the server itself is busy does not count.
+/// The minimum rate while the server waits for bytes. Time in which the server itself is busy does not count.
 #[derive(Debug, Clone, Copy)]
 pub struct LeastRate {
-    /// Bytes in a second, on average.
+    /// Bytes per second, on average.
     pub bytes_per_second: u64,
     /// How long a client may send nothing at first.
     pub grace: Duration,
@@ -22,7 +22,7 @@ pub struct LeastRate {
 
 /// The client was too slow.
 #[derive(Debug, thiserror::Error)]
-#[error("the client sends or takes fewer than {bytes_per_second} bytes a second")]
+#[error("the client sends or receives less than {bytes_per_second} bytes per second")]
 pub struct TooSlow {
     bytes_per_second: u64,
 }
@@ -31,7 +31,7 @@ pub struct TooSlow {
 #[derive(Debug)]
 pub(crate) struct Pace {
     rate: LeastRate,
-    /// For how long the client may still be waited for.
+    /// The remaining time to wait for the client.
     credit: Duration,
     waiting: Option<(Instant, Pin<Box<Sleep>>)>,
 }
@@ -45,7 +45,7 @@ impl Pace {
         }
     }
 
-    /// So many bytes went through.
+    /// Counts transferred bytes.
     pub(crate) fn moved(&mut self, bytes: usize) {
         if let Some((since, _)) = self.waiting.take() {
             self.credit = self.credit.saturating_sub(since.elapsed());
@@ -55,7 +55,7 @@ impl Pace {
         self.credit = most.min(self.credit + Duration::from_secs_f64(earned));
     }
 
-    /// The client is waited for: an error once that has lasted too long.
+    /// Waits for the client; an error after too long.
     pub(crate) fn poll_too_slow(&mut self, context: &mut Context<'_>) -> Poll<TooSlow> {
         let credit = self.credit;
         let (_, timer) = self
@@ -74,7 +74,7 @@ impl From<TooSlow> for io::Error {
     }
 }
 
-/// A body whose reading fails once it comes too slowly.
+/// A body that fails if it arrives too slowly.
 #[derive(Debug)]
 pub(crate) struct PacedBody<B> {
     body: B,

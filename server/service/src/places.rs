@@ -1,4 +1,4 @@
-//! Who may hold a connection: so many in all, and so many of one address.
+//! The cap on connections, in all and per address.
 
 use std::collections::HashMap;
 use std::collections::VecDeque;
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::task::AbortHandle;
 
-/// Connections that only ask how the server is, when all others are taken. The newest are kept: a health check is over in milliseconds.
+/// Connections beyond the cap, for health checks. The newest are kept, because a health check takes milliseconds.
 const SPARE: usize = 64;
 
 /// Places for connections.
@@ -15,11 +15,11 @@ const SPARE: usize = 64;
 pub(crate) struct Places {
     most: usize,
     most_of_one: usize,
-    /// How many each address holds. Held for moments.
+    /// The number of connections of each address. Held only briefly.
     held: Arc<Mutex<HashMap<IpAddr, usize>>>,
 }
 
-/// A connection's place, until it is dropped.
+/// The place of a connection, until it is dropped.
 #[derive(Debug)]
 pub(crate) struct Place {
     address: IpAddr,
@@ -62,7 +62,8 @@ impl Drop for Place {
     }
 }
 
-/// What counts as one address: of IPv6 the first 64 bits, for a client has all of the others.
+/// The part of an address that identifies a client: for IPv6, the first 64 bits, because a client has all of the
+/// others.
 pub(crate) fn network_of(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) => {
@@ -73,7 +74,7 @@ pub(crate) fn network_of(address: IpAddr) -> IpAddr {
     }
 }
 
-/// The connections beyond all places, oldest first. Another one ends the oldest.
+/// The connections beyond the cap, oldest first. A new one ends the oldest.
 #[derive(Debug, Default)]
 pub(crate) struct Spares(VecDeque<AbortHandle>);
 

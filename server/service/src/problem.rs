@@ -14,13 +14,13 @@ use serde::Serialize;
 use storage::StoreError;
 use utoipa::ToSchema;
 
-/// What every `type` begins with.
+/// The prefix of every `type`.
 const TYPE_PREFIX: &str = "urn:isocortex:problem:";
 
-/// Seconds after which a client may try again what was refused for want of room.
+/// Seconds after which a client may repeat a request that was rejected because the server was busy.
 const RETRY_SECONDS: u32 = 2;
 
-/// The body of every error answer (RFC 9457). It holds neither patient data nor paths of files.
+/// The body of every error answer (RFC 9457). It contains neither patient data nor file paths.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Problem {
     /// A stable URN, such as `urn:isocortex:problem:depth-not-a-number`.
@@ -30,39 +30,39 @@ pub struct Problem {
     pub title: String,
     /// The HTTP status.
     pub status: u16,
-    /// One plain sentence: what is wrong and what to do about it.
+    /// One plain sentence that states what is wrong and what to do.
     pub detail: String,
-    /// The key of the query or the part of the form that is at fault.
+    /// The key of the query or the part of the form with the error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parameter: Option<String>,
 }
 
-/// Everything that can be wrong with a request, or go wrong on the way to its answer.
+/// Every error of a request.
 #[derive(Debug, thiserror::Error)]
 pub enum AppError {
-    /// The application could not do it.
+    /// An error of the application.
     #[error(transparent)]
     Cases(Error),
-    /// The path holds no case id.
-    #[error("a case is named by 32 lower-case hexadecimal digits")]
+    /// The path contains no case id.
+    #[error("the id of a case has 32 lower-case hexadecimal digits")]
     NotACaseId,
-    /// The case was not made of DICOM files.
-    #[error("the case was not made of DICOM files, so nothing is known of whose it is")]
+    /// The case was not created from DICOM.
+    #[error("this case was not created from DICOM; it has no patient attributes")]
     NotDicom,
-    /// A value of the query is not accepted.
+    /// A value of the query is invalid.
     #[error("{} {detail}", named(parameter))]
     Query {
         /// Last part of the problem's type.
         kind: &'static str,
-        /// The key; `.` is all of a body.
+        /// The key; `.` is the whole body.
         parameter: Cow<'static, str>,
         /// What is wrong with it: a sentence that begins with its verb.
         detail: String,
     },
-    /// A key of the query is unknown. It is not repeated: it may be anything, such as a patient's name.
-    #[error("the query has a key that this address does not take; {known}")]
+    /// A key of the query is unknown. It is not repeated, because it may be anything, such as the name of a patient.
+    #[error("the query has an unknown key; {known}")]
     UnknownKey {
-        /// Those it takes, in words.
+        /// The known keys, in words.
         known: String,
     },
     /// The form of an upload cannot be read.
@@ -73,13 +73,13 @@ pub enum AppError {
         /// What is wrong, in one sentence.
         detail: String,
     },
-    /// The body is not what the route takes.
+    /// The body is not a form.
     #[error("send the volume as multipart/form-data with a part named `volume`")]
     UnsupportedMediaType,
-    /// Nothing that is offered is accepted.
-    #[error("none of the accepted media types is offered; offered are {}", .offered.join(", "))]
+    /// No available media type is accepted.
+    #[error("none of the accepted media types is available; available types: {}", .offered.join(", "))]
     NotAcceptable {
-        /// What could be sent.
+        /// The available media types.
         offered: &'static [&'static str],
     },
     /// The body is larger than allowed.
@@ -95,38 +95,38 @@ pub enum AppError {
         detail: String,
     },
     /// The range lies outside of the body.
-    #[error("the range lies outside of the {length} bytes of this answer")]
+    #[error("the range begins beyond the {length} bytes of this answer")]
     RangeNotSatisfiable {
         /// Bytes of the whole body.
         length: u64,
     },
     /// The bearer token is missing or wrong.
-    #[error("this server wants a bearer token: send `Authorization: Bearer …`")]
+    #[error("authentication required: send `Authorization: Bearer …`")]
     Unauthorized,
-    /// A web page of another site asks.
-    #[error("requests from pages of other sites are refused")]
+    /// A page of another site requests a change.
+    #[error("requests from pages of other sites are rejected")]
     CrossSite,
     /// The Host header names another machine.
-    #[error("this server answers only to localhost, 127.0.0.1 and [::1]")]
+    #[error("this server accepts only localhost, 127.0.0.1 and [::1] as its host name")]
     WrongHost,
     /// No such address.
-    #[error("there is nothing at this address; /docs lists what there is")]
+    #[error("this address does not exist; /docs lists all addresses")]
     NoSuchRoute,
-    /// The address does not take this method.
-    #[error("this address does not take this method; /docs lists those it takes")]
+    /// The address does not accept this method.
+    #[error("this address does not accept this method; /docs lists the accepted methods")]
     MethodNotAllowed,
     /// No such layer.
-    #[error("the case has no layer of this name; `/v1/cases/{{id}}/layers` lists those it has")]
+    #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
     NoSuchLayer,
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
     TimedOut,
-    /// Many pictures took too long together, which they would again.
+    /// Many pictures took too long together, and would again.
     #[error(
-        "these pictures were not drawn within the {limit_s} s that an answer may take: ask for fewer or smaller ones, in several requests"
+        "these pictures were not drawn within the limit of {limit_s} s; request fewer or smaller ones, in several requests"
     )]
     TooManyPictures {
-        /// What an answer may take, in seconds.
+        /// The time limit of an answer, in seconds.
         limit_s: u64,
     },
 }
@@ -174,7 +174,7 @@ impl From<RenderError> for AppError {
     }
 }
 
-/// What a problem is about, in words.
+/// The name of the faulty part, in words.
 fn named(parameter: &str) -> String {
     match parameter {
         "." => "the body".to_owned(),
@@ -225,10 +225,10 @@ impl AppError {
         (status, kind.into())
     }
 
-    /// What the client reads.
+    /// The sentence for the client.
     fn detail(&self) -> String {
         match self {
-            // What the disk says may hold paths: it belongs into the log.
+            // Messages about the disk may contain paths, so they belong in the log.
             Self::Cases(Error::Store(_)) => Error::Internal.to_string(),
             other => other.to_string(),
         }
@@ -320,7 +320,7 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
         AppError::Cases(Error::NotReady { .. } | Error::LayerNotReady) => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
         }
-        // To come again does not help.
+        // A repeated request would not help.
         AppError::TooManyPictures { .. } => None,
         _ if status == StatusCode::SERVICE_UNAVAILABLE => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
@@ -329,7 +329,7 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
     }
 }
 
-/// Errors of the store are logged here, once; what a client did wrong shows in its request's line.
+/// Errors of the store are logged here, once; an error of a client appears in the line of its request.
 fn log(error: &AppError) {
     if let AppError::Cases(Error::Store(cause)) = error {
         let source = std::error::Error::source(cause).map(ToString::to_string);

@@ -1,4 +1,4 @@
-//! What handlers share, by concern: a route names what it needs of it.
+//! The state that handlers share, by concern; a route names the parts that it needs.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use crate::routes::bodies::Bodies;
 /// What HTTP may ask of the server, and who may ask.
 #[derive(Debug, Clone)]
 pub struct HttpOptions {
-    /// Who may ask.
+    /// The access rules.
     pub access: Access,
     /// What uploads may take.
     pub uploads: UploadLimits,
@@ -40,7 +40,7 @@ pub struct UploadLimits {
 
 /// Everything that handlers share. Cheap to clone.
 ///
-/// Nothing in it is needed to answer: caches are filled from the store, so a restarted server gives the same bytes.
+/// It holds no answers of its own: caches are filled from the store, so a restarted server gives the same bytes.
 #[derive(Debug, Clone, FromRef)]
 pub struct AppState {
     /// The application.
@@ -79,7 +79,7 @@ impl AppState {
 pub struct Uploads {
     /// What each may take.
     pub limits: UploadLimits,
-    /// Where their bytes are counted.
+    /// The counter of their bytes.
     pub metrics: Metrics,
     room: Arc<Semaphore>,
 }
@@ -93,7 +93,8 @@ impl Uploads {
         }
     }
 
-    /// Room for one more upload, until it is dropped. They are fewer than connections: uploads leave room for everybody else.
+    /// Room for one more upload, until it is dropped. There is room for fewer uploads than connections, so that uploads
+    /// do not block others.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -122,6 +123,6 @@ impl Stopping {
     }
 }
 
-/// How long an answer may take.
+/// The time limit of an answer.
 #[derive(Debug, Clone, Copy)]
 pub struct AnswerTimeout(pub Duration);

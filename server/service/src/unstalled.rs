@@ -1,4 +1,4 @@
-//! Connections that end when their client takes nothing any more, or next to nothing.
+//! Write timeout: ends connections whose client receives nothing, or too slowly.
 
 use std::io;
 use std::pin::Pin;
@@ -8,9 +8,9 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 use crate::pace::{LeastRate, Pace};
 
-/// A stream whose writing fails once its client takes less than the least rate.
+/// A stream that fails to write if its client receives less than the minimum rate.
 ///
-/// A client that asks for a large body and does not read it would hold its connection for ever.
+/// Otherwise, a client that requests a large body and does not read it would hold its connection for ever.
 #[derive(Debug)]
 pub(crate) struct Unstalled<S> {
     stream: S,

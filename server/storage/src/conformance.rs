@@ -1,30 +1,33 @@
-//! What every implementation of the rows, and every object store, must do: one suite, for those in here and for back ends
-//! elsewhere.
+//! Checks that every implementation of the rows and every object store must pass: one suite, for the back ends of this
+//! crate and of others.
 //!
-//! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function that
-//! returns a [`RowsSubject`] on an empty database.
+//! A back end writes `storage::rows_conformance! { name: make }` into its tests, in which `make` is an async function
+//! that returns a [`RowsSubject`] on an empty database.
 #![expect(missing_docs, reason = "the names of the checks are sentences")]
+
+mod objects;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
 
-use super::frame::frame;
+pub use self::objects::objects_do_what_they_must;
+
+use super::ObjectName;
 use super::rows::{CaseRows, Inserted, NewCase, Pinned, Published, Release, Sweep};
 use super::testing::{claim, facts, failure, name, new_case, pinned};
-use super::{ObjectName, Objects, Unreadable};
 
-/// How long jobs are leased here.
+/// The lease of jobs in these checks.
 const LEASE: Duration = Duration::from_secs(30);
 
-/// Rows to be checked.
+/// Rows to check.
 pub struct RowsSubject {
     /// The rows, empty.
     pub rows: Arc<dyn CaseRows>,
     /// Lets time pass on their clock.
     pub pass_time: Box<dyn Fn(Duration) + Send + Sync>,
-    /// What must live as long.
+    /// A resource that must live as long.
     pub keep: Box<dyn std::any::Any + Send + Sync>,
 }
 
@@ -34,8 +37,9 @@ impl RowsSubject {
     }
 }
 
-/// Tests that rows do what they must: `rows_conformance! { a_name: make_subject }` writes a test for each check;
-/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that take long to start.
+/// Tests an implementation of the rows: `rows_conformance! { a_name: make_subject }` writes a test for each check;
+/// `rows_conformance! { in_turn make_subject }` is a block that awaits all of them, for back ends that are slow to
+/// start.
 #[macro_export]
 macro_rules! rows_conformance {
     ($($implementation:ident: $make:path),+ $(,)?) => {$(
@@ -585,74 +589,10 @@ pub async fn holders_that_are_dead_hold_nothing(subject: &RowsSubject) {
     assert_eq!(abandoned, expected);
 }
 
-/// Objects do what they must; there are none at first.
-pub async fn objects_do_what_they_must(objects: &Objects) {
-    an_object_comes_back_and_goes(objects).await;
-    a_damaged_object_is_told_and_written_over(objects).await;
-    a_large_file_comes_back(objects).await;
-}
-
-async fn an_object_comes_back_and_goes(objects: &Objects) {
-    let framed = frame(ObjectKind::Forest, vec![7; 5000].into());
-    assert!(matches!(
-        objects.get(&framed.name).await,
-        Err(Unreadable::Missing)
-    ));
-    objects.put(&framed).await.unwrap();
-    assert_eq!(objects.get(&framed.name).await.unwrap(), vec![7; 5000]);
-    assert_eq!(objects.list().await.unwrap(), [framed.name]);
-    objects.delete(&framed.name).await.unwrap();
-    objects.delete(&framed.name).await.unwrap();
-    assert!(matches!(
-        objects.get(&framed.name).await,
-        Err(Unreadable::Missing)
-    ));
-    objects.check().await.unwrap();
-}
-
-async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
-    let mut framed = frame(ObjectKind::Volume, (0..200).collect::<Vec<u8>>().into());
-    let sound = framed.clone();
-    let mut payload = framed.payload.to_vec();
-    payload[100] ^= 1;
-    framed.payload = payload.into();
-    objects.put(&framed).await.unwrap();
-    assert!(matches!(
-        objects.get(&framed.name).await,
-        Err(Unreadable::Damaged(_))
-    ));
-    objects.put(&sound).await.unwrap();
-    assert!(objects.get(&framed.name).await.is_ok());
-}
-
-async fn a_large_file_comes_back(objects: &Objects) {
-    // Three parts, of which the last is short; with the header the second ends in the file's middle.
-    for length in [0, 1, (16 << 20) - 72, 17_000_000] {
-        let mut contents = vec![0; length];
-        blake3::Hasher::new().finalize_xof().fill(&mut contents);
-        let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), &contents).unwrap();
-        let digest = blake3::hash(&contents);
-        let name = ObjectName {
-            kind: ObjectKind::SourceVolume,
-            digest,
-        };
-        objects
-            .put_file(&name, file.path(), length as u64)
-            .await
-            .unwrap();
-        assert!(
-            objects.get(&name).await.unwrap() == contents,
-            "{length} bytes"
-        );
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::SqlRows;
-    use crate::testing::s3::{BUCKET, S3Server};
 
     fn subject(rows: SqlRows, keep: impl Send + Sync + 'static) -> RowsSubject {
         let clock = rows.clone();
@@ -676,43 +616,5 @@ mod tests {
     crate::rows_conformance! {
         memory: super::rows_in_memory,
         file: super::rows_in_a_file,
-    }
-
-    #[tokio::test]
-    async fn objects_in_memory_do_what_they_must() {
-        let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        objects_do_what_they_must(&objects).await;
-    }
-
-    #[tokio::test]
-    async fn objects_in_a_directory_do_what_they_must() {
-        let directory = tempfile::tempdir().unwrap();
-        let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
-        objects_do_what_they_must(&objects).await;
-    }
-
-    #[tokio::test]
-    async fn objects_in_a_bucket_do_what_they_must() {
-        let Some(mut server) = S3Server::start().await else {
-            return;
-        };
-        let mut variables = server
-            .variables()
-            .map(|(name, value)| (name.to_owned(), value));
-        for prefix in ["", "a/b"] {
-            let objects = Objects::in_bucket_with(BUCKET, prefix, &variables.clone().into());
-            objects_do_what_they_must(&objects.unwrap()).await;
-        }
-        // What is not to be had names no secret.
-        variables[2].1 = "CANARY".to_owned();
-        let objects = Objects::in_bucket_with(BUCKET, "", &variables.into()).unwrap();
-        let refused = objects.check().await.unwrap_err();
-        assert!(
-            !format!("{refused} {refused:?}").contains("CANARY"),
-            "{refused:?}"
-        );
-        server.stop();
-        let away = objects.check().await.unwrap_err();
-        assert!(away.is_away(), "{away:?}");
     }
 }

@@ -1,33 +1,35 @@
-//! From one store into another: a move between back ends, or a backup.
+//! Copies one store into another: a move between back ends, or a backup.
 
 use super::objects::Unreadable;
 use super::{ObjectName, Store, StoreError};
 use case::{CaseId, CaseState};
 
-/// What was copied.
+/// The result of a copy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Copied {
-    /// Cases that were new to the other store, or are as they are here now.
+    /// Cases that were new to the target or were updated there.
     pub cases: u64,
-    /// Objects that were written.
+    /// Objects written.
     pub objects: u64,
-    /// Bytes of them, as stored.
+    /// Their bytes, as stored.
     pub bytes: u64,
-    /// Objects that were there already, and whole.
+    /// Intact objects that the target already had.
     pub kept: u64,
-    /// Cases that were left out, since an object that nothing can replace is missing or damaged here.
+    /// Cases that were not copied, because a source is missing or damaged.
     pub lost: u64,
 }
 
 impl Store {
-    /// Copies every case into another store; what is there already is read, and kept if it is whole. So a copy that was interrupted
-    /// goes on where it was, and one that is made again brings what is new. What is in the other store alone stays there.
+    /// Copies every case into another store. Intact objects that the target already has are kept, so an interrupted
+    /// copy continues where it stopped, and a repeated copy adds what is new. Cases that only the target has stay
+    /// there.
     ///
-    /// A case that is still to be prepared is prepared there. Each object is checked against its digest when it is read here, and
-    /// read back there. `report` is told of each case, with what was copied so far; of those that were left out, `false`.
+    /// A case that is not prepared yet is prepared there. Each object is verified against its digest when it is read,
+    /// and read back after it is written. `report` receives each case with the result so far, and `false` if the case
+    /// was not copied.
     ///
     /// # Errors
-    /// When a store cannot be reached.
+    /// If a store cannot be reached.
     pub async fn copy_into(
         &self,
         other: &Self,
@@ -47,7 +49,7 @@ impl Store {
         Ok(copied)
     }
 
-    /// `false` where a source is lost.
+    /// Returns `false` if a source is lost.
     async fn copy_case(
         &self,
         other: &Self,
@@ -55,7 +57,7 @@ impl Store {
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
         let Some(case) = self.rows().case(id).await? else {
-            // It was deleted meanwhile.
+            // The case was deleted meanwhile.
             return Ok(true);
         };
         let mut names = self.rows().objects(id).await?;
@@ -65,7 +67,7 @@ impl Store {
         let pinned = other.pin(names.iter().copied()).await?;
         for name in &names {
             let written = self.copy_object(other, name, copied).await?;
-            // What is derived is made again at its first use.
+            // Derived objects are rebuilt on first use.
             if !written && name.kind.is_source() {
                 copied.lost += 1;
                 other.abandon(&pinned).await;
@@ -79,7 +81,7 @@ impl Store {
         Ok(true)
     }
 
-    /// `false` where it is missing or damaged here.
+    /// `false` if it is missing or damaged here.
     async fn copy_object(
         &self,
         other: &Self,

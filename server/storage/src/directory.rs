@@ -1,7 +1,8 @@
 //! The directory of a process: `uploads/` and `lock`, and `rows.sqlite` and `objects/` unless these have other places.
 //!
-//! Every process that uses it holds a shared lock on `lock`, which the kernel takes back when the process ends, however
-//! it ends. A process that gets the lock for itself alone knows that no other one lives: what is unfinished is a leftover.
+//! Every process that uses it holds a shared lock on `lock`, which the kernel releases when the process ends for any
+//! reason. A process that gets the lock exclusively knows that no other one is running, so every unfinished file is
+//! left over.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -10,7 +11,7 @@ use std::time::{Duration, SystemTime};
 
 use crate::keep_private;
 
-/// Where other processes live, an unfinished file is a leftover when nobody has written to it for so long.
+/// While other processes run, an unfinished file is left over after this time without a write.
 const STALE_AFTER: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// An open directory of a store.
@@ -21,9 +22,9 @@ pub(super) struct Directory {
 }
 
 impl Directory {
-    /// Creates what is missing, sweeps what is left over, and takes the shared lock.
+    /// Creates missing folders, removes left-over files, and takes the shared lock.
     ///
-    /// `when_alone` runs where no other process uses the directory, before any can begin to.
+    /// `when_alone` runs if no other process uses the directory, before another one can start.
     pub(super) async fn open<E: From<io::Error>>(
         root: &Path,
         when_alone: impl AsyncFnOnce(&Path) -> Result<(), E>,
@@ -55,12 +56,13 @@ impl Directory {
     }
 }
 
-/// Removes the files of unfinished objects that nobody has written to for long: those of other machines are left alone.
+/// Removes the files of unfinished objects after a long time without a write; files that other machines are writing
+/// stay.
 pub(super) fn sweep_shared(objects: &Path) -> io::Result<()> {
     sweep_staged(objects, STALE_AFTER)
 }
 
-/// Creates a directory that its owner alone may enter: it will hold images of patients.
+/// Creates a directory that only its owner may enter, because it will contain images of patients.
 fn create_private(root: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);
@@ -79,7 +81,7 @@ async fn take_shared(lock: File) -> io::Result<File> {
     .map_err(io::Error::other)?
 }
 
-/// Removes unfinished files that nobody has written to for `age`.
+/// Removes unfinished files without a write for `age`.
 fn sweep(root: &Path, age: Duration) -> io::Result<()> {
     for entry in std::fs::read_dir(root.join("uploads"))? {
         remove_if_older(&entry?.path(), age)?;
@@ -91,7 +93,7 @@ fn sweep(root: &Path, age: Duration) -> io::Result<()> {
     }
 }
 
-/// Removes the files of unfinished objects that nobody has written to for `age`.
+/// Removes the files of unfinished objects without a write for `age`.
 fn sweep_staged(objects: &Path, age: Duration) -> io::Result<()> {
     for kind in subdirectories(objects)? {
         for prefix in subdirectories(&kind)? {
@@ -106,7 +108,7 @@ fn sweep_staged(objects: &Path, age: Duration) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether `object_store` was about to rename this file to an object: it calls it `address#number` until it is whole.
+/// Whether this is an unfinished object of `object_store`, which names it `address#number` until it is complete.
 fn is_staged(path: &Path) -> bool {
     path.file_name()
         .is_some_and(|name| name.to_string_lossy().contains('#'))

@@ -1,4 +1,4 @@
-//! Why the store could not do what was asked.
+//! Errors of the store.
 
 use std::error::Error;
 use std::io::ErrorKind;
@@ -8,18 +8,21 @@ use sqlx::error::DatabaseError;
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
 const FULL: [&str; 2] = ["13", "53100"];
 
-/// PostgreSQL's codes for a server that is stopping or starting, has too many connections, is a standby by now, or kept a transaction
-/// waiting for too long.
+/// PostgreSQL's codes for a server that is stopping or starting, has too many connections, has become a standby, or
+/// made a transaction wait for too long.
 const AWAY: [&str; 6] = ["57P01", "57P02", "57P03", "53300", "25006", "55P03"];
 
-/// Why the store could not do what was asked. The sentences are fit for clients; the sources are for the log.
+/// What `object_store` calls a bucket in its errors.
+pub(super) const BUCKET: &str = "S3";
+
+/// The reason why an operation of the store failed. The sentences may be shown to clients; the sources are for the log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// As many cases wait as may wait; try again later.
+    /// The queue of cases is full; try again later.
     #[error("too many cases are waiting to be prepared")]
     QueueFull,
-    /// The rows were written by a newer version of this program, which alone knows what is in them.
+    /// The rows were written by a newer version of this program.
     #[error(
         "the store was written by a newer version of Isocortex (its schema is {found}, this version knows up to {known}): \
          open it with that version, or use another directory"
@@ -36,7 +39,7 @@ pub enum StoreError {
     /// The database's file is damaged.
     #[error("the database of the store is damaged ({0}); restore `rows.sqlite` from a backup")]
     DamagedFile(String),
-    /// The facts of a case are not those that were written.
+    /// The facts of a case differ from what was written.
     #[error("the facts of a case are damaged")]
     DamagedFacts(case::CaseId),
     /// The objects cannot be read or written.
@@ -45,20 +48,20 @@ pub enum StoreError {
     /// The disk failed.
     #[error("the disk of the store failed")]
     Disk(#[from] std::io::Error),
-    /// A task of the store was stopped: the process is shutting down, or it has a fault.
-    #[error("the store stopped in the middle of its work")]
+    /// A task of the store was stopped: the process is shutting down, or there is an internal error.
+    #[error("the store stopped during the operation")]
     Stopped(#[from] tokio::task::JoinError),
 }
 
 impl StoreError {
-    /// Whether the database or the object store cannot be reached just now; both may be back in a moment.
+    /// Whether the database or the object store is unreachable at the moment.
     pub fn is_away(&self) -> bool {
         let cause = match self {
             Self::Rows(cause) | Self::Objects(cause) => cause,
             _ => return false,
         };
         let object_store = cause.downcast_ref::<object_store::Error>();
-        let in_bucket = |error: &object_store::Error| matches!(error, object_store::Error::Generic { store, .. } if *store == crate::s3::NAME);
+        let in_bucket = |error: &object_store::Error| matches!(error, object_store::Error::Generic { store, .. } if *store == BUCKET);
         match cause.downcast_ref::<sqlx::Error>() {
             Some(sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut) => true,
             Some(sqlx::Error::Database(error)) => {
@@ -68,7 +71,7 @@ impl StoreError {
         }
     }
 
-    /// Whether the reason is a disk that is full, or a quota that is used up.
+    /// Whether the reason is a full disk or an exhausted quota.
     pub fn is_full(&self) -> bool {
         let reasons = std::iter::successors(Some(self as &dyn Error), |&error| error.source());
         reasons.into_iter().any(|error| {

@@ -5,13 +5,13 @@
 //! | 0–7 | the magic word `ISOCOBJ\n` |
 //! | 8–9 | format version, 1 |
 //! | 10–11 | kind |
-//! | 12–15 | encoding of the payload: 0 as it is, 1 zstd |
+//! | 12–15 | encoding of the payload: 0 none, 1 zstd |
 //! | 16–23 | length of the payload as stored |
 //! | 24–31 | length of the payload decoded |
 //! | 32–63 | BLAKE3 of the payload as stored, which is the object's address too |
 //! | 64–71 | the first 8 bytes of BLAKE3 over bytes 0–63 |
 //!
-//! So any changed, missing or additional byte is found, and no length is believed before it has been checked.
+//! Any changed, missing or additional byte is detected, and no length is trusted before it is checked.
 
 use bytes::Bytes;
 
@@ -26,13 +26,13 @@ const CHECKED_LENGTH: usize = 64;
 /// Length of a header, in bytes.
 pub(super) const HEADER_LENGTH: usize = 72;
 
-/// A derived object decodes to no more than this: a grid of 2³⁰ voxels of 16 bits, and its description.
+/// The limit for a decoded derived object: a grid of 2³⁰ voxels of 16 bits, and its description.
 const MAX_DECODED_LENGTH: u64 = (2 << 30) + (1 << 20);
 
-/// zstd's own default: higher levels take ten times as long for 5 % less.
+/// The default of zstd; higher levels take ten times as long and save 5 %.
 const ZSTD_LEVEL: i32 = 3;
 
-/// What is wrong with an object's bytes.
+/// The reason why the bytes of an object are rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum FrameError {
     #[error("it ends in its header")]
@@ -43,9 +43,9 @@ pub(super) enum FrameError {
     HeaderDamaged,
     #[error("its format version is unknown")]
     UnknownVersion,
-    #[error("it is another object than its address says")]
+    #[error("its digest does not match its name")]
     AnotherObject,
-    #[error("it has not the length that its header says")]
+    #[error("its length does not match its header")]
     WrongLength,
     #[error("its payload is damaged")]
     PayloadDamaged,
@@ -60,7 +60,7 @@ enum Encoding {
     Zstd,
 }
 
-/// A payload ready to be stored: packed, named, and with its header.
+/// A payload ready to store: packed, named, and with its header.
 #[derive(Debug, Clone)]
 pub struct Framed {
     /// Its address.
@@ -69,7 +69,7 @@ pub struct Framed {
     pub(super) payload: Bytes,
 }
 
-/// Packs a payload where that pays (it saves a sixteenth at least), and frames it.
+/// Packs a payload if that saves at least a sixteenth, and adds the header.
 pub fn frame(kind: ObjectKind, plain: Bytes) -> Framed {
     let plain_length = plain.len() as u64;
     let packed = zstd::bulk::compress(&plain, ZSTD_LEVEL)
@@ -91,7 +91,7 @@ pub fn frame(kind: ObjectKind, plain: Bytes) -> Framed {
     }
 }
 
-/// The header of a payload that is stored as it is.
+/// The header of a payload that is stored unpacked.
 pub(super) fn plain_header(name: &ObjectName, length: u64) -> [u8; HEADER_LENGTH] {
     header(name, Encoding::Plain, length, length)
 }
@@ -119,10 +119,10 @@ fn header(
     header
 }
 
-/// Checks the bytes of an object against its name and gives its payload back, unpacked.
+/// Verifies the bytes of an object against its name and returns the unpacked payload.
 ///
 /// # Errors
-/// When any byte is not as it was written.
+/// If any byte differs from what was written.
 pub(super) fn unframe(name: &ObjectName, framed: &Bytes) -> Result<Bytes, FrameError> {
     let header = framed
         .get(..HEADER_LENGTH)

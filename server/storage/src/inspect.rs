@@ -1,24 +1,24 @@
-//! Whether everything that is stored is there and as it was written.
+//! Checks that everything stored is present and intact.
 
 use super::objects::Unreadable;
 use super::{Cursor, ObjectName, REMOVALS_AT_ONCE, Store, StoreError};
 use case::{Case, CaseId};
 
-/// How many cases are asked for at a time.
+/// The number of cases to read at a time.
 const CASES_AT_ONCE: usize = 100;
 
-/// Something that is not as it should be.
+/// A problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Finding {
-    /// A case needs an object that is not there.
+    /// An object of a case is missing.
     Missing(CaseId, ObjectName),
-    /// A case needs an object whose bytes are not those that were written.
+    /// An object of a case is damaged.
     Damaged(CaseId, ObjectName),
-    /// An object that no case needs and nobody is about to need.
+    /// An object that no case needs and no process is about to need.
     Unreferenced(ObjectName),
 }
 
-/// What was looked at.
+/// The numbers of checked cases and objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Inspected {
     /// Cases.
@@ -30,11 +30,11 @@ pub struct Inspected {
 }
 
 impl Store {
-    /// Reads every row and every object, and reports what is not as it should be. Changes nothing, but that a case whose facts are
-    /// damaged is queued again, as by any other reader.
+    /// Reads every row and every object, and reports problems. It changes nothing, except that a case with damaged
+    /// facts is queued again, as by any other reader.
     ///
     /// # Errors
-    /// When the store cannot be reached, or the database itself is damaged.
+    /// If the store cannot be reached, or the database itself is damaged.
     pub async fn inspect(
         &self,
         report: &mut (dyn FnMut(Finding) + Send),
@@ -57,7 +57,7 @@ impl Store {
         Ok(inspected)
     }
 
-    /// The next cases of a walk through all of them; `None` at its end. It begins at a cursor of `None`.
+    /// The next cases of all; `None` at the end. Begin with the cursor `None`.
     pub(super) async fn next_cases(
         &self,
         walk: &mut Option<Option<Cursor>>,
@@ -90,7 +90,7 @@ impl Store {
                 Err(Unreadable::Damaged(_)) => Finding::Damaged(*id, name),
                 Err(Unreadable::Store(error)) => return Err(error),
             };
-            // The case may have been deleted, or made again, a moment ago.
+            // The case may have been deleted or rebuilt a moment ago.
             if self.rows().objects(id).await?.contains(&name) {
                 report(finding);
             }
@@ -98,10 +98,10 @@ impl Store {
         Ok(())
     }
 
-    /// Removes objects that nobody needs, after looking again that nobody does.
+    /// Removes unreferenced objects, after checking again that they are unreferenced.
     ///
     /// # Errors
-    /// When the rows or the objects cannot be written.
+    /// If the rows or the objects cannot be written.
     pub async fn remove_unreferenced(&self, names: &[ObjectName]) -> Result<(), StoreError> {
         for some in names.chunks(REMOVALS_AT_ONCE) {
             self.remove_unneeded(some).await?;

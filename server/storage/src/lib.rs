@@ -1,25 +1,26 @@
-//! Cases: immutable objects on disk, and rows that say which of them belong to which case.
+//! The store of cases: immutable objects, and rows that list the objects of each case.
 //!
-//! A case becomes visible, and later ready, by one transaction after its objects are durable: it is there whole or not at
-//! all, whatever moment the process is killed. Everything but the uploaded files is derived from them: a derived object
-//! that is missing or damaged is made again.
+//! A case becomes visible, and later ready, by one transaction after its objects are durable: it exists completely or
+//! not at all, even if the process is killed at any moment. Everything but the uploaded files is derived from them: a
+//! missing or damaged derived object is rebuilt.
 //!
 //! | object | what | why it is stored |
 //! |---|---|---|
-//! | `source-volume`, `source-mask` | the uploaded bytes; of DICOM files, the volume made of them | everything else comes from them |
+//! | `source-volume`, `source-mask` | the uploaded bytes; for DICOM files, the volume made from them | everything else comes from them |
 //! | `source-dicom` | identifying attributes and UIDs of DICOM files | apart from the pixels, read by nothing but its own route |
-//! | `mask` | runs of the working grid | it can be asked for; and an extracted brain must stay what it was |
+//! | `mask` | runs of the working grid | clients can request it, and an extracted brain must not change |
 //! | `volume` | 16-bit intensities, cropped to the envelope | reading the source means unpacking and checking the whole head |
 //! | `envelope` | runs of the working grid | the closing costs more than reading 20 kB |
 //! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
-//! | `paths` | the table of the default mesh | what is asked for first |
+//! | `paths` | the table of the default mesh | the first request of a client |
 //!
-//! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens of
-//! milliseconds, no longer than reading and checking their tens of megabytes.
+//! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
+//! of milliseconds, no longer than reading and checking their tens of megabytes.
 //!
-//! Every object is pinned before it is written and left with an expired pin when a case ceases to need it. A sweep leaves a
-//! tombstone on what nobody needs, deletes it and buries the tombstone ([`rows`]); so a removal never takes what another process is
-//! about to refer to, nothing is left behind by one that was killed, and no transaction waits for the object store.
+//! Every object is pinned before it is written and gets an expired pin when a case no longer needs it. A sweep leaves a
+//! tombstone on each unneeded object, deletes the object and buries the tombstone ([`rows`]). So a removal never
+//! deletes an object that another process is about to reference, a killed process leaves nothing behind, and no
+//! transaction waits for the object store.
 
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
@@ -28,6 +29,7 @@ mod directory;
 mod error;
 mod frame;
 mod inspect;
+mod link;
 mod location;
 mod name;
 mod objects;
@@ -42,6 +44,8 @@ mod sql;
 mod submit;
 #[cfg(any(test, feature = "conformance"))]
 pub mod testing;
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::fmt;
@@ -76,38 +80,38 @@ pub use self::sql::SqlRows;
 pub use self::submit::{NewMask, Submitted, Version};
 pub use self::watch::Watch;
 
-/// How many objects a sweep marks and removes at a time.
+/// The number of objects that a sweep marks and removes at a time.
 const REMOVALS_AT_ONCE: usize = 32;
 
-/// How long tombstones are a sweep's own.
+/// The lease of the tombstones of a sweep.
 const SWEEP_LEASE: Duration = Duration::from_secs(60);
 
-/// How long a sweep deletes objects: far less than its lease, so that no deletion of its own comes after somebody else has taken the
-/// tombstones over and the objects were written again.
+/// How long a sweep deletes objects: far less than its lease, so that no deletion of its own comes after somebody else
+/// has taken the tombstones over and the objects were written again.
 const SWEEP_FOR: Duration = Duration::from_secs(30);
 
-/// How long to wait before the next attempt to hear of changes.
+/// How long to wait before the next attempt to receive changes.
 const LISTEN_AGAIN_AFTER: Duration = Duration::from_secs(1);
 
-/// How a store behaves. [`Options::default`] suits one machine.
+/// The options of a store. [`Options::default`] suits one machine.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// How many cases may wait to be prepared.
+    /// The greatest number of cases that may wait to be prepared.
     pub queue_limit: usize,
-    /// Free bytes on the disk below which it is full: [`Store::check`] fails.
+    /// Free bytes on the disk below which it counts as full, so that [`Store::check`] fails.
     pub min_free_bytes: u64,
-    /// A preparation whose worker has not been heard of for so long is given to another.
+    /// The lease of a preparation; after it, another worker may take the job.
     pub lease: Duration,
-    /// How often a worker renews its lease and notes its progress; much less than `lease`.
+    /// The interval at which a worker renews its lease and stores its progress; much less than `lease`.
     pub heartbeat: Duration,
     /// How often a preparation is begun before the case fails: so often that a machine that is switched off again and
     /// again loses nothing, and not for ever, because an input could be what ends the program.
     pub max_attempts: u32,
-    /// How long a preparation may take; then the case fails.
+    /// The time limit of a preparation; then the case fails.
     pub longest_preparation: Duration,
-    /// How long to wait before the next attempt when the store, not the input, was at fault.
+    /// How long to wait before the next attempt if the store failed, not the input.
     pub retry_after: Duration,
-    /// How often to look for changes that other processes make.
+    /// The interval for polling changes by other processes.
     pub poll: Duration,
 }
 
@@ -140,9 +144,9 @@ struct Inner {
     place: Place,
     options: Options,
     signals: Signals,
-    /// Called after a case was deleted. Held for moments.
+    /// Called after a case was deleted. Held only briefly.
     deletion_hooks: Mutex<Vec<DeletionHook>>,
-    /// Hears of the changes that other processes make; ends with the store.
+    /// Receives changes by other processes; ends with the store.
     _listener: JoinSet<()>,
 }
 
@@ -157,7 +161,7 @@ impl fmt::Debug for Inner {
     }
 }
 
-/// Where uploads are spooled.
+/// The directory of spooled uploads.
 #[derive(Debug)]
 enum Place {
     Directory(Directory),
@@ -165,28 +169,28 @@ enum Place {
 }
 
 impl Store {
-    /// Opens the store in a directory with default [`Options`]; creates it, migrates it, sweeps leftovers.
+    /// Opens the store in a directory with default [`Options`]; creates it, migrates it, and removes left-over files.
     ///
-    /// Several processes may open one directory; what another live one is working on is left alone.
+    /// Several processes may open one directory; files in use by another running process are not touched.
     ///
     /// # Errors
-    /// When the directory or its database cannot be used.
+    /// If the directory or its database cannot be used.
     pub async fn open(directory: &Path) -> Result<Self, StoreError> {
         Self::open_with(directory, Options::default()).await
     }
 
-    /// The same, with options.
+    /// As [`Store::open`], with options.
     ///
     /// # Errors
-    /// When the directory or its database cannot be used.
+    /// If the directory or its database cannot be used.
     pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
         Self::open_at(&directory.into(), options).await
     }
 
-    /// Opens the store at a location; creates it, migrates it, sweeps leftovers.
+    /// Opens the store at a location; creates it, migrates it, and removes left-over files.
     ///
     /// # Errors
-    /// When the folder, the database or the objects cannot be used.
+    /// If the folder, the database or the objects cannot be used.
     pub async fn open_at(location: &Location, options: Options) -> Result<Self, StoreError> {
         let mut alone = false;
         let has_own_rows = location.database.is_none();
@@ -205,7 +209,7 @@ impl Store {
         let objects = open_objects(location)?;
         let store = Self::new(Arc::new(rows), objects, Place::Directory(place), options);
         store.collect().await?;
-        // Objects elsewhere may belong to somebody else's rows.
+        // Objects elsewhere may belong to other rows.
         if alone && has_own_rows && location.objects.is_none() {
             store.collect_unknown().await?;
         }
@@ -215,7 +219,7 @@ impl Store {
     /// A store on any rows and objects; uploads are spooled in the system's temporary directory.
     ///
     /// # Errors
-    /// When there is no temporary directory.
+    /// If there is no temporary directory.
     pub fn on(
         rows: Arc<dyn CaseRows>,
         objects: Objects,
@@ -225,10 +229,10 @@ impl Store {
         Ok(Self::new(rows, objects, Place::Temporary(uploads), options))
     }
 
-    /// A store that goes with its last user.
+    /// A store in memory, which ends with its last user.
     ///
     /// # Errors
-    /// When there is no memory or no temporary directory for it.
+    /// If there is no memory or no temporary directory for it.
     pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
         Self::on(Arc::new(SqlRows::in_memory().await?), objects, options)
@@ -254,12 +258,12 @@ impl Store {
     /// Begins an upload.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn spool(&self) -> Result<Spool, StoreError> {
         Spool::begin(self.scratch()).await
     }
 
-    /// Where temporary files may be; what a process that is killed leaves there is swept away.
+    /// The directory for temporary files; files of a killed process are removed from it.
     pub fn scratch(&self) -> std::path::PathBuf {
         match &self.inner.place {
             Place::Directory(directory) => directory.uploads(),
@@ -267,20 +271,31 @@ impl Store {
         }
     }
 
-    /// Spools bytes that are at hand.
+    /// Spools bytes in memory.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn spool_all(&self, bytes: bytes::Bytes) -> Result<Spooled, StoreError> {
         let mut spool = self.spool().await?;
         spool.write(bytes).await?;
         spool.finish().await
     }
 
-    /// A directory for the files of an upload, which goes with its handle.
+    /// Takes over a file in [`Store::scratch`] that another process has written, with [`Spooled::START`] bytes of room
+    /// before its contents.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
+    pub async fn spool_file(&self, file: std::path::PathBuf) -> Result<Spooled, StoreError> {
+        let scratch = self.scratch();
+        let taken = tokio::task::spawn_blocking(move || Spooled::take(&file, &scratch));
+        Ok(taken.await??)
+    }
+
+    /// A directory for the files of an upload, which is removed with its handle.
+    ///
+    /// # Errors
+    /// If the disk fails.
     pub async fn spool_directory(&self) -> Result<TempDir, StoreError> {
         let scratch = self.scratch();
         let made = tokio::task::spawn_blocking(move || {
@@ -294,7 +309,7 @@ impl Store {
     /// One case.
     ///
     /// # Errors
-    /// When the rows cannot be read.
+    /// If the rows cannot be read.
     pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
         let mut case = self.rows().case(id).await?;
         if let Some(case) = &mut case {
@@ -306,7 +321,7 @@ impl Store {
     /// At most `limit` cases after a cursor, newest first.
     ///
     /// # Errors
-    /// When the rows cannot be read.
+    /// If the rows cannot be read.
     pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
         let mut page = self.rows().cases(after.as_ref(), limit).await?;
         for case in &mut page.cases {
@@ -315,12 +330,12 @@ impl Store {
         Ok(page)
     }
 
-    /// Removes a case and what no other case needs; `false` where there was none. A preparation under way is cancelled.
-    ///
-    /// Once begun it is carried through, even when the caller goes away.
+    /// Removes a case and the objects that no other case needs; `false` if the case did not exist. A running
+    /// preparation is cancelled. The operation completes even if the caller drops the future.
     ///
     /// # Errors
-    /// When the rows or the objects cannot be written. The case may have gone all the same; its objects then go later.
+    /// If the rows or the objects cannot be written. The case may have been removed even so; its objects are then
+    /// removed later.
     pub async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
         let (store, id) = (self.clone(), *id);
         tokio::spawn(async move { store.delete_now(&id).await }).await?
@@ -340,23 +355,23 @@ impl Store {
         Watch::new(self.clone(), *id)
     }
 
-    /// How many cases wait to be prepared.
+    /// The number of cases that wait to be prepared.
     ///
     /// # Errors
-    /// When the rows cannot be read.
+    /// If the rows cannot be read.
     pub async fn waiting(&self) -> Result<usize, StoreError> {
         self.rows().waiting().await
     }
 
-    /// What has happened since the process began, for metrics.
+    /// Counts since the process started, for metrics.
     pub fn counters(&self) -> Counters {
         self.inner.signals.counters()
     }
 
-    /// Whether the rows and the objects can be reached, and the disk has room: what `/readyz` asks.
+    /// Checks that the rows and the objects are reachable and that the disk has room, for `/readyz`.
     ///
     /// # Errors
-    /// When they cannot, or it has not ([`StoreError::is_full`]).
+    /// If they are unreachable, or the disk is full ([`StoreError::is_full`]).
     pub async fn check(&self) -> Result<(), StoreError> {
         self.rows().check().await?;
         self.inner.objects.check().await?;
@@ -365,15 +380,15 @@ impl Store {
         Ok(())
     }
 
-    /// The process ends: leaves nothing unfinished. Nothing can be asked of the rows afterwards.
+    /// Finishes all work before the process ends. The rows must not be used afterwards.
     pub async fn close(&self) {
         self.rows().close().await;
     }
 
-    /// Removes the objects that nobody needs any more.
+    /// Removes the objects that are no longer needed.
     ///
     /// # Errors
-    /// When the rows or the objects cannot be written; what was not removed is found the next time.
+    /// If the rows or the objects cannot be written; what was not removed is found the next time.
     pub async fn collect(&self) -> Result<(), StoreError> {
         loop {
             let candidates = self.rows().abandoned(REMOVALS_AT_ONCE).await?;
@@ -384,9 +399,9 @@ impl Store {
         }
     }
 
-    /// Removes the objects that the rows do not know at all.
+    /// Removes the objects that are not in the rows at all.
     ///
-    /// There are none unless a removal was undone by a loss of power: the disk may forget it though the rows remember.
+    /// There are none unless a power failure undid a removal on the disk but not in the rows.
     async fn collect_unknown(&self) -> Result<(), StoreError> {
         let names = self.inner.objects.list().await?;
         for some in names.chunks(REMOVALS_AT_ONCE) {
@@ -395,7 +410,8 @@ impl Store {
         Ok(())
     }
 
-    /// Removes those of the objects that nobody needs. What is not removed is found again when the sweep's lease has ended.
+    /// Removes the unneeded ones of the objects. Objects that are not removed are found again after the lease of the
+    /// sweep.
     async fn remove_unneeded(&self, candidates: &[ObjectName]) -> Result<(), StoreError> {
         let sweep = Sweep {
             holder: submit::unique_holder(),
@@ -406,7 +422,7 @@ impl Store {
         for name in &marked {
             let left = SWEEP_FOR.saturating_sub(begun.elapsed());
             let deleted = tokio::time::timeout(left, self.inner.objects.delete(name)).await;
-            let too_slow = |_| StoreError::Objects("removing objects took too long".into());
+            let too_slow = |_| StoreError::Objects("the removal of objects took too long".into());
             deleted.map_err(too_slow)??;
         }
         if marked.is_empty() {
@@ -415,7 +431,7 @@ impl Store {
         self.rows().bury(&sweep.holder).await
     }
 
-    /// Calls `hook` after each deletion by this process and, where the database tells them, by others.
+    /// Calls `hook` after each deletion by this process and, if the database reports them, by others.
     pub fn on_delete(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
         lock(&self.inner.deletion_hooks).push(Box::new(hook));
     }
@@ -430,19 +446,19 @@ impl Store {
         &self.inner.objects
     }
 
-    /// How the store behaves.
+    /// The options.
     pub fn options(&self) -> &Options {
         &self.inner.options
     }
 
-    /// What is told inside of this process.
+    /// The signals within this process.
     pub fn signals(&self) -> &Signals {
         &self.inner.signals
     }
 }
 
 impl Inner {
-    /// Tells this process that a case is gone.
+    /// Signals to this process that a case was deleted.
     fn is_deleted(&self, id: &CaseId) {
         self.signals.cancel(id);
         self.signals.changed(id);
@@ -460,13 +476,15 @@ impl Inner {
     }
 }
 
-/// Passes on what other processes do to the rows, where the database tells it.
+/// Passes on changes of the rows by other processes, if the database reports them.
 async fn listen(rows: Arc<dyn CaseRows>, store: Weak<Inner>) {
     let mut changes = loop {
         match rows.changes().await {
             Ok(Some(changes)) => break changes,
             Ok(None) => return,
-            Err(error) => tracing::warn!(%error, "changes of other processes are noticed late"),
+            Err(error) => {
+                tracing::warn!(%error, "changes by other processes are noticed with a delay");
+            }
         }
         tokio::time::sleep(LISTEN_AGAIN_AFTER).await;
     };
@@ -478,7 +496,8 @@ async fn listen(rows: Arc<dyn CaseRows>, store: Weak<Inner>) {
     }
 }
 
-/// Whether so many bytes are free on the disk of a directory, for a process without privileges, and a file can be made durable there.
+/// Whether this number of bytes is free on the disk of a directory for an unprivileged process, and a file can be made
+/// durable there.
 fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
     let disk = rustix::fs::statvfs(directory)?;
     if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
@@ -515,7 +534,7 @@ fn rows_file(root: &Path) -> std::path::PathBuf {
     root.join("rows.sqlite")
 }
 
-/// Locks a mutex whose data stays right even if a holder panicked: each change of it is one step.
+/// Locks a mutex whose data stays valid even if a holder panicked, because each change is one step.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex
         .lock()

@@ -1,11 +1,11 @@
-//! Where a store is: a folder of this process, a database, and a place for objects.
+//! The location of a store: a folder of this process, a database, and a place for objects.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use sqlx::postgres::{PgConnectOptions, PgSslMode};
 
-/// The parameters that the address of a PostgreSQL database may have. Others are refused: sqlx would put them into the log.
+/// The accepted parameters of the address of a PostgreSQL database. Others are rejected, because sqlx would log them.
 const POSTGRES_PARAMETERS: [&str; 12] = [
     "sslmode",
     "sslrootcert",
@@ -21,11 +21,11 @@ const POSTGRES_PARAMETERS: [&str; 12] = [
     "application_name",
 ];
 
-/// Where a store is.
+/// The location of a store.
 #[derive(Debug, Clone)]
 pub struct Location {
-    /// The folder of this process: for uploads under way, and for the database and the objects unless they have other places. Made
-    /// where it is missing.
+    /// The folder of this process: for running uploads, and for the database and the objects unless they have other
+    /// places. Created if missing.
     pub folder: PathBuf,
     /// The database, unless it is `rows.sqlite` in the folder.
     pub database: Option<DatabaseAddress>,
@@ -43,19 +43,19 @@ impl From<&Path> for Location {
     }
 }
 
-/// What is wrong with an address. It is not repeated: it may hold a password.
+/// The reason why an address is invalid. The address is not repeated, because it may contain a password.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BadAddress {
     /// A database of another kind.
-    #[error("a database is `postgres://[user@]host[:port]/name` or `sqlite:///file`")]
+    #[error("write the database as `postgres://[user@]host[:port]/name` or `sqlite:///file`")]
     Database,
     /// Objects of another kind.
-    #[error("objects are in `s3://bucket[/prefix]` or `file:///folder`")]
+    #[error("write the place of the objects as `s3://bucket[/prefix]` or `file:///folder`")]
     Objects,
-    /// A parameter that PostgreSQL's address does not have.
-    #[error("the address of a PostgreSQL database has no parameter `{0}`")]
+    /// An unknown parameter in the address of PostgreSQL.
+    #[error("the parameter `{0}` is not accepted in the address of a PostgreSQL database")]
     Parameter(String),
-    /// An address of PostgreSQL that cannot be read.
+    /// An unreadable address of PostgreSQL.
     #[error(
         "the address of the PostgreSQL database cannot be read; percent-encode special characters in it"
     )]
@@ -72,12 +72,12 @@ pub enum DatabaseAddress {
 }
 
 impl DatabaseAddress {
-    /// Reads `postgres://…` or `sqlite:///file`. What `postgres://…` leaves open, the `PG…` variables and `~/.pgpass` say.
+    /// Parses `postgres://…` or `sqlite:///file`. The `PG…` variables and `~/.pgpass` complete `postgres://…`.
     ///
-    /// Other hosts than this machine must show a certificate for their name unless `sslmode` says otherwise.
+    /// Any host but this machine must present a certificate for its name, unless `sslmode` sets another mode.
     ///
     /// # Errors
-    /// When it is neither.
+    /// If it is neither.
     pub fn parse(text: &str) -> Result<Self, BadAddress> {
         if let Some(file) = text.strip_prefix("sqlite://") {
             return match file.starts_with('/') {
@@ -111,7 +111,7 @@ impl DatabaseAddress {
         })))
     }
 
-    /// The same with a password, if it is PostgreSQL.
+    /// Sets the password, if it is PostgreSQL.
     #[must_use]
     pub fn with_password(self, password: &str) -> Self {
         match self {
@@ -152,22 +152,22 @@ impl fmt::Debug for DatabaseAddress {
 /// A place for objects.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ObjectsAddress {
-    /// A folder, perhaps one that several machines share. Made where it is missing.
+    /// A folder, which several machines may share. Created if missing.
     Folder(PathBuf),
-    /// A bucket of an S3-compatible store; how to reach it the `AWS_…` variables say.
+    /// A bucket of an S3-compatible store, configured by the `AWS_…` variables.
     Bucket {
         /// Its name.
         bucket: String,
-        /// What all names in it begin with; may be empty.
+        /// The prefix of all names in it; may be empty.
         prefix: String,
     },
 }
 
 impl ObjectsAddress {
-    /// Reads `s3://bucket/prefix` or `file:///folder`.
+    /// Parses `s3://bucket/prefix` or `file:///folder`.
     ///
     /// # Errors
-    /// When it is neither.
+    /// If it is neither.
     pub fn parse(text: &str) -> Result<Self, BadAddress> {
         if let Some(folder) = text
             .strip_prefix("file://")

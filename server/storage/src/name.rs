@@ -1,4 +1,4 @@
-//! What objects are called.
+//! The names of objects.
 
 use std::fmt;
 
@@ -7,14 +7,14 @@ use case::ObjectKind;
 /// The address of an object: its kind and the BLAKE3 digest of its payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ObjectName {
-    /// What it holds.
+    /// Its kind.
     pub kind: ObjectKind,
     /// Digest of the payload as it is stored.
     pub digest: blake3::Hash,
 }
 
 impl ObjectName {
-    /// Reads a kind's name and 64 hexadecimal digits.
+    /// Parses the name of a kind and 64 hexadecimal digits.
     pub fn parse(kind: &str, digest: &str) -> Option<Self> {
         Some(Self {
             kind: ObjectKind::from_name(kind)?,
@@ -22,7 +22,7 @@ impl ObjectName {
         })
     }
 
-    /// Where it is below the root of the object store.
+    /// Its path below the root of the object store.
     pub fn path(&self) -> object_store::path::Path {
         let digest = self.digest.to_hex();
         object_store::path::Path::from_iter([self.kind.name(), &digest[..2], digest.as_str()])

@@ -1,6 +1,6 @@
-//! Objects: immutable files, addressed by what is in them, behind the `object_store` crate.
+//! Objects: immutable files, named by their contents, behind the `object_store` crate.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -9,22 +9,22 @@ use object_store::local::LocalFileSystem;
 use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutPayload};
 use tokio::io::AsyncReadExt;
 
-use super::frame::{FrameError, Framed, HEADER_LENGTH, plain_header, unframe};
-use super::{ObjectName, StoreError};
+use super::frame::{FrameError, Framed, plain_header, unframe};
+use super::{ObjectName, Spooled, StoreError, link};
 
-/// Files are copied into the store in parts of this size, which S3 accepts too (5 MiB at least).
+/// The size of a part when a file is copied into the store; S3 accepts 5 MiB or more.
 const PART_LENGTH: usize = 8 << 20;
 
-/// An object that cannot be used.
+/// The reason why an object cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
-    /// It is not there.
+    /// It is missing.
     #[error("an object is missing")]
     Missing,
-    /// It is not as it was written.
+    /// It is damaged.
     #[error("an object is damaged: {0}")]
     Damaged(String),
-    /// It cannot be reached, and may well be sound.
+    /// It cannot be reached; it may be intact.
     #[error(transparent)]
     Store(#[from] StoreError),
 }
@@ -33,28 +33,37 @@ pub enum Unreadable {
 #[derive(Debug, Clone)]
 pub struct Objects {
     files: Arc<dyn ObjectStore>,
+    /// Their directory, if they are on this machine.
+    directory: Option<PathBuf>,
 }
 
 impl Objects {
     /// Objects in any object store.
     pub fn new(files: Arc<dyn ObjectStore>) -> Self {
-        Self { files }
+        Self {
+            files,
+            directory: None,
+        }
     }
 
-    /// Objects in a directory, made where it is missing. What was put is on the disk when the call returns.
+    /// Objects in a directory, which is created if missing. An object is on the disk when `put` returns.
     ///
     /// # Errors
-    /// When the directory cannot be used.
+    /// If the directory cannot be used.
     pub fn in_directory(directory: &Path) -> Result<Self, StoreError> {
         std::fs::create_dir_all(directory)?;
         let files = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
-        Ok(Self::new(Arc::new(files)))
+        Ok(Self {
+            directory: Some(directory.to_owned()),
+            ..Self::new(Arc::new(files))
+        })
     }
 
-    /// Writes an object, over one that is there: it may be damaged. Readers see the old one or the new one, whole.
+    /// Writes an object, replacing an existing one, which may be damaged. Readers see either the old or the new one,
+    /// complete.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn put(&self, framed: &Framed) -> Result<(), StoreError> {
         let header = Bytes::copy_from_slice(&framed.header);
         let payload = PutPayload::from_iter([header, framed.payload.clone()]);
@@ -62,34 +71,49 @@ impl Objects {
         Ok(())
     }
 
-    /// Writes an object from a file, of which at most a part is in memory.
+    /// Makes an object from a spooled file, replacing an existing one. In a directory on the same disk, it becomes the
+    /// same file under another name; elsewhere it is copied, with at most one part in memory.
     ///
     /// # Errors
-    /// When the object store fails.
-    pub async fn put_file(
+    /// If the object store fails.
+    pub async fn put_file(&self, name: &ObjectName, file: &Spooled) -> Result<(), StoreError> {
+        let header = plain_header(name, file.len());
+        if let Some(directory) = &self.directory {
+            let place = directory.join(name.path().as_ref());
+            let file = file.path().to_owned();
+            let linked = tokio::task::spawn_blocking(move || link::link(&file, &header, &place));
+            if linked.await?? {
+                return Ok(());
+            }
+        }
+        self.copy_file(name, header.to_vec(), file).await
+    }
+
+    async fn copy_file(
         &self,
         name: &ObjectName,
-        file: &Path,
-        length: u64,
+        header: Vec<u8>,
+        file: &Spooled,
     ) -> Result<(), StoreError> {
         let mut upload = self.files.put_multipart(&name.path()).await?;
-        let written = write_parts(&mut *upload, plain_header(name, length), file).await;
+        let written = write_parts(&mut *upload, header, file).await;
         if written.is_err() {
-            // Parts of an object that nobody finishes stay in a bucket for ever; what cannot be taken back either is its owner's rule.
+            // Parts of an unfinished object stay in a bucket for ever; if they cannot be aborted either, the rules of
+            // the bucket remove them.
             let _given_up = upload.abort().await;
         }
         written
     }
 
-    /// The payload of an object, checked.
+    /// The verified payload of an object.
     ///
     /// # Errors
-    /// When it is missing or damaged, or the object store fails.
+    /// If it is missing or damaged, or the object store fails.
     pub async fn get(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
         self.read(name).await.map(|(payload, _framed)| payload)
     }
 
-    /// The bytes of an object as it is stored, checked.
+    /// The verified bytes of an object as stored.
     ///
     /// # Errors
     /// As [`Objects::get`].
@@ -97,10 +121,10 @@ impl Objects {
         self.read(name).await.map(|(_payload, framed)| framed)
     }
 
-    /// Writes the bytes of an object of another store, over one that is there.
+    /// Writes the bytes of an object from another store, replacing an existing one.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn put_framed(&self, name: &ObjectName, framed: Bytes) -> Result<(), StoreError> {
         self.files.put(&name.path(), framed.into()).await?;
         Ok(())
@@ -124,10 +148,10 @@ impl Objects {
             .map_err(|fault: FrameError| Unreadable::Damaged(fault.to_string()))
     }
 
-    /// The names of all objects. What is called otherwise is none of them, and is left out.
+    /// The names of all objects. Files with other names are ignored.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn list(&self) -> Result<Vec<ObjectName>, StoreError> {
         let found = self.files.list(None).map_ok(|file| {
             let mut parts = file.location.parts();
@@ -139,10 +163,10 @@ impl Objects {
         Ok(names.into_iter().flatten().collect())
     }
 
-    /// Removes an object; one that is not there is removed.
+    /// Removes an object, if it exists.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn delete(&self, name: &ObjectName) -> Result<(), StoreError> {
         match self.files.delete(&name.path()).await {
             Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
@@ -153,7 +177,7 @@ impl Objects {
     /// Whether the object store answers.
     ///
     /// # Errors
-    /// When the object store fails.
+    /// If the object store fails.
     pub async fn check(&self) -> Result<(), StoreError> {
         let nowhere = object_store::path::Path::from("check");
         match self.files.head(&nowhere).await {
@@ -163,14 +187,14 @@ impl Objects {
     }
 }
 
-/// Writes a header and a file, of which at most a part is in memory.
+/// Writes a header and a file, with at most one part in memory.
 async fn write_parts(
     upload: &mut dyn MultipartUpload,
-    header: [u8; HEADER_LENGTH],
-    file: &Path,
+    header: Vec<u8>,
+    file: &Spooled,
 ) -> Result<(), StoreError> {
-    let mut file = tokio::fs::File::open(file).await?;
-    let mut part = header.to_vec();
+    let mut file = file.open().await?;
+    let mut part = header;
     loop {
         part.reserve_exact(PART_LENGTH - part.len());
         while part.len() < PART_LENGTH && file.read_buf(&mut part).await? > 0 {}

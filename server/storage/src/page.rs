@@ -1,4 +1,4 @@
-//! The list of cases, in parts.
+//! Pages of the list of cases.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use case::{Case, CaseId};
 
-/// Where a listing goes on: behind a case, named by its time and id.
+/// The position in a list after a case, given by its time and id.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cursor {
     pub(super) created_at: Timestamp,
@@ -14,7 +14,7 @@ pub struct Cursor {
 }
 
 impl Cursor {
-    /// The cursor behind a case.
+    /// The cursor after a case.
     pub(super) fn after(case: &Case) -> Self {
         Self {
             created_at: case.created_at,
@@ -22,7 +22,7 @@ impl Cursor {
         }
     }
 
-    /// Reads what [`Cursor`]'s `Display` wrote; `None` for anything else.
+    /// Parses the output of `Display`; `None` for anything else.
     pub fn parse(text: &str) -> Option<Self> {
         let (microseconds, id) = text.split_once('-')?;
         Some(Self {
@@ -43,12 +43,12 @@ impl fmt::Display for Cursor {
     }
 }
 
-/// A part of the list of cases.
+/// A page of the list of cases.
 #[derive(Debug, Clone)]
 pub struct Page {
     /// Newest first.
     pub cases: Vec<Case>,
-    /// Where the next part begins; `None` on the last one.
+    /// The start of the next page; `None` on the last one.
     pub next: Option<Cursor>,
 }
 

@@ -1,4 +1,4 @@
-//! Files that are for their owner alone.
+//! Files that only their owner may read.
 
 use std::path::Path;
 
@@ -6,9 +6,9 @@ use std::path::Path;
 #[cfg(unix)]
 const OTHERS: u32 = 0o077;
 
-/// Takes away what others may do with a file or folder that was made otherwise, and says so in the log; `what` names it there.
+/// Removes the permissions of others from a file or folder, and logs it; `what` names it in the log.
 ///
-/// Where the mode cannot be changed (a secret that is mounted, a folder of somebody else) the log says that.
+/// If the mode cannot be changed (a mounted secret, a folder with another owner), the log reports that.
 #[cfg(unix)]
 pub fn keep_private(path: &Path, what: &str) {
     use std::os::unix::fs::PermissionsExt as _;
@@ -21,11 +21,11 @@ pub fn keep_private(path: &Path, what: &str) {
     let (before, after) = (mode & 0o7777, mode & 0o7777 & !OTHERS);
     match std::fs::set_permissions(path, std::fs::Permissions::from_mode(after)) {
         Ok(()) => tracing::warn!(
-            "others could read {what}: its mode was {before:04o} and is {after:04o} now"
+            "others could read {what}; its mode was {before:04o} and is now {after:04o}"
         ),
         Err(error) => tracing::warn!(
             kind = %error.kind(),
-            "others can read {what}: its mode is {before:04o}, and cannot be changed"
+            "others can read {what}; its mode is {before:04o} and cannot be changed"
         ),
     }
 }

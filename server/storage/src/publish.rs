@@ -16,18 +16,18 @@ use super::{ObjectName, Store, StoreError};
 /// How often derived objects are written again because a pin was lost.
 const PUBLISH_ATTEMPTS: usize = 3;
 
-/// How long a rebuild is left to a process that has not been heard of.
+/// The lease of a rebuild.
 const REBUILD_LEASE: Duration = Duration::from_secs(30);
 
-/// How often to look whether another process has ended its rebuild.
+/// How often to check whether another process has finished its rebuild.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// On whose behalf derived objects are published.
+/// The origin of derived objects.
 #[derive(Debug, Clone, Copy)]
 pub enum Publisher<'a> {
-    /// A worker's, with its lease.
+    /// A worker with its lease.
     Worker(&'a Claim),
-    /// A ready case's, whose objects were made again.
+    /// A rebuild of a ready case.
     Rebuild(&'a CaseId),
 }
 
@@ -36,7 +36,7 @@ pub enum Publisher<'a> {
 pub enum Attempt<T> {
     /// They were read.
     Read(T),
-    /// The case is not there, or not ready.
+    /// The case does not exist or is not ready.
     NoCase,
     /// An object is missing or damaged.
     Bad,
@@ -49,7 +49,7 @@ impl Store {
     /// `decode` returns `None`, that is logged and counted.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn read_derived<T: Send + 'static>(
         &self,
         id: &CaseId,
@@ -85,7 +85,7 @@ impl Store {
     /// The payload of a case's object; `None`, reported, if it is missing or damaged.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn read(
         &self,
         id: &CaseId,
@@ -95,7 +95,7 @@ impl Store {
         let Some(name) = names.iter().find(|name| name.kind == kind) else {
             tracing::info!(
                 object = kind.name(),
-                "a case of an earlier version lacks an object"
+                "a case from an earlier version lacks an object"
             );
             return Ok(None);
         };
@@ -122,10 +122,10 @@ impl Store {
         );
     }
 
-    /// Whose head a case is, as it was stored with the volume; `None` where it was not made of DICOM files.
+    /// The stored identifying attributes of a case; `None` if it does not come from DICOM.
     ///
     /// # Errors
-    /// When the store cannot be reached, or what was stored is lost.
+    /// If the store cannot be reached, or what was stored is lost.
     pub async fn source_dicom(&self, id: &CaseId) -> Result<Option<Bytes>, StoreError> {
         let names = self.rows().objects(id).await?;
         if !names
@@ -140,7 +140,7 @@ impl Store {
         })
     }
 
-    /// Runs a rebuild of a case while no other process runs one; `None` where there is no such case.
+    /// Runs a rebuild of a case while no other process runs one; `None` if there is no such case.
     ///
     /// # Errors
     /// Those of the rebuild, or when the rows cannot be written.
@@ -175,10 +175,10 @@ impl Store {
         rebuilt.map(Some)
     }
 
-    /// Makes derived objects durable, then publishes them in one transaction. Leaves nothing where that fails.
+    /// Makes derived objects durable, then publishes them in one transaction. Leaves nothing behind if that fails.
     ///
     /// # Errors
-    /// When the store cannot be reached.
+    /// If the store cannot be reached.
     pub async fn publish(
         &self,
         publisher: Publisher<'_>,
@@ -199,7 +199,7 @@ impl Store {
             }
         }
         Err(StoreError::Rows(
-            "an object under way was removed again and again".into(),
+            "an object was removed repeatedly while it was written".into(),
         ))
     }
 
@@ -223,7 +223,7 @@ impl Store {
 /// Packs and frames derived objects on a blocking thread.
 ///
 /// # Errors
-/// When the process is stopping.
+/// If the process is stopping.
 pub async fn frame_all(objects: Vec<(ObjectKind, Bytes)>) -> Result<Vec<Framed>, StoreError> {
     let framed = tokio::task::spawn_blocking(move || {
         let framed = objects.into_iter().map(|(kind, plain)| frame(kind, plain));

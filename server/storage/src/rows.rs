@@ -1,12 +1,13 @@
-//! Rows: cases, the objects they need, and jobs. What a database must be able to do for the store.
+//! Rows: cases, their objects, and jobs; the interface to a database.
 //!
-//! Every method is one transaction, which ends before it returns. The time is the database's own: leases, pins and tombstones of
-//! several machines, whose clocks differ, are compared by one clock. Callers give durations.
+//! Every method is one transaction, which ends before it returns. The time is the database's own: leases, pins and
+//! tombstones of several machines, whose clocks differ, are compared by one clock. Callers give durations.
 //!
-//! An object is removed in three steps, none of which holds a transaction while the object store works: [`CaseRows::mark`] leaves a
-//! tombstone on what nobody needs, the object is deleted, [`CaseRows::bury`] takes the tombstone away. What has a tombstone cannot be
-//! pinned, and what is pinned or needed gets no tombstone; so nothing that somebody is about to refer to is deleted. A tombstone has a
-//! lease: if its holder is killed, another one takes it over and deletes the object again.
+//! An object is removed in three steps, none of which holds a transaction while the object store works:
+//! [`CaseRows::mark`] leaves a tombstone on an unneeded object, the object is deleted, and [`CaseRows::bury`] removes
+//! the tombstone. An object with a tombstone cannot be pinned, and a pinned or needed object gets no tombstone; so no
+//! object is deleted that a process is about to reference. A tombstone has a lease: if its holder is killed, another
+//! sweep takes it over and deletes the object again.
 
 use std::time::Duration;
 
@@ -19,9 +20,9 @@ use case::{Case, CaseFacts, CaseId, Failure, Parameters, Progress};
 /// Objects about to be written, protected by their holder's pins.
 #[derive(Debug, Clone)]
 pub struct Pinned {
-    /// Who holds the pins; unique for each act of writing.
+    /// The holder of the pins; unique for each write.
     pub holder: String,
-    /// What is pinned.
+    /// The pinned objects.
     pub names: Vec<ObjectName>,
 }
 
@@ -30,7 +31,7 @@ pub struct Pinned {
 pub struct NewCase {
     /// Its name.
     pub id: CaseId,
-    /// What was chosen at the upload.
+    /// The parameters from the upload.
     pub parameters: Parameters,
     /// The case of which it is a version.
     pub previous: Option<CaseId>,
@@ -40,18 +41,18 @@ pub struct NewCase {
     pub queue_limit: usize,
 }
 
-/// What became of an insertion.
+/// The result of an insertion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Inserted {
     /// The case is new, and queued.
     Created,
-    /// It was there and had failed; it is queued again.
+    /// It existed and had failed; it is queued again.
     Requeued,
-    /// It was there.
+    /// It existed.
     Exists,
-    /// As many jobs wait as may wait. Nothing has changed.
+    /// The queue is full. Nothing has changed.
     QueueFull,
-    /// A pin has gone, and its object perhaps too: write the objects again. Nothing has changed.
+    /// A pin is gone, and perhaps its object too; write the objects again. Nothing has changed.
     PinLost,
 }
 
@@ -60,26 +61,26 @@ pub enum Inserted {
 pub struct Claim {
     /// The case to be prepared.
     pub id: CaseId,
-    /// How.
+    /// The parameters.
     pub parameters: Parameters,
     /// The source objects.
     pub sources: Vec<ObjectName>,
     /// The number of this lease; a greater one fences it off.
     pub fence: i64,
-    /// How many leases there have been, this one included, without an end.
+    /// The number of leases that had no result, including this one.
     pub attempt: u32,
 }
 
-/// For how long, and how often, a job is leased.
+/// The duration and the number of leases of a job.
 #[derive(Debug, Clone, Copy)]
 pub struct LeaseTerms {
     /// How long the lease lasts unless it is renewed.
     pub lease: Duration,
-    /// A job with that many attempts behind it fails instead.
+    /// A job with this many attempts fails instead.
     pub max_attempts: u32,
 }
 
-/// How a lease is handed back.
+/// The terms for returning a lease.
 #[derive(Debug, Clone, Copy)]
 pub struct Release {
     /// How long until the job may be leased again.
@@ -88,45 +89,45 @@ pub struct Release {
     pub counts: bool,
 }
 
-/// What became of a publication.
+/// The result of a publication.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Published {
     /// The case is ready.
     Done,
-    /// The lease is not ours any more, or the case has gone. Nothing has changed.
+    /// The lease is lost, or the case is deleted. Nothing has changed.
     Fenced,
-    /// A pin has gone, and its object perhaps too: write the objects again. Nothing has changed.
+    /// A pin is gone, and perhaps its object too; write the objects again. Nothing has changed.
     PinLost,
 }
 
-/// Who removes objects, and how long the tombstones are its own.
+/// The holder of tombstones, and their lease.
 #[derive(Debug, Clone)]
 pub struct Sweep {
     /// Unique for each sweep.
     pub holder: String,
-    /// After this time another one may take the tombstones over.
+    /// After this time, another sweep may take over the tombstones.
     pub lease: Duration,
 }
 
-/// What some process, perhaps this one, has done to the rows.
+/// A change of the rows by any process, including this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
     /// A job waits for a worker.
     Queued,
-    /// A case is not as it was, or is new.
+    /// A case is new or has changed.
     Changed(CaseId),
-    /// A case is gone.
+    /// A case was deleted.
     Deleted(CaseId),
 }
 
 /// Cases, the objects they need, and jobs, in a database that several processes may share.
 #[async_trait]
 pub trait CaseRows: std::fmt::Debug + Send + Sync {
-    /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of them has a
-    /// tombstone: try again once it is buried.
+    /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of
+    /// them has a tombstone: try again once it is buried.
     async fn pin(&self, pinned: &Pinned, lease: Duration) -> Result<bool, StoreError>;
 
-    /// Makes pins expire at once: what was to be written will not be needed.
+    /// Makes pins expire at once, because the objects are not needed.
     async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError>;
 
     /// Makes a case and its job, and turns its pins into references; or queues a failed one again.
@@ -138,23 +139,24 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// At most `limit` cases after a cursor, newest first.
     async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError>;
 
-    /// The objects that a case needs; none where there is no such case.
+    /// The objects that a case needs; none if there is no such case.
     async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError>;
 
-    /// Gives a case another label; nothing where there is no such case.
+    /// Changes the label of a case; nothing if there is no such case.
     async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError>;
 
-    /// Removes a case with its job; whether it was there. Its objects are left with expired pins; its versions become those
-    /// of the case that it is a version of.
+    /// Removes a case with its job; returns whether it existed. Its objects are left with expired pins; its versions
+    /// become those of the case that it is a version of.
     async fn delete(&self, id: &CaseId) -> Result<bool, StoreError>;
 
     /// How many jobs wait for a lease.
     async fn waiting(&self) -> Result<usize, StoreError>;
 
-    /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the way.
+    /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the
+    /// way.
     async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError>;
 
-    /// Renews a lease from now on and notes the progress; `false` where the lease is not ours any more.
+    /// Renews a lease from now on and notes the progress; `false` if the lease is not ours any more.
     async fn renew(
         &self,
         claim: &Claim,
@@ -162,7 +164,7 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
         progress: Option<Progress>,
     ) -> Result<bool, StoreError>;
 
-    /// Hands a lease back; `false` where it is not ours any more.
+    /// Returns a lease; `false` if it is not ours any more.
     async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError>;
 
     /// Makes a case ready, if the lease is still ours.
@@ -173,16 +175,16 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
         facts: &CaseFacts,
     ) -> Result<Published, StoreError>;
 
-    /// Makes a case failed, if the lease is still ours; whether it was.
+    /// Makes a case failed, if the lease is still ours; returns whether it was.
     async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError>;
 
     /// Gives a ready case other derived objects, after a rebuild. [`Published::Fenced`] where it is not ready.
     async fn replace(&self, id: &CaseId, derived: &Pinned) -> Result<Published, StoreError>;
 
-    /// Makes a ready case failed: its source is lost. Whether it was ready.
+    /// Makes a ready case failed, because its source is lost; returns whether it was ready.
     async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError>;
 
-    /// Takes the rebuild of a case for a time, or keeps it for longer; `false` where another one has it, or there is no such case.
+    /// Leases the rebuild of a case, or renews the lease; `false` if another one has it, or there is no such case.
     async fn begin_rebuild(
         &self,
         id: &CaseId,
@@ -190,45 +192,48 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
         lease: Duration,
     ) -> Result<bool, StoreError>;
 
-    /// Leaves the rebuild of a case to others, if it is still the holder's.
+    /// Releases the rebuild of a case, if the holder still has it.
     async fn end_rebuild(&self, id: &CaseId, holder: &str) -> Result<(), StoreError>;
 
-    /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has ended.
+    /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has
+    /// ended.
     async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError>;
 
-    /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other live sweep
-    /// removes, and forgets the expired pins of all of them. The objects with the sweep's tombstone are its own to delete.
+    /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other
+    /// live sweep removes, and forgets the expired pins of all of them. The objects with the sweep's tombstone are its
+    /// own to delete.
     async fn mark(
         &self,
         names: &[ObjectName],
         sweep: &Sweep,
     ) -> Result<Vec<ObjectName>, StoreError>;
 
-    /// The objects are gone: takes the tombstones of a sweep away, if they are still its own.
+    /// Removes the tombstones of a sweep after their objects are deleted, if the sweep still holds them.
     async fn bury(&self, holder: &str) -> Result<(), StoreError>;
 
     /// Those of the given objects that no case needs, no pin protects and no sweep removes.
     async fn unneeded(&self, names: &[ObjectName]) -> Result<Vec<ObjectName>, StoreError>;
 
-    /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into references; one that
-    /// is not ready or failed is queued. `false`, and nothing has changed, where it is ready here and not there.
+    /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into
+    /// references; one that is not ready or failed is queued. `false`, and nothing has changed, where it is ready here
+    /// and not there.
     async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError>;
 
-    /// Ends every lease and expires every pin: no other process lives that could hold one.
+    /// Ends every lease and expires every pin, because no other process runs that could hold one.
     async fn forget_holders(&self) -> Result<(), StoreError>;
 
     /// Whether the rows can be read and written. Changes nothing.
     async fn check(&self) -> Result<(), StoreError>;
 
-    /// Whether the database itself is whole, as far as it can tell. Takes as long as reading it.
+    /// Checks the integrity of the database itself. Takes as long as reading it.
     async fn inspect(&self) -> Result<(), StoreError>;
 
-    /// The changes of all processes from now on, as they are committed; `None` where the database cannot tell them. Some may be
-    /// missed: whoever waits for one also looks from time to time.
+    /// The changes of all processes from now on, as they are committed; `None` if the database cannot report them. Some
+    /// may be missed, so a process that waits for one must also poll.
     async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
         Ok(None)
     }
 
-    /// The process ends: leaves nothing unfinished. Nothing can be asked afterwards.
+    /// Finishes all work before the process ends. No other method may be called afterwards.
     async fn close(&self) {}
 }

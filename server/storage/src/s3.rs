@@ -1,7 +1,7 @@
 //! Objects in a bucket of an S3-compatible store.
 //!
-//! Which credentials: those of the `AWS_…` variables, as everywhere, a file of them included (`AWS_SHARED_CREDENTIALS_FILE`), or those
-//! that the machine has. Nothing rests on conditional writes: objects are named by their contents.
+//! The credentials come from the usual `AWS_…` variables, from a file (`AWS_SHARED_CREDENTIALS_FILE`), or from the
+//! machine. Conditional writes are not needed, because objects are named by their contents.
 
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -25,25 +25,24 @@ use object_store::client::{
 use object_store::prefix::PrefixStore;
 use object_store::{ClientOptions, RetryConfig};
 
+use super::error::BUCKET;
 use super::{Objects, StoreError};
 
-/// What `object_store` calls it in its errors.
-pub(super) const NAME: &str = "S3";
-
-/// How long a request is tried again: less than a client waits for an answer.
+/// How long to repeat a failed request: shorter than a client waits for an answer.
 const RETRY_FOR: Duration = Duration::from_secs(15);
 
 /// How long to wait for the next bytes of an answer.
 const SILENCE: Duration = Duration::from_secs(30);
 
-/// How long connections that nobody uses are kept.
+/// How long to keep unused connections.
 const IDLE: Duration = Duration::from_secs(30);
 
 impl Objects {
-    /// Objects in a bucket, below a prefix (which may be empty). The `AWS_…` variables say where it is and how to get in.
+    /// Objects in a bucket, below a prefix (which may be empty). The `AWS_…` variables give its address and
+    /// credentials.
     ///
     /// # Errors
-    /// When these variables are not right.
+    /// If these variables are invalid.
     pub fn in_bucket(bucket: &str, prefix: &str) -> Result<Self, StoreError> {
         let variables = std::env::vars_os();
         let as_text = |(name, value): (OsString, OsString)| {
@@ -52,10 +51,10 @@ impl Objects {
         Self::in_bucket_with(bucket, prefix, &variables.filter_map(as_text).collect())
     }
 
-    /// The same, with these variables.
+    /// As [`Objects::in_bucket`], with the given variables.
     ///
     /// # Errors
-    /// When they are not right.
+    /// If they are invalid.
     pub fn in_bucket_with(
         bucket: &str,
         prefix: &str,
@@ -80,7 +79,7 @@ impl Objects {
         }
         let is = |key| builder.get_config_value(&key).unwrap_or_default();
         let named = [AmazonS3ConfigKey::S3Endpoint, AmazonS3ConfigKey::Endpoint].map(is);
-        // Who names an address without TLS means it.
+        // An endpoint without TLS is intended.
         let without_tls = named.iter().any(|endpoint| endpoint.starts_with("http://"));
         let retry = RetryConfig {
             retry_timeout: RETRY_FOR,
@@ -98,7 +97,7 @@ impl Objects {
     }
 }
 
-/// Key, secret and token of the file that `AWS_SHARED_CREDENTIALS_FILE` names, unless the variables have them.
+/// Key, secret and token from the file `AWS_SHARED_CREDENTIALS_FILE`, unless the variables contain them.
 fn shared_credentials(
     variables: &HashMap<String, String>,
 ) -> Result<Option<[String; 3]>, StoreError> {
@@ -113,7 +112,9 @@ fn shared_credentials(
     super::keep_private(Path::new(file), "the file of the credentials");
     let credentials = profile_of(&text, profile);
     credentials.map(Some).ok_or_else(|| {
-        StoreError::Objects("the credentials file has no key and secret for this profile".into())
+        StoreError::Objects(
+            "the credentials file has no key and secret for the profile; set AWS_PROFILE".into(),
+        )
     })
 }
 
@@ -147,7 +148,7 @@ struct Connector;
 impl HttpConnector for Connector {
     fn connect(&self, options: &ClientOptions) -> object_store::Result<HttpClient> {
         let without_roots = |error| object_store::Error::Generic {
-            store: NAME,
+            store: BUCKET,
             source: Box::new(error),
         };
         let builder = hyper_rustls::HttpsConnectorBuilder::new()

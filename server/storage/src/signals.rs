@@ -1,4 +1,4 @@
-//! What is told inside of this process at once, without asking the rows: wake-ups, progress, cancellations, counts.
+//! Signals within this process, without the rows: wake-ups, progress, cancellations, counts.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -9,19 +9,19 @@ use tokio::sync::{Notify, watch};
 use super::lock;
 use case::{Case, CaseId, CaseState, Progress};
 
-/// What has happened since the process began.
+/// Counts since the process started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct Counters {
     /// Objects found missing or damaged.
     pub bad_objects: u64,
-    /// Cases rebuilt from their source because of it.
+    /// Cases rebuilt from their source for this reason.
     pub rebuilds: u64,
     /// Cases made ready.
     pub prepared: u64,
-    /// Cases that failed for their input.
+    /// Cases that failed because of their input.
     pub failed: u64,
-    /// Preparations that must be tried again, for the store failed.
+    /// Preparations that must be tried again because the store failed.
     pub retried: u64,
 }
 
@@ -40,14 +40,14 @@ pub enum Count {
     Retried,
 }
 
-/// What watchers of a case are told: a number that changes with the row, and the progress.
+/// The signal to watchers of a case: a number that changes with the row, and the progress.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Signal {
     changes: u64,
     progress: Option<Progress>,
 }
 
-/// Signals inside of this process. The mutexes are held for a look-up, never across an await.
+/// Signals within this process. The mutexes are held for a look-up, never across an await.
 #[derive(Debug, Default)]
 pub struct Signals {
     /// A case was queued.
@@ -73,7 +73,7 @@ impl Signals {
         self.tell(id, |signal| signal.changes += 1);
     }
 
-    /// A preparation has come further, or has ended.
+    /// A preparation has made progress or has ended.
     pub fn progress(&self, id: &CaseId, progress: Option<Progress>) {
         self.tell(id, |signal| signal.progress = progress);
     }
@@ -106,7 +106,7 @@ impl Signals {
         case.progress = progress.or(case.progress);
     }
 
-    /// A preparation begins; the flag is raised when it is to stop.
+    /// A preparation begins; setting the returned flag stops it.
     pub fn begin(&self, id: &CaseId) -> Arc<AtomicBool> {
         let cancelled = Arc::new(AtomicBool::new(false));
         lock(&self.running).insert(*id, cancelled.clone());

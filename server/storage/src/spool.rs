@@ -1,17 +1,22 @@
-//! Uploads on their way in: temporary files, hashed as they come.
+//! Uploads in progress: temporary files, hashed as they arrive.
+//!
+//! Each begins with room for the header of an object, so that the file becomes an object by another name; an upload is
+//! written only once ([`Objects::put_file`](super::Objects::put_file)).
 
+use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use tempfile::TempPath;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncReadExt, AsyncSeekExt as _, AsyncWriteExt};
 
 use super::StoreError;
+use super::frame::HEADER_LENGTH;
 
-/// How much is hashed and written at once.
+/// The number of bytes to hash and write at once.
 const BUFFER_LENGTH: usize = 1 << 20;
 
-/// An upload on its way into the store. Dropping it leaves nothing.
+/// An upload in progress. Dropping it removes the file.
 #[derive(Debug)]
 pub struct Spool {
     file: tokio::io::BufWriter<tokio::fs::File>,
@@ -30,18 +35,20 @@ impl Spool {
         .await??;
         let (file, path) = named.into_parts();
         let file = tokio::fs::File::from_std(file);
+        let mut file = tokio::io::BufWriter::with_capacity(BUFFER_LENGTH, file);
+        file.write_all(&[0; HEADER_LENGTH]).await?;
         Ok(Self {
-            file: tokio::io::BufWriter::with_capacity(BUFFER_LENGTH, file),
+            file,
             path,
             hasher: blake3::Hasher::new(),
             length: 0,
         })
     }
 
-    /// Takes the next bytes.
+    /// Writes the next bytes.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn write(&mut self, bytes: Bytes) -> Result<(), StoreError> {
         self.hasher.update(&bytes);
         self.length += bytes.len() as u64;
@@ -53,15 +60,15 @@ impl Spool {
         self.length
     }
 
-    /// Whether nothing has come yet.
+    /// Whether no byte has arrived yet.
     pub fn is_empty(&self) -> bool {
         self.length == 0
     }
 
-    /// All bytes have come.
+    /// Ends the upload after its last byte.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn finish(mut self) -> Result<Spooled, StoreError> {
         self.file.flush().await?;
         Ok(Spooled {
@@ -72,7 +79,7 @@ impl Spool {
     }
 }
 
-/// A whole uploaded file, in a temporary file. Dropping it removes the file.
+/// A complete upload, in a temporary file. Dropping it removes the file.
 #[derive(Debug)]
 pub struct Spooled {
     path: TempPath,
@@ -81,6 +88,31 @@ pub struct Spooled {
 }
 
 impl Spooled {
+    /// The offset of the uploaded bytes in the file.
+    pub const START: u64 = HEADER_LENGTH as u64;
+
+    /// Takes over a file that was written elsewhere, with the same room before its bytes. It is moved into `directory`.
+    ///
+    /// The bytes are hashed here. If another process still writes to the file, it damages the object; that is detected
+    /// when the object is read.
+    pub(super) fn take(file: &Path, directory: &Path) -> io::Result<Self> {
+        let path = tempfile::Builder::new()
+            .prefix("upload-")
+            .make_in(directory, |path| std::fs::rename(file, path))?
+            .into_temp_path();
+        let mut file = std::fs::File::open(&path)?;
+        let length = file.metadata()?.len().checked_sub(Self::START);
+        let length = length.ok_or(io::ErrorKind::UnexpectedEof)?;
+        file.seek(SeekFrom::Start(Self::START))?;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(file.take(length))?;
+        Ok(Self {
+            path,
+            digest: hasher.finalize(),
+            length,
+        })
+    }
+
     /// BLAKE3 of the bytes.
     pub fn digest(&self) -> &blake3::Hash {
         &self.digest
@@ -99,23 +131,34 @@ impl Spooled {
     /// The first bytes.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn head(&self, length: u64) -> Result<Vec<u8>, StoreError> {
         let mut head = Vec::new();
-        let file = tokio::fs::File::open(&self.path).await?;
+        let file = self.open().await?;
         file.take(length).read_to_end(&mut head).await?;
         Ok(head)
+    }
+
+    /// The file, at the beginning of the uploaded bytes.
+    pub(super) async fn open(&self) -> Result<tokio::fs::File, StoreError> {
+        let mut file = tokio::fs::File::open(&self.path).await?;
+        file.seek(SeekFrom::Start(Self::START)).await?;
+        Ok(file)
     }
 
     /// All bytes.
     ///
     /// # Errors
-    /// When the disk fails.
+    /// If the disk fails.
     pub async fn read(&self) -> Result<Bytes, StoreError> {
-        Ok(tokio::fs::read(&self.path).await?.into())
+        let file = Bytes::from(tokio::fs::read(&self.path).await?);
+        if file.len() < HEADER_LENGTH {
+            return Err(io::Error::from(io::ErrorKind::UnexpectedEof).into());
+        }
+        Ok(file.slice(HEADER_LENGTH..))
     }
 
-    /// Where the file is.
+    /// The path of the file. The uploaded bytes begin at [`Spooled::START`].
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -128,6 +171,75 @@ pub struct Upload {
     pub volume: Spooled,
     /// The mask of the brain.
     pub mask: Option<Spooled>,
-    /// Whose head it is, where the volume was made of DICOM files.
+    /// The identifying attributes, if the volume comes from DICOM.
     pub dicom: Option<Spooled>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn an_upload_has_room_before_it_and_is_hashed_as_it_comes() {
+        let directory = tempfile::tempdir().unwrap();
+        for (pieces, whole) in [
+            (&[][..], ""),
+            (&["a"], "a"),
+            (&["one ", "", "and another"], "one and another"),
+        ] {
+            let mut spool = Spool::begin(directory.path().to_owned()).await.unwrap();
+            for piece in pieces {
+                spool
+                    .write(Bytes::from_static(piece.as_bytes()))
+                    .await
+                    .unwrap();
+            }
+            assert_eq!(
+                (spool.len(), spool.is_empty()),
+                (whole.len() as u64, whole.is_empty())
+            );
+            let spooled = spool.finish().await.unwrap();
+            assert_eq!(
+                (spooled.len(), spooled.is_empty()),
+                (whole.len() as u64, whole.is_empty())
+            );
+            assert_eq!(spooled.digest(), &blake3::hash(whole.as_bytes()));
+            assert_eq!(spooled.read().await.unwrap(), whole);
+            assert_eq!(
+                spooled.head(3).await.unwrap(),
+                &whole.as_bytes()[..whole.len().min(3)]
+            );
+            let file = std::fs::read(spooled.path()).unwrap();
+            assert_eq!(file, [&[0; HEADER_LENGTH], whole.as_bytes()].concat());
+        }
+        assert_eq!(
+            std::fs::read_dir(directory.path()).unwrap().count(),
+            0,
+            "all are dropped"
+        );
+    }
+
+    #[tokio::test]
+    async fn a_file_that_another_process_wrote_is_moved_and_hashed() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("elsewhere");
+        std::fs::write(&file, [&[0; HEADER_LENGTH][..], b"volume"].concat()).unwrap();
+        let taken = Spooled::take(&file, directory.path()).unwrap();
+        assert!(!file.exists());
+        assert_eq!(taken.digest(), &blake3::hash(b"volume"));
+        assert_eq!(taken.read().await.unwrap(), "volume");
+        drop(taken);
+        for bytes in [&b""[..], &[0; HEADER_LENGTH - 1]] {
+            std::fs::write(&file, bytes).unwrap();
+            assert!(
+                Spooled::take(&file, directory.path()).is_err(),
+                "it has no room"
+            );
+        }
+        assert!(
+            Spooled::take(&file, directory.path()).is_err(),
+            "there is none"
+        );
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
 }

@@ -1,4 +1,4 @@
-//! From an upload to a queued case.
+//! Makes a queued case from an upload.
 
 use std::time::{Duration, Instant};
 
@@ -6,24 +6,24 @@ use super::rows::{Inserted, NewCase, Pinned};
 use super::{ObjectName, Spooled, Store, StoreError, Upload};
 use case::{Case, CaseId, CaseState, ObjectKind, Parameters};
 
-/// How long an object may be under way to the store before it may be swept.
+/// The lifetime of a pin: an object must be written within this time.
 const PIN_FOR: Duration = Duration::from_secs(3600);
 
-/// How long to wait for an object that is being removed: longer than the lease of a sweep that was killed.
+/// How long to wait for an object that is being removed: longer than the lease of a killed sweep.
 const REMOVAL_PATIENCE: Duration = Duration::from_secs(90);
 
-/// How often to look whether it is gone.
+/// How often to check whether it is gone.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// How often a lost pin is taken again.
+/// How often to pin again after a pin is lost.
 const PIN_ATTEMPTS: usize = 3;
 
-/// What became of an upload.
+/// The result of an upload.
 #[derive(Debug, Clone)]
 pub struct Submitted {
     /// The case.
     pub case: Case,
-    /// Whether its preparation was queued: it was not there before, or had failed.
+    /// Whether its preparation was queued, because the case is new or had failed.
     pub created: bool,
 }
 
@@ -34,24 +34,23 @@ pub struct Version {
     pub of: CaseId,
     /// Its mask.
     pub mask: NewMask,
-    /// How it is to be prepared.
+    /// The parameters of its preparation.
     pub parameters: Parameters,
 }
 
 /// The mask of a version.
 #[derive(Debug)]
 pub enum NewMask {
-    /// It is supplied.
+    /// A supplied mask.
     Supplied(Spooled),
-    /// What was supplied with the case, if anything was.
+    /// The supplied mask of the case, if any.
     Kept,
-    /// None is supplied.
+    /// No supplied mask.
     None,
 }
 
 impl Version {
-    /// The files from which the version is prepared, given the objects of the case; those that are stored already come
-    /// without a file.
+    /// The source files of the version, given the objects of the case; files that are stored already have no path.
     fn sources(&self, of: &[ObjectName]) -> Vec<(ObjectName, Option<&Spooled>)> {
         let keeps_mask = matches!(self.mask, NewMask::Kept);
         let kept = of.iter().filter(|name| {
@@ -66,9 +65,14 @@ impl Version {
         sources
     }
 
-    /// The name of the version, given the objects of the case; `None` where there is no volume among them.
+    /// The name of the version, given the objects of the case; `None` if there is no volume among them.
     pub fn id(&self, of: &[ObjectName]) -> Option<CaseId> {
-        id_of(&self.sources(of), &self.parameters)
+        self.id_with(of, &self.parameters)
+    }
+
+    /// Its name with other parameters.
+    pub fn id_with(&self, of: &[ObjectName], parameters: &Parameters) -> Option<CaseId> {
+        id_of(&self.sources(of), parameters)
     }
 }
 
@@ -79,7 +83,7 @@ fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) ->
     };
     let mask = digest(ObjectKind::SourceMask);
     let volume = digest(ObjectKind::SourceVolume)?;
-    // The same picture of somebody else is another case.
+    // The same volume of another patient is another case.
     let volume = digest(ObjectKind::SourceDicom).map_or(volume, |dicom| {
         blake3::Hasher::new()
             .update(b"isocortex dicom")
@@ -91,29 +95,30 @@ fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) ->
 }
 
 impl Upload {
-    /// The name of the case that this is.
+    /// The id of the case of this upload.
     pub fn case_id(&self, parameters: &Parameters) -> CaseId {
         id_of(&source_files(self), parameters).expect("an upload has a volume")
     }
 }
 
-/// What a case is made of.
+/// The sources of a case.
 struct Inputs<'a> {
     id: CaseId,
-    /// The files; those that are stored already, as objects of `previous`, come without one.
+    /// The files; files that are stored already, as objects of `previous`, have no path.
     sources: Vec<(ObjectName, Option<&'a Spooled>)>,
     previous: Option<CaseId>,
     parameters: Parameters,
 }
 
 impl Store {
-    /// Makes a case of spooled files and queues its preparation.
+    /// Makes a case from spooled files and queues its preparation.
     ///
-    /// A case that is there already stays as it is, but a failed one is queued again. Once begun it is carried through, even
-    /// when the caller goes away.
+    /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller
+    /// drops the future.
     ///
     /// # Errors
-    /// [`StoreError::QueueFull`], or when the store fails; nothing is left behind then. The parameters are not checked here.
+    /// [`StoreError::QueueFull`], or another error if the store fails; nothing is left behind then. The parameters are
+    /// not checked here.
     pub async fn submit_upload(
         &self,
         upload: Upload,
@@ -136,10 +141,10 @@ impl Store {
         tokio::spawn(submit).await?
     }
 
-    /// Makes a version of a case and queues its preparation; `None` where there is no such case (any more).
+    /// Makes a version of a case and queues its preparation; `None` if there is no such case (any more).
     ///
-    /// It carries the label of the case. Where the same volume, mask and parameters are a case already, that stays as it is,
-    /// but a failed one is queued again. Once begun it is carried through, even when the caller goes away.
+    /// It has the label of the case. If the same volume, mask and parameters are a case already, that case is
+    /// unchanged, but a failed one is queued again. The operation completes even if the caller drops the future.
     ///
     /// # Errors
     /// As [`Store::submit_upload`].
@@ -168,7 +173,7 @@ impl Store {
         tokio::spawn(submit).await?
     }
 
-    /// `None` where a stored source has gone.
+    /// `None` if a stored source has gone.
     async fn submit_now(&self, inputs: Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
         let id = &inputs.id;
         for _ in 0..PIN_ATTEMPTS {
@@ -191,7 +196,7 @@ impl Store {
             }
             self.signals().changed(id);
             self.signals().queued();
-            // Where another process deletes the case at this very moment, it is inserted once more.
+            // If another process deletes the case at this moment, it is inserted again.
             if inserted != Inserted::PinLost
                 && let Some(case) = self.case(id).await?
             {
@@ -200,11 +205,11 @@ impl Store {
             }
         }
         Err(StoreError::Rows(
-            "an object under way was removed again and again".into(),
+            "an object was removed repeatedly while it was written".into(),
         ))
     }
 
-    /// Writes the sources and inserts the case; leaves nothing where that fails. `None` where a stored source has gone.
+    /// Writes the sources and inserts the case; leaves nothing where that fails. `None` if a stored source has gone.
     async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
         let sources = self
             .pin(inputs.sources.iter().map(|(name, _)| *name))
@@ -221,7 +226,7 @@ impl Store {
         inputs: &Inputs<'_>,
         sources: &Pinned,
     ) -> Result<Option<Inserted>, StoreError> {
-        // Now that they are pinned: what the other case still needs will stay.
+        // After they are pinned, the objects of the other case will stay.
         let stored = match &inputs.previous {
             Some(previous) => self.rows().objects(previous).await?,
             None => Vec::new(),
@@ -229,8 +234,7 @@ impl Store {
         for (name, file) in &inputs.sources {
             match file {
                 Some(file) => {
-                    let put = self.inner.objects.put_file(name, file.path(), file.len());
-                    put.await?;
+                    self.inner.objects.put_file(name, file).await?;
                 }
                 None if stored.contains(name) => {}
                 None => return Ok(None),
@@ -246,10 +250,10 @@ impl Store {
         self.rows().insert(&new).await.map(Some)
     }
 
-    /// Pins objects that are about to be written. Waits for those that are being removed.
+    /// Pins objects before they are written. Waits for objects that are being removed.
     ///
     /// # Errors
-    /// When the rows cannot be written.
+    /// If the rows cannot be written.
     pub async fn pin(
         &self,
         names: impl IntoIterator<Item = ObjectName>,
@@ -262,17 +266,17 @@ impl Store {
         while !self.rows().pin(&pinned, PIN_FOR).await? {
             if begun.elapsed() > REMOVAL_PATIENCE {
                 return Err(StoreError::Objects(
-                    "an object is being removed for too long".into(),
+                    "the removal of an object takes too long".into(),
                 ));
             }
             tokio::time::sleep(LOOK_EVERY).await;
-            // If its remover was killed, nobody but us may finish its work.
+            // If its remover was killed, only this process may finish the removal.
             self.collect().await?;
         }
         Ok(pinned)
     }
 
-    /// Gives up objects that were pinned. What fails now is done when their pins have expired.
+    /// Abandons pinned objects. If this fails, they are removed after their pins expire.
     pub(super) async fn abandon(&self, pinned: &Pinned) {
         let unpinned = self.rows().unpin(pinned).await;
         let collected = match unpinned {
@@ -280,7 +284,7 @@ impl Store {
             Err(error) => Err(error),
         };
         if let Err(error) = collected {
-            tracing::warn!(%error, "objects that were given up are removed later");
+            tracing::warn!(%error, "abandoned objects will be removed later");
         }
     }
 }
@@ -298,7 +302,7 @@ fn source_files(upload: &Upload) -> Vec<(ObjectName, Option<&Spooled>)> {
     std::iter::once(volume).chain(mask).chain(dicom).collect()
 }
 
-/// A name that no other act of writing or removing has, in whichever process.
+/// A name for the holder of pins or tombstones, unique across all processes.
 pub(super) fn unique_holder() -> String {
     uuid::Uuid::now_v7().to_string()
 }

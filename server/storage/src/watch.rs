@@ -1,4 +1,4 @@
-//! The changes of one case, as they come.
+//! The changes of one case.
 
 use tokio::sync::watch;
 
@@ -6,7 +6,7 @@ use super::signals::Signal;
 use super::{Store, StoreError};
 use case::{Case, CaseId};
 
-/// The changes of one case: at once where this process makes them, and by looking at its row from time to time where another does.
+/// The changes of one case: at once if this process makes them, otherwise by polling its row.
 #[derive(Debug)]
 pub struct Watch {
     store: Store,
@@ -26,13 +26,13 @@ impl Watch {
         }
     }
 
-    /// The case as it is, at the first call; then whenever it has changed. `None` once it is gone.
+    /// The current case at the first call, then each changed case. `None` after it is deleted.
     ///
-    /// After a final state it waits for a deletion or a new upload; a caller that wants none of that stops at
+    /// After a final state, it waits for a deletion or a new upload; a caller that does not need these stops at
     /// [`CaseState::is_final`](case::CaseState::is_final). Safe to drop and call again.
     ///
     /// # Errors
-    /// When the rows cannot be read.
+    /// If the rows cannot be read.
     pub async fn next(&mut self) -> Result<Option<Case>, StoreError> {
         loop {
             self.signals.mark_unchanged();

@@ -1,4 +1,4 @@
-// What was shown before and after, to be undone and done again: pure.
+// What was shown before and after, for undo and redo: pure.
 
 import type { ViewState } from "./state.ts";
 
@@ -28,7 +28,7 @@ export class StateHistory {
     return this.#at + 1 < this.#states.length;
   }
 
-  /** The state before `now`, which can then be done again; null where there is none. */
+  /** The state before `now`, which can then be redone; null if there is none. */
   undo(now: ViewState): ViewState | null {
     this.record(now);
     if (!this.canUndo) return null;

@@ -231,7 +231,7 @@ export class Panel {
     setValue(this.#convention, state.convention);
   }
 
-  /** Whether there is anything to undo, or to do again. */
+  /** Whether there is anything to undo, or to redo. */
   showHistory({ canUndo, canRedo }: Pick<StateHistory, "canUndo" | "canRedo">): void {
     this.#undo.disabled = !canUndo;
     this.#redo.disabled = !canRedo;

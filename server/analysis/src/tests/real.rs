@@ -1,4 +1,4 @@
-//! Real heads. They are no part of the project; without them these tests say so and pass.
+//! Real heads. They are not part of the project; without them, these tests report it and pass.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -12,7 +12,7 @@ use crate::{MapKind, MapsUndefined};
 /// Edge of the cells over which values at a surface are averaged, in mm.
 const CELL_MM: f64 = 5.0;
 
-/// The folder of real heads: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout.
+/// The folder of real heads, from the variable `ISOCORTEX_TEST_DATA`; reports if there is none.
 fn data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);

@@ -1,6 +1,6 @@
-//! The process that reads.
+//! The child process, which reads the files.
 
-use std::io::{self, Read};
+use std::io::{self, Read, Write as _};
 use std::process::ExitCode;
 
 use imaging::Limits;
@@ -11,23 +11,23 @@ use super::files::FilesBelow;
 use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
 use case::{Failure, FailureKind};
 
-/// The most that is read of an order.
+/// The limit for the size of a request.
 const MAX_ORDER_BYTES: u64 = 64 << 10;
 
 /// Memory for the program itself, one file and one picture.
 const BASE_BYTES: u64 = 1 << 30;
 
-/// Memory for each voxel: its sample in single precision while slices are gathered, and what becomes of it.
+/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
 const BYTES_PER_VOXEL: u64 = 8;
 
 /// Files open at a time: the three standard ones, one that is read, one that is written, and some that libraries want.
 const OPEN_FILES: u64 = 32;
 
-/// Carries out the order on standard input. What is wrong with the files is written as an outcome.
+/// Handles the request on standard input. Errors in the files are written as an outcome.
 pub fn run() -> ExitCode {
     match carry_out() {
         Ok(()) => ExitCode::SUCCESS,
-        // Nobody reads what this process says; its parent sees that it failed.
+        // Nobody reads the output of this process; its parent sees that it failed.
         Err(_) => ExitCode::FAILURE,
     }
 }
@@ -39,7 +39,7 @@ fn carry_out() -> io::Result<()> {
     limit_this_process(&order)?;
     let outcome = match read(&order) {
         Ok((volume, summary)) => {
-            std::fs::write(order.output.join(VOLUME), volume)?;
+            write_volume(&order, &volume)?;
             Outcome::Read(summary)
         }
         Err(error) => Outcome::Refused(refusal(&error)),
@@ -47,7 +47,13 @@ fn carry_out() -> io::Result<()> {
     std::fs::write(order.output.join(OUTCOME), serde_json::to_vec(&outcome)?)
 }
 
-/// From here on the kernel ends this process where it takes more than it may, or where its parent ends.
+fn write_volume(order: &Order, volume: &[u8]) -> io::Result<()> {
+    let mut file = std::fs::File::create_new(order.output.join(VOLUME))?;
+    io::copy(&mut io::repeat(0).take(order.room), &mut file)?;
+    file.write_all(volume)
+}
+
+/// From here on, the kernel ends this process if it exceeds its limits or if its parent ends.
 fn limit_this_process(order: &Order) -> io::Result<()> {
     let voxels = order.max_voxels as u64;
     let at_most = |resource, most: u64| {
@@ -67,14 +73,14 @@ fn limit_this_process(order: &Order) -> io::Result<()> {
         Resource::Fsize,
         BASE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
     )?;
-    // A core file would hold a patient's images.
+    // A core file would contain images of a patient.
     at_most(Resource::Core, 0)?;
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
     Ok(())
 }
 
 fn read(order: &Order) -> Result<(Vec<u8>, Summary), DicomError> {
-    let mut files = FilesBelow::open(&order.input, order.max_input_bytes)?;
+    let mut files = FilesBelow::open(&order.input, order.input_start, order.max_input_bytes)?;
     let options = Options {
         series: order.series.as_deref().and_then(SeriesName::parse),
         allow_gaps: order.allow_gaps,
@@ -112,7 +118,9 @@ mod tests {
     fn limited() {
         let order = Order {
             input: "/".into(),
+            input_start: 0,
             output: "/".into(),
+            room: 0,
             series: None,
             allow_gaps: false,
             max_voxels: 1000,

@@ -1,25 +1,25 @@
 //! The files below a directory, and those in zip archives among them.
 //!
-//! Names are never used: nothing is written by them, and they are in no message. Links are not followed.
+//! File names are never used: not for output, and not in messages. Links are not followed.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use imaging::dicom::{DicomError, Files};
 use imaging::{Format, sniff};
 use zip::ZipArchive;
 
-/// The most files of an upload, those in archives counted.
+/// The greatest number of files of an upload, including files in archives.
 const MAX_FILES: usize = 20_000;
 
-/// How deep directories may lie in each other.
+/// The greatest depth of nested directories.
 const MAX_DEPTH: usize = 16;
 
-/// What tells the kind of a file.
+/// The number of bytes that identify the kind of a file.
 const HEAD_BYTES: u64 = 600;
 
-/// Where a file is.
+/// The place of a file.
 #[derive(Debug, Clone, Copy)]
 enum Place {
     /// By its number in `paths`.
@@ -28,22 +28,25 @@ enum Place {
     Entry { archive: usize, entry: usize },
 }
 
-/// All files, to be read one by one.
+/// All files, for reading one by one.
 pub(super) struct FilesBelow {
+    /// The offset of the bytes in each file.
+    start: u64,
     paths: Vec<PathBuf>,
     archives: Vec<ZipArchive<BufReader<File>>>,
     places: Vec<Place>,
-    /// The most bytes of all files together, unpacked.
+    /// The limit for the unpacked bytes of all files.
     limit: u64,
-    /// Those of the files that were read for the first time.
+    /// The bytes of the files that were read for the first time.
     counted: Vec<bool>,
     bytes: u64,
 }
 
 impl FilesBelow {
-    /// Looks for files: `input` itself, or those below it.
-    pub(super) fn open(input: &Path, limit: u64) -> Result<Self, DicomError> {
+    /// Finds files: `input` itself, with its bytes from `start` on, or the files below it.
+    pub(super) fn open(input: &Path, start: u64, limit: u64) -> Result<Self, DicomError> {
         let mut files = Self {
+            start: 0,
             paths: Vec::new(),
             archives: Vec::new(),
             places: Vec::new(),
@@ -52,11 +55,12 @@ impl FilesBelow {
             bytes: 0,
         };
         let mut paths = Vec::new();
-        // What the user names may be a link; what is found below may not.
+        // The input itself may be a link, but nothing below it.
         let metadata = std::fs::metadata(input).map_err(unreadable)?;
         if metadata.is_dir() {
             collect(input, 0, &mut paths)?;
         } else {
+            files.start = start;
             paths.push(input.to_owned());
         }
         paths.sort();
@@ -69,7 +73,7 @@ impl FilesBelow {
 
     fn add(&mut self, path: PathBuf) -> Result<(), DicomError> {
         let mut head = Vec::new();
-        let mut file = File::open(&path).map_err(unreadable)?;
+        let mut file = self.file(&path)?;
         file.by_ref()
             .take(HEAD_BYTES)
             .read_to_end(&mut head)
@@ -82,7 +86,15 @@ impl FilesBelow {
         self.check_count()
     }
 
+    /// A file, at its first byte.
+    fn file(&self, path: &Path) -> Result<File, DicomError> {
+        let mut file = File::open(path).map_err(unreadable)?;
+        file.seek(SeekFrom::Start(self.start)).map_err(unreadable)?;
+        Ok(file)
+    }
+
     fn add_archive(&mut self, file: File) -> Result<(), DicomError> {
+        // Bytes before the first entry, such as the room of a spooled file, are skipped.
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(bad_zip)?;
         let number = self.archives.len();
         for entry in 0..archive.len() {
@@ -103,7 +115,7 @@ impl FilesBelow {
         self.archives.push(archive);
         if self.archives.len() > MAX_ARCHIVES {
             return Err(DicomError::Unreadable {
-                what: format!("there are more than {MAX_ARCHIVES} archives"),
+                what: format!("the upload has more than {MAX_ARCHIVES} archives"),
             });
         }
         Ok(())
@@ -117,7 +129,7 @@ impl FilesBelow {
     }
 }
 
-/// Each keeps a file open.
+/// The greatest number of archives; each keeps a file open.
 const MAX_ARCHIVES: usize = 8;
 
 impl Files for FilesBelow {
@@ -130,7 +142,7 @@ impl Files for FilesBelow {
         let left = self.limit - spent;
         let bytes = match self.places[number] {
             Place::Path(path) => {
-                let file = File::open(&self.paths[path]).map_err(unreadable)?;
+                let file = self.file(&self.paths[path])?;
                 read_at_most(file, left)
             }
             Place::Entry { archive, entry } => {
@@ -147,7 +159,7 @@ impl Files for FilesBelow {
     }
 }
 
-/// All bytes as they come; `None` where there are more than `limit`. What a header says of the length is not believed.
+/// All bytes; `None` if there are more than `limit`. Lengths in headers are not trusted.
 fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
     let mut bytes = Vec::new();
     let read = source.take(limit.saturating_add(1)).read_to_end(&mut bytes);
@@ -161,7 +173,7 @@ fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomE
 fn collect(directory: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> Result<(), DicomError> {
     if depth > MAX_DEPTH {
         return Err(DicomError::Unreadable {
-            what: "directories lie too deep in each other".to_owned(),
+            what: "the directories are nested too deeply".to_owned(),
         });
     }
     for entry in std::fs::read_dir(directory).map_err(unreadable)? {
@@ -179,12 +191,12 @@ fn collect(directory: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> Result<(
     Ok(())
 }
 
-/// What the system says of a file, without its name.
+/// The message of the system about a file, without its name.
 fn unreadable(error: std::io::Error) -> DicomError {
     DicomError::Unreadable {
         what: match error.kind() {
             std::io::ErrorKind::InvalidData | std::io::ErrorKind::InvalidInput => {
-                "an entry of the archive does not unpack".to_owned()
+                "an entry of the archive cannot be unpacked".to_owned()
             }
             kind => kind.to_string(),
         },
@@ -194,7 +206,7 @@ fn unreadable(error: std::io::Error) -> DicomError {
 fn bad_zip(error: zip::result::ZipError) -> DicomError {
     let what = match error {
         zip::result::ZipError::UnsupportedArchive(_) => {
-            "the archive is packed in a way that is not read (Deflate is)"
+            "the compression of the archive is not supported; use Deflate"
         }
         _ => "the zip archive is damaged",
     };
@@ -243,7 +255,7 @@ mod tests {
         .unwrap();
         std::os::unix::fs::symlink("/etc/passwd", root.path().join("link")).unwrap();
         std::os::unix::fs::symlink(root.path(), root.path().join("loop")).unwrap();
-        let mut files = FilesBelow::open(root.path(), PLENTY).unwrap();
+        let mut files = FilesBelow::open(root.path(), 0, PLENTY).unwrap();
         assert_eq!(
             all(&mut files),
             [b"1".to_vec(), b"22".to_vec(), b"333".to_vec()]
@@ -253,11 +265,26 @@ mod tests {
     }
 
     #[test]
+    fn a_spooled_file_has_room_before_its_bytes() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("upload");
+        let archive = zipped(&[("one", b"1"), ("two", b"22")]);
+        for (bytes, expected) in [
+            (&b"DICM"[..], vec![b"DICM".to_vec()]),
+            (&archive[..], vec![b"1".to_vec(), b"22".to_vec()]),
+        ] {
+            std::fs::write(&path, [&[0; 72], bytes].concat()).unwrap();
+            let mut files = FilesBelow::open(&path, 72, PLENTY).unwrap();
+            assert_eq!(all(&mut files), expected);
+        }
+    }
+
+    #[test]
     fn names_that_lead_elsewhere_are_just_names() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("upload");
         std::fs::write(&path, zipped(&[("../../../escaped", b"x"), ("/abs", b"y")])).unwrap();
-        let mut files = FilesBelow::open(&path, PLENTY).unwrap();
+        let mut files = FilesBelow::open(&path, 0, PLENTY).unwrap();
         assert_eq!(all(&mut files), [b"x", b"y"]);
         assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
     }
@@ -268,7 +295,7 @@ mod tests {
         let path = root.path().join("upload");
         std::fs::write(&path, zipped(&[("zeros", &vec![0; 32 << 20])])).unwrap();
         assert!(std::fs::metadata(&path).unwrap().len() < 100 << 10);
-        let mut files = FilesBelow::open(&path, 1 << 20).unwrap();
+        let mut files = FilesBelow::open(&path, 0, 1 << 20).unwrap();
         assert_eq!(
             files.read(0),
             Err(DicomError::TooManyBytes { limit: 1 << 20 })
@@ -282,7 +309,7 @@ mod tests {
         let whole = zipped(&[("a", &[7; 3000])]);
         for length in [4, 40, whole.len() - 10] {
             std::fs::write(&path, &whole[..length]).unwrap();
-            assert!(FilesBelow::open(&path, PLENTY).is_err());
+            assert!(FilesBelow::open(&path, 0, PLENTY).is_err());
         }
     }
 }

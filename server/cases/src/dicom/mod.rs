@@ -1,50 +1,83 @@
-//! DICOM files to a volume, in a process of their own.
+//! Reads DICOM files into a volume, in a separate process.
 //!
-//! Parsers and decoders of strangers' files can be made to run for ever, to ask for all memory, or to abort, which nothing
-//! in the same process survives. So the program starts itself again, as `isocortex read-dicom`, for each upload: a process
-//! with limits on memory, time and open files, without environment, that reads what was spooled and writes two files. What it
-//! writes is taken for as untrusted as what it read. When it dies, the upload is refused and the server goes on.
+//! Hostile files can make parsers and decoders run for ever, exhaust memory, or abort the process. So the program
+//! starts itself again, as `isocortex read-dicom`, for each upload: a process with limits on memory, time and open
+//! files, without environment, which reads the spooled files and writes two files. Its output is trusted as little as
+//! its input. If it dies, the upload is rejected and the server continues.
 
 mod child;
 mod files;
 mod message;
 mod reader;
 
+use std::io;
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
 use serde::Serialize;
+use storage::Spooled;
+use tempfile::TempDir;
+
+use self::message::VOLUME;
 
 pub use self::child::run as run_child;
 pub use self::reader::{DicomReader, Program};
 pub use imaging::dicom::{Attributes, Options, SeriesName, SeriesSummary};
 
-/// The name of the child's subcommand.
+/// The subcommand of the child.
 pub const SUBCOMMAND: &str = "read-dicom";
+
+/// The files to read.
+#[derive(Debug, Clone, Copy)]
+pub enum Input<'a> {
+    /// The files below a directory, or one file: DICOM, or a zip of it.
+    Path(&'a Path),
+    /// One spooled file.
+    Spooled(&'a Spooled),
+}
 
 /// A series as a volume.
 #[derive(Debug)]
 pub struct Reading {
-    /// The volume, packed NIfTI-1.
-    pub volume: bytes::Bytes,
-    /// Whose head it is, as the JSON that is stored.
-    pub attributes: bytes::Bytes,
-    /// What was chosen among the files.
+    /// The file of the volume.
+    output: TempDir,
+    /// The identifying attributes, as the stored JSON.
+    pub attributes: Bytes,
+    /// The choice among the files.
     pub choice: Choice,
 }
 
-/// What was chosen among the files of an upload.
+impl Reading {
+    /// The file of the volume, gzipped NIfTI-1, after [`Spooled::START`] bytes of room as in a spooled file.
+    pub fn file(&self) -> PathBuf {
+        self.output.path().join(VOLUME)
+    }
+
+    /// The volume in memory.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub async fn volume(&self) -> io::Result<Bytes> {
+        let file = Bytes::from(tokio::fs::read(self.file()).await?);
+        Ok(file.slice(file.len().min(Spooled::START as usize)..))
+    }
+}
+
+/// The choice among the files of an upload.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomChoice))]
 pub struct Choice {
-    /// The series that was taken.
+    /// The chosen series.
     pub series: SeriesView,
-    /// The others that came with it.
+    /// The other series of the upload.
     pub others: Vec<SeriesView>,
-    /// How many files were no MR or CT images.
+    /// The number of files that are not MR or CT images.
     pub ignored_files: usize,
-    /// Numbers of the slices, from 1, that were missing and are interpolated, as `allow_gaps` asks for.
+    /// Numbers (from 1) of the missing slices that are interpolated because of `allow_gaps`.
     pub interpolated_slices: Vec<usize>,
 }
 
-/// A series, told so that nothing says whose it is.
+/// A series, without the identity of the patient.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomSeries))]
 pub struct SeriesView {
@@ -54,7 +87,7 @@ pub struct SeriesView {
     pub modality: String,
     /// Pixels of a row, rows, and slices.
     pub size: [usize; 3],
-    /// Names the series in `series`.
+    /// The token for `series`.
     pub token: String,
 }
 

@@ -1,28 +1,30 @@
-//! The process that asks for files to be read, and believes nothing of what comes back.
+//! The parent process, which requests the reading of files and does not trust the result.
 
 use std::ffi::OsString;
 use std::io::{self, Read as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
-use bytes::Bytes;
 use imaging::Limits;
 use imaging::dicom::{Attributes, Options, SeriesSummary};
 use serde::de::DeserializeOwned;
+use storage::Spooled;
+use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 use tokio::process::{Child, Command};
 
 use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
-use super::{Choice, Reading, SUBCOMMAND};
+use super::{Choice, Input, Reading, SUBCOMMAND};
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
 use case::{Failure, FailureKind};
 
-/// The longest that a series may take. The largest ones take seconds.
+/// The time limit for a series. The largest ones take seconds.
 const LONGEST: Duration = Duration::from_secs(120);
 
-/// Series read at a time, at most: each may take the memory of a volume and more.
+/// The greatest number of series to read at a time; each may need more memory than a volume.
 const MOST_AT_A_TIME: usize = 4;
 
 /// Series that may wait.
@@ -34,7 +36,7 @@ const MAX_OUTCOME_BYTES: u64 = 16 << 20;
 /// The longest name and detail of a failure, in bytes.
 const MAX_TEXT: [usize; 2] = [64, 4096];
 
-/// How the child is started: this program again, unless a test says otherwise.
+/// The program of the child: this program, except in tests.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Program(Option<(PathBuf, Vec<OsString>)>);
 
@@ -82,22 +84,22 @@ impl DicomReader {
         }
     }
 
-    /// The same, with another time limit.
+    /// Sets the time limit.
     #[must_use]
     pub fn within(self, longest: Duration) -> Self {
         Self { longest, ..self }
     }
 
-    /// Reads a series from a file (DICOM, or a zip of them) or from the files below a directory.
+    /// Reads a series.
     ///
     /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.
     ///
     /// # Errors
-    /// A [`Failure`] with what is wrong with the files, or with how the child died of them; [`Error::Busy`] when too many
-    /// wait; [`Error::Internal`], logged, when the child cannot be started.
+    /// A [`Failure`] that states what is wrong with the files, or how the child died; [`Error::Busy`] if too many
+    /// wait; [`Error::Internal`], logged, if the child cannot be started.
     pub async fn read(
         &self,
-        input: &Path,
+        input: Input<'_>,
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
@@ -107,17 +109,23 @@ impl DicomReader {
 
     async fn read_now(
         &self,
-        input: &Path,
+        input: Input<'_>,
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
+        let (input, input_start) = match input {
+            Input::Path(path) => (path, 0),
+            Input::Spooled(file) => (file.path(), Spooled::START),
+        };
         let output = tempfile::Builder::new()
             .prefix("dicom-")
             .tempdir_in(scratch)
             .map_err(cannot_run)?;
         let order = Order {
             input: std::path::absolute(input).map_err(cannot_run)?,
+            input_start,
             output: std::path::absolute(output.path()).map_err(cannot_run)?,
+            room: Spooled::START,
             series: options.series.as_ref().map(|name| name.as_str().to_owned()),
             allow_gaps: options.allow_gaps,
             max_voxels: self.limits.max_voxels,
@@ -129,15 +137,11 @@ impl DicomReader {
             return Err(too_slow(self.longest).into());
         };
         let limits = self.limits;
-        let reading = tokio::task::spawn_blocking(move || {
-            let reading = take(status, output.path(), &limits);
-            drop(output);
-            reading
-        });
+        let reading = tokio::task::spawn_blocking(move || take(status, output, &limits));
         Ok(reading.await.map_err(|_| Error::Internal)??)
     }
 
-    /// Runs the child; `None` where it took too long.
+    /// Runs the child; `None` if it exceeds the time limit.
     async fn run(&self, order: &Order) -> io::Result<Option<ExitStatus>> {
         let mut child: Child = self
             .program
@@ -150,7 +154,7 @@ impl DicomReader {
             .kill_on_drop(true)
             .spawn()?;
         if let Some(mut input) = child.stdin.take() {
-            // A child that ended already is told by its status.
+            // If the child has already ended, its status tells why.
             let _ = input.write_all(&serde_json::to_vec(order)?).await;
         }
         match tokio::time::timeout(self.longest, child.wait()).await {
@@ -163,14 +167,14 @@ impl DicomReader {
     }
 }
 
-/// As many as there are processors: one slow series does not hold up the others.
+/// As many as there are CPUs, so that a slow series does not block the others.
 fn at_a_time() -> usize {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     processors.clamp(2, MOST_AT_A_TIME)
 }
 
 fn cannot_run(error: io::Error) -> Error {
-    tracing::error!(kind = %error.kind(), "DICOM files cannot be handed to a process that reads them");
+    tracing::error!(kind = %error.kind(), "cannot start the process that reads DICOM files");
     Error::Internal
 }
 
@@ -178,7 +182,7 @@ fn too_slow(longest: Duration) -> Failure {
     Failure::unusable(
         "dicom-too-slow",
         format!(
-            "reading the DICOM files took longer than {} seconds and was given up",
+            "reading the DICOM files exceeded the limit of {} seconds",
             longest.as_secs()
         ),
     )
@@ -188,25 +192,25 @@ fn too_slow(longest: Duration) -> Failure {
 fn died() -> Failure {
     Failure::unusable(
         "dicom-reader-died",
-        "the DICOM files could not be read: the process that reads them ended, because they are damaged or ask for more memory \
-         than is allowed; convert the series with another program, such as dcm2niix"
+        "the DICOM files could not be read: the process that reads them ended, because they are damaged or need more memory \
+         than allowed; convert the series with another program, such as dcm2niix"
             .to_owned(),
     )
 }
 
-/// What a child left behind.
-fn take(status: ExitStatus, output: &Path, limits: &Limits) -> Result<Reading, Failure> {
+/// The files of a child.
+fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<Reading, Failure> {
     if !status.success() {
-        tracing::warn!(%status, "the process that reads DICOM files died of an upload");
+        tracing::warn!(%status, "the process that reads DICOM files died");
         return Err(died());
     }
-    let outcome: Outcome = read_json(&output.join(OUTCOME))?;
+    let outcome: Outcome = read_json(&output.path().join(OUTCOME))?;
     match outcome {
         Outcome::Refused(failure) => Err(checked_failure(failure)),
         Outcome::Read(summary) => {
             let largest = 4 * limits.max_voxels as u64 + (1 << 20);
-            let volume = read_bounded(&output.join(VOLUME), largest)?;
-            reading(volume.into(), summary)
+            check_file(&output.path().join(VOLUME), Spooled::START + largest)?;
+            reading(output, summary)
         }
     }
 }
@@ -214,6 +218,16 @@ fn take(status: ExitStatus, output: &Path, limits: &Limits) -> Result<Reading, F
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
     let bytes = read_bounded(path, MAX_OUTCOME_BYTES)?;
     serde_json::from_slice(&bytes).map_err(|_| died())
+}
+
+/// Whether the child left one regular file, not too large.
+fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
+    let file = std::fs::symlink_metadata(path).map_err(|_| died())?;
+    let is_sound = file.is_file() && file.nlink() == 1;
+    if is_sound && (Spooled::START..=largest).contains(&file.len()) {
+        return Ok(());
+    }
+    Err(died())
 }
 
 fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
@@ -228,7 +242,7 @@ fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
     Ok(bytes)
 }
 
-/// A refusal whose words may go on: short, without control characters, of a kind that fits.
+/// A failure that may be passed on: short, without control characters, of a suitable kind.
 fn checked_failure(failure: Failure) -> Failure {
     let [name, detail] = MAX_TEXT;
     let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
@@ -246,7 +260,7 @@ fn checked_failure(failure: Failure) -> Failure {
     if fits { failure } else { died() }
 }
 
-fn reading(volume: Bytes, summary: Summary) -> Result<Reading, Failure> {
+fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
     let Summary {
         attributes,
         series,
@@ -259,7 +273,7 @@ fn reading(volume: Bytes, summary: Summary) -> Result<Reading, Failure> {
     }
     let stored = serde_json::to_vec(&attributes).map_err(|_| died())?;
     Ok(Reading {
-        volume,
+        output,
         choice: Choice {
             series: series.into(),
             others: others.into_iter().map(Into::into).collect(),
@@ -301,7 +315,9 @@ mod tests {
         let input = scratch.path().join("input");
         std::fs::write(&input, b"anything").unwrap();
         let options = Options::default();
-        let read = reader.read(&input, &options, scratch.path()).await;
+        let read = reader
+            .read(Input::Path(&input), &options, scratch.path())
+            .await;
         let error = read.map(|_| ()).unwrap_err();
         let left = std::fs::read_dir(scratch.path()).unwrap().count();
         assert_eq!(left, 1, "nothing but the input is left");

@@ -1,171 +1,20 @@
-//! The maps of cases: made once after a case is ready, stored as one of its objects, and kept in memory while they are looked at.
+//! The maps of cases: computed once after a case is ready, stored as one of its objects, and cached in memory.
 
-use std::collections::HashMap;
-use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 use bytes::Bytes;
-use case::{CandidateFacts, CaseFacts, CaseId, MapName, ObjectKind};
-use geometry::Grid;
-use glam::DAffine3;
+use case::{CaseFacts, CaseId, ObjectKind};
 use pipeline::codec::{decode_maps, decode_volume, encode_maps};
 use pipeline::envelope_of;
-use pipeline::maps::{CaseMaps, MapsOrReason, compute_maps, map_unit};
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
-use render::{KeyedLayer, Layer, LayerKey, LayerValues};
-use storage::{Publisher, StoreError, frame_all};
-use tokio::sync::Semaphore;
+use pipeline::maps::{MapsOrReason, compute_maps};
+use storage::{ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
+use super::desk::{LoadedMaps, Make, MapsDesk, MapsState};
 
-/// The most cases whose maps wait to be made; others are taken up when they are asked for again.
+/// The greatest number of cases whose maps wait to be computed; others are queued at their next request.
 const MOST_WAITING: usize = 64;
-
-/// The fewest entries that the cache makes room for in its books.
-const EXPECTED_CASES: usize = 16;
-
-/// The maps of a case in memory, ready to be drawn.
-#[derive(Debug)]
-pub struct LoadedMaps {
-    key: u128,
-    grid: Grid,
-    layers: Vec<(MapName, Arc<Layer>)>,
-    /// The places that are blurred most, highest first.
-    pub candidates: Vec<CandidateFacts>,
-}
-
-impl LoadedMaps {
-    /// Takes over the maps of a case, whose layers get keys made of `key`.
-    pub fn new(key: u128, mut maps: CaseMaps) -> Self {
-        let candidates = std::mem::take(&mut maps.candidates);
-        let grid = maps.map(MapName::Blur).grid().clone();
-        let layers = maps.into_named().map(|(name, map)| {
-            let scale = map.scale();
-            let values = LayerValues::Codes {
-                least: scale.least,
-                step: scale.step,
-                codes: map.into_codes(),
-            };
-            let texts = [name.name(), map_unit(name)];
-            let layer = Layer::new(texts, &grid, DAffine3::IDENTITY, values);
-            (name, Arc::new(layer.expect("all maps have the same grid")))
-        });
-        Self {
-            key,
-            layers: layers.collect(),
-            grid,
-            candidates,
-        }
-    }
-
-    /// Where the voxels of all maps are: a block of the volume's own grid.
-    pub fn grid(&self) -> &Grid {
-        &self.grid
-    }
-
-    /// One of the maps.
-    pub fn layer(&self, name: MapName) -> &Arc<Layer> {
-        let found = self.layers.iter().find(|(other, _)| *other == name);
-        &found.expect("there is one of each name").1
-    }
-
-    /// One of the maps, and the key under which a graphics device keeps its texture.
-    pub fn keyed(&self, name: MapName) -> KeyedLayer {
-        KeyedLayer {
-            key: LayerKey(self.key ^ (1 + name as u128)),
-            layer: Arc::clone(self.layer(name)),
-        }
-    }
-
-    fn bytes(&self) -> u64 {
-        let layers = self.layers.iter();
-        layers.map(|(_, layer)| layer.bytes() as u64).sum()
-    }
-}
-
-/// How far the maps of a case are.
-#[derive(Debug, Clone)]
-pub enum MapsState {
-    /// They are there.
-    Ready(Arc<LoadedMaps>),
-    /// There are none, and why: a sentence.
-    Undefined(Arc<str>),
-    /// They are being made.
-    Making,
-    /// This server makes none.
-    Off,
-}
-
-/// What is remembered of the maps of a case.
-type Known = Result<Arc<LoadedMaps>, Arc<str>>;
-
-/// Whether maps that are there already are made again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Make {
-    IfMissing,
-    Again,
-}
-
-/// The maps in memory and those that are being made.
-pub(super) struct MapsDesk {
-    known: Cache<CaseId, Known, ByBytes>,
-    /// Waiting and at work. Held for moments.
-    making: Mutex<HashMap<CaseId, Make>>,
-    /// Of one case at a time: the filters take every core and some 100 MB.
-    one_at_a_time: Semaphore,
-}
-
-impl MapsDesk {
-    /// Nothing yet, and at most so many bytes in memory.
-    pub(super) fn new(cache_bytes: u64) -> Self {
-        Self {
-            known: new_cache(cache_bytes),
-            making: Mutex::default(),
-            one_at_a_time: Semaphore::new(1),
-        }
-    }
-
-    fn making(&self) -> MutexGuard<'_, HashMap<CaseId, Make>> {
-        self.making.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl fmt::Debug for MapsDesk {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("MapsDesk")
-            .field("known", &self.known.len())
-            .field("making", &self.making().len())
-            .finish_non_exhaustive()
-    }
-}
-
-#[derive(Debug, Clone)]
-struct ByBytes;
-
-impl Weighter<CaseId, Known> for ByBytes {
-    fn weight(&self, _: &CaseId, known: &Known) -> u64 {
-        known.as_ref().map_or(1, |maps| maps.bytes().max(1))
-    }
-}
-
-fn new_cache(cache_bytes: u64) -> Cache<CaseId, Known, ByBytes> {
-    // One shard: a shard cannot hold maps that are larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(EXPECTED_CASES)
-        .weight_capacity(cache_bytes)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
-}
 
 /// Why maps were not read.
 enum NotRead {
@@ -174,7 +23,7 @@ enum NotRead {
 }
 
 impl Library {
-    /// The maps of a ready case. If they are missing, damaged or of another version, their making begins.
+    /// The maps of a ready case. If they are missing, damaged or from another version, their computation begins.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -182,7 +31,7 @@ impl Library {
         let Some(desk) = &self.inner.maps else {
             return Ok(MapsState::Off);
         };
-        // One that is damaged is not read again and again meanwhile.
+        // A damaged object is not read repeatedly meanwhile.
         if desk.making().get(id) == Some(&Make::Again) {
             return Ok(MapsState::Making);
         }
@@ -193,7 +42,7 @@ impl Library {
         }))
     }
 
-    /// The maps in memory or in the store; `None` if they must be made.
+    /// The maps in memory or in the store; `None` if they must be computed.
     async fn stored_maps(
         &self,
         desk: &MapsDesk,
@@ -213,12 +62,12 @@ impl Library {
         }
     }
 
-    /// Begins to make the maps of a ready case, unless they are stored or on their way.
+    /// Begins to compute the maps of a ready case, unless they are stored or being computed.
     pub fn ensure_maps(&self, id: &CaseId) {
         self.begin_maps(id, Make::IfMissing);
     }
 
-    /// The maps of a ready case, made on the spot if they are missing.
+    /// The maps of a ready case, computed now if they are missing.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -231,7 +80,7 @@ impl Library {
         self.maps(id).await
     }
 
-    /// Forgets the maps of a case in memory.
+    /// Drops the maps of a case from memory.
     pub(super) fn forget_maps(&self, id: &CaseId) {
         if let Some(desk) = &self.inner.maps {
             desk.known.remove(id);
@@ -258,23 +107,25 @@ impl Library {
             if let Err(error) = made {
                 tracing::error!(
                     error = &error as &dyn std::error::Error,
-                    "the maps of a case could not be made"
+                    "cannot compute the maps of a case"
                 );
             }
         });
     }
 
-    /// Makes the maps of a case and stores them, once it is their turn.
+    /// Computes the maps of a case and stores them, after waiting for their turn.
     async fn make_maps(&self, desk: &MapsDesk, id: &CaseId, make: Make) -> Result<(), StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
         let Ok(_turn) = desk.one_at_a_time.acquire().await else {
             return Ok(());
         };
-        if make == Make::IfMissing {
-            let names = self.store().rows().objects(id).await?;
-            if names.iter().any(|name| name.kind == ObjectKind::Maps) {
-                return Ok(());
-            }
+        // Somebody else may have made them meanwhile.
+        let are_there = match make {
+            Make::IfMissing => self.maps_object(id).await?.is_some(),
+            Make::Again => self.read_maps(id).await?.is_some(),
+        };
+        if are_there {
+            return Ok(());
         }
         let begun = Instant::now();
         let compute = |facts: &CaseFacts, payloads: &[Bytes]| {
@@ -298,22 +149,29 @@ impl Library {
         self.store().publish(publisher, &framed, &facts).await?;
         desk.known.remove(id);
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
-        tracing::info!(took_ms, undefined, "the maps of a case were made");
+        tracing::info!(took_ms, undefined, "computed the maps of a case");
         Ok(())
     }
 
-    /// The stored maps of a case; `None` if they are missing, damaged or of another version.
-    async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
+    /// The object of the maps of a case; `None` if it has none yet.
+    async fn maps_object(&self, id: &CaseId) -> Result<Option<ObjectName>, StoreError> {
         let names = self.store().rows().objects(id).await?;
-        if !names.iter().any(|name| name.kind == ObjectKind::Maps) {
+        Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
+    }
+
+    /// The stored maps of a case; `None` if they are missing, damaged or from another version.
+    async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
+        let Some(name) = self.maps_object(id).await? else {
             return Ok(None);
-        }
-        let Some(payload) = self.store().read(id, &names, ObjectKind::Maps).await? else {
+        };
+        let Some(payload) = self.store().read(id, &[name], ObjectKind::Maps).await? else {
             return Ok(None);
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;
         if decoded.is_none() {
-            tracing::info!("the maps of a case are of another version and are made again");
+            tracing::info!(
+                "the maps of a case are from another version and will be computed again"
+            );
         }
         Ok(decoded)
     }

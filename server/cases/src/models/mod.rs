@@ -1,4 +1,4 @@
-//! Warm models: what rendering needs of a case, kept in memory within a budget of bytes.
+//! Loaded models: the data of cases for rendering, kept in memory within a budget of bytes.
 
 mod model;
 #[cfg(test)]
@@ -9,13 +9,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 
 use case::{CaseId, CaseState};
 use storage::StoreError;
 
-use crate::application::REMEMBERED_WHILE_AWAY;
+use crate::cache;
 use crate::library::Library;
 
 pub use self::model::{PathKind, PathsError, WarmModel};
@@ -26,12 +26,15 @@ pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
 /// For how long a model is served without asking the rows whether another process has deleted its case.
 const TRUST_FOR: Duration = Duration::from_secs(2);
 
-/// For how long where the rows cannot be reached, in ms.
+/// For how long what is known of a case is trusted if the database cannot be reached.
+pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
+
+/// The same in ms.
 const REMEMBERED_WHILE_AWAY_MS: u64 = REMEMBERED_WHILE_AWAY.as_secs() * 1000;
 
 /// The models in memory, at most a budget of bytes of them. Cheap to clone.
 ///
-/// A model whose bytes alone exceed the budget is loaded anew for each use.
+/// A model that exceeds the budget by itself is loaded for each use.
 #[derive(Clone)]
 pub struct Models {
     inner: Arc<Inner>,
@@ -46,7 +49,7 @@ struct Inner {
 #[derive(Clone)]
 struct Entry {
     model: Arc<WarmModel>,
-    /// When the case was last known to be there, in ms since `Inner::begun`.
+    /// When the case was last known to exist, in ms since `Inner::begun`.
     seen_ms: Arc<AtomicU64>,
 }
 
@@ -59,7 +62,7 @@ impl Weighter<CaseId, Entry> for ByBytes {
     }
 }
 
-/// Why a model was not loaded.
+/// The reason why a model was not loaded.
 enum NotLoaded {
     NotReady,
     Failed(StoreError),
@@ -69,7 +72,7 @@ impl Models {
     /// Models of the cases of a library, `budget_bytes` of them at most.
     pub fn new(library: Library, budget_bytes: u64) -> Self {
         let inner = Arc::new(Inner {
-            cache: new_cache(budget_bytes),
+            cache: cache::one_shard(ByBytes, budget_bytes, 32),
             begun: Instant::now(),
             library: library.clone(),
         });
@@ -82,12 +85,12 @@ impl Models {
         Self { inner }
     }
 
-    /// The model of a case that is ready; `None` where there is no such case or it is not ready.
+    /// The model of a case that is ready; `None` if there is no such case or it is not ready.
     ///
-    /// A missing or damaged derived object is made again from the source. Several callers at once wait for one loading.
+    /// A missing or damaged derived object is rebuilt from the source. Concurrent callers wait for one loading.
     ///
     /// # Errors
-    /// When the store fails.
+    /// If the store fails.
     pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<WarmModel>>, StoreError> {
         if let Some(entry) = self.inner.cache.get(id) {
             return self.inner.confirm(id, entry).await;
@@ -116,7 +119,7 @@ impl Inner {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// A model from the cache, if its case is still there.
+    /// A model from the cache, if its case still exists.
     async fn confirm(
         &self,
         id: &CaseId,
@@ -144,7 +147,7 @@ impl Inner {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
             Ok(Some(model)) => {
-                // A case of before there were maps gets them when it is opened.
+                // A case from an earlier version gets its maps when it is opened.
                 self.library.ensure_maps(id);
                 Ok(Entry {
                     model: Arc::new(model),
@@ -155,22 +158,6 @@ impl Inner {
             Err(error) => Err(NotLoaded::Failed(error)),
         }
     }
-}
-
-fn new_cache(budget_bytes: u64) -> Cache<CaseId, Entry, ByBytes> {
-    // One shard: a shard cannot hold a model that is larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(32)
-        .weight_capacity(budget_bytes)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
 }
 
 impl fmt::Debug for Models {

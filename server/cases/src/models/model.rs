@@ -1,4 +1,4 @@
-//! What rendering and meshes need of one case.
+//! The data of one case for rendering and meshes.
 
 use std::fmt;
 use std::sync::Arc;
@@ -11,24 +11,26 @@ use geometry::{
 };
 use pipeline::codec::{decode_forest, decode_paths, decode_volume};
 use pipeline::envelope_of;
-use quick_cache::sync::{Cache, DefaultLifecycle};
-use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
 use render::Scene;
 use render::gpu::{CaseKey, KeyedModel};
 use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
+use crate::cache;
 use crate::library::Library;
 
 /// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.
 const TABLES_BYTES: u64 = 16 << 20;
 
-/// A case in memory: its model, and the tables of paths that were asked for.
+/// A case in memory: its model, and the requested tables of paths.
 ///
-/// The distance map, the forest and the mask are not among it: they are needed for new tables of paths alone, and read then.
+/// The distance map, the forest and the mask are not included: only new tables of paths need them, and then they are
+/// read.
 pub struct WarmModel {
     model: Arc<DeformableModel>,
-    /// What clients are told.
+    /// The facts for clients.
     pub facts: CaseFacts,
     tables: Cache<TableKey, Arc<PathTable>, ByBytes>,
     library: Library,
@@ -37,7 +39,7 @@ pub struct WarmModel {
 
 type TableKey = (MeshSize, PathKind);
 
-/// What vertices follow.
+/// The paths of the vertices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Paths))]
 #[serde(rename_all = "lowercase")]
@@ -45,14 +47,14 @@ pub enum PathKind {
     /// The optimal paths of the second transform, as in the paper.
     #[default]
     Forest,
-    /// Up the gradient of the distance map: the nearest way to a depth.
+    /// The gradient of the distance map: the shortest way to a depth.
     Flow,
 }
 
-/// Why a table of paths could not be had.
+/// The reason why there is no table of paths.
 #[derive(Debug, thiserror::Error)]
 pub enum PathsError {
-    /// The case was deleted meanwhile.
+    /// The case was deleted.
     #[error("the case was deleted")]
     Deleted,
     /// The store failed.
@@ -73,7 +75,7 @@ impl WarmModel {
         Ok(loaded.map(|(model, facts)| Self {
             model: Arc::new(model),
             facts,
-            tables: new_tables(),
+            tables: cache::one_shard(ByBytes, TABLES_BYTES, 8),
             library: library.clone(),
             id: *id,
         }))
@@ -89,7 +91,7 @@ impl WarmModel {
         &self.model
     }
 
-    /// The model, and the key under which a graphics device keeps its textures.
+    /// The model, with the key of its textures on a graphics device.
     pub fn keyed(&self) -> KeyedModel {
         KeyedModel {
             key: CaseKey(self.id.number()),
@@ -97,16 +99,16 @@ impl WarmModel {
         }
     }
 
-    /// What a renderer needs of it.
+    /// The scene for a renderer.
     pub fn scene(&self) -> Scene<'_> {
         Scene::from(&*self.model)
     }
 
-    /// The table of all depths of a mesh. The default one (30 × 30, forest) is at hand; others are made at their first use and
-    /// kept within 16 MiB. Several callers at once wait for one making.
+    /// The table of all depths of a mesh. The default one (30 × 30, forest) is loaded; others are computed at their
+    /// first use and kept within 16 MiB. Concurrent callers wait for one computation.
     ///
     /// # Errors
-    /// When the mesh cannot be cut, the store fails, or the case was deleted.
+    /// If the mesh cannot be made, the store fails, or the case was deleted.
     pub async fn paths(
         &self,
         size: MeshSize,
@@ -138,7 +140,7 @@ impl WarmModel {
         self.walk(kind, make).await.map(Arc::new)
     }
 
-    /// The mesh at one depth. Where its table of paths would exceed what is kept of tables, none is made: the vertices walk.
+    /// The mesh at one depth. If its table of paths would exceed the limit for tables, the vertices walk instead.
     ///
     /// # Errors
     /// As [`WarmModel::paths`].
@@ -163,7 +165,7 @@ impl WarmModel {
         row_bytes * self.model.default_paths().row_count() as u64 <= TABLES_BYTES / 2
     }
 
-    /// Reads what walking needs and walks, on a blocking thread.
+    /// Reads the data for walking and walks, on a blocking thread.
     async fn walk<T: Send + 'static>(
         &self,
         kind: PathKind,
@@ -179,10 +181,10 @@ impl WarmModel {
         Ok(done.ok_or(PathsError::Deleted)??)
     }
 
-    /// The distance map, made anew from the stored envelope: some 20 ms for a head of 256³.
+    /// The distance map, computed from the stored envelope: about 20 ms for a head of 256³.
     ///
     /// # Errors
-    /// When the store fails; `None` where the case was deleted.
+    /// If the store fails; `None` if the case was deleted.
     pub async fn distance(&self) -> Result<Option<DistanceMap>, StoreError> {
         let decode = |facts: &CaseFacts, payloads: &[Bytes]| {
             envelope_of(facts, payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
@@ -192,13 +194,13 @@ impl WarmModel {
             .await
     }
 
-    /// Memory held, in bytes, with what the tables of paths may come to take.
+    /// Memory in bytes, including the limit for tables of paths.
     pub fn bytes(&self) -> u64 {
         self.model.bytes() as u64 + TABLES_BYTES
     }
 }
 
-/// The model of stored objects: envelope, volume and paths. Each is dropped or decoded so that little is in memory at a time.
+/// The model from the stored objects envelope, volume and paths, decoded so that little is in memory at a time.
 fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<DeformableModel> {
     let [envelope, volume, paths] = payloads else {
         return None;
@@ -207,13 +209,13 @@ fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<DeformableModel> {
     let distance = geometry::distance_map(&envelope_of(facts, envelope)?);
     let depth = DepthMaps::new(&distance);
     drop(distance);
-    // At once, and not in the first picture.
+    // Now, not in the first picture.
     depth.normals();
     let volume = decode_volume(volume)?;
     Some(DeformableModel::new(volume, depth, default_paths))
 }
 
-/// What vertices walk through.
+/// The data that vertices walk through.
 struct Walk {
     distance: DistanceMap,
     /// `None` for walks up the gradient.
@@ -221,7 +223,7 @@ struct Walk {
 }
 
 impl Walk {
-    /// From an envelope and, for the forest's paths, a forest; `None` where they cannot be decoded.
+    /// From an envelope and, for the forest's paths, a forest; `None` if they cannot be decoded.
     fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<Self> {
         let envelope = envelope_of(facts, payloads.first()?)?;
         let forest = match payloads.get(1) {
@@ -246,22 +248,6 @@ impl Weighter<TableKey, Arc<PathTable>> for ByBytes {
     fn weight(&self, _: &TableKey, table: &Arc<PathTable>) -> u64 {
         table.bytes() as u64
     }
-}
-
-fn new_tables() -> Cache<TableKey, Arc<PathTable>, ByBytes> {
-    // One shard: a shard cannot hold a table that is larger than its part of the budget.
-    let options = OptionsBuilder::new()
-        .shards(1)
-        .estimated_items_capacity(8)
-        .weight_capacity(TABLES_BYTES)
-        .build()
-        .expect("every option is set");
-    Cache::with_options(
-        options,
-        ByBytes,
-        DefaultHashBuilder::default(),
-        DefaultLifecycle::default(),
-    )
 }
 
 impl fmt::Debug for WarmModel {

@@ -1,11 +1,18 @@
-//! A picture that can be drawn, and the drawing of it.
+//! Drawing of pictures.
 
+use case::CaseFacts;
+use geometry::ShrunkMesh;
 use render::choice::Renderer;
-use render::{RenderBackend, RenderError, RenderJob, RenderedFrame, Wanted};
+use render::gpu::KeyedModel;
+use render::{
+    KeyedLayers, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted,
+};
 
 use super::graphics::Graphics;
+use super::request::CheckedPicture;
 use crate::error::Error;
 use crate::limit::Turn;
+use crate::models::WarmModel;
 
 /// The backend for a renderer on this machine. Splatting does not wait for the graphics device.
 pub async fn backend_for(asked: Renderer, graphics: &Graphics) -> RenderBackend {
@@ -16,23 +23,78 @@ pub async fn backend_for(asked: Renderer, graphics: &Graphics) -> RenderBackend 
     RenderBackend::choose(asked, device)
 }
 
-/// A picture that can be drawn, and who draws it. Cheap to clone but for its mesh.
+/// A picture to draw, and its backend. Cheap to clone, except for its mesh.
 #[derive(Debug, Clone)]
 pub struct PictureJob {
     /// The picture.
     pub job: RenderJob,
-    /// The renderer that was asked for.
+    /// The requested renderer.
     pub asked: Renderer,
-    /// Who draws.
+    /// The backend.
     pub backend: RenderBackend,
 }
 
-/// A picture that was drawn.
+impl CheckedPicture {
+    /// The job of drawing it for a case, with the layers that it asks for and a backend. If the backend draws a mesh,
+    /// `shrink` makes it at that depth, in mm.
+    ///
+    /// # Errors
+    /// Those of `shrink`.
+    pub async fn job(
+        &self,
+        case: KeyedModel,
+        facts: &CaseFacts,
+        layers: KeyedLayers,
+        backend: RenderBackend,
+        shrink: impl AsyncFnOnce(f32) -> Result<ShrunkMesh, Error>,
+    ) -> Result<PictureJob, Error> {
+        let mesh = if backend.needs_mesh() {
+            Some(SizedMesh {
+                size: self.mesh,
+                mesh: shrink(self.depth.shown_in(facts).mm).await?,
+            })
+        } else {
+            None
+        };
+        Ok(PictureJob {
+            job: RenderJob {
+                case,
+                request: self.of_case(facts),
+                mesh,
+                layers,
+            },
+            asked: self.asked.renderer,
+            backend,
+        })
+    }
+}
+
+/// The job of drawing a picture of a loaded case. Call it in a turn, because the vertices of a mesh may have to walk
+/// first.
+///
+/// # Errors
+/// If the mesh cannot be made.
+pub async fn warm_job(
+    warm: &WarmModel,
+    picture: &CheckedPicture,
+    layers: KeyedLayers,
+    backend: RenderBackend,
+) -> Result<PictureJob, Error> {
+    let shrink = async |depth_mm| {
+        let mesh = warm.shrink(picture.mesh, picture.asked.paths, depth_mm);
+        Ok(mesh.await?)
+    };
+    picture
+        .job(warm.keyed(), &warm.facts, layers, backend, shrink)
+        .await
+}
+
+/// A finished picture.
 #[derive(Debug)]
 pub struct DrawnPicture {
     /// The picture.
     pub rendered: RenderedFrame,
-    /// Who drew it, after all.
+    /// The backend that drew it.
     pub backend: RenderBackend,
 }
 
@@ -40,7 +102,7 @@ impl PictureJob {
     /// Draws in a turn. If a graphics device fails, the CPU draws with the same renderer.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for what cannot be drawn, and as [`Turn::run`].
+    /// [`Error::Parameter`] if the picture cannot be drawn, and as [`Turn::run`].
     pub async fn draw(self, turn: &Turn) -> Result<DrawnPicture, Error> {
         match self.draw_on_device().await {
             Ok(Some(rendered)) => Ok(DrawnPicture {
@@ -49,7 +111,7 @@ impl PictureJob {
             }),
             Ok(None) => self.draw_on_cpu(turn).await,
             Err(RenderError::Gpu(error)) => {
-                tracing::warn!(%error, "the graphics device did not draw: the processor does");
+                tracing::warn!(%error, "the graphics device failed; the CPU draws this picture");
                 let backend = RenderBackend::choose(self.asked, None);
                 Self { backend, ..self }.draw_on_cpu(turn).await
             }

@@ -1,4 +1,4 @@
-//! From a drawn picture to PNG, with the state that it shows.
+//! Encodes a picture as PNG with its state.
 
 use case::CaseId;
 use render::{Frame, KeyedLayers, Projection, RenderBackend, RenderJob, RenderRequest};
@@ -6,11 +6,11 @@ use render::{Frame, KeyedLayers, Projection, RenderBackend, RenderJob, RenderReq
 use super::drawing::DrawnPicture;
 use crate::error::Error;
 
-/// All that is needed to draw a picture again, and to write into it.
+/// The metadata of a picture: its state and its annotation.
 #[derive(Debug, Clone)]
 pub struct ImageMetadata {
     case: Option<CaseId>,
-    /// What is written of the case into the picture.
+    /// The line about the case in the picture.
     named: Option<String>,
     request: RenderRequest,
     projection: Projection,
@@ -35,7 +35,7 @@ impl ImageMetadata {
         Self { named, ..self }
     }
 
-    /// The PNG texts of a picture, once it is known who drew it.
+    /// The PNG texts of a picture, given its backend.
     pub fn texts(&self, backend: &RenderBackend) -> Vec<(&'static str, String)> {
         let case = self.case.map(|id| id.to_string()).unwrap_or_default();
         let mut texts =
@@ -46,21 +46,21 @@ impl ImageMetadata {
     }
 }
 
-/// A picture as it is sent.
+/// An encoded picture.
 #[derive(Debug)]
 pub struct EncodedImage {
     /// The file.
     pub png: Vec<u8>,
-    /// Who drew it.
+    /// The backend that drew it.
     pub backend: RenderBackend,
     /// How many native voxels along x, y and z became one, if the volume is too large for the device.
     pub reduction: Option<[usize; 3]>,
 }
 
-/// Annotates a picture if that is wished, and encodes it.
+/// Annotates a picture on request, and encodes it.
 ///
 /// # Errors
-/// When it cannot be encoded.
+/// If it cannot be encoded.
 pub fn encode(
     drawn: DrawnPicture,
     metadata: &ImageMetadata,
@@ -75,7 +75,7 @@ pub fn encode(
     })
 }
 
-/// The picture, with what is written into it on request.
+/// The picture, annotated on request.
 pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Frame {
     if annotate {
         render::annotate(

@@ -1,4 +1,4 @@
-//! The graphics device of this machine: looked for once, beside the start of the server.
+//! The graphics device of this machine, which is searched once while the server starts.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -9,35 +9,35 @@ use render::gpu::{AdapterSummary, GpuError, GpuOptions, GpuPool};
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-/// How long a picture that needs to know waits for a driver that is slow to answer.
+/// How long a picture waits for a slow driver.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Whether pictures may be drawn by a graphics device.
+/// Whether a GPU may draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GpuUse {
-    /// Where there is one in hardware.
+    /// If there is a hardware GPU.
     #[default]
     Auto,
-    /// Where there is any, even if it is a program, which is slower than the processor's own renderers.
+    /// Also with a software driver, which is slower than the CPU renderers.
     Always,
     /// Never: no driver is loaded.
     Off,
 }
 
-/// What the graphics device may be used for, and how much of it.
+/// The options of the graphics device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GraphicsOptions {
-    /// Whether at all.
+    /// Whether it may draw.
     pub use_of: GpuUse,
-    /// How many pictures are asked for at a time.
+    /// The number of pictures at a time.
     pub at_a_time: usize,
     /// Bytes of the textures of cases.
     pub case_bytes: u64,
 }
 
 impl GraphicsOptions {
-    /// For one who draws a picture now and then.
+    /// For occasional pictures.
     pub fn of_one(use_of: GpuUse) -> Self {
         Self {
             use_of,
@@ -53,11 +53,11 @@ pub struct Graphics {
     found: watch::Receiver<Option<Found>>,
 }
 
-/// What looking for a graphics device found.
+/// The result of the search for a graphics device.
 #[derive(Debug, Clone)]
 enum Found {
     Pool(Arc<GpuPool>),
-    /// None can be used, and why: a sentence without its end.
+    /// None can be used; the reason, as part of a sentence.
     Nothing(&'static str),
 }
 
@@ -70,22 +70,22 @@ impl Found {
     }
 }
 
-/// What is known of the graphics device, for people.
+/// The state of the graphics device, for people.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum GraphicsState {
     /// Its driver has not answered yet.
     Starting,
-    /// There is none, and why.
+    /// There is none; the reason.
     Absent(&'static str),
-    /// What draws.
+    /// The adapter.
     Present(AdapterSummary),
 }
 
 impl Graphics {
-    /// Looks for a graphics device in a thread of its own and says once in the log what it found.
+    /// Searches for a graphics device in a separate thread and logs the result once.
     ///
-    /// With [`GpuUse::Auto`] no driver is loaded on a machine without graphics hardware: one in software draws more slowly than
-    /// the processor's own renderers, and takes more memory than everything else together.
+    /// With [`GpuUse::Auto`], no driver is loaded on a machine without graphics hardware: a software driver is slower
+    /// than the CPU renderers, and needs more memory than everything else together.
     pub fn start(options: GraphicsOptions) -> Self {
         let (sender, found) = watch::channel(None);
         let nothing = match options.use_of {
@@ -94,7 +94,7 @@ impl Graphics {
             GpuUse::Auto | GpuUse::Always => None,
         };
         if let Some(why) = nothing {
-            tracing::info!("no graphics device, for {why}: the processor draws all pictures");
+            tracing::info!("rendering on the CPU, because {why}");
             sender.send_replace(Some(Found::Nothing(why)));
             return Self { found };
         }
@@ -103,12 +103,12 @@ impl Graphics {
             .spawn(move || sender.send_replace(Some(find(options))));
         if let Err(error) = looking {
             // The channel is closed then, which reads as no device.
-            tracing::warn!(%error, "no thread to look for a graphics device");
+            tracing::warn!(%error, "cannot start the thread that searches for a graphics device");
         }
         Self { found }
     }
 
-    /// What is known by now.
+    /// The state at the moment.
     pub fn state(&self) -> GraphicsState {
         match &*self.found.borrow() {
             None => GraphicsState::Starting,
@@ -117,16 +117,16 @@ impl Graphics {
         }
     }
 
-    /// The device, if one is known by now.
+    /// The device, if one has been found already.
     pub fn device(&self) -> Option<Arc<GpuPool>> {
         self.found.borrow().as_ref()?.pool()
     }
 
-    /// The device, once its driver has answered; `None` where there is none, or its driver does not answer.
+    /// The device, once its driver has answered; `None` if there is none, or its driver does not answer.
     pub(crate) async fn pool(&self) -> Option<Arc<GpuPool>> {
         let mut found = self.found.clone();
         let known = tokio::time::timeout(PATIENCE, found.wait_for(Option::is_some)).await;
-        // Neither one who looked in vain nor one who has not answered has a device.
+        // Neither a failed search nor an unfinished one has a device.
         known.ok()?.ok()?.as_ref()?.pool()
     }
 }
@@ -155,8 +155,8 @@ fn find(options: GraphicsOptions) -> Found {
     let started = catch_unwind(AssertUnwindSafe(|| GpuPool::start(options)));
     match started {
         Ok(Ok(pool)) if pool.adapter().is_software && !takes_software => {
-            tracing::info!("no graphics device but a program: the processor draws all pictures");
-            Found::Nothing("its only graphics device is a program")
+            tracing::info!("only a software driver was found; rendering on the CPU");
+            Found::Nothing("its only graphics driver is software")
         }
         Ok(Ok(pool)) => {
             let adapter = pool.adapter();
@@ -170,19 +170,17 @@ fn find(options: GraphicsOptions) -> Found {
             Found::Pool(Arc::new(pool))
         }
         Ok(Err(error)) => {
-            tracing::info!(%error, "no graphics device: the processor draws all pictures");
+            tracing::info!(%error, "no graphics device; rendering on the CPU");
             Found::Nothing(reason(&error))
         }
         Err(_panic) => {
-            tracing::warn!(
-                "no graphics device, for its driver failed while it was looked at: the processor draws all pictures"
-            );
+            tracing::warn!("the graphics driver failed during the search; rendering on the CPU");
             Found::Nothing("its graphics driver failed")
         }
     }
 }
 
-/// Why there is no device, without what a driver says: that may hold paths of files.
+/// The reason why there is no device, without the message of the driver, which may contain file paths.
 fn reason(error: &GpuError) -> &'static str {
     match error {
         GpuError::NoAdapter { .. } => "no graphics adapter and no software Vulkan was found",

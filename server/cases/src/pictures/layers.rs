@@ -1,4 +1,4 @@
-//! Which layers a picture shows, and how.
+//! The layers of a picture, and their display.
 
 use std::sync::Arc;
 
@@ -9,44 +9,44 @@ use super::Numbers;
 use crate::error::Error;
 use crate::library::{Library, LoadedMaps, MapsState};
 
-/// The part of what is below it that an overlay hides by default.
+/// The default opacity of an overlay.
 const DEFAULT_OPACITY: f64 = 0.85;
 
-/// The layers of a picture, as the keys of requests name them.
+/// The layers of a picture, from the keys of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LayerChoice {
-    /// The grey texture, in place of the case's intensities.
+    /// The layer to show in grey instead of the intensities.
     pub layer: Option<MapName>,
-    /// What lies above the texture.
+    /// The layer to show in colours over the texture.
     pub overlay: Option<MapName>,
-    /// The values of the overlay's first and last colour.
+    /// The values of the first and last colour of the overlay.
     pub overlay_window: Option<Numbers<2>>,
-    /// The overlay's colours.
+    /// The colours of the overlay.
     pub overlay_colormap: Option<ColorMap>,
-    /// What of the overlay is transparent.
+    /// The threshold of the overlay.
     pub overlay_threshold: Option<f64>,
-    /// How much the overlay hides.
+    /// The opacity of the overlay.
     pub overlay_opacity: Option<f64>,
 }
 
-/// How a map is shown by default.
+/// The default display of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapStyle {
     /// The values of the first and the last colour, or of black and white.
     pub window: [f64; 2],
     /// Its colours.
     pub colormap: ColorMap,
-    /// What is at most this is transparent; `None` if all is shown that is defined.
+    /// Values up to this are transparent; `None` shows every defined value.
     pub threshold: Option<f64>,
-    /// How much it hides.
+    /// Its opacity.
     pub opacity: f64,
 }
 
 impl MapStyle {
-    /// That of a map: one-sided for `blur`, diverging with a transparent middle for what compares the sides.
+    /// The default for a map: one-sided for `blur`, diverging with a transparent middle for comparisons of the sides.
     pub fn of(name: MapName) -> Self {
         let (window, colormap, threshold) = match name {
-            MapName::Blur => ([2.5, 6.0], ColorMap::VermilionYellow, Some(2.5)),
+            MapName::Blur => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
             MapName::Asymmetry | MapName::IntensityAsymmetry => {
                 ([-6.0, 6.0], ColorMap::BlueOrange, Some(2.5))
             }
@@ -63,12 +63,12 @@ impl MapStyle {
 }
 
 impl LayerChoice {
-    /// Whether there is any.
+    /// Whether there is any layer.
     pub fn is_any(&self) -> bool {
         self.layer.is_some() || self.overlay.is_some()
     }
 
-    /// Whether every value is in its range, and none is given that has nothing to belong to.
+    /// Checks that every value is in its range, and that each belongs to a layer.
     ///
     /// # Errors
     /// [`Error::Parameter`] that names the key.
@@ -87,7 +87,7 @@ impl LayerChoice {
         self.style().map(drop)
     }
 
-    /// How the overlay is shown.
+    /// The display of the overlay.
     fn style(&self) -> Result<Option<(MapName, OverlayStyle)>, Error> {
         let Some(name) = self.overlay else {
             return Ok(None);
@@ -104,7 +104,7 @@ impl LayerChoice {
         Ok(Some((name, OverlayStyle::new(parameters)?)))
     }
 
-    /// The window of the texture: that of the layer, or `window` if the case's own intensities are shown.
+    /// The window of the texture: from the layer, or `window` if the intensities of the case are shown.
     pub fn window_or(&self, window: Window) -> Window {
         self.layer.map_or(window, |name| {
             let [black, white] = MapStyle::of(name).window.map(|end| end as f32);
@@ -123,10 +123,10 @@ impl LayerChoice {
         })
     }
 
-    /// The layers of a ready case; none without asking the store if none is wanted.
+    /// The layers of a ready case; if none is requested, the store is not accessed.
     ///
     /// # Errors
-    /// [`Error::LayerNotReady`], [`Error::MapsUndefined`], or the store's.
+    /// [`Error::LayerNotReady`], [`Error::MapsUndefined`], or an error of the store.
     pub async fn of_case(&self, library: &Library, id: &CaseId) -> Result<KeyedLayers, Error> {
         if !self.is_any() {
             return Ok(KeyedLayers::default());
@@ -138,13 +138,13 @@ impl LayerChoice {
 /// The maps of a ready case.
 ///
 /// # Errors
-/// [`Error::LayerNotReady`], [`Error::MapsUndefined`], or the store's.
+/// [`Error::LayerNotReady`], [`Error::MapsUndefined`], or an error of the store.
 pub async fn maps_of(library: &Library, id: &CaseId) -> Result<Arc<LoadedMaps>, Error> {
     library.maps(id).await?.found()
 }
 
 impl MapsState {
-    /// The maps, if they are there.
+    /// The maps, if they are available.
     ///
     /// # Errors
     /// [`Error::LayerNotReady`] or [`Error::MapsUndefined`].
@@ -161,8 +161,8 @@ impl MapsState {
     }
 }
 
-/// Why there are no maps on a server that makes none.
-pub const MAPS_OFF: &str = "this server makes no maps: `limits.maps` is off";
+/// The reason for missing maps on a server that computes none.
+pub const MAPS_OFF: &str = "this server computes no maps, because `limits.maps` is off";
 
 #[cfg(test)]
 mod tests {

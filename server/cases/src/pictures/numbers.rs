@@ -1,4 +1,4 @@
-//! Numbers as texts have them.
+//! Lists of numbers in texts.
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -13,7 +13,7 @@ impl<const N: usize> Serialize for Numbers<N> {
     }
 }
 
-/// From a text with commas, as addresses have it, or from a list, as JSON has it.
+/// From a text with commas, as in addresses, or from a list, as in JSON.
 impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(NumbersVisitor)
@@ -55,7 +55,7 @@ impl<const N: usize> std::str::FromStr for Numbers<N> {
         let numbers = numbers.try_into();
         numbers
             .map(Self)
-            .map_err(|_| format!("{N} numbers with commas are wanted, not {count}"))
+            .map_err(|_| format!("{N} numbers with commas are required, not {count}"))
     }
 }
 

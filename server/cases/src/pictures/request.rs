@@ -1,4 +1,4 @@
-//! What may be asked for in a picture: one request for HTTP and the command line.
+//! The request for a picture, shared by HTTP and the command line.
 
 use case::{CaseFacts, MapName};
 use geometry::{DeformableModel, MeshSize};
@@ -9,6 +9,7 @@ use render::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::depth::DepthMm;
 use super::{LayerChoice, Numbers};
 use crate::error::Error;
 use crate::models::PathKind;
@@ -32,7 +33,7 @@ pub fn default_zoom() -> f64 {
     1.0
 }
 
-/// The fineness of a mesh by default, along and across.
+/// The default number of contours and points of a mesh.
 pub fn default_count() -> usize {
     DeformableModel::DEFAULT_MESH.contour_count()
 }
@@ -52,43 +53,44 @@ fn default_ambient() -> f64 {
 #[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
 #[serde(deny_unknown_fields)]
 pub struct PictureRequest {
-    /// Depth below the envelope in mm; more than the case's maximum is clamped to it.
+    /// Depth below the envelope in mm; a greater depth than the maximum of the case is clamped to it.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, default = 0))]
     pub depth_mm: f32,
-    /// A named direction: `left` where neither it nor `orientation` is given.
+    /// A named view; by default `left`, unless `orientation` is given.
     #[cfg_attr(feature = "openapi", param(inline))]
     pub view: Option<NamedView>,
     /// The quaternion x,y,z,w from patient to view space (x right, y up, z to the viewer), instead of `view`.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0,0,1"))]
     pub orientation: Option<Numbers<4>>,
-    /// Who draws; `auto` takes what this server has, and the answer's header says which that was.
+    /// The renderer; `auto` chooses one, and a header of the answer states which.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub renderer: Renderer,
-    /// Pixels in a row.
+    /// Width in pixels.
     #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub width: u32,
-    /// Rows of pixels.
+    /// Height in pixels.
     #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub height: u32,
-    /// 1 fits the envelope's bounding sphere into the smaller side.
+    /// The magnification; 1 fits the bounding sphere of the envelope into the smaller side.
     #[serde(default = "default_zoom")]
     #[cfg_attr(feature = "openapi", param(minimum = 0.01, maximum = 100, default = 1))]
     pub zoom: f64,
-    /// Millimetres by which the head is moved to the right and up: `x,y`.
+    /// The shift of the head to the right and up, in mm: `x,y`.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0"))]
     pub pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
-    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
+    /// Window centre and width, in intensities: `c,w`; by default from the case. As in DICOM (LINEAR), the ramp from
+    /// black to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width
+    /// is at least 1.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "80,120"))]
     pub window: Option<Numbers<2>>,
-    /// Colours for brightness.
+    /// The colour map.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub colormap: ColorMap,
@@ -96,11 +98,11 @@ pub struct PictureRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 20, default = 0))]
     pub slab_mm: f64,
-    /// The share of light that reaches every face; 1 turns the shading off.
+    /// The fraction of ambient light; 1 turns the shading off.
     #[serde(default = "default_ambient")]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1, default = 0.3))]
     pub ambient: f64,
-    /// What is behind the brain.
+    /// The background.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub background: Background,
@@ -112,38 +114,40 @@ pub struct PictureRequest {
     #[serde(default = "default_count")]
     #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 1024, default = 30))]
     pub points: usize,
-    /// What the vertices of the mesh follow, for the renderer `mesh`. Deep down, meshes along the gradient are nearer to the
-    /// exact picture than those along the forest, which tear.
+    /// The paths of the vertices, for the renderer `mesh`. At great depths, meshes along the gradient are closer to the
+    /// exact picture than meshes along the forest, which tear.
     #[serde(default = "default_paths")]
     #[cfg_attr(feature = "openapi", param(inline, default = "flow"))]
     pub paths: PathKind,
-    /// Whether label, day and first digits of the case, depth, window, scale, directions and the notice of research use are written into
-    /// the picture, with an overlay its colours too.
+    /// Whether to draw the label, day and short id of the case, depth, window, scale, directions and the notice into
+    /// the picture, and the colours of an overlay.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,
-    /// What is seen in place of the case's intensities, with the window in its values: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show instead of the intensities; `window` then refers to its
+    /// values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub layer: Option<MapName>,
-    /// What lies in colours above the grey texture: a map of the junction of grey and white matter. Undefined parts are transparent.
+    /// A map of the junction of grey and white matter to show in colours over the grey texture. Undefined parts are
+    /// transparent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub overlay: Option<MapName>,
-    /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
+    /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
-    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,6"))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,5"))]
     pub overlay_window: Option<Numbers<2>>,
-    /// The overlay's colours; by default those of the layer.
+    /// The colours of the overlay; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub overlay_colormap: Option<ColorMap>,
-    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude; above it the overlay fades in over a
-    /// tenth of its window. By default that of the layer.
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. Above it, the overlay fades
+    /// in over a tenth of its window. By default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlay_threshold: Option<f64>,
-    /// How much the overlay hides of what is below it, 0 to 1.
+    /// The opacity of the overlay, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1))]
     pub overlay_opacity: Option<f64>,
@@ -180,49 +184,50 @@ impl Default for PictureRequest {
 }
 
 impl PictureRequest {
-    /// Whether every value is in its range.
+    /// The checked values.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for the one that is not.
-    pub fn check(&self) -> Result<(), Error> {
-        check_depth(self.depth_mm)?;
-        check_size(self.contours, self.points)?;
-        if self.view.is_some() && self.orientation.is_some() {
-            return Err(Error::out_of_range(
-                "orientation",
-                "cannot be given together with `view`",
-            ));
-        }
+    /// [`Error::Parameter`] for an invalid value.
+    pub fn checked(&self) -> Result<CheckedPicture, Error> {
+        let depth = DepthMm::new(self.depth_mm)?;
+        let mesh = mesh_size(self.contours, self.points)?;
+        let camera = self.camera()?;
         check_annotation(self.annotate, [self.width, self.height])?;
         self.layers().check()?;
-        // Any window and depth will do: those of the case are right by themselves.
-        self.at(0.0, Window::between(0.0, 1.0)).map(drop)
-    }
-
-    /// The request to the renderer, at a depth that the case has, with `window` if none is asked for.
-    ///
-    /// # Errors
-    /// [`Error::Parameter`] for a value out of its range.
-    pub fn at(&self, depth_mm: f32, window: Window) -> Result<RenderRequest, Error> {
-        let camera = match self.orientation {
-            Some(Numbers(orientation)) => Camera::new(orientation, 1.0, [0.0; 2])?,
-            None => Camera::named(self.view.unwrap_or(NamedView::Left)),
-        };
-        let pan_mm = self.pan.map_or([0.0; 2], |Numbers(pan)| pan);
-        let parameters = RenderParameters {
-            depth_mm: f64::from(depth_mm),
-            camera: camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?,
+        let window = self.window.map(window_of_numbers).transpose()?;
+        let request = RenderRequest::new(RenderParameters {
+            depth_mm: 0.0,
+            camera,
             size: picture_size(self.width, self.height)?,
-            window: window_or(self.window, window)?,
+            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
             colormap: self.colormap,
             slab_mm: self.slab_mm,
             light: Light::new(self.ambient)?,
             background: self.background,
-        };
-        Ok(RenderRequest::new(parameters)?)
+        })?;
+        Ok(CheckedPicture {
+            asked: self.clone(),
+            depth,
+            mesh,
+            window,
+            request,
+        })
     }
 
-    /// The layers that are asked for.
+    fn camera(&self) -> Result<Camera, Error> {
+        let camera = match (self.orientation, self.view) {
+            (Some(_), Some(_)) => {
+                let detail = "cannot be combined with `view`";
+                return Err(Error::out_of_range("orientation", detail));
+            }
+            (Some(Numbers(orientation)), None) => Camera::new(orientation, 1.0, [0.0; 2])?,
+            (None, view) => Camera::named(view.unwrap_or(NamedView::Left)),
+        };
+        let pan_mm = self.pan.map_or([0.0; 2], |Numbers(pan)| pan);
+        Ok(camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?)
+    }
+
+    /// The requested layers.
     pub fn layers(&self) -> LayerChoice {
         LayerChoice {
             layer: self.layer,
@@ -234,49 +239,46 @@ impl PictureRequest {
         }
     }
 
-    /// From where the head is seen: the name of the view, or the orientation.
+    /// The name of the view, or the orientation.
     pub fn direction(&self) -> String {
         match (self.orientation, self.view) {
             (Some(Numbers([x, y, z, w])), _) => format!("{x:.2},{y:.2},{z:.2},{w:.2}"),
             (None, view) => view.unwrap_or(NamedView::Left).name().to_owned(),
         }
     }
+}
 
-    /// The mesh that is asked for.
-    ///
-    /// # Errors
-    /// When there is no such mesh.
-    pub fn mesh_size(&self) -> Result<MeshSize, Error> {
-        Ok(MeshSize::new(self.contours, self.points)?)
+/// A checked request for a picture of any case.
+#[derive(Debug, Clone)]
+pub struct CheckedPicture {
+    /// The request.
+    pub asked: PictureRequest,
+    /// The depth.
+    pub depth: DepthMm,
+    /// The mesh, for a renderer that draws one.
+    pub mesh: MeshSize,
+    /// The window; by default from the layer or the case.
+    window: Option<Window>,
+    /// All other values, at depth 0.
+    request: RenderRequest,
+}
+
+impl CheckedPicture {
+    /// The request to the renderer for a case.
+    pub fn of_case(&self, facts: &CaseFacts) -> RenderRequest {
+        let depth_mm = self.depth.shown_in(facts).mm.into();
+        let usual = || self.asked.layers().window_or(window_of(facts));
+        self.request
+            .shown(depth_mm, self.window.unwrap_or_else(usual))
+    }
+
+    /// The view.
+    pub fn camera(&self) -> &Camera {
+        &self.request.parameters().camera
     }
 }
 
-/// Whether a depth can be asked for: a finite number, not negative.
-///
-/// # Errors
-/// [`Error::Parameter`] for `depth_mm`.
-pub fn check_depth(depth_mm: f32) -> Result<(), Error> {
-    let refuse = |kind, detail: &str| Error::Parameter {
-        kind,
-        name: "depth_mm".into(),
-        detail: detail.to_owned(),
-    };
-    if !depth_mm.is_finite() {
-        return Err(refuse(
-            "depth-not-a-number",
-            "must be a finite number of mm",
-        ));
-    }
-    if depth_mm < 0.0 {
-        return Err(refuse(
-            "depth-negative",
-            "must not be negative: depth is counted inwards from the envelope",
-        ));
-    }
-    Ok(())
-}
-
-/// Whether a count is within `least..=most`.
+/// Checks that a count is within `least..=most`.
 ///
 /// # Errors
 /// [`Error::Parameter`] for `key`.
@@ -296,28 +298,29 @@ pub fn check_count(
     }
 }
 
-/// Whether a mesh may be that fine.
+/// A checked size of a mesh.
 ///
 /// # Errors
 /// [`Error::Parameter`] that names the key.
-pub fn check_size(contours: usize, points: usize) -> Result<(), Error> {
+pub fn mesh_size(contours: usize, points: usize) -> Result<MeshSize, Error> {
     check_count("contours", contours, 3, MAX_CONTOURS)?;
-    check_count("points", points, 3, MAX_POINTS)
+    check_count("points", points, 3, MAX_POINTS)?;
+    Ok(MeshSize::new(contours, points)?)
 }
 
-/// Whether what is to be written into a picture fits into it.
+/// Checks that a picture is large enough for its annotation.
 ///
 /// # Errors
 /// [`Error::Parameter`] for `annotate`.
 pub fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), Error> {
     if annotate && size.iter().any(|&side| side < MIN_ANNOTATED_SIDE) {
-        let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels a side");
+        let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels per side");
         return Err(Error::out_of_range("annotate", detail));
     }
     Ok(())
 }
 
-/// A size that is accepted.
+/// A checked size.
 ///
 /// # Errors
 /// [`Error::Parameter`] that names the side.
@@ -330,18 +333,15 @@ pub fn picture_size(width: u32, height: u32) -> Result<FrameSize, Error> {
     Ok(size)
 }
 
-/// The window that is asked for, or that of the case.
+/// The window of a centre and a width.
 ///
 /// # Errors
 /// [`Error::Parameter`] that names `window`.
-pub fn window_or(asked: Option<Numbers<2>>, default: Window) -> Result<Window, Error> {
-    match asked {
-        Some(Numbers([centre, width])) => Ok(Window::new(centre, width)?),
-        None => Ok(default),
-    }
+pub fn window_of_numbers(Numbers([centre, width]): Numbers<2>) -> Result<Window, Error> {
+    Ok(Window::new(centre, width)?)
 }
 
-/// The case's own window: its ramp runs over the interval that the facts hold.
+/// The window of the case, whose ramp covers the interval in its facts.
 pub fn window_of(facts: &CaseFacts) -> Window {
     let half = facts.window.width / 2.0;
     Window::between(facts.window.center - half, facts.window.center + half)

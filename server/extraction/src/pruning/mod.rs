@@ -29,7 +29,7 @@ use geometry::{GeometryError, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::canonical::Canonical;
-use crate::extract::go_on;
+use crate::observe::go_on;
 use crate::{ExtractionError, Observe};
 
 use enhance::{Intensities, gradient};

@@ -5,18 +5,7 @@ use dicom_dictionary_std::tags;
 use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
-/// Sequences that are read. Sorted, for binary search.
-pub(super) const SEQUENCES: [Tag; 9] = [
-    tags::MR_ECHO_SEQUENCE,
-    tags::FRAME_CONTENT_SEQUENCE,
-    tags::PLANE_POSITION_SEQUENCE,
-    tags::PLANE_ORIENTATION_SEQUENCE,
-    tags::MODALITY_LUT_SEQUENCE,
-    tags::PIXEL_MEASURES_SEQUENCE,
-    tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
-    tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE,
-    tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE,
-];
+use super::sequences::SEQUENCES;
 
 /// Attributes that describe the pixels and their position.
 const TECHNICAL: [Tag; 44] = [

@@ -27,10 +27,13 @@ mod jpeg_ls;
 mod pixels;
 mod rle;
 mod scan;
+mod sequences;
+mod series;
 mod stack;
 mod syntax;
 
 pub use attributes::{Attributes, Instance};
-pub use choose::{SeriesName, SeriesSummary};
+pub use choose::SeriesName;
 pub use convert::{Converted, Files, Options, convert};
 pub use error::DicomError;
+pub use series::SeriesSummary;

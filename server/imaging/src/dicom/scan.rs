@@ -339,7 +339,7 @@ impl Walk<'_> {
 
     /// Whether the element is a wanted sequence, although its encoding does not state it.
     fn is_known_sequence(&self, element: &Element) -> bool {
-        element.vr.is_none() && super::attributes::SEQUENCES.contains(&element.tag)
+        element.vr.is_none() && super::sequences::SEQUENCES.contains(&element.tag)
     }
 
     fn sequence(

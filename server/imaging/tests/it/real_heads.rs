@@ -1,4 +1,4 @@
-//! Heads from scanners. They are not part of the project; without them these tests say so and are skipped.
+//! Heads from scanners. They are not part of the project; without them, these tests report it and are skipped.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use geometry::Volume;
 use glam::DVec3;
 use imaging::{Format, Limits, nifti, sniff};
 
-/// The folder of test data: `ISOCORTEX_TEST_DATA`, or `shared/data` beside the checkout.
+/// The folder of real heads, from the variable `ISOCORTEX_TEST_DATA`; reports if there is none.
 pub(crate) fn test_data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);

@@ -1,7 +1,8 @@
-//! A prepared case in one file: what `prepare --output` writes and `render` reads.
+//! A prepared case in one file, which `prepare --output` writes and `render` reads.
 //!
-//! Little-endian: the magic word `ISOCASE\n`, a version (u32), the facts as JSON and then the derived objects as the store has
-//! them, unpacked; each of these parts as its BLAKE3 digest (32 bytes), its packed and its plain length (u64), and its bytes, packed with zstd.
+//! Little-endian: the magic word `ISOCASE\n`, a version (u32), the facts as JSON and then the derived objects as the
+//! store has them, unpacked; each of these parts as its BLAKE3 digest (32 bytes), its packed and its plain length
+//! (u64), and its bytes, packed with zstd.
 
 use std::sync::Arc;
 
@@ -21,7 +22,7 @@ use render::gpu::{CaseKey, KeyedModel};
 
 use super::status::{CliError, ExitStatus};
 
-/// What a file begins with.
+/// The magic word of a file.
 pub(super) const MAGIC: &[u8; 8] = b"ISOCASE\n";
 
 const VERSION: u32 = 1;
@@ -73,7 +74,7 @@ impl LocalCase {
     /// Its maps, computed now.
     ///
     /// # Errors
-    /// When they are undefined.
+    /// If they are undefined.
     pub(super) fn maps(&self) -> Result<LoadedMaps, Error> {
         let envelope = self.distance.envelope();
         let maps = compute_maps(&self.facts, envelope, self.model.volume());
@@ -84,7 +85,7 @@ impl LocalCase {
     /// The mesh at a depth.
     ///
     /// # Errors
-    /// When the mesh cannot be cut.
+    /// If the mesh cannot be made.
     pub(super) fn shrink(
         &self,
         size: MeshSize,

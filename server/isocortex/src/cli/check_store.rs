@@ -14,21 +14,21 @@ use crate::start;
 
 /// Read every row and every object of a store, and report what is missing, damaged or unreferenced
 ///
-/// A line for each finding goes to standard output. The store may be in use. The exit status is 0 where all is well, or is so after
-/// the repair, and 74 where something is left.
+/// Standard output has a line for each finding. The store may be in use. The exit status is 0 if no problem was found
+/// or all were repaired, and 74 if a problem remains.
 #[derive(Debug, Clone, Args)]
 pub(super) struct CheckStoreArgs {
     #[command(flatten)]
     store: StoreArgs,
-    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    /// The file with the weights for brain extraction. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     network: Option<PathBuf>,
-    /// Make what is computed again from its source, and remove what no case needs. A lost source must be uploaded again.
+    /// Compute missing or damaged results again, and remove unreferenced objects. A lost source must be uploaded again.
     #[arg(long)]
     repair: bool,
 }
 
-/// What was found, by what can be done about it.
+/// The findings, by their remedy.
 #[derive(Debug, Default)]
 struct Findings {
     lost_sources: BTreeSet<CaseId>,
@@ -53,21 +53,21 @@ impl Findings {
         };
     }
 
-    /// Cases and objects that need a hand.
+    /// The number of cases and objects with a problem.
     fn count(&self) -> usize {
         let cases: BTreeSet<_> = self.lost_sources.union(&self.to_rebuild).collect();
         cases.len() + self.unreferenced.len()
     }
 
-    /// Does what can be done.
+    /// Rebuilds cases and removes unreferenced objects.
     async fn repair(&mut self, library: &Library) -> Result<(), CliError> {
         for id in std::mem::take(&mut self.to_rebuild) {
             let read = library.load(&id, &ObjectKind::DERIVED, |_, _| Some(()));
             if read.await?.is_some() {
-                println!("made again: case {id}");
+                println!("rebuilt: case {id}");
             } else if !self.lost_sources.contains(&id) && library.store().case(&id).await?.is_some()
             {
-                println!("cannot be made again: case {id}");
+                println!("cannot be rebuilt: case {id}");
                 self.lost_sources.insert(id);
             }
         }
@@ -80,7 +80,7 @@ impl Findings {
     }
 }
 
-/// Checks a store, and repairs it where that is wished.
+/// Checks a store, and repairs it on request.
 pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let mut config = args.store.config()?;
@@ -104,10 +104,10 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
             0 => Ok(()),
             count => {
                 let hint = match args.repair {
-                    false => "`--repair` does what can be done",
+                    false => "run the command with `--repair`",
                     true => "upload the volumes of these cases again, or delete the cases",
                 };
-                let message = format!("{count} cases or objects are not as they should be; {hint}");
+                let message = format!("{count} cases or objects have a problem; {hint}");
                 Err(CliError::new(ExitStatus::InputOutput, message))
             }
         }

@@ -1,4 +1,4 @@
-//! The words of the interface on the command line: each with what it means, for `--help`.
+//! The values of options on the command line, each with a description for `--help`.
 
 use case::{MapName, MaskKind, MaskSource};
 use cases::models::PathKind;
@@ -9,10 +9,10 @@ use render::{Background, ColorMap, NamedView};
 
 use crate::logs::LogFormat;
 
-/// A value, its word, and what it means.
+/// A value, its name, and its description.
 type Choice<T> = (T, &'static str, &'static str);
 
-/// Reads one of the words of an enum.
+/// Parses the name of an enum value.
 fn one_of<T: Clone + Send + Sync + 'static>(
     choices: &'static [Choice<T>],
 ) -> impl TypedValueParser<Value = T> {
@@ -31,7 +31,7 @@ pub(super) fn mask_source() -> impl TypedValueParser<Value = MaskSource> {
         (
             MaskSource::Auto,
             "auto",
-            "From the volume where that is skull-stripped already; else the brain is extracted",
+            "From the volume if it is skull-stripped; otherwise the brain is extracted",
         ),
         (
             MaskSource::Volume,
@@ -41,28 +41,28 @@ pub(super) fn mask_source() -> impl TypedValueParser<Value = MaskSource> {
         (
             MaskSource::Network,
             "network",
-            "Extracted by the network alone, which must be there",
+            "Extracted by the network, whose weights must be installed",
         ),
         (
             MaskSource::Pruning,
             "pruning",
-            "Extracted by tree pruning. What `auto` becomes where the brain must be extracted and there is no network",
+            "Extracted by tree pruning; `auto` becomes this if the brain must be extracted without a network",
         ),
     ])
 }
 
-/// What a mask shows.
+/// What a mask contains.
 pub(super) fn mask_kind() -> impl TypedValueParser<Value = MaskKind> {
     one_of(&[
         (
             MaskKind::Brain,
             "brain",
-            "The brain, which is closed to the envelope",
+            "The brain; it is closed to the envelope",
         ),
         (
             MaskKind::Envelope,
             "envelope",
-            "The envelope itself: it is not closed. Its largest component is kept and its holes are filled all the same",
+            "The envelope itself; it is not closed, but its largest component is kept and its holes are filled",
         ),
     ])
 }
@@ -70,25 +70,25 @@ pub(super) fn mask_kind() -> impl TypedValueParser<Value = MaskKind> {
 /// Whether a graphics device may draw.
 pub(super) fn gpu_use() -> impl TypedValueParser<Value = GpuUse> {
     one_of(&[
-        (GpuUse::Auto, "auto", "Where there is one in hardware"),
+        (GpuUse::Auto, "auto", "If there is a hardware GPU"),
         (
             GpuUse::Always,
             "always",
-            "Where there is any, even if it is a program, which is slower than the processor's own renderers",
+            "Also with a software driver, which is slower than the CPU renderers",
         ),
         (GpuUse::Off, "off", "Never: no driver is loaded"),
     ])
 }
 
-/// How log lines are written.
+/// The format of log lines.
 pub(super) fn log_format() -> impl TypedValueParser<Value = LogFormat> {
     one_of(&[
         (LogFormat::Text, "text", "For people"),
-        (LogFormat::Json, "json", "One JSON object a line"),
+        (LogFormat::Json, "json", "One JSON object per line"),
     ])
 }
 
-/// From where the head is seen.
+/// The named view.
 pub(super) fn view() -> impl TypedValueParser<Value = NamedView> {
     one_of(&[
         (NamedView::Left, "left", "The patient's left side"),
@@ -107,7 +107,7 @@ pub(super) fn renderer() -> impl TypedValueParser<Value = Renderer> {
         (
             Renderer::Splat,
             "splat",
-            "Voxels of a thin shell, in software (the paper's section 3.3)",
+            "The voxels of a thin shell, on the CPU (section 3.3 of the paper)",
         ),
         (Renderer::Mesh, "mesh", "The facets of the mesh"),
         (
@@ -118,7 +118,7 @@ pub(super) fn renderer() -> impl TypedValueParser<Value = Renderer> {
     ])
 }
 
-/// How brightness becomes a colour.
+/// The colour map.
 pub(super) fn colormap() -> impl TypedValueParser<Value = ColorMap> {
     one_of(&[
         (ColorMap::Grey, "grey", "Black to white"),
@@ -166,7 +166,7 @@ pub(super) fn map() -> impl TypedValueParser<Value = MapName> {
     ])
 }
 
-/// What is behind the brain.
+/// The background.
 pub(super) fn background() -> impl TypedValueParser<Value = Background> {
     one_of(&[
         (Background::Black, "black", "Opaque black"),
@@ -174,7 +174,7 @@ pub(super) fn background() -> impl TypedValueParser<Value = Background> {
     ])
 }
 
-/// What the vertices of a mesh follow.
+/// The paths of the vertices of a mesh.
 pub(super) fn paths() -> impl TypedValueParser<Value = PathKind> {
     one_of(&[
         (
@@ -185,7 +185,7 @@ pub(super) fn paths() -> impl TypedValueParser<Value = PathKind> {
         (
             PathKind::Flow,
             "flow",
-            "Up the gradient of the distance map: the nearest way to a depth",
+            "The gradient of the distance map: the shortest way to a depth",
         ),
     ])
 }

@@ -1,4 +1,4 @@
-//! Options that several commands have.
+//! Options of several commands.
 
 use std::path::PathBuf;
 
@@ -9,10 +9,10 @@ use super::status::CliError;
 use crate::config::{Config, Secret};
 use crate::logs::LogFormat;
 
-/// Where the store is.
+/// The location of the store.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct StoreArgs {
-    /// The directory of the store; made where it is missing. [default: isocortex-data]
+    /// The directory of the store; created if missing. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     pub(super) data: Option<PathBuf>,
     /// The database, unless it is in the directory: postgres://[user@]host/name or sqlite:///file.
@@ -23,10 +23,11 @@ pub(super) struct StoreArgs {
         hide_env_values = true
     )]
     pub(super) database: Option<String>,
-    /// A file that holds the password for PostgreSQL. [otherwise: PGPASSWORD, ~/.pgpass]
+    /// A file with the password for PostgreSQL. [otherwise: PGPASSWORD, ~/.pgpass]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_DATABASE_PASSWORD_FILE")]
     pub(super) database_password_file: Option<PathBuf>,
-    /// The objects, unless they are in the directory: s3://bucket[/prefix], reached by the AWS_ variables, or file:///folder.
+    /// The objects, unless they are in the directory: s3://bucket[/prefix], with the settings of the AWS_ variables, or
+    /// file:///folder.
     #[arg(long, value_name = "URL", env = "ISOCORTEX_OBJECTS")]
     pub(super) objects: Option<String>,
     /// A TOML file with these and all other settings.
@@ -35,7 +36,7 @@ pub(super) struct StoreArgs {
 }
 
 impl StoreArgs {
-    /// The configuration that file, environment and command line make together.
+    /// The configuration from file, environment and command line.
     pub(super) fn config(&self) -> Result<Config, CliError> {
         let mut config = match &self.config {
             Some(path) => Config::read(path)?,
@@ -52,27 +53,27 @@ impl StoreArgs {
     }
 }
 
-/// What `serve` and `work` have in common.
+/// The common options of `serve` and `work`.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct CommonArgs {
     #[command(flatten)]
     pub(super) store: StoreArgs,
-    /// How many cases are prepared at a time. [default: 1]
+    /// The number of cases to prepare at a time. [default: 1]
     #[arg(long, value_name = "N", env = "ISOCORTEX_WORKERS")]
     pub(super) workers: Option<usize>,
-    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    /// The file with the weights for brain extraction. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     pub(super) network: Option<PathBuf>,
-    /// How log lines are written. [default: text]
+    /// The format of log lines. [default: text]
     #[arg(long, value_parser = choices::log_format(), env = "ISOCORTEX_LOG_FORMAT")]
     pub(super) log_format: Option<LogFormat>,
-    /// Which log lines are written: error, warn, info, debug (which has a line for each request), or as in RUST_LOG.
+    /// The log lines to write: error, warn, info, debug (with a line for each request), or as in RUST_LOG.
     #[arg(long, value_name = "FILTER", env = "ISOCORTEX_LOG")]
     pub(super) log: Option<String>,
 }
 
 impl CommonArgs {
-    /// The configuration that file, environment and command line make together.
+    /// The configuration from file, environment and command line.
     pub(super) fn config(&self) -> Result<Config, CliError> {
         let mut config = self.store.config()?;
         set(&mut config.prepare.workers, self.workers.as_ref());
@@ -83,14 +84,14 @@ impl CommonArgs {
     }
 }
 
-/// Sets what the command line names.
+/// Sets a setting if the command line has it.
 pub(super) fn set<T: Clone>(slot: &mut T, value: Option<&T>) {
     if let Some(value) = value {
         slot.clone_from(value);
     }
 }
 
-/// The same for what may be left open.
+/// Sets an optional setting if the command line has it.
 pub(super) fn set_some<T: Clone>(slot: &mut Option<T>, value: Option<&T>) {
     if value.is_some() {
         *slot = value.cloned();

@@ -15,7 +15,7 @@ use case::Parameters;
 use cases::pictures::GpuUse;
 use pipeline::Source;
 
-/// Where Debian's package `mricron-data` puts Colin27 and its brain.
+/// The paths of Colin27 and its brain mask in the Debian package `mricron-data`.
 const COLIN27: [&str; 2] = [
     "/usr/share/mricron/templates/ch2.nii.gz",
     "/usr/share/mricron/templates/ch2bet.nii.gz",
@@ -24,16 +24,17 @@ const COLIN27: [&str; 2] = [
 /// Edge of a voxel of the phantom head, in mm.
 const PHANTOM_SPACING_MM: f64 = 1.0;
 
-/// Serve a sample head, prepared, and print the address to open
+/// Prepare and serve a sample head, and print the address to open
 ///
-/// The head is ISOCORTEX_DEMO_VOLUME (with the mask ISOCORTEX_DEMO_MASK), or Colin27 of Debian's package mricron-data where that is
-/// installed, or a made-up head. Without --data everything is removed when the demo ends.
+/// The head is ISOCORTEX_DEMO_VOLUME (with the mask ISOCORTEX_DEMO_MASK), otherwise Colin27 from the Debian package
+/// mricron-data if it is installed, otherwise a synthetic head. Without --data, everything is removed when the demo
+/// ends.
 #[derive(Debug, Args)]
 pub(super) struct DemoArgs {
     /// The directory of the store; by default a temporary one.
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
-    /// Where to listen. [default: 127.0.0.1:8640, or another port where that is taken]
+    /// The address to listen on. [default: 127.0.0.1:8640, or another port if that is taken]
     #[arg(long, value_name = "ADDR:PORT", env = "ISOCORTEX_LISTEN")]
     listen: Option<SocketAddr>,
     /// The volume to show.
@@ -47,10 +48,10 @@ pub(super) struct DemoArgs {
         requires = "volume"
     )]
     mask: Option<PathBuf>,
-    /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
+    /// The file with the weights for brain extraction. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     network: Option<PathBuf>,
-    /// Whether pictures may be drawn by a graphics device. [default: auto]
+    /// Whether a GPU may draw. [default: auto]
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU")]
     gpu: Option<GpuUse>,
 }
@@ -82,7 +83,7 @@ struct Sample {
     source: Source,
 }
 
-/// Serves until the process is told to stop.
+/// Serves until the process receives a signal to stop.
 pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let temporary = match args.data {
@@ -111,7 +112,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         let id = submitted.case.id;
         wait_until_ready(server.state.cases.store(), &id).await?;
         println!("Open http://{}/#{id}", server.address);
-        println!("For research use only, not for diagnosis. Ctrl-C ends the demo.");
+        println!("{} Ctrl-C ends the demo.", render::RESEARCH_USE_NOTICE);
         server.until_stopped().await;
         Ok(())
     })
@@ -125,7 +126,7 @@ fn on_any_port(mut config: crate::config::Config) -> crate::config::Config {
 fn temporary_directory() -> Result<tempfile::TempDir, CliError> {
     let made = tempfile::Builder::new().prefix("isocortex-demo-").tempdir();
     made.map_err(|error| {
-        let message = format!("no temporary directory can be made: {error}");
+        let message = format!("cannot create a temporary directory: {error}");
         CliError::new(ExitStatus::CannotCreate, message)
     })
 }
@@ -140,7 +141,7 @@ fn sample(args: &DemoArgs) -> Result<Sample, CliError> {
         return from_files("Colin27", volume, Some(mask));
     }
     println!(
-        "No real head was found, so the demo shows a made-up one. For a real head install Debian's package mricron-data, \
+        "No real head was found, so the demo shows a synthetic one. For a real head, install the Debian package mricron-data, \
          or set ISOCORTEX_DEMO_VOLUME (and ISOCORTEX_DEMO_MASK) to NIfTI files."
     );
     phantom()

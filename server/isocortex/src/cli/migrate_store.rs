@@ -11,21 +11,22 @@ use super::status::{CliError, ExitStatus};
 
 /// Copy every case of a store into another one
 ///
-/// A store is named by its directory, or by its database and its objects with a comma between them:
-/// `postgres://isocortex@db/isocortex,s3://heads`. What is in the other store already is read, and kept if it is whole: run the command
-/// again after an interruption, or to bring what is new. Nothing is removed from either store. Stop the servers and workers of the first
-/// one before the last run. Passwords come from PGPASSWORD or ~/.pgpass, keys of a bucket from the AWS_ variables.
+/// Name a store by its directory, or by its database and its objects with a comma between them:
+/// `postgres://isocortex@db/isocortex,s3://heads`. Intact objects that the target already has are read but not copied,
+/// so run the command again after an interruption, or to copy new cases. Nothing is removed from either store. Stop the
+/// servers and workers of the source before the last run. Passwords come from PGPASSWORD or ~/.pgpass, the keys of a
+/// bucket from the AWS_ variables.
 #[derive(Debug, Clone, Args)]
 pub(super) struct MigrateStoreArgs {
     /// The store to read.
     #[arg(long, value_name = "STORE")]
     from: String,
-    /// The store to write; made where it is missing.
+    /// The store to write; created if missing.
     #[arg(long, value_name = "STORE")]
     to: String,
 }
 
-/// A store that was named on the command line, with what must live as long.
+/// A store from the command line, with its temporary folder, if it needs one.
 struct Named {
     store: Store,
     _folder: Option<TempDir>,
@@ -60,7 +61,7 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
     super::keep_files_private();
     if !args.from.contains(',') && !Path::new(&args.from).is_dir() {
         let message =
-            "there is no such directory to copy from; a store elsewhere is `DATABASE,OBJECTS`";
+            "the directory to copy from does not exist; name any other store as `DATABASE,OBJECTS`";
         return Err(CliError::new(ExitStatus::NoInput, message));
     }
     super::block_on(async {
@@ -68,7 +69,7 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
         let to = Named::open(&args.to).await?;
         let mut report = |id: &CaseId, is_whole: bool, copied: &Copied| {
             if !is_whole {
-                println!("left out, since its source is missing or damaged: case {id}");
+                println!("not copied, because its source is missing or damaged: case {id}");
             }
             if copied.cases.is_multiple_of(100) {
                 eprintln!("{} cases, {} objects so far", copied.cases, copied.objects);
@@ -78,14 +79,14 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
         from.store.close().await;
         to.store.close().await;
         println!(
-            "copied: {} cases, {} objects, {} bytes; there already: {} objects",
+            "copied: {} cases, {} objects, {} bytes; already there: {} objects",
             copied.cases, copied.objects, copied.bytes, copied.kept
         );
         match copied.lost {
             0 => Ok(()),
             lost => {
                 let message = format!(
-                    "{lost} cases were left out: run `isocortex check-store` on the first store"
+                    "{lost} cases were not copied; run `isocortex check-store` on the source"
                 );
                 Err(CliError::new(ExitStatus::InputOutput, message))
             }

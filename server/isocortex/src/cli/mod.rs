@@ -23,7 +23,7 @@ use case::{MaskKind, MaskSource, Parameters};
 use cases::dicom::SeriesName;
 use pipeline::{Extractor, Pipeline};
 
-/// What `--help` says at its end.
+/// The end of `--help`, before the notice.
 const EXAMPLES: &str = "\
 Examples:
   isocortex demo                                    serve a sample head and print the address to open
@@ -36,22 +36,21 @@ Examples:
 
 Exit status:
    0  done
-   2  the command line is not right
-  65  the input cannot be used (not NIfTI or DICOM, damaged, a mask is missing …)
-  66  the input is not there or cannot be read
-  69  the server's address is taken, or its store is busy
-  70  a fault of the program
+   2  invalid command line
+  65  unusable input (not NIfTI or DICOM, damaged, a mask is missing …)
+  66  the input does not exist or cannot be read
+  69  the address is taken, or the store is busy
+  70  internal error
   73  the output cannot be written
   74  the store or its disk failed
-  78  the configuration is not right
-
-For research use only, not for diagnosis.";
+  78  invalid configuration";
 
 /// The cortex of the brain as curved cuts at any depth below the dura.
 ///
-/// Isocortex prepares an MR volume once and then shows the cut at any depth in milliseconds: in the browser, over HTTP, or as PNG files.
+/// Isocortex prepares an MR volume once, and then shows the cut at any depth in milliseconds: in the browser, over
+/// HTTP, or as PNG.
 #[derive(Debug, Parser)]
-#[command(name = "isocortex", version, after_help = EXAMPLES, arg_required_else_help = true)]
+#[command(name = "isocortex", version, after_help = format!("{EXAMPLES}\n\n{}", ::render::RESEARCH_USE_NOTICE), arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -63,49 +62,49 @@ enum Command {
     Serve(serve::ServeArgs),
     /// Prepare the cases of a store that other processes serve.
     Work(work::WorkArgs),
-    /// Serve a sample head, prepared, and print the address to open.
+    /// Prepare and serve a sample head, and print the address to open.
     Demo(demo::DemoArgs),
     /// Read everything in a store, and report or repair what is wrong.
     CheckStore(check_store::CheckStoreArgs),
     /// Copy every case of a store into another one.
     MigrateStore(migrate_store::MigrateStoreArgs),
-    /// Prepare a volume: into the store, or into one file.
+    /// Prepare a volume into the store, or into one file.
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case, a volume or a prepared file as PNG.
     Render(render::RenderArgs),
-    /// The experiments of the paper, a program of their own by now.
+    /// Replaced by the program `isocortex-bench`.
     #[command(hide = true, disable_help_flag = true)]
     Bench {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
-    /// Reads DICOM files with limits on what it may take; started by the others.
+    /// Reads DICOM files with resource limits; the other commands start it.
     #[command(hide = true)]
     ReadDicom,
 }
 
-/// An input: a volume and what is needed to prepare it.
+/// A volume and the options of its preparation.
 #[derive(Debug, Clone, Args)]
 struct VolumeOptions {
-    /// The brain mask, NIfTI, on any grid. Not needed where the volume holds nothing but the brain.
+    /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
     /// Radius of the ball that closes the brain mask to the envelope, 0 to 50 mm.
     #[arg(long, value_name = "MM", default_value_t = 10.0)]
     closing_radius_mm: f64,
-    /// Where the mask comes from when none is given.
+    /// Where the mask comes from if none is given.
     #[arg(long, value_name = "SOURCE", value_parser = choices::mask_source(), default_value = "auto")]
     mask_source: MaskSource,
-    /// What the mask shows: an envelope is not closed.
+    /// What the mask contains; an envelope is not closed.
     #[arg(long, value_name = "KIND", value_parser = choices::mask_kind(), default_value = "brain")]
     mask_kind: MaskKind,
     /// The weights of the network that extracts the brain. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     network: Option<PathBuf>,
-    /// The probability above which a voxel is brain where the brain is extracted, 0.05 to 0.95.
+    /// The probability above which the network counts a voxel as brain, 0.05 to 0.95.
     #[arg(long, value_name = "P", default_value_t = 0.5)]
     threshold: f64,
-    /// By how much the mask is made larger before it is closed, -20 to 20 mm.
+    /// How far the surface of the mask is moved outwards before it is closed, -20 to 20 mm.
     #[arg(
         long,
         value_name = "MM",
@@ -113,10 +112,10 @@ struct VolumeOptions {
         allow_negative_numbers = true
     )]
     offset_mm: f64,
-    /// Of DICOM files, the series to take: its number, instance UID or token.
+    /// The DICOM series to read: its number, instance UID or token.
     #[arg(long, value_name = "SERIES", value_parser = series_name)]
     series: Option<SeriesName>,
-    /// Interpolate single slices that are missing among DICOM files, and say which.
+    /// Interpolate single missing DICOM slices, and list them.
     #[arg(long)]
     allow_gaps: bool,
 }
@@ -147,10 +146,10 @@ impl VolumeOptions {
 }
 
 fn series_name(text: &str) -> Result<SeriesName, &'static str> {
-    SeriesName::parse(text).ok_or("a series is named by its number, instance UID or token")
+    SeriesName::parse(text).ok_or("name a series by its number, instance UID or token")
 }
 
-/// Runs the command of this process and says how it ended.
+/// Runs the command and returns its exit status.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     if matches!(cli.command, Command::ReadDicom) {
@@ -176,13 +175,13 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Render(args) => render::run(&args),
         Command::Bench { .. } => Err(CliError::new(
             ExitStatus::Usage,
-            "`bench` is a program of its own now: run `isocortex-bench paper`",
+            "`bench` is a separate program now; run `isocortex-bench paper`",
         )),
-        Command::ReadDicom => unreachable!("it has its own way out"),
+        Command::ReadDicom => unreachable!("handled before"),
     }
 }
 
-/// What this process makes from now on is for its owner alone: it holds images of patients.
+/// Makes new files private to the user, because they contain images of patients.
 #[cfg(unix)]
 fn keep_files_private() {
     rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
@@ -213,7 +212,7 @@ fn write_output(path: &Path, contents: &[u8]) -> Result<(), CliError> {
     std::fs::write(path, contents).map_err(|error| unwritable(path, &error))
 }
 
-/// Whether a file can be written, as far as that can be told before there is anything to write. Nothing of it is changed.
+/// Checks that a file can be written, without changing it.
 fn check_output(path: &Path) -> Result<(), CliError> {
     let tried = match std::fs::metadata(path) {
         // A pipe would be closed for its reader.

@@ -14,23 +14,23 @@ use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, case_file, check_output, read_input, write_output};
 use case::{CaseFacts, CaseId, CaseState, Parameters};
 use cases::Library;
-use cases::dicom::{Choice, DicomReader, Options, Program};
+use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
 use pipeline::{Limits, Pipeline, Prepared, Source};
 use storage::Store;
 
-/// The most bytes of DICOM files, unpacked.
+/// The limit for unpacked DICOM files, in bytes.
 const MAX_DICOM_BYTES: u64 = 16 << 30;
 
-/// What tells the kind of a file, packed or not.
+/// The number of bytes that identify the kind of a file.
 const SNIFFED_BYTES: u64 = 64 << 10;
 
-/// How long the worker may take to put its things away.
+/// The time for the worker to finish.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Prepare a volume: into the store, or into one file
+/// Prepare a volume into the store, or into one file
 ///
-/// With --data it becomes a case of that store, under the id that is printed. With --output everything goes into one
+/// With --data, it becomes a case in that store, and its id is printed. With --output, everything is written to one
 /// file, which `isocortex render` reads.
 #[derive(Debug, Args)]
 pub(super) struct PrepareArgs {
@@ -69,7 +69,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     }
 }
 
-/// Reads the files of an input. DICOM files, which content tells, become a volume.
+/// Reads the files of an input. DICOM files, recognised by content, become a volume.
 pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Source, CliError> {
     let mask = options.mask.as_deref().map(read_input).transpose()?;
     let is_dicom =
@@ -87,17 +87,21 @@ pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Sou
     };
     let reader = DicomReader::new(Program::default(), Limits::default(), MAX_DICOM_BYTES);
     let scratch = std::env::temp_dir();
-    let reading = reader.read(volume, &chosen, &scratch).await?;
+    let reading = reader.read(Input::Path(volume), &chosen, &scratch).await?;
     tell(&reading.choice);
     Ok(Source {
-        volume: reading.volume,
+        volume: reading.volume().await.map_err(internal)?,
         mask,
         dicom: Some(reading.attributes),
         ..Source::default()
     })
 }
 
-/// The first bytes of an input, which tell what it is; none of a folder.
+fn internal(error: std::io::Error) -> CliError {
+    CliError::new(ExitStatus::Internal, error)
+}
+
+/// The first bytes of an input, which identify it; empty for a folder.
 pub(super) fn head_of(input: &Path) -> Result<Vec<u8>, CliError> {
     let mut head = Vec::new();
     if input.is_dir() {
@@ -110,7 +114,7 @@ pub(super) fn head_of(input: &Path) -> Result<Vec<u8>, CliError> {
     })
 }
 
-/// Says what was chosen among the files.
+/// Reports the chosen series.
 fn tell(choice: &Choice) {
     let [columns, rows, slices] = choice.series.size;
     let number = choice.series.number.map(|number| format!(" {number}"));
@@ -123,7 +127,7 @@ fn tell(choice: &Choice) {
     );
     let filled = &choice.interpolated_slices;
     if !filled.is_empty() {
-        eprintln!("slices that were missing and are interpolated: {filled:?}");
+        eprintln!("interpolated missing slices: {filled:?}");
     }
 }
 
@@ -142,7 +146,7 @@ pub(super) fn prepare_here(
     Ok(prepared)
 }
 
-/// Says on standard error what is unusual about a mask.
+/// Reports doubts about the mask on standard error.
 fn warn_of_doubts(facts: &CaseFacts) {
     if let Some(quality) = &facts.quality {
         for reason in &quality.reasons {

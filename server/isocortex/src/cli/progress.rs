@@ -1,4 +1,4 @@
-//! A preparation's progress, for whoever started it: a bar on a terminal, lines elsewhere.
+//! Shows the progress of a preparation: a bar on a terminal, lines elsewhere.
 
 use std::io::IsTerminal as _;
 use std::sync::{Mutex, PoisonError};
@@ -56,12 +56,12 @@ fn words(stage: Stage) -> &'static str {
     match stage {
         Stage::Reading => "reading the volume",
         Stage::Extracting => "extracting the brain",
-        Stage::Mask => "bringing the mask to the working grid",
+        Stage::Mask => "resampling the mask to the working grid",
         Stage::Closing => "closing the mask to the envelope",
         Stage::Distance => "measuring depths",
         Stage::Core => "finding the core",
         Stage::Forest => "growing the forest",
-        Stage::Mesh => "cutting the mesh and following its paths",
+        Stage::Mesh => "building the mesh and its paths",
         Stage::Storing => "storing",
     }
 }

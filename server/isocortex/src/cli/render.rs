@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use case::{CaseId, MapName};
 use cases::models::{Models, PathKind};
 use cases::pictures::{
-    GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob, PictureRequest,
-    backend_for, encode, window_of,
+    CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob,
+    PictureRequest, backend_for, encode, warm_job,
 };
 use cases::{ConcurrencyLimit, Error, Library, Preparation};
 use clap::Args;
 use pipeline::Limits;
 use render::choice::Renderer;
-use render::{Background, ColorMap, KeyedLayers, NamedView, RenderBackend, RenderJob, SizedMesh};
+use render::{Background, ColorMap, KeyedLayers, NamedView};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
@@ -26,7 +26,8 @@ use crate::config::Config;
 /// A depth beyond the deepest point is drawn at the deepest point.
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    /// A case of the store by its id, a NIfTI volume, DICOM (a folder, a zip, one file), or a file of `isocortex prepare --output`.
+    /// The id of a case in the store, a NIfTI volume, DICOM (a folder, a zip, one file), or a file from `isocortex
+    /// prepare --output`.
     #[arg(value_name = "CASE|VOLUME")]
     input: PathBuf,
     #[command(flatten)]
@@ -37,20 +38,20 @@ pub(super) struct RenderArgs {
     /// The PNG file to write.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Whether pictures may be drawn by a graphics device.
+    /// Whether a GPU may draw.
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU", default_value = "auto")]
     gpu: GpuUse,
     #[command(flatten)]
     picture: PictureArgs,
 }
 
-/// The picture, in the words of the HTTP interface.
+/// The picture, with the values of the HTTP interface.
 #[derive(Debug, Args)]
 struct PictureArgs {
     /// Depth below the envelope, in mm.
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     depth: f32,
-    /// From where. [default: left]
+    /// The view. [default: left]
     #[arg(long, value_parser = choices::view())]
     view: Option<NamedView>,
     /// The quaternion x,y,z,w from patient to view space, instead of --view.
@@ -61,13 +62,13 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     orientation: Option<Numbers<4>>,
-    /// Who draws.
+    /// The renderer.
     #[arg(long, value_parser = choices::renderer(), default_value = "auto")]
     renderer: Renderer,
-    /// Pixels in a row.
+    /// Width in pixels.
     #[arg(long, default_value_t = 512)]
     width: u32,
-    /// Rows of pixels.
+    /// Height in pixels.
     #[arg(long, default_value_t = 512)]
     height: u32,
     /// 1 fits the head into the picture.
@@ -76,41 +77,41 @@ struct PictureArgs {
     /// Moves the head to the right and up, in mm.
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5. [default: that of
-    /// the case]
+    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5.
+    /// [default: that of the case]
     #[arg(long, value_name = "C,W", allow_hyphen_values = true)]
     window: Option<Numbers<2>>,
-    /// Colours for brightness.
+    /// The colour map.
     #[arg(long, value_parser = choices::colormap(), default_value = "grey")]
     colormap: ColorMap,
-    /// Averages over this depth to either side, in mm.
+    /// Average intensities over this depth to either side, in mm.
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     slab: f64,
-    /// The share of light that reaches every face, 0 to 1; 1 turns the shading off.
+    /// The fraction of ambient light, 0 to 1; 1 turns the shading off.
     #[arg(long, default_value_t = 0.3)]
     ambient: f64,
-    /// What is behind the brain.
+    /// The background.
     #[arg(long, value_parser = choices::background(), default_value = "black")]
     background: Background,
-    /// Contours of the mesh, for the renderer mesh.
+    /// Number of contours of the mesh, for the renderer mesh.
     #[arg(long, default_value_t = 30)]
     contours: usize,
-    /// Points on each contour of the mesh, for the renderer mesh.
+    /// Number of points on each contour of the mesh, for the renderer mesh.
     #[arg(long, default_value_t = 30)]
     points: usize,
-    /// What the vertices of the mesh follow, for the renderer mesh.
+    /// The paths of the vertices, for the renderer mesh.
     #[arg(long, value_parser = choices::paths(), default_value = "flow")]
     paths: PathKind,
-    /// Writes the case's label, day and first digits, depth, window, scale, directions and the notice of research use into the picture.
+    /// Write the label, day and short id of the case, depth, window, scale, directions and the notice into the picture.
     #[arg(long)]
     annotate: bool,
-    /// What is seen in place of the intensities: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show instead of the intensities.
     #[arg(long, value_parser = choices::map())]
     layer: Option<MapName>,
-    /// What lies in colours above the texture: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show in colours over the texture.
     #[arg(long, value_parser = choices::map())]
     overlay: Option<MapName>,
-    /// The values of the overlay's first and last colour. [default: those of the map]
+    /// The values of the first and last colour of the overlay. [default: from the map]
     #[arg(
         long,
         value_name = "LOW,HIGH",
@@ -118,10 +119,10 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     overlay_window: Option<Numbers<2>>,
-    /// The overlay's colours. [default: those of the map]
+    /// The colours of the overlay. [default: from the map]
     #[arg(long, value_parser = choices::colormap(), requires = "overlay")]
     overlay_colormap: Option<ColorMap>,
-    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude. [default: that of the map]
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. [default: from the map]
     #[arg(
         long,
         value_name = "VALUE",
@@ -129,13 +130,13 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     overlay_threshold: Option<f64>,
-    /// How much the overlay hides of what is below it, 0 to 1. [default: that of the map]
+    /// The opacity of the overlay, 0 to 1. [default: from the map]
     #[arg(long, value_name = "SHARE", requires = "overlay")]
     overlay_opacity: Option<f64>,
 }
 
 impl PictureArgs {
-    fn request(&self) -> Result<PictureRequest, Error> {
+    fn checked(&self) -> Result<CheckedPicture, Error> {
         let request = PictureRequest {
             depth_mm: self.depth,
             view: self.view,
@@ -161,32 +162,31 @@ impl PictureArgs {
             overlay_threshold: self.overlay_threshold,
             overlay_opacity: self.overlay_opacity,
         };
-        request.check()?;
-        Ok(request)
+        request.checked()
     }
 }
 
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
-    let query = args.picture.request()?;
+    let picture = args.picture.checked()?;
     check_output(&args.output)?;
-    let picture = super::block_on(async {
-        // Looked for while the case is read; splatting needs none.
-        let use_of = if query.renderer == Renderer::Splat {
+    let png = super::block_on(async {
+        // The search runs while the case is read; splatting needs no GPU.
+        let use_of = if picture.asked.renderer == Renderer::Splat {
             GpuUse::Off
         } else {
             args.gpu
         };
         let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
         match case_id(&args.input) {
-            Some(id) => of_case(args, id, &query, &graphics).await,
-            None => of_file(args, &query, &graphics).await,
+            Some(id) => of_case(args, id, &picture, &graphics).await,
+            None => of_file(args, &picture, &graphics).await,
         }
     })?;
-    write_output(&args.output, &picture)
+    write_output(&args.output, &png)
 }
 
-/// An id, unless there is a file of that name.
+/// The id of a case, unless there is a file with that name.
 fn case_id(input: &Path) -> Option<CaseId> {
     let id = CaseId::parse(input.to_str()?)?;
     (!input.exists()).then_some(id)
@@ -195,20 +195,20 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn of_case(
     args: &RenderArgs,
     id: CaseId,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
     if !data.is_dir() {
         let message = format!(
-            "there is no store at {}; say where with --data",
+            "there is no store at {}; name it with --data",
             data.display()
         );
         return Err(CliError::new(ExitStatus::NoInput, message));
     }
     let store = Store::open(&data).await?;
-    let choice = query.layers();
+    let choice = picture.asked.layers();
     let library = if choice.is_any() {
         Library::with_maps(store, Preparation::default(), Limits::default(), u64::MAX)
     } else {
@@ -218,7 +218,7 @@ async fn of_case(
     let model = model.ok_or_else(|| {
         CliError::new(
             ExitStatus::NoInput,
-            "the store has no such case that is ready",
+            "the store has no ready case with this id",
         )
     })?;
     let layers = if choice.is_any() {
@@ -226,47 +226,28 @@ async fn of_case(
     } else {
         KeyedLayers::default()
     };
-    let depth_mm = query.depth_mm.min(model.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = model.shrink(size, query.paths, depth_mm).await;
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
-    } else {
-        None
-    };
-    let job = RenderJob {
-        case: model.keyed(),
-        request: query.at(depth_mm, choice.window_or(window_of(&model.facts)))?,
-        mesh,
-        layers,
-    };
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let job = warm_job(&model, picture, layers, backend).await?;
     let case = library.store().case(&id).await?;
-    let named = case.filter(|_| query.annotate).map(|case| case.identity());
-    let metadata = ImageMetadata::of(Some(&id), &job).named(named);
-    drawn(job, backend, metadata, query).await
+    let is_named = picture.asked.annotate;
+    let named = case.filter(|_| is_named).map(|case| case.identity());
+    let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
+    drawn(job, metadata, is_named).await
 }
 
 async fn drawn(
-    job: RenderJob,
-    backend: RenderBackend,
+    job: PictureJob,
     metadata: ImageMetadata,
-    query: &PictureRequest,
+    annotate: bool,
 ) -> Result<Vec<u8>, CliError> {
-    let picture = PictureJob {
-        job,
-        asked: query.renderer,
-        backend,
-    };
     let turn = ConcurrencyLimit::new(1, 0).turn().await?;
-    let drawn = picture.draw(&turn).await?;
-    Ok(encode(drawn, &metadata, query.annotate)?.png)
+    let drawn = job.draw(&turn).await?;
+    Ok(encode(drawn, &metadata, annotate)?.png)
 }
 
 async fn of_file(
     args: &RenderArgs,
-    query: &PictureRequest,
+    picture: &CheckedPicture,
     graphics: &Graphics,
 ) -> Result<Vec<u8>, CliError> {
     let is_case = head_of(&args.input)?.starts_with(case_file::MAGIC);
@@ -281,28 +262,19 @@ async fn of_file(
             &args.options.pipeline()?,
         )?)
     };
-    let choice = query.layers();
+    let choice = picture.asked.layers();
     let layers = if choice.is_any() {
         choice.of_maps(&case.maps()?)?
     } else {
         KeyedLayers::default()
     };
-    let depth_mm = query.depth_mm.min(case.facts.max_depth_mm);
-    let backend = backend_for(query.renderer, graphics).await;
-    let mesh = if backend.needs_mesh() {
-        let size = query.mesh_size()?;
-        let shrunk = case.shrink(size, query.paths, depth_mm);
-        let mesh = shrunk.map_err(Error::from)?;
-        Some(SizedMesh { size, mesh })
-    } else {
-        None
+    let backend = backend_for(picture.asked.renderer, graphics).await;
+    let shrink = async |depth_mm| {
+        let shrunk = case.shrink(picture.mesh, picture.asked.paths, depth_mm);
+        Ok(shrunk?)
     };
-    let job = RenderJob {
-        case: case.keyed(),
-        request: query.at(depth_mm, choice.window_or(window_of(&case.facts)))?,
-        mesh,
-        layers,
-    };
-    let metadata = ImageMetadata::of(None, &job);
-    drawn(job, backend, metadata, query).await
+    let job = picture.job(case.keyed(), &case.facts, layers, backend, shrink);
+    let job = job.await?;
+    let metadata = ImageMetadata::of(None, &job.job);
+    drawn(job, metadata, picture.asked.annotate).await
 }

@@ -19,30 +19,30 @@ use service::app::app;
 use service::listen;
 use service::state::AppState;
 
-/// The variable of the token. There is no flag: command lines can be seen by everyone on a machine.
+/// The variable for the token. There is no flag, because everyone on a machine can see command lines.
 const TOKEN_VARIABLE: &str = "ISOCORTEX_TOKEN";
 
 /// Serve the cases of a store over HTTP
 ///
-/// The command line goes before the environment, the environment before the file. Without a bearer token (ISOCORTEX_TOKEN,
-/// or a file of it) the server listens on this machine alone, and refuses any other address.
+/// The command line takes precedence over the environment, and the environment over the file. Without a bearer token
+/// (ISOCORTEX_TOKEN, or a file with it), the server listens on this machine only and refuses any other address.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ServeArgs {
     #[command(flatten)]
     pub(super) common: CommonArgs,
-    /// Where to listen. [default: 127.0.0.1:8640]
+    /// The address to listen on. [default: 127.0.0.1:8640]
     #[arg(long, value_name = "ADDR:PORT", env = "ISOCORTEX_LISTEN")]
     pub(super) listen: Option<SocketAddr>,
-    /// A file that holds the bearer token.
+    /// A file with the bearer token.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKEN_FILE")]
     pub(super) token_file: Option<PathBuf>,
-    /// Whether pictures may be drawn by a graphics device. [default: auto]
+    /// Whether a GPU may draw. [default: auto]
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU")]
     pub(super) gpu: Option<GpuUse>,
 }
 
 impl ServeArgs {
-    /// The configuration that file, environment and command line make together.
+    /// The configuration from file, environment and command line.
     pub(super) fn config(&self) -> Result<Config, CliError> {
         let mut config = self.common.config()?;
         set(&mut config.http.listen, self.listen.as_ref());
@@ -50,7 +50,7 @@ impl ServeArgs {
         if let Ok(token) = std::env::var(TOKEN_VARIABLE)
             && !token.is_empty()
         {
-            // Together with a token file that was named as well, this is refused: neither is meant more than the other.
+            // A token file in addition is rejected: neither takes precedence.
             config.http.token = Some(Secret(token));
             config.http.token_file = self.token_file.clone();
         } else if let Some(path) = &self.token_file {
@@ -61,7 +61,7 @@ impl ServeArgs {
     }
 }
 
-/// Serves until the process is told to stop.
+/// Serves until the process receives a signal to stop.
 pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let config = args.config()?;
@@ -77,7 +77,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     })
 }
 
-/// A server that answers.
+/// A running server.
 pub(super) struct Server {
     pub(super) state: AppState,
     pub(super) address: SocketAddr,
@@ -87,7 +87,7 @@ pub(super) struct Server {
 }
 
 impl Server {
-    /// Opens the store, binds the address, starts workers and answers from now on.
+    /// Opens the store, binds the address, and starts workers and the server.
     pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
         let state = start::open(config).await?;
         let taken = |error| {
@@ -110,7 +110,7 @@ impl Server {
         })
     }
 
-    /// Answers until the process is told to stop; then finishes, or hands back, what is at work.
+    /// Runs until the process receives a signal to stop; then finishes running work or puts it back into the queue.
     pub(super) async fn until_stopped(self) {
         if let Err(error) = self.serving.await {
             tracing::error!(%error, "the listener failed");
@@ -121,7 +121,7 @@ impl Server {
     }
 }
 
-/// Resolves at Ctrl-C or SIGTERM, having told endless answers to end.
+/// Resolves at Ctrl-C or SIGTERM, after ending endless answers.
 async fn stop_of(state: AppState) {
     told_to_stop().await;
     tracing::info!("stopping");
@@ -146,7 +146,7 @@ pub(super) async fn told_to_stop() {
 
 #[cfg(not(unix))]
 pub(super) async fn told_to_stop() {
-    // An error means that no signal can come: then nothing but the end of the process stops it.
+    // An error means that no signal can come; then only the end of the process stops it.
     if tokio::signal::ctrl_c().await.is_err() {
         std::future::pending::<()>().await;
     }

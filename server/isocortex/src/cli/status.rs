@@ -1,4 +1,4 @@
-//! How a command ended.
+//! Exit statuses.
 
 use std::fmt::Display;
 use std::process::ExitCode;
@@ -9,24 +9,24 @@ use case::{Failure, FailureKind};
 use cases::Error;
 use storage::StoreError;
 
-/// The exit status of a command that failed: 2 as every command line has it, the others from BSD's `sysexits.h`.
+/// The exit status of a failed command: 2 for an invalid command line, the others from `sysexits.h` of BSD.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ExitStatus {
-    /// The command line is not right.
+    /// The command line is invalid.
     Usage = 2,
     /// The input cannot be used.
     BadInput = 65,
-    /// The input is not there.
+    /// The input does not exist.
     NoInput = 66,
-    /// Something that is needed is taken or busy.
+    /// A needed resource is taken or busy.
     Unavailable = 69,
-    /// A fault of the program.
+    /// An internal error.
     Internal = 70,
     /// The output cannot be written.
     CannotCreate = 73,
     /// The store or its disk failed.
     InputOutput = 74,
-    /// The configuration is not right.
+    /// The configuration is invalid.
     Config = 78,
 }
 
@@ -36,7 +36,7 @@ impl From<ExitStatus> for ExitCode {
     }
 }
 
-/// Why a command failed, in one plain sentence.
+/// Why a command failed, in one sentence.
 #[derive(Debug)]
 pub(super) struct CliError {
     pub(super) status: ExitStatus,

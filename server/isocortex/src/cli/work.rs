@@ -13,14 +13,16 @@ use crate::{logs, start};
 
 /// Prepare the cases of a store that other processes serve
 ///
-/// Any number of such processes, on any machines, share the work of a store in PostgreSQL and a bucket or a shared folder.
+/// Any number of these processes, on any machines, share the work if the store is in PostgreSQL and in a bucket or a
+/// shared folder.
 #[derive(Debug, Clone, Args)]
 pub(super) struct WorkArgs {
     #[command(flatten)]
     common: CommonArgs,
 }
 
-/// Prepares cases until the process is told to stop; then finishes, or hands back, what is at work.
+/// Prepares cases until the process receives a signal to stop; then finishes running work or puts it back into the
+/// queue.
 pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let config = args.common.config()?;

@@ -1,4 +1,5 @@
-//! How the server is set up: a TOML file with a section for each concern, over it the environment, over it the command line.
+//! The configuration: a TOML file with a section for each concern, overridden by the environment, overridden by the
+//! command line.
 
 mod renamed;
 mod sections;
@@ -21,31 +22,31 @@ use crate::logs::LogFormat;
 pub use self::renamed::RenamedKey;
 pub use self::sections::{DEFAULT_LISTEN, Http, Limits, MapsUse, Prepare, Render, Secret, Storage};
 
-/// How much more than an upload the DICOM files in it may take when they are unpacked.
+/// The limit for unpacked DICOM files, relative to the limit for an upload.
 const DICOM_UNPACKING: u64 = 4;
 
-/// Everything that can be configured, with its defaults. The keys of the file are the names of the fields.
+/// All settings with their defaults. The keys of the file are the names of the fields.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// How log lines are written.
+    /// The format of log lines.
     pub log_format: LogFormat,
-    /// Which log lines are written, in the syntax of `RUST_LOG`.
+    /// The log lines to write, in the syntax of `RUST_LOG`.
     pub log: String,
-    /// Who may ask, and how long it may take.
+    /// The server: address, access, timeouts.
     pub http: Http,
-    /// How much may be asked for.
+    /// Limits on uploads and queues.
     pub limits: Limits,
-    /// How cases are prepared.
+    /// Preparation of cases.
     pub prepare: Prepare,
-    /// Who draws.
+    /// Rendering.
     pub render: Render,
-    /// Where the cases are.
+    /// The store.
     pub storage: Storage,
     /// The program that reads DICOM files: this one.
     #[serde(skip)]
     pub dicom_program: Program,
-    /// Keys of the file that have another name today.
+    /// Keys in the file with an old name.
     #[serde(skip)]
     pub renamed: Vec<RenamedKey>,
 }
@@ -66,27 +67,27 @@ impl Default for Config {
     }
 }
 
-/// What is wrong with a configuration.
+/// Why a configuration is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
     #[error("the configuration file {} cannot be read: {source}", .path.display())]
     Unreadable {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: std::io::Error,
     },
-    /// The file is not TOML, or holds an unknown key or a value of the wrong kind.
-    #[error("the configuration file {} is not right: {source}", .path.display())]
+    /// The file is not TOML, or has an unknown key or a value of the wrong kind.
+    #[error("the configuration file {} is invalid: {source}", .path.display())]
     Malformed {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: Box<toml::de::Error>,
     },
-    /// A key at the top, where it was before, and in its section.
-    #[error("{renamed}; it is there as well")]
+    /// A key with both its old and its new name.
+    #[error("{renamed}; it is set there as well")]
     Twice {
         /// Which.
         renamed: RenamedKey,
@@ -95,22 +96,22 @@ pub enum ConfigError {
     #[error(transparent)]
     Token(#[from] BadToken),
     /// A token in two places.
-    #[error("give the token in `http.token` or in `http.token_file`, not in both")]
+    #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
-    /// Strangers could read everything.
+    /// Everyone on the network could read everything.
     #[error(
         "refusing to listen on {listen} without a bearer token: set ISOCORTEX_TOKEN or `http.token_file`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
-        /// Where it was to listen.
+        /// The configured address.
         listen: SocketAddr,
     },
-    /// An address of the store that is none.
-    #[error("`{key}` is not right: {source}")]
+    /// An address of the store is invalid.
+    #[error("`{key}` is invalid: {source}")]
     Address {
         /// The key.
         key: &'static str,
-        /// Why.
+        /// The reason.
         source: BadAddress,
     },
     /// A limit of zero.
@@ -122,10 +123,10 @@ pub enum ConfigError {
 }
 
 impl Config {
-    /// Reads a TOML file; what it does not name has its default. Keys of before are accepted, and listed in [`Config::renamed`].
+    /// Reads a TOML file; missing keys have their defaults. Old keys are accepted and listed in [`Config::renamed`].
     ///
     /// # Errors
-    /// When the file cannot be read, is not TOML, or holds an unknown key.
+    /// If the file cannot be read, is not TOML, or has an unknown key.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
             path: path.to_owned(),
@@ -139,17 +140,17 @@ impl Config {
         let moved = renamed::move_into_sections(&mut table);
         let renamed = moved.map_err(|twice| ConfigError::Twice { renamed: twice.0 })?;
         if renamed.is_empty() {
-            // Read from the text an error says where it is.
+            // Parsing the text gives errors with positions.
             return toml::from_str(&text).map_err(malformed);
         }
         let config: Self = table.try_into().map_err(malformed)?;
         Ok(Self { renamed, ..config })
     }
 
-    /// Who may ask.
+    /// The access rules.
     ///
     /// # Errors
-    /// When the token cannot be read or is too weak, or when there is none and strangers could reach the server.
+    /// If the token cannot be read or is too weak, or if there is none and the server would listen on the network.
     pub fn access(&self) -> Result<Access, ConfigError> {
         match self.token_text()? {
             Some(token) => Ok(Access::with_token(token.trim())?),
@@ -169,10 +170,10 @@ impl Config {
         }
     }
 
-    /// Whether the numbers can be used.
+    /// Checks the numbers.
     ///
     /// # Errors
-    /// When one of those that must be at least 1 is 0.
+    /// If a number that must be at least 1 is 0.
     pub fn check(&self) -> Result<(), ConfigError> {
         let counts = [
             ("limits.max_upload_bytes", self.limits.max_upload_bytes),
@@ -208,10 +209,10 @@ impl Config {
         }
     }
 
-    /// Where the store is.
+    /// The location of the store.
     ///
     /// # Errors
-    /// When an address is not right, or the password cannot be read.
+    /// If an address is invalid, or the password cannot be read.
     pub fn location(&self) -> Result<Location, ConfigError> {
         let wrong = |key| move |source| ConfigError::Address { key, source };
         let address = self.storage.database.as_ref();
@@ -232,7 +233,7 @@ impl Config {
         })
     }
 
-    /// How the application is set up.
+    /// The options of the application.
     ///
     /// # Errors
     /// As [`Config::location`].
@@ -269,7 +270,7 @@ impl Config {
         })
     }
 
-    /// What connections may take.
+    /// The limits of connections.
     pub fn connection_limits(&self) -> ConnectionLimits {
         ConnectionLimits {
             connections: self.http.max_connections,
@@ -285,7 +286,7 @@ impl Config {
     }
 }
 
-/// Reads a file that is for its owner alone; `what` names it in the log.
+/// Reads a file that only its owner may read; `what` names it in the log.
 fn read_secret(path: &Path, what: &str) -> Result<String, ConfigError> {
     let read = std::fs::read_to_string(path);
     storage::keep_private(path, what);
@@ -436,7 +437,7 @@ mod tests {
         for (key, value) in [("database", "u:CANARY@db"), ("objects", "http://CANARY")] {
             let config = parsed(&format!("[storage]\n{key} = \"{value}\"")).unwrap();
             let error = config.location().unwrap_err().to_string();
-            let named = format!("`storage.{key}` is not right");
+            let named = format!("`storage.{key}` is invalid");
             assert!(
                 error.contains(&named) && !error.contains("CANARY"),
                 "{error}"

@@ -1,10 +1,10 @@
-//! Keys of configuration files of before: they were all at the top, and are accepted there with a warning.
+//! Old keys of the configuration file, which had no sections. They are accepted with a warning.
 
 use std::fmt;
 
 use toml::{Table, Value};
 
-/// Section and key of today, for each key of before.
+/// The new section and key of each old key.
 const RENAMED: [(&str, &str, &str); 22] = [
     ("listen", "http", "listen"),
     ("token", "http", "token"),
@@ -30,7 +30,7 @@ const RENAMED: [(&str, &str, &str); 22] = [
     ("min_free_bytes", "storage", "min_free_bytes"),
 ];
 
-/// A key that was accepted under its name of before.
+/// An old key that was accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RenamedKey {
     before: &'static str,
@@ -52,10 +52,10 @@ impl fmt::Display for RenamedKey {
     }
 }
 
-/// A key is there under both of its names.
+/// A key with both its names.
 pub(super) struct Twice(pub(super) RenamedKey);
 
-/// Moves keys of before into their sections; which they were.
+/// Moves old keys into their sections, and returns them.
 pub(super) fn move_into_sections(table: &mut Table) -> Result<Vec<RenamedKey>, Twice> {
     let mut moved = Vec::new();
     for (before, section, key) in RENAMED {
@@ -70,7 +70,7 @@ pub(super) fn move_into_sections(table: &mut Table) -> Result<Vec<RenamedKey>, T
         let section = table
             .entry(section)
             .or_insert_with(|| Value::Table(Table::new()));
-        // A section that is no table is refused when the sections are read.
+        // A section that is not a table is rejected when the sections are read.
         if let Value::Table(section) = section
             && section.insert(key.to_owned(), value).is_some()
         {

@@ -7,41 +7,41 @@ use cases::pictures::GpuUse;
 use pipeline::HeadLimits;
 use serde::Deserialize;
 
-/// The address to listen at where none is configured.
+/// The default address.
 pub const DEFAULT_LISTEN: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 8640);
 
-/// `[http]`: who may ask, and how long it may take.
+/// `[http]`: address, access and timeouts.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Http {
-    /// Where to listen. Anything but this machine's own addresses needs a token.
+    /// The address to listen on. Any other than a loopback address needs a token.
     pub listen: SocketAddr,
     /// The bearer token that every request under `/v1` must carry.
     pub token: Option<Secret>,
-    /// A file that holds the token, instead of `token`.
+    /// A file with the token, instead of `token`.
     pub token_file: Option<PathBuf>,
-    /// Connections at a time. Of those beyond only health checks are answered.
+    /// Connections at a time. Beyond this, only health checks are answered.
     pub max_connections: usize,
-    /// Of these, how many may come from one address. Behind a proxy all have one.
+    /// Of these, connections from one address. Behind a proxy all clients have one address.
     pub max_connections_per_address: usize,
     /// Uploads at a time.
     pub max_uploads: usize,
-    /// How fast a client must send a body, and take an answer, on average after the first seconds, in bytes a second.
+    /// The minimum average rate at which a client must send a body and receive an answer, in bytes per second.
     pub least_bytes_per_second: u64,
-    /// For how long a client may be slower at first, in seconds.
+    /// How long a client may be slower at the start, in seconds.
     pub slow_start_secs: u64,
     /// Time for the headers of a request, in seconds; also how long a connection may be idle.
     pub header_timeout_secs: u64,
     /// Time for an answer, in seconds.
     pub answer_timeout_secs: u64,
-    /// Time within which the next bytes of an upload must come, or of an answer be taken, in seconds.
+    /// Time within which the next bytes of an upload must arrive, or of an answer be received, in seconds.
     pub upload_idle_secs: u64,
     /// Time for a whole upload, in seconds.
     pub upload_timeout_secs: u64,
-    /// Time for work to finish when the server is stopped, in seconds.
+    /// Time for running requests when the server stops, in seconds.
     pub shutdown_grace_secs: u64,
-    /// Memory for compressed bodies, in bytes.
+    /// Memory for compressed answers, in bytes.
     pub body_cache_bytes: u64,
 }
 
@@ -66,33 +66,33 @@ impl Default for Http {
     }
 }
 
-/// `[limits]`: how much may be asked for.
+/// `[limits]`: limits on uploads and queues.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
     /// The largest accepted upload, in bytes.
     pub max_upload_bytes: u64,
-    /// The largest accepted volume, in voxels: each takes two bytes, and a gzip can hold many in a few.
+    /// The largest accepted volume, in voxels of two bytes.
     pub max_voxels: usize,
-    /// The shortest edge of a voxel, in mm. What is beyond this and the four next limits is no head: it is refused at once.
+    /// The shortest edge of a voxel, in mm. A volume beyond this or the next four limits is rejected at once.
     pub min_voxel_mm: f64,
     /// The longest edge of a voxel, in mm.
     pub max_voxel_mm: f64,
-    /// The shortest side of a volume, in mm; infants and specimens may need a smaller one.
+    /// The shortest side of a volume, in mm; infants and specimens may need less.
     pub min_field_mm: f64,
     /// The longest side of a volume, in mm.
     pub max_field_mm: f64,
-    /// How much longer than another edge one of a voxel may be.
+    /// The greatest ratio of two edges of a voxel.
     pub max_voxel_ratio: f64,
-    /// How many cases may wait to be prepared.
+    /// Cases that may wait to be prepared.
     pub max_queued_cases: usize,
-    /// Renders that may wait for a thread.
+    /// Pictures, meshes and checks of uploads that may wait.
     pub max_queued_renders: usize,
-    /// Whether the maps of the junction of grey and white matter are made.
+    /// Whether to compute the maps of the junction of grey and white matter.
     pub maps: MapsUse,
 }
 
-/// Whether maps are made.
+/// Whether to compute maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MapsUse {
@@ -121,15 +121,15 @@ impl Default for Limits {
     }
 }
 
-/// `[prepare]`: how cases are prepared.
+/// `[prepare]`: preparation of cases.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Prepare {
     /// Cases prepared at a time; with 0 `isocortex serve` leaves them to `isocortex work`.
     pub workers: usize,
-    /// How long a preparation may take, in seconds; then the case fails.
+    /// Time for a preparation, in seconds; then the case fails.
     pub max_secs: u64,
-    /// The file with the weights of the network that extracts brains; by default the one beside the program, if there is one.
+    /// The file with the weights for brain extraction; by default the one beside the program, if there is one.
     pub network: Option<PathBuf>,
 }
 
@@ -143,17 +143,17 @@ impl Default for Prepare {
     }
 }
 
-/// `[render]`: who draws.
+/// `[render]`: rendering.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Render {
-    /// Threads that render.
+    /// Pictures, meshes and checks of uploads that are computed at a time.
     pub threads: usize,
-    /// Whether pictures may be drawn by a graphics device.
+    /// Whether a GPU may draw.
     pub gpu: GpuUse,
-    /// Memory of the graphics device for cases, in bytes.
+    /// GPU memory for cases, in bytes.
     pub gpu_case_bytes: u64,
-    /// Memory for warm cases, in bytes.
+    /// Memory for loaded cases, in bytes.
     pub model_cache_bytes: u64,
 }
 
@@ -168,7 +168,7 @@ impl Default for Render {
     }
 }
 
-/// `[storage]`: where the cases are.
+/// `[storage]`: the store.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Storage {
@@ -176,11 +176,11 @@ pub struct Storage {
     pub data: PathBuf,
     /// The database, unless it is in the directory: `postgres://…` or `sqlite:///file`.
     pub database: Option<Secret>,
-    /// A file that holds the password for PostgreSQL.
+    /// A file with the password for PostgreSQL.
     pub database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: `s3://bucket/prefix` or `file:///folder`.
     pub objects: Option<String>,
-    /// Free bytes on the store's disk below which `/readyz` says that it is full.
+    /// Free bytes on the disk of the store below which `/readyz` reports a full disk.
     pub min_free_bytes: u64,
 }
 
@@ -196,7 +196,7 @@ impl Default for Storage {
     }
 }
 
-/// A text that is not shown.
+/// A text that is never shown.
 #[derive(Clone, PartialEq, Eq, Deserialize)]
 #[serde(transparent)]
 pub struct Secret(pub String);

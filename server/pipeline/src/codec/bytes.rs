@@ -3,7 +3,7 @@
 use geometry::Grid;
 use glam::{DAffine3, DMat3, DVec3};
 
-/// Reads numbers from the front of a slice; `None` where it ends early.
+/// Reads numbers from the front of a slice; `None` if it ends early.
 #[derive(Debug)]
 pub(super) struct Reader<'a>(pub(super) &'a [u8]);
 

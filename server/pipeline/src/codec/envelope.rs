@@ -32,12 +32,12 @@ fn put_runs(bytes: &mut Vec<u8>, voxels: &[bool]) {
     }
 }
 
-/// The envelope of a payload; `None` if it is not one.
+/// The envelope from a payload; `None` if it is damaged.
 pub fn decode_envelope(bytes: &[u8]) -> Option<Envelope> {
     Envelope::from_stored(decode(bytes)?).ok()
 }
 
-/// The brain mask of a payload; `None` if it is not one.
+/// The brain mask from a payload; `None` if it is damaged.
 pub fn decode_brain(bytes: &[u8]) -> Option<BrainMask> {
     BrainMask::from_stored(decode(bytes)?).ok()
 }

@@ -1,4 +1,4 @@
-//! A forest as the codes of the envelope's voxels.
+//! A forest, encoded as codes of the voxels of the envelope.
 
 use geometry::{Envelope, Forest};
 
@@ -11,8 +11,8 @@ pub fn encode_forest(forest: &Forest, envelope: &Envelope) -> Vec<u8> {
         .collect()
 }
 
-/// The forest over an envelope; `None` where the codes are not those of one.
-/// The forest of a payload; `None` if it does not belong to the envelope.
+/// The forest over an envelope; `None` if the codes are invalid.
+/// The forest from a payload; `None` if it does not belong to the envelope.
 pub fn decode_forest(codes: &[u8], envelope: &Envelope) -> Option<Forest> {
     let mut codes = codes.iter();
     let mut predecessor = Vec::with_capacity(envelope.mask().voxels().len());

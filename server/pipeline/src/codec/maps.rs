@@ -1,4 +1,4 @@
-//! The maps of a case, or why it has none.
+//! The maps of a case, or the reason why it has none.
 
 use analysis::{MapKind, StoredMap};
 use case::CandidateFacts;
@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::bytes::Reader;
 use crate::maps::{CaseMaps, MAPS_FORMAT, MapsOrReason};
 
-/// The longest head that is read.
+/// The longest accepted head.
 const MAX_HEAD_BYTES: u32 = 1 << 20;
 
-/// What stands before the maps in their object.
+/// The head of the object, before the maps.
 #[derive(Debug, Serialize, Deserialize)]
 struct ObjectHead {
     format: u32,
@@ -42,7 +42,7 @@ pub fn encode_maps(maps: &MapsOrReason) -> Vec<u8> {
     bytes
 }
 
-/// The maps of a payload; `None` if it is damaged or of another format, and they must be computed again.
+/// The maps from a payload; `None` if it is damaged or has another format, so that they must be computed again.
 pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
     let mut reader = Reader(payload);
     let length = reader.u32().filter(|&length| length <= MAX_HEAD_BYTES)?;

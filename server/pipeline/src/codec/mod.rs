@@ -1,4 +1,5 @@
-//! The payloads of derived objects, before they are packed. Little-endian; the frame around them says kind and version.
+//! The payloads of derived objects, before compression. Little-endian; the frame around a payload states its kind and
+//! version.
 //!
 //! A grid is its size (3 × u32) and the columns of `patient_from_voxel` (12 × f64).
 //!
@@ -10,10 +11,10 @@
 //! | `paths` | N_F, N_P (u16), origin (3 × f32), step, row and greatest depth (f32), rows (u32), the first piece of each row (u32), pieces, residuals of the rows from row to row |
 //! | `maps` | the length of a JSON head (u32) and the head: format, candidates, or why there are no maps; then the length (u32) and the bytes of each map |
 //!
-//! Residuals are 16-bit differences from a prediction, folded so that small ones are small numbers (0, −1, 1, −2, …), low
-//! bytes first, then all high bytes: zstd finds little to do in the high ones.
+//! Residuals are 16-bit differences from a prediction, folded so that small ones are small numbers (0, −1, 1, −2, …),
+//! low bytes first, then all high bytes: zstd finds little to do in the high ones.
 //!
-//! What is decoded has been checked against its digest. Every length is compared with the bytes at hand all the same.
+//! The digest of a payload is checked before decoding. Even so, every length is compared with the available bytes.
 
 mod bytes;
 mod envelope;

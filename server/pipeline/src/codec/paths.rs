@@ -1,4 +1,4 @@
-//! A table of paths as the steps from each depth to the next, and its finer pieces.
+//! A table of paths, encoded as steps from each depth to the next, with its finer pieces.
 
 use geometry::{MeshSize, PathTable, Piece};
 
@@ -37,7 +37,7 @@ pub fn encode_paths(table: &PathTable) -> Vec<u8> {
     bytes
 }
 
-/// The table of paths of a payload; `None` if it is not one.
+/// The table of paths from a payload; `None` if it is damaged.
 pub fn decode_paths(bytes: &[u8]) -> Option<PathTable> {
     let mut reader = Reader(bytes);
     let size = MeshSize::new(usize::from(reader.u16()?), usize::from(reader.u16()?)).ok()?;

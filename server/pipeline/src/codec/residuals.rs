@@ -22,7 +22,7 @@ pub(super) fn put_residuals(bytes: &mut Vec<u8>, differences: impl ExactSizeIter
     }
 }
 
-/// Reads `count` differences; `None` where there are not as many bytes.
+/// Reads `count` differences; `None` if there are too few bytes.
 pub(super) fn read_residuals<'a>(
     reader: &mut Reader<'a>,
     count: usize,

@@ -5,9 +5,9 @@ use geometry::{Grid, Rescale, Volume};
 use super::bytes::{Reader, put_grid};
 use super::residuals::{put_residuals, read_residuals};
 
-/// What a voxel is expected to be: the mean of its neighbours before it along x and y, or the one there is.
+/// The predicted value of a voxel: the mean of its previous neighbours along x and y, or the only one.
 ///
-/// Of the noise of MR two neighbours' mean carries less than one neighbour does.
+/// The mean of two neighbours has less MR noise than a single one.
 fn predict(before: &[u16], x: usize, row_length: usize, has_row_above: bool) -> u16 {
     let at = before.len();
     match (x > 0, has_row_above) {

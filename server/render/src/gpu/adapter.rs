@@ -4,21 +4,21 @@ use wgpu::{Backends, DeviceType, Instance, InstanceDescriptor};
 
 use super::GpuError;
 
-/// What draws, for people to read and for choosing a renderer.
+/// Describes the graphics adapter, for people and for choosing a renderer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AdapterSummary {
-    /// The adapter's name, as its driver gives it.
+    /// The name from the driver.
     pub name: String,
     /// The interface: `vulkan` or `gl`.
     pub interface: String,
     /// The driver and its version.
     pub driver: String,
-    /// Whether it is a program, such as Mesa's lavapipe, that runs on the CPU: this crate's CPU renderers are faster.
+    /// Whether it is software, such as Mesa's lavapipe; the CPU renderers of this crate are faster.
     pub is_software: bool,
 }
 
 impl AdapterSummary {
-    /// Name, interface and driver in one line of printable ASCII, at most 200 letters, as headers require it.
+    /// Name, interface and driver in one line of at most 200 printable ASCII letters, for headers.
     pub fn line(&self) -> String {
         let text = format!("{} ({}, {})", self.name, self.interface, self.driver);
         let printable = |letter: char| {
@@ -32,14 +32,14 @@ impl AdapterSummary {
     }
 }
 
-/// An adapter, found once, of which each thread opens a device.
+/// An adapter, found once; each thread opens a device on it.
 #[derive(Debug, Clone)]
 pub(super) struct Adapter(wgpu::Adapter);
 
 impl Adapter {
-    /// Looks for an adapter: Vulkan, in software if there is no other; failing that, a GPU with OpenGL.
+    /// Finds an adapter: Vulkan, in software if there is no other; otherwise a GPU with OpenGL.
     ///
-    /// Software OpenGL is not taken: it does nothing that the CPU renderers do not do faster.
+    /// Software OpenGL is not used, because the CPU renderers are faster.
     pub(super) fn find() -> Result<Self, GpuError> {
         request(Backends::VULKAN).or_else(|reason| {
             request(Backends::GL)

@@ -1,4 +1,4 @@
-//! The part of a picture in which there is anything to draw.
+//! The part of a picture that has anything to draw.
 
 use glam::{DVec2, DVec3};
 

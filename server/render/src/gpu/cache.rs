@@ -1,9 +1,9 @@
-//! Values that are kept as long as they fit, bounded by bytes.
+//! A cache bounded by bytes.
 
 use std::collections::HashMap;
 use std::hash::Hash;
 
-/// Values by key; those used longest ago give way.
+/// Values by key; the least recently used are dropped first.
 #[derive(Debug)]
 pub(super) struct Cache<K, V> {
     limit: u64,
@@ -19,7 +19,7 @@ struct Entry<V> {
 }
 
 impl<K: Copy + Eq + Hash, V> Cache<K, V> {
-    /// Nothing yet, and at most `limit` bytes.
+    /// An empty cache for at most `limit` bytes.
     pub(super) fn new(limit: u64) -> Self {
         Self {
             limit,
@@ -28,7 +28,7 @@ impl<K: Copy + Eq + Hash, V> Cache<K, V> {
         }
     }
 
-    /// The bytes that all values together may have.
+    /// The limit for all values, in bytes.
     pub(super) fn limit(&self) -> u64 {
         self.limit
     }
@@ -38,7 +38,7 @@ impl<K: Copy + Eq + Hash, V> Cache<K, V> {
         self.entries.values().map(|entry| entry.bytes).sum()
     }
 
-    /// The value of a key, which is now the last used.
+    /// The value of a key, which becomes the most recently used.
     pub(super) fn get(&mut self, key: K) -> Option<&V> {
         self.clock += 1;
         let entry = self.entries.get_mut(&key)?;
@@ -46,7 +46,7 @@ impl<K: Copy + Eq + Hash, V> Cache<K, V> {
         Some(&entry.value)
     }
 
-    /// Drops values until `bytes` more fit; those used longest ago first.
+    /// Drops values until `bytes` more fit, the least recently used first.
     pub(super) fn make_room(&mut self, bytes: u64) {
         while self.bytes().saturating_add(bytes) > self.limit {
             let oldest = self.entries.iter().min_by_key(|(_, entry)| entry.used);

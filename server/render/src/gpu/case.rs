@@ -15,16 +15,16 @@ use super::reduce::{reduced, reduced_size, reduction};
 use super::texels::Texels;
 use crate::Scene;
 
-/// Bytes that are handed to the driver at once: it keeps a copy of them until they are on the device.
+/// Bytes uploaded at once: the driver keeps a copy of them until they are on the device.
 const UPLOAD_BYTES: usize = 32 << 20;
 
-/// Bytes that a voxel of the working grid takes on the device: its depth, gradient and smoothed depth.
+/// Bytes of a voxel of the working grid on the device: its depth, gradient and smoothed depth.
 pub(super) const FIELD_BYTES: u64 = 2 + 4 + 2;
 
-/// What the shaders must know of a case's textures.
+/// Facts about the textures of a case for the shaders.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CaseMaps {
-    /// How values are kept.
+    /// The format of values.
     pub(super) texels: Texels,
     /// Native voxels in a texel, along each axis.
     pub(super) reduction: [usize; 3],
@@ -50,7 +50,7 @@ pub(super) struct CaseViews {
     pub(super) smoothed: TextureView,
 }
 
-/// How a case is brought to the device, and the bytes that it takes there.
+/// The plan for uploading a case, and its size on the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CasePlan {
     reduction: [usize; 3],
@@ -58,7 +58,7 @@ pub(super) struct CasePlan {
 }
 
 impl CasePlan {
-    /// The depth fields as they are, and of the volume as much as fits `limit` bytes beside them.
+    /// The unchanged depth fields, and the volume reduced to fit into `limit` bytes beside them.
     pub(super) fn new(scene: &Scene<'_>, max_side: u32, limit: u64) -> Result<Self, GpuError> {
         let fields = FIELD_BYTES * scene.field.grid().voxel_count() as u64;
         let longest = scene.field.grid().size().into_iter().max().unwrap_or(0);
@@ -77,14 +77,14 @@ impl CasePlan {
         Ok(Self { reduction, bytes })
     }
 
-    /// How many native voxels become one, if not each.
+    /// How many native voxels become one, if the volume is reduced.
     pub(super) fn is_reduced(&self) -> bool {
         self.reduction != [1; 3]
     }
 }
 
 impl CaseTextures {
-    /// Brings a case to the device.
+    /// Uploads a case to the device.
     pub(super) fn upload(open: &OpenDevice, scene: &Scene<'_>, plan: &CasePlan) -> Self {
         let native = scene.volume.grid().size();
         let stored = if plan.is_reduced() {

@@ -1,4 +1,4 @@
-//! An open device and what goes wrong with it.
+//! An open device and its faults.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,14 +8,14 @@ use super::GpuError;
 use super::adapter::Adapter;
 use super::texels::Texels;
 
-/// A device, its queue and what it offers.
+/// A device, its queue and its features.
 #[derive(Debug, Clone)]
 pub(super) struct OpenDevice {
     pub(super) device: Device,
     pub(super) queue: Queue,
-    /// How values are kept in 3-D textures.
+    /// The format of values in 3-D textures.
     pub(super) texels: Texels,
-    /// Whether the mesh's depth buffer has several samples a pixel.
+    /// Whether the depth buffer of the mesh has several samples per pixel.
     pub(super) is_multisampled: bool,
     /// The longest side of a 3-D texture: the adapter's own limit.
     pub(super) max_side_3d: u32,
@@ -59,26 +59,26 @@ impl OpenDevice {
             } else {
                 Texels::Half
             },
-            is_multisampled: multisamples(super::target::DEPTH),
+            is_multisampled: multisamples(super::formats::DEPTH),
             max_side_3d: limits.max_texture_dimension_3d,
             device,
             queue,
         })
     }
 
-    /// As if the driver had said that there is no memory.
+    /// Simulates a report of the driver that memory is exhausted.
     #[cfg(any(test, feature = "faults"))]
     pub(super) fn run_short(&self) {
         self.faults.note(GpuError::OutOfMemory);
     }
 
-    /// What has gone wrong since this was last asked; a lost device stays lost.
+    /// Takes the fault since the last call, if any; a lost device stays lost.
     pub(super) fn fault(&self) -> Option<GpuError> {
         self.faults.take()
     }
 }
 
-/// The first fault of a device that nobody has heard of.
+/// The first fault that has not been reported.
 #[derive(Debug, Clone, Default)]
 struct Faults(Arc<Mutex<Option<GpuError>>>);
 

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 /// Central differences of a field, per voxel, in 1/127: what [`DepthField::gradient`] interpolates.
 ///
-/// The fourth byte is 0. On the faces of the grid, where there is nothing to take a difference with, the gradient is 0.
+/// The fourth byte is 0. On the faces of the grid, where a neighbour is missing, the gradient is 0.
 pub(super) fn gradients(field: &DepthField) -> Vec<[i8; 4]> {
     let [nx, ny, nz] = field.grid().size();
     let values = field.values();

@@ -1,4 +1,4 @@
-//! What a device is asked to draw, and its answers.
+//! The jobs of a device.
 
 use std::fmt;
 use std::sync::Arc;
@@ -7,11 +7,11 @@ use geometry::{DeformableModel, MeshSize, ShrunkMesh};
 
 use crate::{KeyedLayers, RenderRequest, Scene};
 
-/// Which case a scene is of: textures are kept under it. The same key must always mean the same scene.
+/// Identifies a case and its textures. The same key must always mean the same scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CaseKey(pub u128);
 
-/// A model that threads share, and the key of its textures.
+/// A shared model, and the key of its textures.
 #[derive(Clone)]
 pub struct KeyedModel {
     /// The key: the same one always means the same model.
@@ -36,12 +36,12 @@ impl fmt::Debug for KeyedModel {
     }
 }
 
-/// What is drawn of a case.
+/// The surface to draw.
 #[derive(Debug, Clone, PartialEq)]
 pub enum GpuSurface {
     /// The facets of a mesh, lit and coloured at each pixel's point of the facet.
     Mesh {
-        /// How fine it is: its triangles.
+        /// The size of the mesh, which determines its triangles.
         size: MeshSize,
         /// Its vertices.
         mesh: ShrunkMesh,
@@ -50,20 +50,20 @@ pub enum GpuSurface {
     Trace,
 }
 
-/// A picture that is asked for.
+/// A requested picture.
 #[derive(Debug, Clone)]
 pub struct GpuJob {
     /// The model to draw.
     pub case: KeyedModel,
     /// How to draw it.
     pub request: RenderRequest,
-    /// What is seen beside or in place of its intensities.
+    /// Layers to show in addition to its intensities, or instead of them.
     pub layers: KeyedLayers,
-    /// What to draw of it.
+    /// The surface to draw.
     pub surface: GpuSurface,
 }
 
-/// A picture that is asked for, of a scene that is at hand.
+/// A requested picture of a borrowed scene.
 #[derive(Clone, Copy)]
 pub(super) struct Call<'a> {
     pub(super) key: CaseKey,

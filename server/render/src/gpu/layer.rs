@@ -11,8 +11,8 @@ use super::case::{fill, texture};
 use super::device::OpenDevice;
 use crate::{Layer, LayerValues};
 
-/// A layer on the device: of each voxel a value and, as 0 or 1, whether it is defined. What is undefined has the value 0, so that both
-/// can be filtered between voxels and divided.
+/// A layer on the device: a value for each voxel, and 1 if it is defined or 0 if not. Undefined voxels have the value
+/// 0, so that both can be filtered between voxels and divided.
 #[derive(Debug, Clone)]
 pub(super) struct LayerTexture {
     pub(super) view: TextureView,
@@ -23,7 +23,7 @@ pub(super) struct LayerTexture {
     pub(super) voxel_from_case: DAffine3,
 }
 
-/// Bytes that a layer takes on the device.
+/// Bytes of a layer on the device.
 pub(super) fn layer_bytes(layer: &Layer) -> u64 {
     let voxels: u64 = layer.size().iter().map(|&side| side as u64).product();
     match layer.values() {
@@ -33,7 +33,7 @@ pub(super) fn layer_bytes(layer: &Layer) -> u64 {
 }
 
 impl LayerTexture {
-    /// Brings a layer to the device.
+    /// Uploads a layer to the device.
     pub(super) fn upload(
         open: &OpenDevice,
         layer: &Layer,
@@ -71,7 +71,7 @@ impl LayerTexture {
         })
     }
 
-    /// What is bound if there is no overlay: a voxel that is undefined.
+    /// A single undefined voxel, which is bound if there is no overlay.
     pub(super) fn none(open: &OpenDevice) -> TextureView {
         filled(open, TextureFormat::Rg8Unorm, [1; 3], &[[0_u8; 2]])
     }
@@ -81,7 +81,8 @@ fn code_pair(code: u8) -> [u8; 2] {
     [code, if code > 0 { 255 } else { 0 }]
 }
 
-/// The least of the numbers that are defined, and how far they reach from there: the texels of half precision are most exact in 0 to 1.
+/// The least of the numbers that are defined, and how far they reach from there: the texels of half precision are most
+/// exact in 0 to 1.
 fn range(numbers: &[f32]) -> [f32; 2] {
     let defined = numbers.iter().filter(|number| !number.is_nan());
     let (least, most) = defined.fold(

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::known::MOST_CUTS;
 
-/// Twin of `Picture` in `picture.wgsl`, which says what each field means. Matrices are column by column.
+/// Twin of `Picture` in `picture.wgsl`, which describes each field. Matrices are column by column.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(super) struct Picture {

@@ -1,4 +1,4 @@
-//! The passes, ready to be run.
+//! The compiled passes.
 
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingResource, BindingType, Buffer, Device,
@@ -8,10 +8,10 @@ use wgpu::{
 
 use super::case::CaseViews;
 use super::device::OpenDevice;
+use super::formats::{COLOR, DEPTH, HEIGHT, SAMPLES};
 use super::shaders;
-use super::target::{COLOR, DEPTH, HEIGHT, SAMPLES};
 
-/// What a pass does.
+/// The kind of a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Pass {
     /// The mesh's depth alone, several samples a pixel.
@@ -55,11 +55,11 @@ impl Pass {
     }
 }
 
-/// What every pass is given.
+/// The bindings of every pass.
 pub(super) struct Bound<'a> {
     pub(super) picture: &'a Buffer,
     pub(super) case: &'a CaseViews,
-    /// The texture in place of the case's volume.
+    /// The texture to use instead of the volume of the case.
     pub(super) base: Option<&'a TextureView>,
     pub(super) overlay: &'a TextureView,
     pub(super) colors: &'a TextureView,
@@ -123,12 +123,12 @@ impl Pipelines {
         &self.case_layout
     }
 
-    /// What does a pass.
+    /// The pipeline of a pass.
     pub(super) fn get(&self, pass: Pass) -> &RenderPipeline {
         &self.pipelines[pass as usize]
     }
 
-    /// Binds what every pass is given.
+    /// Binds the inputs of every pass.
     pub(super) fn bind_case(&self, device: &Device, bound: &Bound<'_>) -> BindGroup {
         let CaseViews {
             volume,

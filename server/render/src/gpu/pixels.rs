@@ -1,4 +1,4 @@
-//! From the device's pixels to those of a frame.
+//! Converts pixels of the device to a frame.
 
 use super::target::MISS;
 use crate::{Frame, FrameSize, PixelFormat};
@@ -34,7 +34,7 @@ pub(super) fn frame<'a>(
     Frame::new(size, format, bytes)
 }
 
-/// A colour that was multiplied by alpha, as it was before.
+/// Undoes the multiplication of a colour by alpha.
 fn straight(color: u8, alpha: u8) -> u8 {
     match alpha {
         0 => 0,

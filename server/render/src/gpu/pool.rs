@@ -1,4 +1,4 @@
-//! Threads that own a device each, behind a bounded queue.
+//! Threads with a device each, behind a bounded queue.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
@@ -10,12 +10,14 @@ use std::thread::JoinHandle;
 use futures_channel::oneshot;
 
 use super::adapter::Adapter;
+#[cfg(any(test, feature = "faults"))]
+use super::fault::Fault;
 use super::renderer::GpuLimits;
 use super::worker::GpuWorker;
 use super::{AdapterSummary, GpuError, GpuJob};
 use crate::{Hits, RenderedFrame};
 
-/// How much of the machine drawing may take.
+/// Limits on threads, queue and memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GpuOptions {
     /// Threads, each with a device and textures of its own: at least 1.
@@ -40,7 +42,7 @@ impl Default for GpuOptions {
     }
 }
 
-/// Draws pictures on graphics devices. Dropping it waits for what was begun.
+/// Draws pictures on graphics devices. Dropping it waits for running work.
 #[derive(Debug)]
 pub struct GpuPool {
     adapter: AdapterSummary,
@@ -50,7 +52,7 @@ pub struct GpuPool {
 
 type Reply<T> = oneshot::Sender<Result<T, GpuError>>;
 
-/// What a thread does next.
+/// A command for a thread.
 enum Task {
     Frame(GpuJob, Reply<RenderedFrame>),
     Hits(GpuJob, Reply<Hits>),
@@ -58,19 +60,7 @@ enum Task {
     Break(Fault),
 }
 
-/// What can happen to a graphics device.
-#[cfg(any(test, feature = "faults"))]
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
-    /// It is lost.
-    Loss,
-    /// It has no memory for the next attempts, so many, at a picture.
-    OutOfMemory(u32),
-    /// Its thread panics at the next picture.
-    Panic,
-}
-
-/// A picture that is being drawn: a future of it. A picture is never drawn if its ticket was dropped before its turn.
+/// A future of a queued picture. The picture is not drawn if the ticket is dropped before its turn.
 #[derive(Debug)]
 pub struct GpuTicket<T>(oneshot::Receiver<Result<T, GpuError>>);
 
@@ -78,7 +68,7 @@ impl<T> GpuTicket<T> {
     /// Waits for the picture on this thread.
     ///
     /// # Errors
-    /// What the device's thread met.
+    /// The error of the device's thread.
     pub fn wait(self) -> Result<T, GpuError> {
         pollster::block_on(self)
     }
@@ -94,7 +84,7 @@ impl<T> Future for GpuTicket<T> {
 }
 
 impl GpuPool {
-    /// Finds an adapter and opens a device of it for each thread.
+    /// Finds an adapter and opens a device for each thread.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] on a machine without a driver, [`GpuError::NoDevice`] with one that does not work.
@@ -129,15 +119,15 @@ impl GpuPool {
         Ok(pool)
     }
 
-    /// What draws.
+    /// The adapter.
     pub fn adapter(&self) -> &AdapterSummary {
         &self.adapter
     }
 
-    /// Has a picture drawn and waits for it.
+    /// Draws a picture and waits for it.
     ///
     /// # Errors
-    /// [`GpuError::Busy`] at once when too many wait; otherwise what the device met.
+    /// [`GpuError::Busy`] at once if the queue is full; otherwise the error of the device.
     pub fn draw(&self, job: GpuJob) -> Result<RenderedFrame, GpuError> {
         self.begin_draw(job)?.wait()
     }
@@ -162,7 +152,7 @@ impl GpuPool {
         Ok(GpuTicket(answer))
     }
 
-    /// Breaks a device, for tests: what is drawn next meets it.
+    /// Breaks a device, for tests: the next picture meets the fault.
     ///
     /// # Errors
     /// [`GpuError::Busy`] when too many pictures wait.
@@ -185,13 +175,13 @@ impl Drop for GpuPool {
         // The threads end when the queue does.
         self.tasks = None;
         for thread in self.threads.drain(..) {
-            // A thread that panicked has nothing left to be waited for.
+            // A thread that panicked has ended.
             let _ = thread.join();
         }
     }
 }
 
-/// A thread: opens its device, says so, and draws until the queue ends.
+/// Runs a thread: opens its device, reports that, and draws until the queue ends.
 fn work(
     adapter: Adapter,
     limits: GpuLimits,
@@ -201,7 +191,7 @@ fn work(
     let mut worker = match GpuWorker::new(adapter, limits) {
         Ok(worker) => worker,
         Err(error) => {
-            // Nobody listens when another thread failed before.
+            // Nobody listens if another thread failed before.
             let _ = opened.send(Err(error));
             return;
         }
@@ -227,7 +217,7 @@ fn work(
     }
 }
 
-/// Draws for whoever still waits. A panic costs the device, not the thread.
+/// Draws a picture if its ticket still exists. A panic costs the device, not the thread.
 fn answer<T>(
     worker: &mut GpuWorker,
     reply: Reply<T>,
@@ -242,6 +232,6 @@ fn answer<T>(
             reason: "its thread panicked".to_owned(),
         })
     });
-    // Whoever asked may have left meanwhile.
+    // The ticket may have been dropped meanwhile.
     let _ = reply.send(result);
 }

@@ -1,9 +1,9 @@
-//! Copies of fewer voxels, for volumes that no texture can hold.
+//! Reduced copies of volumes that are too large for a texture.
 
 use rayon::prelude::*;
 
-/// How many voxels along x, y and z become one, so that no side is longer than `max_side` and all of them, at two bytes, fit
-/// `max_bytes`; `[1, 1, 1]` when everything fits as it is.
+/// How many voxels along x, y and z become one, so that no side is longer than `max_side` and all of them, at two
+/// bytes, fit `max_bytes`; `[1, 1, 1]` when everything fits as it is.
 pub(super) fn reduction(size: [usize; 3], max_side: usize, max_bytes: u64) -> [usize; 3] {
     let mut factors = size.map(|side| side.div_ceil(max_side));
     loop {
@@ -24,7 +24,7 @@ pub(super) fn reduced_size(size: [usize; 3], factors: [usize; 3]) -> [usize; 3] 
     [0, 1, 2].map(|axis| size[axis].div_ceil(factors[axis]))
 }
 
-/// The means of blocks of voxels, x-fastest; at the far faces, of what there is of them.
+/// The means of blocks of voxels, x-fastest; blocks at the far faces may be incomplete.
 pub(super) fn reduced(values: &[u16], size: [usize; 3], factors: [usize; 3]) -> Vec<u16> {
     let [width, height, depth] = reduced_size(size, factors);
     let mut means = vec![0; width * height * depth];

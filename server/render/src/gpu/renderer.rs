@@ -1,4 +1,4 @@
-//! All that one device needs to draw.
+//! Draws on one device.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -25,10 +25,10 @@ use crate::settle::settled;
 use crate::shade::pixel_format;
 use crate::{ColorMap, Hits, KeyedLayer, LayerKey, RenderedFrame};
 
-/// Pictures larger than this have their textures made for them alone, so that none linger.
+/// The textures of larger pictures are not kept.
 const KEPT_PIXELS: usize = 2 << 20;
 
-/// Layers may take this part of the bytes of cases.
+/// The memory for layers is this fraction of the memory for cases.
 const LAYERS_PART: u64 = 4;
 
 /// How many kinds and sizes of pictures have their textures kept.
@@ -37,7 +37,7 @@ const KEPT_TARGETS: usize = 4;
 /// How many sizes of meshes have their triangles kept.
 const KEPT_MESHES: usize = 8;
 
-/// What a device may be given.
+/// Limits of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct GpuLimits {
     /// Bytes of the textures of all cases together; those of layers have a quarter as much beside them.
@@ -88,7 +88,7 @@ impl GpuRenderer {
         renderer.open.fault().map_or(Ok(renderer), Err)
     }
 
-    /// Forgets what takes memory.
+    /// Frees memory.
     pub(super) fn free_memory(&mut self) {
         self.cases.clear();
         self.layers.clear();
@@ -130,8 +130,8 @@ impl GpuRenderer {
         Ok(Hits::new(projection, heights_mm))
     }
 
-    /// Heights of what each pixel shows above the plane through the target's centre, in mm; −∞ where there is nothing. A mesh is
-    /// taken as it is.
+    /// Heights of what each pixel shows above the plane through the target's centre, in mm; −∞ where there is nothing.
+    /// A mesh is taken as it is.
     pub(super) fn heights(&mut self, call: &Call<'_>) -> Result<Vec<f32>, GpuError> {
         let size = call.request.parameters().size;
         self.run(call, Output::Height, |target, open| {
@@ -205,7 +205,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Hands over the numbers of a picture and binds its textures, which are on the device.
+    /// Writes the uniforms of a picture and binds its textures, which are on the device.
     pub(super) fn bind(&mut self, call: &Call<'_>) -> Result<BindGroup, GpuError> {
         let layers = LayerTextures {
             base: self.layer(call.layers.base.as_ref())?,
@@ -226,7 +226,7 @@ impl GpuRenderer {
         Ok(self.pipelines.bind_case(&self.open.device, &bound))
     }
 
-    /// The texture of a layer, brought to the device unless it is there.
+    /// The texture of a layer, uploaded if necessary.
     fn layer(&mut self, keyed: Option<&KeyedLayer>) -> Result<Option<LayerTexture>, GpuError> {
         let Some(KeyedLayer { key, layer }) = keyed else {
             return Ok(None);
@@ -250,7 +250,7 @@ impl GpuRenderer {
         max_side.min(self.limits.max_side_3d.unwrap_or(max_side))
     }
 
-    /// Makes sure that the textures of the case are on the device.
+    /// Uploads the textures of the case if necessary.
     fn prepare(&mut self, call: &Call<'_>) -> Result<(), GpuError> {
         let Call { key, scene, .. } = *call;
         if self.cases.get(key).is_some() {
@@ -266,7 +266,7 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Brings the vertices of a mesh to the device; gives its triangles.
+    /// Uploads the vertices of a mesh and returns its triangles.
     fn mesh(&mut self, size: MeshSize, mesh: &ShrunkMesh) -> Result<Buffer, GpuError> {
         let positions = &mesh.positions_in_patient;
         if positions.len() != size.vertex_count() {
@@ -312,7 +312,7 @@ impl GpuRenderer {
         })
     }
 
-    /// Where a picture is drawn: what was kept of an earlier one, if it suits.
+    /// The target of a picture: one from an earlier picture, if it fits.
     fn target(&mut self, plan: Plan) -> Target {
         let known = self.targets.iter().position(|kept| kept.plan == plan);
         known
@@ -321,7 +321,7 @@ impl GpuRenderer {
     }
 }
 
-/// What is drawn: of a mesh near the envelope, the one without terraces.
+/// The surface to draw: near the envelope, the mesh without terraces.
 fn surface_of<'a>(call: &Call<'a>) -> Cow<'a, GpuSurface> {
     match call.surface {
         GpuSurface::Mesh { size, mesh } => match settled(mesh, &call.scene) {

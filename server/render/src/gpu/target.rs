@@ -1,4 +1,4 @@
-//! Pictures off screen, and their way back.
+//! Targets for pictures, and their transfer back.
 
 use std::sync::mpsc;
 use std::time::Duration;
@@ -6,25 +6,14 @@ use std::time::Duration;
 use wgpu::{
     BindGroup, Buffer, BufferDescriptor, BufferUsages, Color, CommandEncoder, LoadOp, Operations,
     RenderPass, RenderPassColorAttachment, RenderPassDepthStencilAttachment, StoreOp, Texture,
-    TextureDescriptor, TextureFormat, TextureUsages, TextureView,
+    TextureDescriptor, TextureUsages, TextureView,
 };
 
 use super::GpuError;
 use super::device::OpenDevice;
+use super::formats::{COLOR, DEPTH, HEIGHT, SAMPLES};
 use super::pipelines::Pipelines;
 use crate::FrameSize;
-
-/// Colours, times how much of the pixel is covered: alpha.
-pub(super) const COLOR: TextureFormat = TextureFormat::Rgba8Unorm;
-
-/// Heights in mm; far below every height where nothing is.
-pub(super) const HEIGHT: TextureFormat = TextureFormat::R32Float;
-
-/// Samples of a pixel of the mesh's depth buffer, where they are offered: `SAMPLES` in `multisampled.wgsl`.
-pub(super) const SAMPLES: u32 = 4;
-
-/// What is nearer to the viewer.
-pub(super) const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 
 /// Below every height: `MISS` in `trace.wgsl`.
 pub(super) const MISS: f32 = -1e30;
@@ -32,10 +21,10 @@ pub(super) const MISS: f32 = -1e30;
 /// Both formats that are read back have four bytes a pixel.
 const PIXEL_BYTES: u32 = 4;
 
-/// How long a picture may take. A driver that takes longer hangs.
+/// The time limit for a picture. A driver that exceeds it hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What is drawn, into what.
+/// A surface and the size and kind of its picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Plan {
     pub(super) size: FrameSize,
@@ -50,7 +39,7 @@ pub(super) enum Surface {
     Trace,
 }
 
-/// What is written for each pixel.
+/// The value written for each pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Output {
     /// Its colour.
@@ -59,7 +48,7 @@ pub(super) enum Output {
     Height,
 }
 
-/// Where pictures of one size and kind are drawn.
+/// A target for pictures of one size and kind.
 #[derive(Debug)]
 pub(super) struct Target {
     pub(super) plan: Plan,
@@ -201,7 +190,7 @@ impl Target {
         let (sender, receiver) = mpsc::channel();
         self.readback
             .map_async(wgpu::MapMode::Read, .., move |result| {
-                // Nobody waits any more when the device hangs.
+                // After a hang, nobody waits.
                 let _ = sender.send(result);
             });
         let waited = open.device.poll(wgpu::PollType::Wait {

@@ -1,4 +1,4 @@
-//! How stored values become texels.
+//! Converts stored values to texels.
 
 use std::borrow::Cow;
 
@@ -8,8 +8,8 @@ use wgpu::TextureFormat;
 
 /// Sixteen bits of a texture that is filtered between its texels.
 ///
-/// Whole numbers where the device filters those: they are exact. Half-precision numbers, which every device filters,
-/// where not: then depths beyond 16 voxels are off by up to 1/128 voxel, and intensities are exact up to 2,048.
+/// Whole numbers, which are exact, if the device can filter them. Otherwise half-precision numbers, which every device
+/// can filter: then depths beyond 16 voxels are off by up to 1/128 voxel, and intensities are exact up to 2,048.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Texels {
     /// `R16Unorm` and `R16Snorm`.

@@ -1,4 +1,4 @@
-//! From a scene and a request to what the shaders are given.
+//! Computes the uniforms of the shaders from a scene and a request.
 
 use glam::{DAffine3, DMat4, DVec3};
 
@@ -14,16 +14,17 @@ use crate::{ColorMap, RenderRequest, Scene};
 
 /// How far the isosurface may be outside of the ball and the box that are smaller by its depth, in voxels.
 ///
-/// A point of it has a voxel at least as deep within one voxel along each axis. Within a voxel of that voxel's depth, the
-/// box's face is left; the ball's, within a voxel more, for the border voxel beside a line from the centre. The smoothed
-/// field is less than a voxel off.
+/// A point of it has a voxel at least as deep within one voxel along each axis. Within a voxel of that voxel's depth,
+/// the box's face is left; the ball's, within a voxel more, for the border voxel beside a line from the centre. The
+/// smoothed field is less than a voxel off.
 const BOX_MARGIN: f64 = 2.01;
 const BALL_MARGIN: f64 = 4.0;
 
 /// How far the mesh may be outside of the ball around the envelope, in voxels.
 const CLIP_MARGIN: f64 = 4.0;
 
-/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
+/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep
+/// angle.
 const PIECE_PIXELS: f64 = 8.0;
 
 /// The layers of a picture, on the device.
@@ -32,7 +33,7 @@ pub(super) struct LayerTextures {
     pub(super) overlay: Option<LayerTexture>,
 }
 
-/// What the shaders are given for a picture.
+/// The uniforms of a picture.
 pub(super) fn picture(
     scene: &Scene<'_>,
     request: &RenderRequest,
@@ -116,7 +117,7 @@ pub(super) fn picture(
     }
 }
 
-/// The planes behind which the isosurface is unknown; behind those of zeros nothing lies.
+/// The planes behind which the isosurface is unknown; nothing is behind a plane of zeros.
 fn cuts(scene: &Scene<'_>, depth_mm: f64) -> [CutPlane; MOST_CUTS] {
     let planes = cut_planes(scene.field, depth_mm);
     std::array::from_fn(|index| planes.get(index).copied().unwrap_or_default())
@@ -133,7 +134,8 @@ fn volume_from_field(scene: &Scene<'_>, maps: &CaseMaps) -> DAffine3 {
     texel_from_native * native_from_field
 }
 
-/// From the frame to the clip space of WebGPU: x and y within ±1, y up, z 0 at the height `reach_mm` and 1 at minus that.
+/// From the frame to the clip space of WebGPU: x and y within ±1, y up, z 0 at the height `reach_mm` and 1 at minus
+/// that.
 fn clip_from_frame([width, height]: [f64; 2], reach_mm: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::new(-1.0, 1.0, 0.5))
         * DAffine3::from_scale(DVec3::new(2.0 / width, -2.0 / height, -0.5 / reach_mm))

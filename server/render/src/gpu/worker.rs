@@ -1,20 +1,20 @@
-//! A device that is opened anew when it is lost.
+//! Opens a lost device again.
 
 use super::GpuError;
 use super::adapter::Adapter;
 use super::renderer::{GpuLimits, GpuRenderer};
 
-/// How often a picture is tried: once more on a new device, or with its memory freed.
+/// Attempts at a picture: the second is on a new device, or with memory freed.
 const ATTEMPTS: usize = 2;
 
-/// Draws on a device, and goes on with another when that is lost.
+/// Draws on a device, and opens another if it is lost.
 #[derive(Debug)]
 pub(super) struct GpuWorker {
     adapter: Adapter,
     limits: GpuLimits,
     renderer: Option<GpuRenderer>,
     reopened: u64,
-    /// Attempts that are to find no memory.
+    /// Attempts for which memory exhaustion is simulated.
     #[cfg(any(test, feature = "faults"))]
     shortages: u32,
     /// Whether the next attempt is to panic.
@@ -38,13 +38,13 @@ impl GpuWorker {
         })
     }
 
-    /// How often the device was opened anew.
+    /// How often the device was opened again.
     #[cfg(test)]
     pub(super) fn reopened(&self) -> u64 {
         self.reopened
     }
 
-    /// Draws; on a lost device, once more on a new one; without memory, once more with everything else freed.
+    /// Draws. If the device is lost, draws again on a new one; without memory, draws again with everything else freed.
     pub(super) fn attempt<T>(
         &mut self,
         mut draw: impl FnMut(&mut GpuRenderer) -> Result<T, GpuError>,
@@ -65,12 +65,12 @@ impl GpuWorker {
 
     /// Breaks the device.
     #[cfg(any(test, feature = "faults"))]
-    pub(super) fn meet(&mut self, fault: super::pool::Fault) {
+    pub(super) fn meet(&mut self, fault: super::fault::Fault) {
         match (fault, &self.renderer) {
-            (super::pool::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
-            (super::pool::Fault::Panic, _) => self.panics = true,
-            (super::pool::Fault::Loss, Some(renderer)) => renderer.open.device.destroy(),
-            (super::pool::Fault::Loss, None) => {}
+            (super::fault::Fault::OutOfMemory(attempts), _) => self.shortages = attempts,
+            (super::fault::Fault::Panic, _) => self.panics = true,
+            (super::fault::Fault::Loss, Some(renderer)) => renderer.open.device.destroy(),
+            (super::fault::Fault::Loss, None) => {}
         }
     }
 
@@ -84,7 +84,7 @@ impl GpuWorker {
         }
     }
 
-    /// Gives the device up: the next picture opens another.
+    /// Drops the device; the next picture opens another.
     pub(super) fn give_up(&mut self) {
         self.renderer = None;
     }
@@ -95,7 +95,7 @@ impl GpuWorker {
         }
     }
 
-    /// The device, opened anew if there is none. Its adapter may have gone with it and is looked for again.
+    /// The device, opened again if there is none. Its adapter may be gone too, so it is searched again.
     fn renderer(&mut self) -> Result<&mut GpuRenderer, GpuError> {
         let renderer = match self.renderer.take() {
             Some(renderer) => renderer,

@@ -1,59 +1,40 @@
-//! The mesh renderer on the processor: the facets of a shrunk mesh, each pixel shaded at its point of the facet.
+//! The mesh renderer on the CPU: the facets of a shrunk mesh, each pixel shaded at its point of the facet.
 //!
 //! 1. [`triangle`]: the corners go to fixed-point pixels, the facets become edges and planes.
 //! 2. [`raster`]: band by band of the picture, the nearest facet at four samples a pixel.
-//! 3. Here: a pixel shows the mean of its samples on the nearest piece of the surface, and its edge is as soft as samples are
-//!    missed. That is what the graphics devices do (`shaders/resolve.wgsl`).
+//! 3. Here: a pixel shows the mean of its samples on the nearest piece of the surface, and missing samples make its
+//!    edge soft. The graphics devices do the same (`shaders/resolve.wgsl`).
 
+mod facets;
 mod raster;
 mod triangle;
 
-use geometry::{MeshSize, ShrunkMesh};
-
 use crate::isosurface::Isosurface;
+use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::settle::settled;
-use crate::surface::{self, PointRow, Surface, working_rays};
+use crate::surface::{self, Surface, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene, Wanted};
 use raster::Heights;
 use triangle::{Samples, Triangles};
 
-/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep angle.
+pub use facets::Facets;
+
+/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep
+/// angle.
 const PIECE_PIXELS: f64 = 8.0;
 
-/// A mesh to draw: how fine it is, and its vertices.
-#[derive(Debug, Clone, Copy)]
-pub struct Facets<'a> {
-    size: MeshSize,
-    mesh: &'a ShrunkMesh,
-}
-
-impl<'a> Facets<'a> {
-    /// The facets of `mesh`, which is one of `size`.
-    ///
-    /// # Panics
-    /// When it has not as many vertices.
-    pub fn new(size: MeshSize, mesh: &'a ShrunkMesh) -> Self {
-        assert_eq!(
-            mesh.positions_in_patient.len(),
-            size.vertex_count(),
-            "the vertices of a mesh of this size"
-        );
-        Self { size, mesh }
-    }
-}
-
-/// Draws the facets of a mesh; pixels are as those of [`crate::draw_splat`], but that edges are soft.
+/// Draws the facets of a mesh in the formats of [`crate::draw_splat`], with soft edges.
 ///
-/// Each pixel's intensity, direction and light are those of its own point of the facet. A pixel that a facet covers in part is mixed with
-/// the background in quarters.
+/// Each pixel's intensity, direction and light are those of its own point of the facet. A pixel that a facet covers in
+/// part is mixed with the background in quarters.
 pub fn draw_mesh(scene: &Scene<'_>, request: &RenderRequest, facets: Facets<'_>) -> Frame {
     let projection = request.projection(scene);
     let drawn = DrawnMesh::new(scene, request, facets, Samples::FOUR);
     surface::draw(&drawn, scene, request, &projection)
 }
 
-/// As [`draw_mesh`], but given up, with `None`, soon after it is no longer wanted.
+/// As [`draw_mesh`]; `None` soon after the picture is no longer wanted.
 pub fn draw_mesh_while(
     scene: &Scene<'_>,
     request: &RenderRequest,
@@ -71,7 +52,7 @@ pub fn mesh_hits(scene: &Scene<'_>, request: &RenderRequest, facets: Facets<'_>)
     surface::hits(&drawn, scene, request, &projection)
 }
 
-/// A mesh as the pixels of a picture see it.
+/// A mesh prepared for the pixels of a picture.
 #[derive(Debug)]
 struct DrawnMesh<'a> {
     isosurface: Isosurface<'a>,
@@ -117,7 +98,7 @@ impl Surface for DrawnMesh<'_> {
 
 #[cfg(test)]
 mod tests {
-    use geometry::{BuiltModel, Grid, PathTable, Paths, phantom};
+    use geometry::{BuiltModel, Grid, MeshSize, PathTable, Paths, phantom};
     use glam::DVec3;
 
     use super::*;
@@ -170,8 +151,8 @@ mod tests {
         assert!(shares.iter().all(|&count| count > 10), "{shares:?}");
     }
 
-    /// The greatest height in mm at which a line of sight meets a facet, by each facet's own coordinates; and whether it passes
-    /// an edge of one so near that rounding decides.
+    /// The greatest height in mm at which a line of sight meets a facet, by each facet's own coordinates; and whether
+    /// it passes an edge of one so near that rounding decides.
     fn plainly(triangles: &[[DVec3; 3]], x: f64, y: f64) -> (f64, bool) {
         let mut nearest = f64::NEG_INFINITY;
         let mut is_unsure = false;

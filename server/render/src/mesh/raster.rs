@@ -5,7 +5,7 @@ use std::ops::Range;
 use multiversion::multiversion;
 
 use super::triangle::{Bounds, Corner, LINES, Samples, Triangle, Triangles};
-use crate::surface::PointRow;
+use crate::points::PointRow;
 
 /// Heights of what each sample shows, in voxels, line by line; −∞ where there is nothing.
 #[derive(Debug)]

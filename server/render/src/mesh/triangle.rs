@@ -4,19 +4,21 @@ use std::ops::Range;
 
 use glam::{DAffine3, DVec3};
 
-use super::Facets;
+use super::facets::Facets;
 use crate::Projection;
 
-/// Steps of a fixed-point pixel coordinate in a pixel: what graphics devices keep, too.
+/// Steps of a fixed-point coordinate in a pixel, as on graphics devices.
 const STEPS: i64 = 256;
 
-/// How far beside the picture a corner may be, in pixels: more than any that is seen, and little enough for whole numbers of 64 bits.
+/// How far beside the picture a corner may be, in pixels: more than any that is seen, and little enough for whole
+/// numbers of 64 bits.
 const FARTHEST: f64 = (1_u64 << 21) as f64;
 
-/// Where the pixels are sampled. *Lines* are the rows of samples: each has one sample for each pixel.
+/// The places of the samples. *Lines* are the rows of samples: each has one sample for each pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Samples {
-    /// For each line of a pixel, from the top, how far right of the pixel's left edge its sample is, in fixed-point steps.
+    /// For each line of a pixel, from the top, how far right of the pixel's left edge its sample is, in fixed-point
+    /// steps.
     across: &'static [i64],
 }
 
@@ -45,7 +47,7 @@ impl Samples {
         1 << self.spacing_bits()
     }
 
-    /// How far down line `line` of the picture is.
+    /// The vertical position of line `line` of the picture.
     #[inline(always)]
     fn down(self, line: i64) -> i64 {
         self.spacing() * line + self.spacing() / 2
@@ -218,7 +220,7 @@ fn corners(projection: &Projection, voxel_mm: f64, facets: Facets<'_>) -> Vec<Co
     positions.iter().map(corner).collect()
 }
 
-/// What a triangle fits into.
+/// The bounds of a triangle.
 #[derive(Debug, Clone)]
 pub(super) struct Bounds {
     /// Columns and lines of the picture.
@@ -346,8 +348,8 @@ impl Triangle {
 /// Lines whose columns are found together.
 pub(super) const LINES: usize = 8;
 
-/// How far from the picture's corner all of a triangle must be, in fixed-point steps, for its columns to be found by many lines at
-/// once: what is computed is then a whole number below 2⁴⁹, which a double holds exactly.
+/// How far from the picture's corner all of a triangle must be, in fixed-point steps, for its columns to be found by
+/// many lines at once: what is computed is then a whole number below 2⁴⁹, which a double holds exactly.
 const NEAR: i64 = 1 << 22;
 
 /// The columns of a picture on some lines that lie in a triangle; none where the start is not below the end.
@@ -390,7 +392,7 @@ impl Edge {
         }
     }
 
-    /// Leaves those of a line's columns that are within; the first sample is at `place`.
+    /// Keeps the columns of a line that are inside; the first sample is at `place`.
     #[inline(always)]
     fn cut(&self, [x, y]: [i64; 2], columns: &mut Range<i64>) {
         let [right, down] = self.along;
@@ -416,7 +418,8 @@ impl Edge {
 }
 
 impl Edge {
-    /// Does [`Edge::cut`] for [`LINES`] lines, whose first samples are at `places`, in doubles that hold every number exactly.
+    /// Does [`Edge::cut`] for [`LINES`] lines, whose first samples are at `places`, in doubles that hold every number
+    /// exactly.
     #[inline(always)]
     fn cut_each(
         &self,

@@ -1,11 +1,11 @@
-//! Many positions looked at together, step by step: the compiler makes vectors, and no load waits for another.
+//! Samples many positions together, step by step, so that the compiler makes vectors and no load waits for another.
 
 use super::{EDGE, Sampler, between};
 
-/// How many positions are looked at together.
+/// Positions sampled together.
 pub(crate) const LANES: usize = 64;
 
-/// A number for each of some positions that are looked at together.
+/// A number for each position of a group.
 pub(crate) type Lanes = [f32; LANES];
 
 impl Sampler<'_, i16> {
@@ -43,7 +43,8 @@ impl Sampler<'_, i16> {
         }
     }
 
-    /// The gradients at `count` positions in voxel coordinates, given by axis; those of [`Sampler::gradient`], and 0 where there is none.
+    /// The gradients at `count` positions in voxel coordinates, given by axis; those of [`Sampler::gradient`], and 0
+    /// where there is none.
     #[inline(always)]
     pub(crate) fn gradient_at_each(
         &self,
@@ -92,7 +93,8 @@ impl Sampler<'_, i16> {
         }
     }
 
-    /// A voxel's value and that of the next along x, in the lower and the upper half; twice the same along an axis of one voxel.
+    /// A voxel's value and that of the next along x, in the lower and the upper half; twice the same along an axis of
+    /// one voxel.
     #[inline(always)]
     fn pair(&self, index: usize) -> u32 {
         match self.values[index..].first_chunk() {
@@ -101,8 +103,8 @@ impl Sampler<'_, i16> {
         }
     }
 
-    /// The 32 values that the gradient in a cell stands on, in pairs along x: four for each of the cell's edges along x, then
-    /// two before and two behind the cell at either y and either z.
+    /// The 32 values that the gradient in a cell stands on, in pairs along x: four for each of the cell's edges along
+    /// x, then two before and two behind the cell at either y and either z.
     #[inline(always)]
     fn around(&self, cell: usize) -> [u32; 16] {
         let [_, dy, dz] = self.strides;

@@ -1,4 +1,4 @@
-//! Values between voxel centres, as fast as the pixels need them.
+//! Fast interpolation between voxel centres.
 
 mod lanes;
 
@@ -56,7 +56,8 @@ impl<'a, T: Copy + Into<f32>> Sampler<'a, T> {
         trilinear(self.corners(corner), fractions)
     }
 
-    /// The cell of eight voxels that a position in voxel coordinates lies in, as its first voxel, and where in it, 0 to 1.
+    /// The cell of eight voxels that a position in voxel coordinates lies in, as its first voxel, and where in it, 0 to
+    /// 1.
     #[inline(always)]
     pub(crate) fn cell(&self, position: [f32; 3]) -> (u32, [f32; 3]) {
         let [(i, x), (j, y), (k, z)] = [

@@ -29,10 +29,10 @@ pub(crate) fn color(number: usize) -> [u8; 3] {
 /// Half the width of a contour, in pixels; half a pixel more fades out.
 const HALF_WIDTH: f32 = 0.6;
 
-/// The least slope of the depth, in mm of depth per mm, that is told from a ridge, where a contour would become a blot.
+/// The least slope of the depth, in mm of depth per mm, for a contour; near a ridge, a contour would become a blot.
 const LEAST_SLOPE: f32 = 0.2;
 
-/// A depth on a level is below it: the samples of a flat piece differ by rounding.
+/// A depth equal to a level counts as below it, because the samples of a flat piece differ by rounding.
 const LEVEL_MARGIN_PX: f32 = 1e-3;
 
 /// The depth at every pixel of a slice and a pixel beyond each side.
@@ -74,8 +74,8 @@ impl Contours {
         }
     }
 
-    /// A pixel's colour with the contours drawn over it: where the depth passes a level, not where it stays on one, as it does
-    /// in a slice along a flat side of the head.
+    /// The colour of a pixel with the contours over it. A contour is drawn if the depth passes a level, not if it stays
+    /// on the level, as in a slice along a flat side of the head.
     pub(super) fn over(&self, column: usize, row: usize, color: [u8; 3]) -> [u8; 3] {
         let here = (row + 1) * self.columns + column + 1;
         let depth = self.depths_px[here];

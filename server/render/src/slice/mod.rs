@@ -50,7 +50,7 @@ impl SlicePlane {
         }
     }
 
-    /// The slice's position when it goes through the middle of the envelope: an LPS coordinate in mm.
+    /// The position of the slice through the middle of the envelope: an LPS coordinate in mm.
     pub fn middle_mm(self, bounds: &BoundingSphere) -> f64 {
         bounds.centre_in_patient[self.axis()]
     }
@@ -88,12 +88,12 @@ impl FromStr for SlicePlane {
     }
 }
 
-/// How a slice is to be drawn, not yet checked: see [`SliceRequest::new`].
+/// Unchecked parameters of a [`SliceRequest`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SliceParameters {
-    /// Which way the slice lies.
+    /// The orientation of the slice.
     pub plane: SlicePlane,
-    /// Where: its LPS coordinate in mm across the plane (S of an axial slice, P of a coronal, L of a sagittal one).
+    /// The LPS coordinate in mm across the plane (S of an axial slice, P of a coronal, L of a sagittal one).
     pub position_mm: f64,
     /// Depths of the isosurfaces whose contours are drawn, each 0 to 1000 mm, at most [`MAX_CONTOURS`].
     pub depths_mm: Vec<f64>,
@@ -103,9 +103,9 @@ pub struct SliceParameters {
     pub pan_mm: [f64; 2],
     /// Size of the picture.
     pub size: FrameSize,
-    /// Which intensities are black and white.
+    /// The display window.
     pub window: Window,
-    /// Colours for brightness.
+    /// The colour map.
     pub colormap: ColorMap,
 }
 
@@ -125,7 +125,7 @@ impl SliceParameters {
     }
 }
 
-/// How a slice is to be drawn, checked.
+/// A checked request for a slice.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SliceRequest {
     parameters: SliceParameters,
@@ -136,7 +136,7 @@ impl SliceRequest {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// When there are too many depths, or a number is not finite or out of its range (`position_mm` within ±10,000, a
+    /// If there are too many depths, or a number is not finite or out of its range (`position_mm` within ±10,000, a
     /// depth in 0..=1000, zoom and pan as of a [`Camera`]).
     pub fn new(parameters: SliceParameters) -> Result<Self, RenderError> {
         checked(
@@ -161,17 +161,31 @@ impl SliceRequest {
         Ok(Self { parameters, camera })
     }
 
-    /// The parameters, which are right.
+    /// The request with another plane, position within ±10,000 mm, and window.
+    #[must_use]
+    pub fn shown(self, plane: SlicePlane, position_mm: f64, window: Window) -> Self {
+        Self {
+            camera: self.camera.turned_to(plane.view()),
+            parameters: SliceParameters {
+                plane,
+                position_mm: position_mm.clamp(-1e4, 1e4),
+                window,
+                ..self.parameters
+            },
+        }
+    }
+
+    /// The checked parameters.
     pub fn parameters(&self) -> &SliceParameters {
         &self.parameters
     }
 
-    /// From where the slice is seen.
+    /// The direction of view.
     pub(crate) fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// How the slice is projected: its pixels lie at frame-space z 0.
+    /// The projection of the slice, whose pixels are at frame-space z 0.
     pub fn projection(&self, bounds: &BoundingSphere) -> Projection {
         let mut centre_in_patient = bounds.centre_in_patient;
         centre_in_patient[self.parameters.plane.axis()] = self.parameters.position_mm;
@@ -185,9 +199,10 @@ impl SliceRequest {
 
 /// Draws a slice through the native volume with the contours of the isosurfaces.
 ///
-/// Each pixel is sampled once, through the affine; outside of the volume, and if a layer is undefined there, it is black. The n-th depth's
-/// contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red, white), over and over. The picture is grey,
-/// a byte a pixel, where it has neither contours nor colours nor an overlay.
+/// Each pixel is sampled once, through the affine; outside of the volume, and if a layer is undefined there, it is
+/// black. The n-th depth's contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red,
+/// white), repeatedly. The picture is grey, one byte per pixel, if it has neither contours nor colours nor an
+/// overlay.
 pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
     let parameters = request.parameters();
     let projection = request.projection(&scene.bounds);
@@ -224,7 +239,7 @@ struct Slice<'a> {
 }
 
 impl Slice<'_> {
-    /// The bytes of all pixels, which `encode` makes of column, row and colour.
+    /// The bytes of all pixels; `encode` makes them from column, row and colour.
     fn rows<const BYTES: usize>(
         &self,
         encode: impl Fn(usize, usize, [u8; 3]) -> [u8; BYTES] + Sync,

@@ -9,25 +9,29 @@ const TOLERANCE: f32 = 0.04;
 /// How far from a guess a hit may be, in voxels.
 const MAX_CORRECTION: f32 = 3.0;
 
-/// The shortest step along a line of sight, in voxels: where it enters a ball of 5 voxels for less, it passes 0.025 voxel off its edge.
+/// The shortest step along a line of sight, in voxels: where it enters a ball of 5 voxels for less, it passes 0.025
+/// voxel off its edge.
 const SHORTEST_STEP: f32 = 1.0;
 
-/// How much further than the distance to the isosurface a step may be towards a surface that comes nearer, and one that does not.
+/// How much further than the distance to the isosurface a step may be towards a surface that comes nearer, and one that
+/// does not.
 const LONGEST_STRETCH: [f32; 2] = [6.0, 2.0];
 
-/// How far below the floor a surface that comes nearer is followed, in voxels: more than the most slanted that is still seen falls.
+/// How far below the floor a surface that comes nearer is followed, in voxels: more than the most slanted that is still
+/// seen falls.
 const DEEPEST_FALL: f32 = 16.0;
 
 /// How far below the floor a surface may lie that already goes away again, in voxels.
 const FLOOR_MARGIN: f32 = 2.0;
 
-/// The most that a step is longer than the distance to the isosurface, in voxels: thin pieces behind an edge are not leapt over.
+/// The most that a step is longer than the distance to the isosurface, in voxels: thin pieces behind an edge are not
+/// leapt over.
 const LONGEST_LEAP: f32 = 3.0;
 
 /// How many steps a line of sight is followed: more than any takes through a grid of 512 voxels a side.
 const MAX_STEPS: usize = 4096;
 
-/// The height of the isosurface near `guess`, from secant steps; `None` when they do not settle near it.
+/// The height of the isosurface near `guess`, from secant steps; `None` if they do not converge near it.
 ///
 /// `facing` is about the cosine between the surface's normal and the line of sight.
 #[inline]
@@ -54,8 +58,8 @@ pub(super) fn hit_near(
     (below.abs() <= TOLERANCE && (height - guess).abs() < MAX_CORRECTION).then_some(height)
 }
 
-/// The greatest height at most `start` where `ray` enters the isosurface, `None` when there is none down to about `floor`, the
-/// lowest of what is seen around.
+/// The greatest height at most `start` where `ray` enters the isosurface, `None` when there is none down to about
+/// `floor`, the lowest of what is seen around.
 ///
 /// Steps are as long as the distance to the isosurface, and longer where the last one came less near than that.
 #[inline(never)]

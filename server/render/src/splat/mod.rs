@@ -1,10 +1,11 @@
 //! The voxel-splat renderer: the shell's voxels into a coarse z-buffer, then every pixel onto the isosurface.
 //!
 //! 1. [`crate::seeds`]: the voxels of the shell [D, D + δ), found by binary search, are projected into a z-buffer whose
-//!    cells are about as large as a voxel (the paper's section 3.3).
-//! 2. [`nodes`]: at each cell's corner the line of sight is followed from there to the isosurface, and the normal is taken.
-//! 3. [`pixels`]: a pixel lies on the surface between its four nodes. Where that is slanted, it steps onto the isosurface; where
-//!    the nodes disagree (at an edge), its own line of sight is followed.
+//!    cells are about as large as a voxel (section 3.3 of the paper).
+//! 2. [`nodes`]: at each cell's corner the line of sight is followed from there to the isosurface, and the normal is
+//!    taken.
+//! 3. [`pixels`]: a pixel lies on the surface between its four nodes. Where that is slanted, it steps onto the
+//!    isosurface; where the nodes disagree (at an edge), its own line of sight is followed.
 
 mod follow;
 mod nodes;
@@ -17,9 +18,10 @@ use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 use nodes::Nodes;
 use pixels::Pixels;
 
-/// Draws the isosurface {depth = D}: on grey maps a byte a pixel (two with a transparent background), else three (four).
+/// Draws the isosurface {depth = D}: a byte per pixel for grey colour maps (two with a transparent background),
+/// otherwise three (four).
 ///
-/// A pixel that shows no tissue (beside the isosurface, or where it lies outside of the volume) is background.
+/// A pixel beside the isosurface, or at a point of it outside the volume, is background.
 pub fn draw_splat(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
     let projection = request.projection(scene);
     surface::draw(
@@ -30,7 +32,7 @@ pub fn draw_splat(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
     )
 }
 
-/// As [`draw_splat`], but given up, with `None`, soon after it is no longer wanted.
+/// As [`draw_splat`]; `None` soon after the picture is no longer wanted.
 pub fn draw_splat_while(
     scene: &Scene<'_>,
     request: &RenderRequest,
@@ -42,7 +44,8 @@ pub fn draw_splat_while(
 
 /// Finds what each pixel of [`draw_splat`] shows, without drawing it: points at most 1 voxel off the isosurface.
 ///
-/// From a depth of 5 voxels on most are within 0.1 voxel; within 3 voxels of the envelope they lie on the smoothed isosurface.
+/// From a depth of 5 voxels on most are within 0.1 voxel; within 3 voxels of the envelope they lie on the smoothed
+/// isosurface.
 pub fn splat_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
     let projection = request.projection(scene);
     surface::hits(

@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use super::follow::{first_hit, hit_near};
 use crate::isosurface::Isosurface;
+use crate::points::Point;
 use crate::rays::Rays;
 use crate::seeds::{Lattice, Seeds};
-use crate::surface::Point;
 
 /// The cosine at which a surface is seen as long as nothing better is known.
 const USUAL_FACING: f32 = 0.75;

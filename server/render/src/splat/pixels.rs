@@ -5,8 +5,9 @@ use std::ops::Range;
 use super::follow::{first_hit, hit_near};
 use super::nodes::Nodes;
 use crate::isosurface::Isosurface;
+use crate::points::{Point, PointRow};
 use crate::rays::{Ray, Rays};
-use crate::surface::{Point, PointRow, Surface};
+use crate::surface::Surface;
 
 /// The greatest difference between the heights of four nodes between which the surface is as flat as
 /// that interpolation meets it, in voxels.

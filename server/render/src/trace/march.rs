@@ -1,18 +1,21 @@
-//! Many lines of sight followed at once, each in as few steps as are known to pass nothing over.
+//! Follows many lines of sight at once, each in as few steps as provably miss nothing.
 //!
-//! Sphere tracing (J. C. Hart, "Sphere tracing: a geometric method for the antialiased ray tracing of implicit surfaces",
-//! The Visual Computer 12, 1996) with over-relaxation (B. Keinert et al., "Enhanced sphere tracing", STAG 2014).
+//! Sphere tracing (J. C. Hart, "Sphere tracing: a geometric method for the antialiased ray tracing of implicit
+//! surfaces", The Visual Computer 12, 1996) with over-relaxation (B. Keinert et al., "Enhanced sphere tracing", STAG
+//! 2014).
 //!
 //! # How far a step is safe
 //!
-//! The trilinear depth at a place is the mean depth of the voxel that it is rounded to, at random, along each axis, so that
-//! the mean place is kept. Round two places s apart with the same dice: along each axis the voxels are then on average as far apart as
-//! the places, and by the variance of one such rounding, at most 1/4, their mean squared distance is at most s² + 3/4. Depths of voxels differ by no more than
-//! the voxels are apart, so the trilinear depths by at most √(s² + 3/4) ([`safe`]). Near by, that each component of the gradient is a
-//! mean of differences between 6-neighbours, which are at most 1 voxel, says more: at most √3 s.
+//! The trilinear depth at a place is the mean depth of the voxel that it is rounded to, at random, along each axis, so
+//! that the mean place is kept. Round two places s apart with the same dice: along each axis the voxels are then on
+//! average as far apart as the places, and by the variance of one such rounding, at most 1/4, their mean squared
+//! distance is at most s² + 3/4. Depths of voxels differ by no more than the voxels are apart, so the trilinear depths
+//! by at most √(s² + 3/4) ([`safe`]). Near by, that each component of the gradient is a mean of differences between
+//! 6-neighbours, which are at most 1 voxel, says more: at most √3 s.
 //!
-//! Across the envelope's border, voxels u outside and v inside, both depths count from border voxels: the line from u to v
-//! enters the envelope by a face of one of them, whose centre is at most √3/2 beside it, which adds at most 1.2 voxels.
+//! Across the envelope's border, voxels u outside and v inside, both depths count from border voxels: the line from u
+//! to v enters the envelope by a face of one of them, whose centre is at most √3/2 beside it, which adds at most 1.2
+//! voxels.
 
 use multiversion::multiversion;
 
@@ -20,13 +23,15 @@ use crate::isosurface::Isosurface;
 use crate::rays::Rays;
 use crate::sampler::{LANES, Lanes};
 
-/// The most that the trilinear depth field changes in a voxel's length, in voxels: √3, and the rounding of stored values.
+/// The most that the trilinear depth field changes in a voxel's length, in voxels: √3, and the rounding of stored
+/// values.
 const STEEPEST: f32 = 1.75;
 
-/// By how much the depths of two voxels inside differ more than the voxels are apart: values are rounded, smoothed ones three times more.
+/// By how much the depths of two voxels inside differ more than the voxels are apart: values are rounded, smoothed ones
+/// three times more.
 const ROUNDING: f32 = 0.03;
 
-/// And those of one outside and one inside.
+/// The same for one voxel outside and one inside.
 const ACROSS_BORDER: f32 = 1.23;
 
 /// How near the isosurface a hit is, in voxels of depth: 0.005 mm where voxels are 1 mm wide.
@@ -41,23 +46,23 @@ const RELAXATION: f32 = 0.95;
 /// How often a line of sight that begins inside is begun a voxel higher.
 const MOST_RISES: u32 = 8;
 
-/// How often the isosurface is looked for between two places on either side of it.
+/// How often the search between two places on either side of the isosurface is refined.
 const MOST_HALVINGS: u32 = 16;
 
-/// A line of sight that is to be followed.
+/// A line of sight to follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sight {
     /// Column and row of its pixel.
     pub(super) pixel: [u32; 2],
-    /// Where it begins: it meets nothing above this height.
+    /// Its start: it meets nothing above this height.
     pub(super) start: f32,
-    /// And nothing under this.
+    /// It meets nothing below this height.
     pub(super) end: f32,
 }
 
 /// The greatest height at which each line of sight enters the isosurface; −∞ where it meets nothing.
 ///
-/// Nothing is passed over but what is less than a [`NEAR`] voxel thick along the line of sight.
+/// Only pieces thinner than [`NEAR`] voxels along the line of sight may be missed.
 #[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
 pub(super) fn first_hits(
     isosurface: &Isosurface<'_>,

@@ -1,20 +1,22 @@
-//! The exact renderer: every pixel's line of sight is followed to {depth = D} itself, with no mesh and no interpolation between pixels.
+//! The exact renderer: every pixel's line of sight is followed to {depth = D} itself, with no mesh and no interpolation
+//! between pixels.
 //!
-//! A coarse z-buffer of the shell's voxels ([`crate::seeds`]) says where a line of sight begins; from there many are followed at
-//! once by sphere tracing ([`march`]).
+//! A coarse z-buffer of the shell's voxels ([`crate::seeds`]) gives the start of each line of sight; from there, many
+//! are followed at once by sphere tracing ([`march`]).
 
 mod march;
 
 use std::ops::Range;
 
 use crate::isosurface::Isosurface;
+use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::seeds::{Lattice, Seeds};
-use crate::surface::{self, PointRow, Surface, Wanted, working_rays};
+use crate::surface::{self, Surface, Wanted, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 use march::{Sight, first_hits};
 
-/// Draws the isosurface {depth = D} exactly; pixels are as those of [`crate::draw_splat`].
+/// Draws the isosurface {depth = D} exactly; pixels have the formats of [`crate::draw_splat`].
 pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
     let projection = request.projection(scene);
     surface::draw(
@@ -25,7 +27,7 @@ pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
     )
 }
 
-/// As [`draw_trace`], but given up, with `None`, soon after it is no longer wanted.
+/// As [`draw_trace`]; `None` soon after the picture is no longer wanted.
 pub fn draw_trace_while(
     scene: &Scene<'_>,
     request: &RenderRequest,
@@ -35,9 +37,11 @@ pub fn draw_trace_while(
     surface::draw_while(&surface, scene, request, is_wanted)
 }
 
-/// Finds what each pixel of [`draw_trace`] shows, without drawing it: points within 0.01 voxel of depth of the isosurface.
+/// Finds what each pixel of [`draw_trace`] shows, without drawing it: points within 0.01 voxel of depth of the
+/// isosurface.
 ///
-/// Within 5 voxels of the envelope that is the isosurface without the terraces of the envelope's voxels, at most about a voxel off the raw one.
+/// Within 5 voxels of the envelope that is the isosurface without the terraces of the envelope's voxels, at most about
+/// a voxel off the raw one.
 pub fn trace_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
     let projection = request.projection(scene);
     surface::hits(
@@ -56,9 +60,9 @@ struct Traced<'a> {
     lattice: Lattice,
     /// The column of the lattice's cells that each column of pixels lies in.
     cells: Vec<usize>,
-    /// For each cell of the lattice where its lines of sight begin; −∞ where they meet nothing.
+    /// The start of the lines of sight in each cell of the lattice; −∞ if they meet nothing.
     starts: Vec<f32>,
-    /// And where they have passed everything.
+    /// The height below which they meet nothing.
     ends: Vec<f32>,
 }
 

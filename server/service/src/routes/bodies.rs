@@ -1,4 +1,4 @@
-//! Bodies that are made once, compressed once, and kept within a budget of bytes.
+//! A cache of compressed bodies within a budget of bytes.
 
 use std::sync::Arc;
 
@@ -16,12 +16,12 @@ use cases::{Cases, ConcurrencyLimit};
 /// The fewest entries that the cache makes room for in its books.
 const EXPECTED_BODIES: usize = 64;
 
-/// What a body holds.
+/// The content of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum BodyKind {
-    /// The volume's texture, in so many bits.
+    /// The texture of the volume, with this number of bits.
     Volume(u8),
-    /// The distance texture, every so manieth voxel of it.
+    /// The distance texture, every n-th voxel.
     Distance(usize),
     /// The triangles of a mesh.
     Triangles(MeshSize),
@@ -31,14 +31,14 @@ pub enum BodyKind {
     Paths(MeshSize, PathKind),
 }
 
-/// Names a body.
+/// The key of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct BodyKey {
     /// The case.
     pub id: CaseId,
-    /// What of it.
+    /// The content.
     pub kind: BodyKind,
-    /// How it is compressed.
+    /// The coding.
     pub coding: Coding,
 }
 
@@ -51,7 +51,7 @@ impl Weighter<BodyKey, Bytes> for ByLength {
     }
 }
 
-/// The bodies in memory. Two requests for the same body make it once. Cheap to clone.
+/// The bodies in memory. Concurrent requests for the same body compute it once. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Bodies {
     cache: Arc<Cache<BodyKey, Bytes, ByLength>>,
@@ -59,7 +59,7 @@ pub struct Bodies {
 }
 
 impl Bodies {
-    /// An empty cache of at most `budget_bytes`. The bodies of a case go with what else is remembered of it.
+    /// An empty cache of at most `budget_bytes`. The bodies of a case are dropped when the case is forgotten.
     pub fn new(cases: &Cases, budget_bytes: u64) -> Self {
         let cache = Cache::with_weighter(EXPECTED_BODIES, budget_bytes, ByLength);
         let cache = Arc::new(cache);
@@ -75,7 +75,7 @@ impl Bodies {
         }
     }
 
-    /// A body, encoded from `source` in a turn and compressed, unless it is there.
+    /// A body from the cache, or encoded from `source` in a turn and compressed.
     ///
     /// # Errors
     /// [`Error::Busy`](cases::Error::Busy) if too much work waits, and those of `source`.

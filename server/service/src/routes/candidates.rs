@@ -1,4 +1,4 @@
-//! The places of a case at which the junction is least sharp, and what lies along the way through a point.
+//! The most blurred places of a case, and the profile through a point.
 
 use std::fmt::Write as _;
 
@@ -10,8 +10,8 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use case::CandidateFacts;
@@ -27,12 +27,12 @@ const CSV: &str = "text/csv";
 /// The most candidates in one answer.
 const MAX_CANDIDATES: usize = 60;
 
-/// How many candidates are wanted.
+/// The query for candidates.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CandidatesQuery {
-    /// The most candidates in the answer, the highest of them.
+    /// The greatest number of candidates in the answer; the highest are returned.
     #[serde(default = "default_limit")]
     #[param(minimum = 1, maximum = 60, default = 20)]
     limit: usize,
@@ -42,8 +42,10 @@ fn default_limit() -> usize {
     20
 }
 
-impl Checked for CandidatesQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for CandidatesQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
         Ok(check_count("limit", self.limit, 1, MAX_CANDIDATES)?)
     }
 }
@@ -55,7 +57,7 @@ pub struct CandidateList {
     candidates: Vec<CandidateFacts>,
 }
 
-/// Places where the junction is less sharp than around it and on the other side
+/// Places where the junction is less sharp than in its surroundings and on the other side
 ///
 /// Most are normal: they are places to look at, and nothing is detected. As JSON, or with `Accept: text/csv` as CSV.
 #[utoipa::path(
@@ -63,8 +65,8 @@ pub struct CandidateList {
     params(("id" = String, Path, description = "The case"), CandidatesQuery),
     responses(
         (status = 200, description = "The places, highest first", content((CandidateList = "application/json"), (String = "text/csv"))),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case or its maps are not ready, or the maps are undefined", body = Problem, content_type = "application/problem+json"),
@@ -73,7 +75,7 @@ pub struct CandidateList {
 pub async fn get_candidates(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<CandidatesQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<CandidatesQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let kind = media_type(&request, &[JSON, CSV])?;
@@ -83,7 +85,7 @@ pub async fn get_candidates(
         query: &query,
         request: &request,
     };
-    let form = Form::of(kind)
+    let format = Format::of(kind)
         .variant(format!("{kind} {MAPS_FORMAT}"))
         .revalidated();
     let work = async |_| {
@@ -96,7 +98,7 @@ pub async fn get_candidates(
         };
         Ok(Bytes::from(body).into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
@@ -133,8 +135,10 @@ pub struct ProfileQuery {
     position: Numbers<3>,
 }
 
-impl Checked for ProfileQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for ProfileQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
         if self.position.0.iter().any(|along| along.abs() > 1e4) {
             let detail = "must be within -10000 to 10000 mm along each axis";
             return Err(AppError::out_of_range("position", detail));
@@ -143,27 +147,27 @@ impl Checked for ProfileQuery {
     }
 }
 
-/// What lies along the way through a point, and through its mirror image
+/// The profile through a point, and through its mirrored point
 ///
-/// From the envelope inwards along the gradient of the depth: intensities, the maps, and at the point the width of the junction of grey
-/// and white matter. As JSON, or with `Accept: text/csv` the samples as CSV.
+/// From the envelope inwards along the gradient of the depth: intensities, maps, and the width of the junction of grey
+/// and white matter at the point. As JSON, or with `Accept: text/csv` the samples as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/profile", tag = "layers",
     params(("id" = String, Path, description = "The case"), ProfileQuery),
     responses(
-        (status = 200, description = "The profiles; without maps their values are null", content((Profile = "application/json"), (String = "text/csv"))),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong, or the point lies outside of the envelope", body = Problem, content_type = "application/problem+json"),
+        (status = 200, description = "The profiles; without maps, the values of maps are null", content((Profile = "application/json"), (String = "text/csv"))),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid, or the point is outside the envelope", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case or its maps are not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_profile(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<ProfileQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<ProfileQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let kind = media_type(&request, &[JSON, CSV])?;
@@ -181,7 +185,7 @@ pub async fn get_profile(
         request: &request,
     };
     let has_maps = maps.is_ok();
-    let form = Form::of(kind)
+    let format = Format::of(kind)
         .variant(format!("{kind} {MAPS_FORMAT} {has_maps}"))
         .revalidated();
     let work = async |_| {
@@ -198,10 +202,10 @@ pub async fn get_profile(
         };
         Ok(Bytes::from(body).into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
-/// A row for each sample; what is undefined is empty.
+/// A row for each sample; undefined values are empty.
 fn csv(profile: &Profile) -> String {
     let mut text = "point,distance_mm,left_mm,posterior_mm,superior_mm,depth_mm,intensity,blur,sharpness,asymmetry,\
                     intensity_asymmetry,junction\r\n"

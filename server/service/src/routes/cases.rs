@@ -1,15 +1,15 @@
-//! Cases as clients see them: listed, looked at, deleted.
+//! Cases: list, get, delete.
 
-use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::fresh::fresh_json;
 use super::layers::MapsView;
-use super::query::{ApiQuery, CasePath, Checked, NoQuery};
+use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
 use case::Quality;
 use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, MaskKind};
@@ -36,37 +36,37 @@ pub struct CaseView {
     created_at: String,
     /// Radius of the ball that closes the brain mask, in mm.
     closing_radius_mm: f64,
-    /// What the mask shows: `brain`, or `envelope`, which is not closed.
+    /// What the mask contains: `brain`, or `envelope`, which is not closed.
     mask_kind: MaskKind,
-    /// The probability above which a voxel is brain, where the brain is extracted.
+    /// The probability above which the network counts a voxel as brain.
     threshold: f64,
-    /// By how much the mask was made larger, in mm.
+    /// How far the surface of the mask was moved outwards, in mm.
     offset_mm: f64,
-    /// The case of which it is a version, with another mask or other parameters.
+    /// The case that this is a version of, with another mask or other parameters.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     previous: Option<CaseId>,
-    /// Its own versions, oldest first.
+    /// The versions of this case, oldest first.
     #[schema(value_type = Vec<String>)]
     next: Vec<CaseId>,
-    /// While it is being prepared.
+    /// Present while the case is being prepared.
     #[serde(skip_serializing_if = "Option::is_none")]
     progress: Option<ProgressView>,
-    /// Once it has failed.
+    /// Present if the case has failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Problem>,
-    /// Once it is ready.
+    /// Present if the case is ready.
     #[serde(flatten)]
     ready: Option<ReadyView>,
-    /// What was chosen among the DICOM files; in the answer to their upload alone.
+    /// The choice among the DICOM files; only in the answer to their upload.
     #[serde(skip_serializing_if = "Option::is_none")]
     dicom: Option<Choice>,
-    /// Addresses of what there is of it.
+    /// Addresses of everything about it.
     links: Links,
 }
 
 impl CaseView {
-    /// A case as it is answered to the upload of DICOM files.
+    /// A case in the answer to an upload of DICOM files.
     pub(super) fn choosing(self, choice: Option<Choice>) -> Self {
         Self {
             dicom: choice,
@@ -75,16 +75,16 @@ impl CaseView {
     }
 }
 
-/// How far a preparation has come.
+/// The progress of a preparation.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ProgressView {
     /// `reading`, `extracting`, `mask`, `closing`, `distance`, `core`, `forest`, `mesh` or `storing`.
     stage: &'static str,
-    /// 0 to 1, of the whole preparation.
+    /// The finished fraction of the whole preparation, 0 to 1.
     fraction: f32,
 }
 
-/// What is known of a case that is ready.
+/// The facts about a ready case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ReadyView {
     /// The working grid.
@@ -93,27 +93,27 @@ pub struct ReadyView {
     volume: VolumeView,
     /// Depth of the deepest voxel below the envelope.
     max_depth_mm: f32,
-    /// The faces of the volume that cut the brain; absent if none does. Their border is no dura: a depth is unknown, and pictures are
-    /// bare, where such a face is nearer than the depth.
+    /// The faces of the volume that cut the brain; absent if there are none. They do not count as dura: if such a face
+    /// is nearer than the depth, the depth is unknown, and pictures are bare there.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     cuts: Vec<CutFacts>,
-    /// Which version of the preparation made the case. Cases of version 1 were prepared before cuts were known.
+    /// The version of the preparation. Cases from version 1 have no information about cuts.
     pipeline: u32,
-    /// Volume enclosed by the envelope.
+    /// Volume of the envelope.
     envelope_ml: f64,
     /// The sphere around the envelope that zoom 1 fits into a picture.
     envelope_sphere: SphereView,
-    /// The plane at which the head is most like its mirror image, which views that compare the hemispheres mirror at; absent
-    /// where the case was prepared before it was fitted.
+    /// The plane at which the head is most like its mirror image, for views that compare the hemispheres; absent for
+    /// cases from an earlier version.
     #[serde(skip_serializing_if = "Option::is_none")]
     midsagittal: Option<PlaneView>,
     /// Intensities and how to show them.
     intensity: IntensityView,
-    /// How far the mask can be trusted; absent where it was prepared before that was measured. Where it says `review` or
-    /// `failed`, so does the header `X-Isocortex-Quality` of whatever shows the case.
+    /// The quality of the mask; absent for cases from an earlier version. If it is `review` or `failed`, the header
+    /// `X-Isocortex-Quality` of all answers that show the case has the same value.
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
-    /// How far the maps of the junction of grey and white matter are; in the answer about one case alone.
+    /// The state of the maps of the junction of grey and white matter; only in the answer about one case.
     #[serde(skip_serializing_if = "Option::is_none")]
     maps: Option<MapsView>,
     /// Wall time of each step of the preparation, in ms.
@@ -140,10 +140,12 @@ pub struct VolumeView {
     spacing_mm: [f64; 3],
     /// Rows of the affine from voxel centres to LPS mm.
     patient_from_voxel: [[f64; 4]; 4],
-    /// Numbers of the slices, from 1, that were missing among the DICOM files and are interpolated between their neighbours.
+    /// Numbers (from 1) of the slices that were missing among the DICOM files and are interpolated between their
+    /// neighbours.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     interpolated_slices: Vec<usize>,
-    /// The scanner's name of the sequence and its times in ms, such as `*tfl3d1, TR 2300, TE 2.98, TI 900`; absent if it is not known.
+    /// The scanner's name of the sequence and its times in ms, such as `*tfl3d1, TR 2300, TE 2.98, TI 900`; absent if
+    /// unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     sequence: Option<String>,
 }
@@ -160,7 +162,7 @@ pub struct SphereView {
 /// A plane in the patient: the points `p` with `normal · p = offset_mm`.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct PlaneView {
-    /// The direction across it, to the patient's left: of length 1, LPS.
+    /// The unit normal, towards the patient's left, LPS.
     normal: [f64; 3],
     /// Its distance from the origin of patient space, along the normal.
     offset_mm: f64,
@@ -177,7 +179,7 @@ pub struct IntensityView {
     window: WindowView,
 }
 
-/// A DICOM window (PS3.3 C.11.2.1.2, LINEAR), as `window=c,w` takes it.
+/// A DICOM window (PS3.3 C.11.2.1.2, LINEAR), for `window=c,w`.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct WindowView {
     /// Its centre.
@@ -186,7 +188,7 @@ pub struct WindowView {
     width: f64,
 }
 
-/// How long a step took.
+/// The time of a step.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct TimingView {
     /// The step.
@@ -219,17 +221,17 @@ pub struct Links {
     mask: String,
     /// The envelope, as a NIfTI file.
     envelope: String,
-    /// Nine slices to judge the mask by.
+    /// Nine slices for checking the mask.
     quality: String,
     /// Slices: append `/axial`, `/coronal` or `/sagittal`.
     slices: String,
     /// Its layers: maps of the junction of grey and white matter.
     layers: String,
-    /// Places where that junction is less sharp than around it and on the other side.
+    /// Places where that junction is less sharp than in its surroundings and on the other side.
     candidates: String,
-    /// What lies along the way through a point: append `?position=x,y,z`.
+    /// The profile through a point: append `?position=x,y,z`.
     profile: String,
-    /// Whose head it is, of a ready case that was made of DICOM files.
+    /// The identity of the patient, for a ready case from DICOM.
     #[serde(skip_serializing_if = "Option::is_none")]
     dicom: Option<String>,
 }
@@ -259,7 +261,7 @@ impl Links {
     }
 }
 
-/// Where a case is.
+/// The address of a case.
 pub(crate) fn address_of(id: &CaseId) -> String {
     format!("/v1/cases/{id}")
 }
@@ -352,12 +354,12 @@ impl From<CaseFacts> for ReadyView {
     }
 }
 
-/// A part of the list of cases.
+/// A page of the list of cases.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct CasePage {
     /// Newest first.
     cases: Vec<CaseView>,
-    /// Give it as `after` for the next page; absent on the last.
+    /// The value of `after` for the next page; absent on the last page.
     #[serde(skip_serializing_if = "Option::is_none")]
     next: Option<String>,
 }
@@ -366,44 +368,38 @@ fn default_limit() -> usize {
     50
 }
 
-/// Which part of the list.
+/// The query for a page of the list.
 #[derive(Debug, Clone, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct ListQuery {
-    /// The `next` of the page before.
+    /// The `next` of the previous page.
     after: Option<String>,
-    /// The most cases on a page.
+    /// The greatest number of cases on a page.
     #[serde(default = "default_limit")]
     #[param(minimum = 1, maximum = 200, default = 50)]
     limit: usize,
 }
 
-impl Checked for ListQuery {
-    fn check(&self) -> Result<(), AppError> {
+/// A checked query for a page.
+#[derive(Debug)]
+pub struct ListValues {
+    after: Option<Cursor>,
+    limit: usize,
+}
+
+impl Asked for ListQuery {
+    type Values = ListValues;
+
+    fn checked(&self) -> Result<ListValues, AppError> {
         check_count("limit", self.limit, 1, MAX_PAGE)?;
-        self.cursor().map(drop)
-    }
-}
-
-impl ListQuery {
-    fn cursor(&self) -> Result<Option<Cursor>, AppError> {
-        let Some(after) = &self.after else {
-            return Ok(None);
-        };
-        let cursor = Cursor::parse(after);
         let unknown = || AppError::out_of_range("after", "is not the `next` of a page");
-        cursor.ok_or_else(unknown).map(Some)
+        let cursor = |text: &String| Cursor::parse(text).ok_or_else(unknown);
+        Ok(ListValues {
+            after: self.after.as_ref().map(cursor).transpose()?,
+            limit: self.limit,
+        })
     }
-}
-
-/// An answer that changes with time.
-pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response {
-    let mut response = (status, Json(body)).into_response();
-    response
-        .headers_mut()
-        .insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    response
 }
 
 /// The cases, newest first
@@ -411,15 +407,16 @@ pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response 
     get, path = "/v1/cases", tag = "cases", params(ListQuery),
     responses(
         (status = 200, description = "A page of the list", body = CasePage),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_cases(
     State(cases): State<Cases>,
-    ApiQuery(query): ApiQuery<ListQuery>,
+    query: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let page = cases.store().cases(query.cursor()?, query.limit).await?;
+    let ListValues { after, limit } = query.values;
+    let page = cases.store().cases(after, limit).await?;
     let page = CasePage {
         cases: page.cases.into_iter().map(CaseView::from).collect(),
         next: page.next.map(|cursor| cursor.to_string()),
@@ -433,7 +430,7 @@ pub async fn list_cases(
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The case", body = CaseView),
-        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -449,13 +446,13 @@ pub async fn get_case(
     Ok(fresh_json(StatusCode::OK, &view))
 }
 
-/// Delete a case and all that was computed of it
+/// Delete a case and everything computed from it
 #[utoipa::path(
     delete, path = "/v1/cases/{id}", tag = "cases",
     params(("id" = String, Path, description = "The case")),
     responses(
-        (status = 204, description = "It is gone"),
-        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 204, description = "The case was deleted"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
     )
 )]

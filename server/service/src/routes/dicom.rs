@@ -1,4 +1,4 @@
-//! Whose head a case is: patient data, asked for by its own address alone.
+//! The patient attributes of a case, which have their own address.
 
 use std::collections::BTreeMap;
 
@@ -10,11 +10,11 @@ use imaging::dicom::Instance;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::cases::fresh_json;
+use super::fresh::fresh_json;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use crate::problem::{AppError, Problem};
 
-/// Attributes of the DICOM files that a volume was made of. This is patient data.
+/// Attributes of the DICOM files of a volume. This is patient data.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct DicomView {
     /// Values by keyword, of the first slice, such as `PatientID`, `StudyInstanceUID` and `SeriesInstanceUID`.
@@ -27,11 +27,11 @@ pub struct DicomView {
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = DicomInstance)]
 pub struct InstanceView {
-    /// What kind of image it is.
+    /// The SOP class of the image.
     sop_class_uid: String,
-    /// Which image.
+    /// The SOP instance of the image.
     sop_instance_uid: String,
-    /// Its frame, from 1, where it holds several.
+    /// The number of its frame, from 1, if the image has several.
     #[serde(skip_serializing_if = "Option::is_none")]
     frame: Option<usize>,
 }
@@ -46,17 +46,17 @@ impl From<Instance> for InstanceView {
     }
 }
 
-/// Whose head it is
+/// Patient identity
 ///
-/// The identifying attributes of the DICOM files that the volume was made of, kept apart from the pixels. They are patient
-/// data, in no other answer, and no cache may keep them.
+/// The identifying attributes of the DICOM files of the volume, which are stored apart from the pixels. They are
+/// patient data: no other answer contains them, and no cache may store them.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/dicom", tag = "cases",
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The attributes", body = DicomView),
-        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case, or it was not made of DICOM files", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case, or it was not created from DICOM", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_dicom(

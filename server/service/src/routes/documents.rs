@@ -9,10 +9,9 @@ use axum::response::Response;
 use axum::routing::get;
 use bytes::Bytes;
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use utoipa::openapi::OpenApi;
 
-use super::query::{ApiQuery, Checked, NoQuery};
+use super::query::{ApiQuery, Asked, NoQuery};
 use crate::conditional::{EntityTag, REVALIDATE, Representation, coding_for};
 use crate::negotiate::Coding;
 use crate::problem::AppError;
@@ -28,7 +27,7 @@ const JSON: &str = "application/json";
 /// The files of the page, bundled by `make web`: names and bytes.
 const PAGE: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/page_files.rs"));
 
-/// Where a file of the page is, and what it is.
+/// The address and the media type of a file of the page.
 fn address_and_type(name: &str) -> (String, &'static str) {
     let kind = match name.rsplit_once('.').map(|(_, ending)| ending) {
         Some("html") => HTML,
@@ -72,37 +71,39 @@ impl Document {
             body: body.clone(),
             headers: HeaderMap::new(),
             vary: "accept-encoding",
-            // A new version of the program shows at once.
+            // So that a new version of the program appears at once.
             cache_control: REVALIDATE,
         }
         .respond(request)
     }
 }
 
-/// What the page reads of its own address; the server answers the same whatever it is.
+/// The query of the page, which the page itself reads; the server ignores it.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PageQuery {
-    /// `server` keeps the page from drawing by itself.
+    /// `server`: the server draws instead of the page.
     #[serde(default, rename = "renderer")]
     _renderer: Option<PageRenderer>,
 }
 
-/// Who draws the page's pictures, where it is not left to the page.
+/// The renderer of the page, unless the page chooses.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum PageRenderer {
     Server,
 }
 
-impl Checked for PageQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for PageQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
         Ok(())
     }
 }
 
 /// The handler of a document.
-fn answering<Query: DeserializeOwned + Checked>(
+fn answering<Query: Asked>(
     document: Arc<Document>,
 ) -> impl Fn(ApiQuery<Query>, HeaderMap) -> Ready<Result<Response, AppError>>
 + Clone

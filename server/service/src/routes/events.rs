@@ -16,19 +16,19 @@ use crate::problem::{AppError, Problem};
 use crate::state::Stopping;
 use storage::Watch;
 
-/// A comment goes out after so long a silence, so that nobody on the way thinks the connection dead.
+/// A comment is sent after this time without an event, so that no proxy closes the connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// The progress of a case
 ///
-/// An event `case` with the case as JSON at once and at every change; the stream ends when the case is `ready` or `failed`.
-/// An event `gone` when it is deleted.
+/// An event `case` with the case as JSON, at once and at every change; the stream ends when the case is `ready` or
+/// `failed`. An event `gone` if the case is deleted.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/events", tag = "cases",
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "Events `case` and `gone`", body = String, content_type = "text/event-stream"),
-        (status = 401, description = "A token is wanted", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
     )
 )]
@@ -51,7 +51,7 @@ pub async fn get_events(
     Ok(response)
 }
 
-/// Events until the case is ready, has failed, or is gone.
+/// Events until the case is ready, has failed, or is deleted.
 fn events(watch: Watch) -> impl Stream<Item = Result<Event, Infallible>> + Send {
     stream::unfold(Some(watch), |watch| async move {
         let mut watch = watch?;

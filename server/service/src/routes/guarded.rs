@@ -1,4 +1,4 @@
-//! What the descriptions of all guarded routes have in common.
+//! The common part of the descriptions of all guarded routes.
 
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
@@ -11,7 +11,7 @@ const BEARER: &str = "bearer";
 pub(super) fn describe(api: &mut OpenApi) {
     let scheme = HttpBuilder::new()
         .scheme(HttpAuthScheme::Bearer)
-        .description(Some("Wanted where the server was given a token."))
+        .description(Some("Required if the server has a token."))
         .build();
     api.components
         .get_or_insert_with(Components::default)
@@ -22,7 +22,7 @@ pub(super) fn describe(api: &mut OpenApi) {
         for operation in reads.into_iter().flatten() {
             guard(operation);
             if shows_a_case {
-                add(operation, "406", "Nothing that is accepted is offered");
+                add(operation, "406", "No accepted media type is available");
             }
         }
         let writes = [&mut item.put, &mut item.post, &mut item.delete];
@@ -34,13 +34,13 @@ fn guard(operation: &mut Operation) {
     let nothing: [&str; 0] = [];
     operation.security = Some(vec![
         SecurityRequirement::new(BEARER, nothing),
-        // Without a token of its own the server wants none.
+        // Without a configured token, the server requires none.
         SecurityRequirement::default(),
     ]);
-    add(operation, "401", "A token is wanted");
+    add(operation, "401", "A token is required");
 }
 
-/// Adds an answer that is a problem, unless the route describes it itself.
+/// Adds a problem as an answer, unless the route describes it itself.
 fn add(operation: &mut Operation, status: &str, description: &str) {
     let problem = Content::new(Some(Ref::from_schema_name("Problem")));
     let response = ResponseBuilder::new()

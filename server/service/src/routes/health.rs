@@ -8,48 +8,48 @@ use cases::{Cases, Error};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::cases::fresh_json;
+use super::fresh::fresh_json;
 use super::query::{ApiQuery, NoQuery};
 use crate::metrics::Metrics;
 use crate::problem::{AppError, Problem};
 use cases::pictures::GraphicsState;
 
-/// What OpenMetrics text is called.
+/// The media type of OpenMetrics.
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// That the server runs.
+/// The state of the process.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Health {
     /// `ok`.
     status: &'static str,
 }
 
-/// Which server this is.
+/// The version of the server.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Version {
     /// `isocortex`.
     name: &'static str,
     /// The version of the program.
     version: &'static str,
-    /// Renderers that can be asked for.
+    /// The available renderers.
     renderers: [&'static str; 3],
-    /// The graphics device that draws, why there is none, or that its driver has not answered yet.
+    /// The graphics device, the reason why there is none, or that its driver has not answered yet.
     graphics: String,
-    /// What it is not for.
+    /// The notice.
     notice: &'static str,
 }
 
-/// Whether the process answers
-#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, description = "It does", body = Health)))]
+/// Whether the server is alive
+#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, description = "The server is alive", body = Health)))]
 pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
     fresh_json(StatusCode::OK, &Health { status: "ok" })
 }
 
 /// Whether the store can be reached and has room
 #[utoipa::path(get, path = "/readyz", tag = "service", responses(
-    (status = 200, description = "It can, and has", body = Health),
-    (status = 503, description = "It cannot be reached", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "Its disk is full: what is there can be asked, nothing be uploaded", body = Problem, content_type = "application/problem+json"),
+    (status = 200, description = "The store is reachable and has room", body = Health),
+    (status = 503, description = "The store is unreachable", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "The disk is full: cases can be viewed, but not uploaded", body = Problem, content_type = "application/problem+json"),
 ))]
 pub async fn readyz(
     State(cases): State<Cases>,
@@ -82,7 +82,7 @@ pub async fn metrics(
     Ok((headers, text).into_response())
 }
 
-/// Which server this is
+/// The version of the server
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
 pub async fn version(State(cases): State<Cases>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
     let graphics = match cases.graphics.state() {
@@ -95,6 +95,6 @@ pub async fn version(State(cases): State<Cases>, _no_query: ApiQuery<NoQuery>) -
         version: env!("CARGO_PKG_VERSION"),
         renderers: ["splat", "mesh", "trace"],
         graphics,
-        notice: crate::wire::RESEARCH_USE,
+        notice: render::RESEARCH_USE_NOTICE,
     })
 }

@@ -1,4 +1,4 @@
-//! The layers of a case: for now its own maps, as a list, as voxels and as NIfTI.
+//! The layers of a case, at present its maps: as a list, as voxels and as NIfTI.
 
 use std::sync::Arc;
 
@@ -10,12 +10,11 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
-use super::cases::fresh_json;
-use super::masks::GZIP;
+use super::fresh::fresh_json;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use super::textures::{MEDIA_TYPE, layout};
-use crate::conditional::{self, Content, Form, Question};
-use crate::negotiate::media_type;
+use crate::conditional::{self, Content, Format, Question};
+use crate::negotiate::{GZIP, media_type};
 use crate::problem::{AppError, Problem};
 use crate::wire;
 use case::MapName;
@@ -28,7 +27,7 @@ use render::{ColorMap, LayerValues};
 /// The layers of a case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct LayerList {
-    /// Those that pictures can show by `layer` and `overlay`.
+    /// The layers that `layer` and `overlay` can show in pictures.
     layers: Vec<LayerView>,
 }
 
@@ -36,52 +35,52 @@ pub struct LayerList {
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = Layer)]
 pub struct LayerView {
-    /// What `layer`, `overlay` and addresses call it.
+    /// The name for `layer`, `overlay` and addresses.
     name: MapName,
-    /// `map`: it was computed from the case itself.
+    /// `map`: computed from the case itself.
     kind: &'static str,
-    /// The unit of its values: `1/mm`, `z`, or nothing.
+    /// The unit of its values: `1/mm`, `z`, or empty.
     unit: &'static str,
     /// `ready`, `making`, `undefined` or `off`.
     state: MapsStateName,
-    /// Why it is undefined or off.
+    /// The reason why it is undefined or off.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
     /// The default values of the first and the last colour.
     window: [f64; 2],
     /// Its default colours.
     colormap: ColorMap,
-    /// The default threshold: what is at most this is transparent. Absent if all is shown. Of diverging colours it is the
-    /// magnitude.
+    /// The default threshold: values up to this are transparent; for diverging colours, magnitudes. Absent if every
+    /// value is shown.
     #[serde(skip_serializing_if = "Option::is_none")]
     threshold: Option<f64>,
-    /// How much it hides by default of what is below it.
+    /// The default opacity.
     opacity: f64,
-    /// Which version of the maps it is of.
+    /// The version of the maps.
     format: u32,
 }
 
-/// How far the maps of a case are.
+/// The state of the maps of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum MapsStateName {
-    /// They can be asked for.
+    /// They are available.
     Ready,
-    /// They are being made: ask again in a moment.
+    /// They are being computed; try again in a moment.
     Making,
-    /// The head allows for none.
+    /// They are undefined for this head.
     Undefined,
-    /// This server makes none.
+    /// This server computes none.
     Off,
 }
 
-/// How far the maps of a case are, and why there are none.
+/// The state of the maps of a case, and the reason if there are none.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = MapsState)]
 pub struct MapsView {
     /// `ready`, `making`, `undefined` or `off`.
     state: MapsStateName,
-    /// Why they are undefined or off.
+    /// The reason why they are undefined or off.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
 }
@@ -100,7 +99,7 @@ impl From<&MapsState> for MapsView {
 
 /// The layers of a case
 ///
-/// The maps of the junction of grey and white matter, which are made once after the case is ready.
+/// The maps of the junction of grey and white matter, which are computed once after the case is ready.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers", tag = "layers",
     params(("id" = String, Path, description = "The case")),
@@ -173,8 +172,8 @@ fn layer_of(path: &RawPathParams) -> Result<MapName, AppError> {
 
 /// The voxels of a layer
 ///
-/// A byte a voxel, x-fastest, on the grid of the volume: 0 is undefined, and a code of 1 to 255 is the value code × scale + offset. The
-/// headers say how to read them. Interpolate between the voxels that are defined alone.
+/// One byte per voxel, x-fastest, on the grid of the volume: 0 is undefined, and a code of 1 to 255 has the value code
+/// × scale + offset. The headers give scale and offset. Interpolate between defined voxels only.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers/{layer}/volume", tag = "layers",
     params(
@@ -186,16 +185,16 @@ fn layer_of(path: &RawPathParams) -> Result<MapName, AppError> {
             ("X-Isocortex-Size" = String, description = "Voxels along x, y and z: `181,217,181`"),
             ("X-Isocortex-Format" = String, description = "`u8`"),
             ("X-Isocortex-Scale" = f32, description = "Value of a step from one code to the next"),
-            ("X-Isocortex-Offset" = f32, description = "Value that code 0 would have; it is undefined"),
+            ("X-Isocortex-Offset" = f32, description = "Value that code 0 would have, although it means undefined"),
             ("X-Isocortex-Undefined" = u8, description = "The code of undefined voxels: 0"),
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
-        (status = 206, description = "The range asked for"),
-        (status = 304, description = "The client has it already"),
+        (status = 206, description = "The requested range"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case or layer", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case or the layer is not ready, or the layer is undefined", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_layer_volume(
@@ -203,7 +202,7 @@ pub async fn get_layer_volume(
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let name = layer_of(&path)?;
@@ -214,10 +213,10 @@ pub async fn get_layer_volume(
         query: &query,
         request: &request,
     };
-    let form = Form::compressed(MEDIA_TYPE, &request)
+    let format = Format::compressed(MEDIA_TYPE, &request)
         .variant(variant(name))
         .revalidated();
-    let coding = form.coding();
+    let coding = format.coding();
     let work = async |_| {
         let maps = maps_of(&cases.library, &id).await?;
         let texture = wire::layer_texture(maps.grid(), maps.layer(name));
@@ -236,17 +235,17 @@ pub async fn get_layer_volume(
             ..body.into()
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
-/// What distinguishes answers with one version of a map from those with another.
+/// Distinguishes answers with different versions of a map.
 fn variant(name: MapName) -> String {
     format!("{} {MAPS_FORMAT}", name.name())
 }
 
 /// A layer as NIfTI
 ///
-/// On the grid of the volume, in single precision, NaN if undefined: a packed NIfTI-1 file in its place in the patient.
+/// A gzipped NIfTI-1 file on the grid of the volume, in single precision, NaN if undefined, positioned in the patient.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers/{layer}/nifti", tag = "layers",
     params(
@@ -255,19 +254,19 @@ fn variant(name: MapName) -> String {
     ),
     responses(
         (status = 200, description = "The layer (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
-        (status = 206, description = "The range asked for"),
-        (status = 304, description = "The client has it already"),
+        (status = 206, description = "The requested range"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case or layer", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case or the layer is not ready, or the layer is undefined", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_layer_nifti(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let name = layer_of(&path)?;
@@ -278,7 +277,7 @@ pub async fn get_layer_nifti(
         query: &query,
         request: &request,
     };
-    let form = Form::of(GZIP).variant(variant(name)).revalidated();
+    let format = Format::of(GZIP).variant(variant(name)).revalidated();
     let work = async |_| {
         let maps = maps_of(&cases.library, &id).await?;
         let file = cases.queue.run(move || nifti(&maps, name)).await??;
@@ -290,7 +289,7 @@ pub async fn get_layer_nifti(
             ..Bytes::from(file).into()
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 fn nifti(maps: &Arc<LoadedMaps>, name: MapName) -> Result<Vec<u8>, Error> {

@@ -1,4 +1,4 @@
-//! The mask in the user's hands: had, edited elsewhere and put back, and looked at.
+//! Brain masks: download, replace, check.
 
 use std::sync::Arc;
 
@@ -7,21 +7,17 @@ use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use bytes::Bytes;
 use cases::{Cases, Error};
-use futures_util::StreamExt as _;
 use geometry::Mask;
 use render::Scene;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::cases::CaseView;
-use super::query::{ApiQuery, CasePath, Checked, NoQuery};
+use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::render::PNG;
-use super::upload::{
-    PartLimits, check_now, is_form, is_known, refuse_too_large, submitted, too_slow,
-};
-use crate::conditional::{self, Content, Form, Question};
-use crate::negotiate::media_type;
-use crate::pace::is_too_slow;
+use super::upload::{Incoming, is_form, refuse_too_large, submitted};
+use crate::conditional::{self, Content, Format, Question};
+use crate::negotiate::{GZIP, media_type};
 use crate::problem::{AppError, Problem};
 use crate::state::Uploads;
 use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
@@ -30,31 +26,28 @@ use pipeline::codec::{decode_brain, decode_envelope};
 use pipeline::read_volume;
 use storage::{NewMask, Spooled, Version};
 
-/// What a packed NIfTI file is.
-pub(super) const GZIP: &str = "application/gzip";
-
 /// The brain mask on the working grid
 ///
-/// The mask as it was closed: on the working grid, one component without holes, moved by `offset_mm`. A packed NIfTI-1 file in
-/// its place in the patient, to be edited over the volume by any program and put back by `PUT`. Put back unchanged it gives
-/// the same meshes.
+/// The mask before closing: on the working grid, one component without holes, moved by `offset_mm`. A gzipped NIfTI-1
+/// file, positioned in the patient. Edit it over the volume with any program and upload it with `PUT`. If it is
+/// unchanged, the version has the same meshes.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mask", tag = "masks",
     params(("id" = String, Path, description = "The case")),
     responses(
-        (status = 200, description = "The mask: 1 in the brain, else 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
-        (status = 206, description = "The range asked for"),
-        (status = 304, description = "The client has it already"),
+        (status = 200, description = "The mask: 1 in the brain, otherwise 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
+        (status = 206, description = "The requested range"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_mask(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let wanted = Wanted {
@@ -62,29 +55,30 @@ pub async fn get_mask(
         kinds: &[ObjectKind::Mask],
         decode: |bytes| Some(decode_brain(bytes)?.mask().clone()),
     };
-    answer(&cases, id, query, &request, wanted).await
+    answer(&cases, id, query.asked, &request, wanted).await
 }
 
 /// The envelope on the working grid
 ///
-/// The closed mask, whose surface is at depth 0, as a packed NIfTI-1 file. Edited, it is put back by `PUT …/mask?kind=envelope`.
+/// The closed mask, whose surface is at depth 0, as a gzipped NIfTI-1 file. Upload an edited one with `PUT
+/// …/mask?kind=envelope`.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/envelope", tag = "masks",
     params(("id" = String, Path, description = "The case")),
     responses(
-        (status = 200, description = "The envelope: 1 inside, else 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
-        (status = 206, description = "The range asked for"),
-        (status = 304, description = "The client has it already"),
+        (status = 200, description = "The envelope: 1 inside, otherwise 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
+        (status = 206, description = "The requested range"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_envelope(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let wanted = Wanted {
@@ -92,10 +86,10 @@ pub async fn get_envelope(
         kinds: &[ObjectKind::Envelope],
         decode: |bytes| Some(decode_envelope(bytes)?.mask().clone()),
     };
-    answer(&cases, id, query, &request, wanted).await
+    answer(&cases, id, query.asked, &request, wanted).await
 }
 
-/// Which mask is asked for.
+/// The requested mask.
 struct Wanted {
     route: &'static str,
     kinds: &'static [ObjectKind],
@@ -135,40 +129,44 @@ async fn answer(
             ..Bytes::from(file.ok_or(Error::NoSuchCase)?).into()
         })
     };
-    question.answer(cases, Form::of(GZIP), work).await
+    question.answer(cases, Format::of(GZIP), work).await
 }
 
-/// How a version differs from its case.
+/// The differences between a version and its case.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct VersionQuery {
-    /// What the mask shows: `brain`, which is closed, or `envelope`, which is not.
+    /// What the mask contains: `brain`, which is closed, or `envelope`, which is not.
     #[param(inline)]
     kind: Option<MaskKind>,
-    /// With an empty body: where the mask comes from, instead of what was supplied with the case.
+    /// With an empty body: the source of the mask, instead of the mask that was supplied with the case.
     #[param(inline)]
     source: Option<MaskSource>,
-    /// Radius of the ball that closes the mask, in mm; that of the case where it is not given.
+    /// Radius of the ball that closes the mask, in mm; by default from the case.
     #[param(minimum = 0, maximum = 50)]
     closing_radius_mm: Option<f64>,
-    /// The probability above which a voxel is brain where the brain is extracted; that of the case where it is not given.
+    /// The probability above which the network counts a voxel as brain; by default from the case.
     #[param(minimum = 0.05, maximum = 0.95)]
     threshold: Option<f64>,
-    /// By how much the mask's surface is moved outwards before it is closed, in mm. Where it is not given: 0 with a mask in
-    /// the body, since one that was had from here is moved already; that of the case with an empty body.
+    /// How far the surface of the mask is moved outwards before it is closed, in mm. The default is 0 with a mask in
+    /// the body, because a downloaded mask is moved already; with an empty body, the default comes from the case.
     #[param(minimum = -20, maximum = 20)]
     offset_mm: Option<f64>,
 }
 
-impl Checked for VersionQuery {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(self.over(Parameters::default()).check()?)
+impl Asked for VersionQuery {
+    /// The checked values. Missing ones come from the case.
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
+        self.over(Parameters::default()).check()?;
+        Ok(*self)
     }
 }
 
 impl VersionQuery {
-    /// Parameters with those of the query in their place.
+    /// The parameters of the case, replaced by those of the query.
     fn over(&self, parameters: Parameters) -> Parameters {
         Parameters {
             closing_radius_mm: self
@@ -182,16 +180,12 @@ impl VersionQuery {
         }
     }
 
-    /// The version of a case whose parameters these are, with a mask or none in the body.
-    fn version(
-        &self,
-        of: CaseId,
-        case: Parameters,
-        body: Option<Spooled>,
-    ) -> Result<Version, AppError> {
+    /// The version of a case with these parameters, and with the mask from the body if the body is not empty.
+    fn version(&self, of: CaseId, case: Parameters, body: Spooled) -> Result<Version, AppError> {
+        let body = Some(body).filter(|body| !body.is_empty());
         let (mask, base) = match (body, self.source) {
             (Some(_), Some(_)) => {
-                let detail = "is for an empty body: the mask in the body is the source";
+                let detail = "is only accepted with an empty body; otherwise the body is the mask";
                 return Err(AppError::out_of_range("source", detail));
             }
             (Some(mask), None) => {
@@ -214,130 +208,79 @@ impl VersionQuery {
 
 /// Make a version of a case, with another mask or other parameters
 ///
-/// The body is a mask in NIfTI, packed or not, on any grid. With an empty body the mask stays what was supplied with the case,
-/// or is found anew as `source` says; then only the parameters differ. The version is a case of its own, of the same volume and
-/// with the same label, and the case stays as it is; `previous` and `next` of the two name each other. The same mask and
-/// parameters again are the same version. Of either kind of mask the largest component is kept and its holes are filled.
+/// The body is a mask in NIfTI, gzipped or not, on any grid. With an empty body, the supplied mask of the case is used
+/// again, or the mask is made again from `source`, so that only the parameters differ. The version is a case of its own
+/// with the same volume and label, and the original case does not change; their `previous` and `next` name each other.
+/// The same mask and parameters always give the same version. For both kinds of mask, the largest component is kept and
+/// its holes are filled.
 #[utoipa::path(
     put, path = "/v1/cases/{id}/mask", tag = "masks",
     params(("id" = String, Path, description = "The case"), VersionQuery),
-    request_body(content = Option<Vec<u8>>, content_type = "application/octet-stream", description = "The mask, NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or nothing"),
+    request_body(content = Option<Vec<u8>>, content_type = "application/octet-stream", description = "The mask, NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or empty"),
     responses(
         (status = 202, description = "A new version", body = CaseView, headers(
-            ("Location" = String, description = "Where it is"), ("Retry-After" = u32, description = "Seconds after which to look"),
+            ("Location" = String, description = "The address of the case"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),
         )),
-        (status = 200, description = "The version was there already", body = CaseView),
-        (status = 400, description = "A key or value of the query is wrong, or the body stalled", body = Problem, content_type = "application/problem+json"),
+        (status = 200, description = "The version already exists", body = CaseView),
+        (status = 400, description = "A key or value of the query is invalid, or the body stalled", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "The body is no NIfTI file", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body is not a NIfTI file", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "The mask or a parameter cannot be used", body = Problem, content_type = "application/problem+json"),
-        (status = 501, description = "The network is asked for, whose weights this server does not have (`network-missing`)", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many cases wait", body = Problem, content_type = "application/problem+json"),
+        (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many cases are waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn put_mask(
     State(cases): State<Cases>,
     State(uploads): State<Uploads>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<VersionQuery>,
+    query: ApiQuery<VersionQuery>,
     request: Request,
 ) -> Result<Response, AppError> {
     if is_form(request.headers()) {
         return Err(AppError::Upload {
             kind: "form-not-wanted",
-            detail: "send the mask as the body itself, not in a form".to_owned(),
+            detail: "send the mask itself as the body, not as a form".to_owned(),
         });
     }
     refuse_too_large(request.headers(), uploads.limits.max_bytes)?;
     let _room = uploads.begin()?;
     let case = cases.case(&id).await?;
-    let body = spool_body(&cases, &uploads, request).await?;
-    let mut version = query.version(id, case.parameters, body)?;
-    version.parameters = check_version(&cases, &version).await?;
-    let made = cases.store().submit_version(version).await?;
-    Ok(submitted(made.ok_or(Error::NoSuchCase)?, None))
+    let body = Incoming::begin(cases.store(), &uploads);
+    let body = body.spool(request.into_body().into_data_stream()).await?;
+    let version = query.values.version(id, case.parameters, body)?;
+    Ok(submitted(cases.submit_version(version).await?, None))
 }
 
-/// Streams the body to the store's disk; `None` where it is empty.
-async fn spool_body(
-    cases: &Cases,
-    uploads: &Uploads,
-    request: Request,
-) -> Result<Option<Spooled>, AppError> {
-    let limits = PartLimits::of(uploads);
-    let mut body = request.into_body().into_data_stream();
-    let mut spool = cases.store().spool().await?;
-    while let Some(bytes) = limits.await_next(body.next()).await? {
-        let bytes = bytes.map_err(|error| match is_too_slow(&error) {
-            true => too_slow(),
-            false => AppError::Upload {
-                kind: "body-unreadable",
-                detail: "the body cannot be read; was the upload cut off?".to_owned(),
-            },
-        })?;
-        if spool.len() + bytes.len() as u64 > limits.bytes {
-            return Err(limits.too_large());
-        }
-        uploads.metrics.uploaded(bytes.len());
-        spool.write(bytes).await?;
-    }
-    if spool.is_empty() {
-        return Ok(None);
-    }
-    Ok(Some(spool.finish().await?))
-}
-
-/// Refuses at once what cannot be prepared, as at an upload; the parameters with which the version will be prepared.
-async fn check_version(cases: &Cases, version: &Version) -> Result<Parameters, AppError> {
-    let names = cases.store().rows().objects(&version.of).await?;
-    let Some(id) = version.id(&names) else {
-        return Err(Error::NoSuchCase.into());
-    };
-    let parameters = version.parameters.clone();
-    if is_known(cases, &id).await? {
-        return Ok(parameters);
-    }
-    let source = cases.library.source(&version.of, &names).await?;
-    let mut source = source.ok_or_else(Failure::source_damaged)?;
-    match &version.mask {
-        NewMask::Supplied(file) => source.mask = Some(file.read().await?),
-        NewMask::None => source.mask = None,
-        NewMask::Kept => {}
-    }
-    let start = source.volume.slice(..source.volume.len().min(64 << 10));
-    let _room = cases.room_to_check(&start).await?;
-    check_now(cases, source, parameters).await
-}
-
-/// Nine slices to judge the mask by
+/// Nine slices for checking the mask
 ///
-/// Three axial, coronal and sagittal slices each through the volume as it was uploaded, with the contours at 0, 4, 8, 12 and
-/// 20 mm below the envelope, and what the case's `quality` says. For research use only, not for diagnosis.
+/// Three axial, three coronal and three sagittal slices through the uploaded volume, with the contours at 0, 4, 8, 12
+/// and 20 mm below the envelope, and the `quality` of the case.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/quality", tag = "masks",
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "The client has it already"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
         (status = 500, description = "The stored upload is damaged", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_quality(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<NoQuery>,
+    query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let question = Question {
         id,
         route: "quality",
-        query: &query,
+        query: &query.asked,
         request: &request,
     };
     let work = async |facts: Arc<CaseFacts>| {
@@ -348,7 +291,7 @@ pub async fn get_quality(
         let source = source.ok_or_else(Failure::source_damaged)?;
         let limits = cases.library.limits();
         let draw = move || {
-            // What the mask left out is not in the model, which is cropped to it.
+            // The model is cropped to the mask, so it lacks what the mask missed.
             let volume = read_volume(&source, &limits)?;
             let scene = Scene {
                 volume: &volume,
@@ -361,10 +304,10 @@ pub async fn get_quality(
         };
         Ok(Bytes::from(turn.run(draw).await??).into())
     };
-    question.answer(&cases, Form::of(PNG), work).await
+    question.answer(&cases, Format::of(PNG), work).await
 }
 
-/// What the sheet says of the mask.
+/// The lines about the mask on the sheet.
 fn lines(facts: &CaseFacts) -> Vec<String> {
     let Some(quality) = &facts.quality else {
         return vec!["the quality of this mask was not measured".to_owned()];

@@ -13,15 +13,15 @@ use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::depth_headers;
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{Content, Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 use crate::wire;
 use case::CaseFacts;
 use cases::Cases;
 use cases::models::PathKind;
-use cases::pictures::{check_depth, check_size, default_count};
+use cases::pictures::{DepthMm, default_count, mesh_size};
 
 const POSITIONS: &str = "application/octet-stream";
 const GLTF: &str = "model/gltf-binary";
@@ -32,7 +32,7 @@ const PLY: &str = "application/ply";
 /// The media types of a mesh; the first is the default.
 const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY];
 
-/// The most points of a mesh of which every depth is sent: their table has some 50 MB.
+/// The greatest number of points of a mesh with all depths; its table has about 50 MB.
 const MAX_TABULATED_POINTS: usize = 1 << 16;
 
 /// The mesh at a depth.
@@ -40,19 +40,19 @@ const MAX_TABULATED_POINTS: usize = 1 << 16;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct MeshQuery {
-    /// Depth below the envelope in mm; more than the case's maximum is clamped to it.
+    /// Depth below the envelope in mm; a greater depth than the maximum of the case is clamped to it.
     #[serde(default)]
     #[param(minimum = 0, default = 0)]
     depth_mm: f32,
-    /// Number of sagittal contours, the paper's N_F.
+    /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
-    /// Number of points on each contour, the paper's N_P.
+    /// Number of points on each contour, N_P in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 1024, default = 30)]
     points: usize,
-    /// What vertices follow.
+    /// The paths of the vertices.
     #[serde(default)]
     #[param(inline)]
     paths: PathKind,
@@ -63,11 +63,11 @@ pub struct MeshQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct TrianglesQuery {
-    /// Number of sagittal contours, the paper's N_F.
+    /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
-    /// Number of points on each contour, the paper's N_P.
+    /// Number of points on each contour, N_P in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 1024, default = 30)]
     points: usize,
@@ -78,87 +78,103 @@ pub struct TrianglesQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct PathsQuery {
-    /// Number of sagittal contours, the paper's N_F.
+    /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
-    /// Number of points on each contour, the paper's N_P.
+    /// Number of points on each contour, N_P in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 1024, default = 30)]
     points: usize,
-    /// What vertices follow.
+    /// The paths of the vertices.
     #[serde(default)]
     #[param(inline)]
     paths: PathKind,
 }
 
-impl Checked for MeshQuery {
-    fn check(&self) -> Result<(), AppError> {
-        check_depth(self.depth_mm)?;
-        Ok(check_size(self.contours, self.points)?)
+/// A checked request for a mesh at a depth.
+#[derive(Debug)]
+pub struct MeshValues {
+    depth: DepthMm,
+    size: MeshSize,
+}
+
+impl Asked for MeshQuery {
+    type Values = MeshValues;
+
+    fn checked(&self) -> Result<MeshValues, AppError> {
+        Ok(MeshValues {
+            depth: DepthMm::new(self.depth_mm)?,
+            size: mesh_size(self.contours, self.points)?,
+        })
     }
 }
 
-impl Checked for TrianglesQuery {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(check_size(self.contours, self.points)?)
+impl Asked for TrianglesQuery {
+    type Values = MeshSize;
+
+    fn checked(&self) -> Result<MeshSize, AppError> {
+        Ok(mesh_size(self.contours, self.points)?)
     }
 }
 
-impl Checked for PathsQuery {
-    fn check(&self) -> Result<(), AppError> {
-        check_size(self.contours, self.points)?;
+impl Asked for PathsQuery {
+    type Values = MeshSize;
+
+    fn checked(&self) -> Result<MeshSize, AppError> {
+        let size = mesh_size(self.contours, self.points)?;
         if self.contours * self.points > MAX_TABULATED_POINTS {
-            let detail = format!("times `points` must be at most {MAX_TABULATED_POINTS} here");
+            let detail =
+                format!("times `points` must be at most {MAX_TABULATED_POINTS} for this request");
             return Err(AppError::out_of_range("contours", detail));
         }
-        Ok(())
+        Ok(size)
     }
 }
 
 /// The mesh of the isosurface at a depth
 ///
-/// By `Accept`: the positions alone, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points contour by contour and
-/// then the two cap centres; or a whole mesh as GLB (y up, metres), STL, OBJ or PLY (LPS mm).
+/// Depending on `Accept`: only the positions, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points
+/// contour by contour and then the two cap centres; or a complete mesh as GLB (y up, metres), STL, OBJ or PLY (LPS mm).
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh", tag = "meshes",
     params(("id" = String, Path, description = "The case"), MeshQuery),
     responses(
         (status = 200, description = "The mesh", headers(
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this mesh"),
-            ("X-Isocortex-Depth-Clamped" = bool, description = "Whether more than the maximum was asked for"),
+            ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
             ("ETag" = String, description = "A strong tag"),
         ), content(
             (Vec<u8> = "application/octet-stream"), (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "model/stl"),
             (String = "model/obj"), (Vec<u8> = "application/ply"),
         )),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "No accepted media type is offered", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "No accepted media type is available", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_mesh(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<MeshQuery>,
+    ApiQuery { asked, values }: ApiQuery<MeshQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let format = media_type(&request, MESH_TYPES)?;
     let question = Question {
         id,
         route: "mesh",
-        query: &query,
+        query: &asked,
         request: &request,
     };
     let work = async |facts: Arc<CaseFacts>| {
-        let size = MeshSize::new(query.contours, query.points)?;
+        let (size, depth) = (values.size, values.depth.shown_in(&facts));
         let model = cases.model(&id).await?;
-        let shrunk = model.shrink(size, query.paths, query.depth_mm.min(facts.max_depth_mm));
-        let body = if format == POSITIONS && model.has_at_hand(size, query.paths) {
-            // Microseconds: that is no work to wait a turn for.
+        let shrunk = model.shrink(size, asked.paths, depth.mm);
+        let body = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
+            // This takes microseconds, so it does not wait for a turn.
             wire::positions(&shrunk.await?)
         } else {
             let turn = cases.queue.turn().await?;
@@ -166,11 +182,11 @@ pub async fn get_mesh(
             turn.run(move || encode(&shrunk, size, format)).await?
         };
         Ok(Content {
-            headers: depth_headers(query.depth_mm, facts.max_depth_mm),
+            headers: depth_headers(depth),
             ..body.into()
         })
     };
-    question.answer(&cases, Form::of(format), work).await
+    question.answer(&cases, Format::of(format), work).await
 }
 
 fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
@@ -193,14 +209,15 @@ fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
 
 /// The triangles of every mesh of a size
 ///
-/// Three little-endian u32 vertex numbers for each triangle, counter-clockwise seen from outside. The same for every case and depth.
+/// Three little-endian u32 vertex numbers for each triangle, counter-clockwise seen from outside. The same for every
+/// case and depth.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh/triangles", tag = "meshes",
     params(("id" = String, Path, description = "The case"), TrianglesQuery),
     responses(
         (status = 200, description = "The triangles", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
     )
@@ -209,49 +226,54 @@ pub async fn get_triangles(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<TrianglesQuery>,
+    ApiQuery {
+        asked,
+        values: size,
+    }: ApiQuery<TrianglesQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[POSITIONS])?;
     let question = Question {
         id,
         route: "mesh/triangles",
-        query: &query,
+        query: &asked,
         request: &request,
     };
-    let form = Form::compressed(POSITIONS, &request);
-    let coding = form.coding();
+    let format = Format::compressed(POSITIONS, &request);
+    let coding = format.coding();
     let work = async |_| {
-        let size = MeshSize::new(query.contours, query.points)?;
         let kind = BodyKind::Triangles(size);
         let encode = |size: MeshSize| wire::triangles(&size.triangles());
         let size = ready(Ok::<_, AppError>(size));
         let body = bodies.get(BodyKey { id, kind, coding }, size, encode);
         Ok(body.await?.into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
 /// The mesh at every depth
 ///
-/// With it a client shrinks the mesh by itself. The layout is in the wire README.
+/// With this table, a client computes the mesh at any depth itself. The README of `wire` describes the layout.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh/paths", tag = "meshes",
     params(("id" = String, Path, description = "The case"), PathsQuery),
     responses(
         (status = 200, description = "The table of positions by depth", body = Vec<u8>, content_type = "application/vnd.isocortex.paths"),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_paths(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<PathsQuery>,
+    ApiQuery {
+        asked,
+        values: size,
+    }: ApiQuery<PathsQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     const PATHS: &str = "application/vnd.isocortex.paths";
@@ -259,13 +281,13 @@ pub async fn get_paths(
     let question = Question {
         id,
         route: "mesh/paths",
-        query: &query,
+        query: &asked,
         request: &request,
     };
-    let form = Form::compressed(PATHS, &request);
-    let coding = form.coding();
+    let format = Format::compressed(PATHS, &request);
+    let coding = format.coding();
     let work = async |_| {
-        let (size, paths) = (MeshSize::new(query.contours, query.points)?, query.paths);
+        let paths = asked.paths;
         let model = cases.model(&id).await?;
         let kind = BodyKind::Paths(size, paths);
         let encode = move |table: Arc<PathTable>| wire::paths(&table, paths);
@@ -273,5 +295,5 @@ pub async fn get_paths(
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
         Ok(body.await?.into())
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }

@@ -1,4 +1,4 @@
-//! The addresses of the service and what answers there.
+//! The routes of the service.
 
 pub mod bodies;
 pub mod candidates;
@@ -6,6 +6,7 @@ pub mod cases;
 pub mod dicom;
 pub mod documents;
 pub mod events;
+mod fresh;
 mod guarded;
 pub mod health;
 pub mod layers;
@@ -29,6 +30,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use ::cases::Cases;
+use ::cases::pictures::ShownDepth;
+use ::render::RESEARCH_USE_NOTICE;
 use case::CaseId;
 
 use crate::auth::{self, Access};
@@ -36,10 +39,10 @@ use crate::conditional;
 use crate::problem::AppError;
 use crate::state::{AnswerTimeout, AppState, Uploads};
 
-/// The header that says how far the mask behind an answer can be trusted.
+/// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
 
-/// Room in an upload for what is not file: boundaries, part headers, parameters.
+/// Room in an upload for everything but files: boundaries, part headers, parameters.
 const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
 
 /// The title page of the interface's description.
@@ -47,23 +50,28 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
 #[openapi(
     info(
         title = "Isocortex",
-        description = "The cortex of the brain as curved cuts at any depth below the dura. \
-                       For research use only, not for diagnosis.\n\n\
-                       Lengths are in mm, coordinates in DICOM's patient space (LPS), angles in degrees. Unknown query keys \
-                       are an error. Errors are application/problem+json (RFC 9457) with a stable `type`. \
-                       Everything under a case but its state is immutable and carries a strong ETag."
+        description = introduction()
     ),
     tags(
-        (name = "cases", description = "Heads: uploaded, prepared, listed, deleted"),
+        (name = "cases", description = "Heads: upload, progress, list, delete"),
         (name = "meshes", description = "The mesh at a depth, or at all depths"),
-        (name = "masks", description = "The mask of the brain: had, replaced, judged"),
-        (name = "textures", description = "Voxels, for clients that draw"),
+        (name = "masks", description = "Brain masks: download, replace, quality"),
+        (name = "textures", description = "Voxels, for clients that render"),
         (name = "layers", description = "Maps of the junction of grey and white matter, and the places that stand out in them"),
         (name = "pictures", description = "PNG pictures made by the server"),
         (name = "service", description = "The server itself"),
     )
 )]
 struct Description;
+
+fn introduction() -> String {
+    format!(
+        "The cortex of the brain as curved cuts at any depth below the dura. {RESEARCH_USE_NOTICE}\n\n\
+         Lengths are in mm, coordinates in the patient space of DICOM (LPS), angles in degrees. Unknown query keys are an \
+         error. Errors are application/problem+json (RFC 9457) with a stable `type`. Everything under a case is immutable \
+         and carries a strong ETag, except its state, its events and what rests on its maps."
+    )
+}
 
 /// Every route but the static documents, and their description.
 pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
@@ -103,7 +111,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let upload_limit = Uploads::from_ref(state).limits.max_bytes;
     let upload_limit = upload_limit.saturating_add(FORM_OVERHEAD_BYTES);
     let upload_limit = usize::try_from(upload_limit).unwrap_or(usize::MAX);
-    // These may take as long as they go on: an upload has limits of its own, events end with the case.
+    // These have no time limit: an upload has its own limits, and events end with the case.
     let streams = OpenApiRouter::new()
         .routes(routes!(upload::create_case))
         .routes(routes!(masks::put_mask))
@@ -129,13 +137,13 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .split_for_parts()
 }
 
-/// Gives an answer up that takes too long. Its work is cancelled where it still waits.
+/// Abandons an answer that takes too long. Work that is still waiting is cancelled.
 async fn answer_in_time(
     State(AnswerTimeout(limit)): State<AnswerTimeout>,
     request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
-    // The only one that is posted is that for many pictures.
+    // `POST …/renders` is the only POST under this limit.
     let is_of_many = request.method() == Method::POST;
     tokio::time::timeout(limit, next.run(request))
         .await
@@ -149,7 +157,7 @@ async fn answer_in_time(
         })
 }
 
-/// Says in a header of whatever shows a case how far its mask can be trusted.
+/// Adds the quality of the mask as a header to all answers that show a case.
 async fn say_quality(
     State(cases): State<Cases>,
     path: RawPathParams,
@@ -170,24 +178,18 @@ async fn say_quality(
     response
 }
 
-/// Says at which depth an answer is, and whether more was asked for.
-pub(crate) fn depth_headers(asked_mm: f32, max_depth_mm: f32) -> HeaderMap {
-    let depth_mm = asked_mm.min(max_depth_mm);
+/// Adds the headers with the depth of an answer, and whether it was clamped.
+pub(crate) fn depth_headers(depth: ShownDepth) -> HeaderMap {
     let mut headers = HeaderMap::new();
     conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-mm"),
-        &depth_mm.to_string(),
+        &depth.mm.to_string(),
     );
-    let clamped = if asked_mm > max_depth_mm {
-        "true"
-    } else {
-        "false"
-    };
     conditional::insert(
         &mut headers,
         HeaderName::from_static("x-isocortex-depth-clamped"),
-        clamped,
+        &depth.is_clamped.to_string(),
     );
     headers
 }

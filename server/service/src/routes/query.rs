@@ -1,4 +1,4 @@
-//! Reading addresses: the case's id in the path, and the keys of the query, none of them unknown.
+//! Parses addresses: the id of the case in the path, and the keys of the query.
 
 use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
@@ -9,7 +9,7 @@ use super::refusals::{known, without_input};
 use crate::problem::AppError;
 use case::CaseId;
 
-/// The case that the path names.
+/// The case in the path.
 #[derive(Debug, Clone, Copy)]
 pub struct CasePath(pub CaseId);
 
@@ -26,24 +26,32 @@ impl<S: Send + Sync> FromRequestParts<S> for CasePath {
     }
 }
 
-/// What a query must be beyond being readable.
-pub trait Checked {
-    /// Whether every value is in its range.
+/// A parsed query whose values are not checked yet.
+pub trait Asked: DeserializeOwned {
+    /// The checked values.
+    type Values;
+
+    /// The values.
     ///
     /// # Errors
     /// [`AppError::Query`] that names the key.
-    fn check(&self) -> Result<(), AppError>;
+    fn checked(&self) -> Result<Self::Values, AppError>;
 }
 
-/// A query whose every key is known and whose every value is in its range.
+/// A checked query, with known keys and valid values.
 #[derive(Debug, Clone)]
-pub struct ApiQuery<T>(pub T);
+pub struct ApiQuery<T: Asked> {
+    /// The query as requested, which identifies the answer.
+    pub asked: T,
+    /// Its values.
+    pub values: T::Values,
+}
 
-impl<S: Send + Sync, T: DeserializeOwned + Checked> FromRequestParts<S> for ApiQuery<T> {
+impl<S: Send + Sync, T: Asked> FromRequestParts<S> for ApiQuery<T> {
     type Rejection = AppError;
 
     async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, AppError> {
-        parse(parts.uri.query().unwrap_or_default()).map(Self)
+        parse(parts.uri.query().unwrap_or_default())
     }
 }
 
@@ -51,11 +59,13 @@ impl<S: Send + Sync, T: DeserializeOwned + Checked> FromRequestParts<S> for ApiQ
 ///
 /// # Errors
 /// [`AppError::Query`] that names the key.
-pub fn parse<T: DeserializeOwned + Checked>(text: &str) -> Result<T, AppError> {
+pub fn parse<T: Asked>(text: &str) -> Result<ApiQuery<T>, AppError> {
     let pairs = serde_urlencoded::Deserializer::new(form_urlencoded::parse(text.as_bytes()));
-    let query: T = serde_path_to_error::deserialize(pairs).map_err(|error| unreadable(&error))?;
-    query.check()?;
-    Ok(query)
+    let asked: T = serde_path_to_error::deserialize(pairs).map_err(|error| unreadable(&error))?;
+    Ok(ApiQuery {
+        values: asked.checked()?,
+        asked,
+    })
 }
 
 fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -> AppError {
@@ -92,20 +102,22 @@ fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -
     }
 }
 
-/// A query of an address that takes none.
+/// The query of an address that accepts no keys.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoQuery {}
 
-impl Checked for NoQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for NoQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
         Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use cases::pictures::{Numbers, check_depth};
+    use cases::pictures::{DepthMm, Numbers};
 
     use super::*;
 
@@ -127,9 +139,11 @@ mod tests {
         Both,
     }
 
-    impl Checked for Example {
-        fn check(&self) -> Result<(), AppError> {
-            Ok(check_depth(self.depth_mm)?)
+    impl Asked for Example {
+        type Values = DepthMm;
+
+        fn checked(&self) -> Result<DepthMm, AppError> {
+            Ok(DepthMm::new(self.depth_mm)?)
         }
     }
 
@@ -141,11 +155,12 @@ mod tests {
 
     #[test]
     fn values_are_read() {
-        let query: Example = parse("depth_mm=8.5&window=40,80").unwrap();
-        assert_eq!(query.depth_mm, 8.5);
-        assert_eq!(query.window, Some(Numbers([40.0, 80.0])));
-        assert_eq!(parse::<Example>("").unwrap().depth_mm, 0.0);
-        let query: Example = parse("side=both&count=3").unwrap();
+        let read = |text| parse::<Example>(text).unwrap();
+        let query = read("depth_mm=8.5&window=40,80");
+        assert_eq!(query.values, DepthMm::new(8.5).unwrap());
+        assert_eq!(query.asked.window, Some(Numbers([40.0, 80.0])));
+        assert_eq!(read("").asked.depth_mm, 0.0);
+        let query = read("side=both&count=3").asked;
         assert!(matches!(query.side, Some(Side::Both)));
         assert_eq!(query.count, Some(3));
     }
@@ -157,7 +172,7 @@ mod tests {
             ("depth_mm=", "`depth_mm` must be a number"),
             (
                 "window=1",
-                "`window` cannot be read: 2 numbers with commas are wanted, not 1",
+                "`window` cannot be read: 2 numbers with commas are required, not 1",
             ),
             ("side=up", "`side` must be one of `left`, `right`, `both`"),
             ("count=-1", "`count` must be a whole number, not negative"),

@@ -1,12 +1,16 @@
-//! A parser's words about a value, without the value: it may be anything, such as a patient's name.
+//! The message of a parser without the rejected value, which may be anything, such as the name of a patient.
+//!
+//! serde reports errors of its derived code as text only, so this module and [`super::query`] recognise them by their
+//! first words. Tests pin the messages of each parser: if an update of a library changes them, a test fails before a
+//! `type` of a problem changes.
 
-/// What is wrong, as a sentence that begins with its verb. Of what the client sent it repeats nothing.
+/// The error as a sentence that begins with its verb. It repeats nothing from the client.
 ///
-/// The parsers put what they expected behind what they found, so that the last `expected` is never the client's.
+/// Parsers state what they expected after what they found, so the last `expected` never comes from the client.
 pub(super) fn without_input(reason: &str) -> String {
     let expected = || reason.rsplit_once("expected ").map(|(_, words)| words);
     if reason.starts_with("unknown field ") {
-        return format!("has a key that is not known here; {}", known(reason));
+        return format!("has an unknown key; {}", known(reason));
     }
     let is_of_a_wrong_kind = ["unknown variant ", "invalid type: ", "invalid value: "]
         .iter()
@@ -26,7 +30,7 @@ pub(super) fn without_input(reason: &str) -> String {
     format!("cannot be read: {reason}")
 }
 
-/// The keys that are known, of a parser's words about one that is not.
+/// The known keys, from the message about an unknown one.
 pub(super) fn known(reason: &str) -> String {
     let expected = reason.rsplit_once("`, expected ");
     expected.map_or("none is".to_owned(), |(_, keys)| {
@@ -37,7 +41,7 @@ pub(super) fn known(reason: &str) -> String {
     })
 }
 
-/// JSON's parser says the line and column at the end.
+/// Removes the line and column at the end of a message of the JSON parser.
 fn without_place(words: &str) -> &str {
     words.split(" at line ").next().unwrap_or(words)
 }
@@ -70,7 +74,7 @@ mod tests {
 
     #[test]
     fn what_is_expected_is_said_and_what_was_sent_is_not() {
-        let unknown = "has a key that is not known here; known: `depth_mm` or `side`";
+        let unknown = "has an unknown key; known: `depth_mm` or `side`";
         let cases = [
             (r#"{"Smith": 1}"#, unknown),
             (r#"{"Smith`, expected `Smith": 1}"#, unknown),

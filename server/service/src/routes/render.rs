@@ -8,22 +8,25 @@ use axum::response::Response;
 use case::CaseFacts;
 use cases::Cases;
 use cases::pictures::{
-    EncodedImage, ImageMetadata, LayerChoice, PictureRequest, backend_for, encode,
+    CheckedPicture, EncodedImage, ImageMetadata, LayerChoice, PictureRequest, backend_for, encode,
+    warm_job,
 };
 use pipeline::maps::MAPS_FORMAT;
 
 use super::depth_headers;
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{self, Content, Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
 
-impl Checked for PictureRequest {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(PictureRequest::check(self)?)
+impl Asked for PictureRequest {
+    type Values = CheckedPicture;
+
+    fn checked(&self) -> Result<CheckedPicture, AppError> {
+        Ok(PictureRequest::checked(self)?)
     }
 }
 
@@ -33,51 +36,55 @@ impl Checked for PictureRequest {
     params(("id" = String, Path, description = "The case"), PictureRequest),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png", headers(
-            ("X-Isocortex-Renderer" = String, description = "Who drew: `splat`, `mesh` or `trace`"),
-            ("X-Isocortex-Device" = String, description = "What drew: `cpu`, or the graphics adapter; `cpu` also where that failed at this picture"),
-            ("X-Isocortex-Reduction" = String, description = "Where the volume is too large for the device: how many of its voxels became one, as 2x2x1"),
+            ("X-Isocortex-Renderer" = String, description = "The renderer: `splat`, `mesh` or `trace`"),
+            ("X-Isocortex-Device" = String, description = "The device: `cpu`, or the graphics adapter; `cpu` also if the adapter failed at this picture"),
+            ("X-Isocortex-Reduction" = String, description = "If the volume is too large for the device: how many of its voxels became one, such as 2x2x1"),
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this picture"),
-            ("X-Isocortex-Depth-Clamped" = bool, description = "Whether more than the maximum was asked for"),
+            ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
         )),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_render(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<PictureRequest>,
+    ApiQuery {
+        asked,
+        values: picture,
+    }: ApiQuery<PictureRequest>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let question = Question {
         id,
         route: "render",
-        query: &query,
+        query: &asked,
         request: &request,
     };
-    // Before the backend: looking for a graphics device may take seconds, and a case that is not there none.
+    // Before the backend, because finding a graphics device may take seconds, and a missing case none.
     cases.ready(&id).await?;
-    let backend = backend_for(query.renderer, &cases.graphics).await;
-    // Renderers differ in their pixels, and graphics devices, too.
-    let layers = query.layers();
-    let named = cases.identity(&id, query.annotate).await?;
-    let form = form_with_layers(backend.to_string(), &layers).named(named.clone());
+    let backend = backend_for(asked.renderer, &cases.graphics).await;
+    // The pixels differ between renderers and between graphics devices.
+    let layers = asked.layers();
+    let named = cases.identity(&id, asked.annotate).await?;
+    let format = format_with_layers(backend.to_string(), &layers).named(named.clone());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
-        let picture = cases.picture_job(&model, &query, backend).await?;
-        let metadata = ImageMetadata::of(Some(&id), &picture.job).named(named);
-        let drawn = picture.draw(&turn).await?;
-        let annotate = query.annotate;
+        let keyed = layers.of_case(&cases.library, &id).await?;
+        let job = warm_job(&model, &picture, keyed, backend).await?;
+        let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
+        let drawn = job.draw(&turn).await?;
+        let annotate = asked.annotate;
         let image = turn
             .run(move || encode(drawn, &metadata, annotate))
             .await??;
-        let mut headers = depth_headers(query.depth_mm, facts.max_depth_mm);
+        let mut headers = depth_headers(picture.depth.shown_in(&facts));
         describe(&image, &mut headers);
         Ok(Content {
             variant: Some(with_maps_format(image.backend.to_string(), &layers)),
@@ -85,20 +92,21 @@ pub async fn get_render(
             headers,
         })
     };
-    question.answer(&cases, form, work).await
+    question.answer(&cases, format, work).await
 }
 
-/// The form of a picture: one with layers is to be asked for again, for maps may come in another version.
-pub(super) fn form_with_layers(variant: String, layers: &LayerChoice) -> Form {
-    let form = Form::of(PNG).variant(with_maps_format(variant, layers));
+/// The format of a picture. A picture with layers must be validated before each use, because the version of the maps
+/// may change.
+pub(super) fn format_with_layers(variant: String, layers: &LayerChoice) -> Format {
+    let format = Format::of(PNG).variant(with_maps_format(variant, layers));
     if layers.is_any() {
-        form.revalidated()
+        format.revalidated()
     } else {
-        form
+        format
     }
 }
 
-/// Tells pictures with one version of maps from those with another.
+/// Distinguishes pictures with different versions of maps.
 pub(super) fn with_maps_format(variant: String, layers: &LayerChoice) -> String {
     if layers.is_any() {
         format!("{variant}; maps {MAPS_FORMAT}")
@@ -107,10 +115,10 @@ pub(super) fn with_maps_format(variant: String, layers: &LayerChoice) -> String 
     }
 }
 
-/// What every picture names as its maker.
+/// The program name in every picture.
 pub(crate) const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
 
-/// Says in headers who drew, on what, and of how much.
+/// Adds the headers with renderer, device and reduction.
 pub(super) fn describe(image: &EncodedImage, headers: &mut HeaderMap) {
     let mut insert = |name, text: &str| {
         conditional::insert(headers, HeaderName::from_static(name), text);

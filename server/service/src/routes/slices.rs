@@ -1,4 +1,4 @@
-//! Pictures of slices with the isosurfaces' contours.
+//! Pictures of slices with the contours of isosurfaces.
 
 use std::sync::Arc;
 
@@ -6,12 +6,12 @@ use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use render::{ColorMap, KeyedLayers, SliceParameters, SlicePlane, SliceRequest};
+use render::{ColorMap, KeyedLayers, SliceParameters, SlicePlane, SliceRequest, Window};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::query::{ApiQuery, CasePath, Checked};
-use super::render::{PNG, form_with_layers};
+use super::query::{ApiQuery, Asked, CasePath};
+use super::render::{PNG, format_with_layers};
 use crate::conditional::Question;
 use crate::negotiate::media_type;
 use crate::problem::{AppError, Problem};
@@ -19,8 +19,8 @@ use case::{CaseFacts, MapName};
 use cases::Cases;
 use cases::models::WarmModel;
 use cases::pictures::{
-    LayerChoice, NumberList, Numbers, check_annotation, default_side, default_zoom, picture_size,
-    window_of, window_or,
+    DepthMm, LayerChoice, NumberList, Numbers, check_annotation, default_side, default_zoom,
+    picture_size, window_of, window_of_numbers,
 };
 
 /// A picture of a slice.
@@ -30,15 +30,15 @@ use cases::pictures::{
 pub struct SliceQuery {
     /// The LPS coordinate across the plane, in mm; by default the middle of the grid.
     position_mm: Option<f64>,
-    /// Depths in mm of the isosurfaces whose contours are drawn: at most 16, with commas.
+    /// Depths in mm of the contours: at most 16, separated by commas.
     #[serde(default)]
     #[param(value_type = Option<String>, example = "5,10")]
     depth_mm: NumberList,
-    /// Pixels in a row.
+    /// Width in pixels.
     #[serde(default = "default_side")]
     #[param(minimum = 1, maximum = 4096, default = 512)]
     width: u32,
-    /// Rows of pixels.
+    /// Height in pixels.
     #[serde(default = "default_side")]
     #[param(minimum = 1, maximum = 4096, default = 512)]
     height: u32,
@@ -46,67 +46,49 @@ pub struct SliceQuery {
     #[serde(default = "default_zoom")]
     #[param(minimum = 0.01, maximum = 100, default = 1)]
     zoom: f64,
-    /// Millimetres by which the slice is moved to the right and up: `x,y`.
+    /// The shift of the slice to the right and up, in mm: `x,y`.
     #[param(value_type = Option<String>, example = "0,0")]
     pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: `c,w`; by default that of the case. As DICOM has it (LINEAR), the ramp from black
-    /// to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width is at least 1.
+    /// Window centre and width, in intensities: `c,w`; by default from the case. As in DICOM (LINEAR), the ramp from
+    /// black to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width
+    /// is at least 1.
     #[param(value_type = Option<String>, example = "80,120")]
     window: Option<Numbers<2>>,
-    /// Colours for brightness.
+    /// The colour map.
     #[serde(default)]
     #[param(inline)]
     colormap: ColorMap,
-    /// Whether label, day and first digits of the case, place, window, scale, the contours' depths, directions and the notice of research use are written into the picture.
+    /// Whether to draw the label, day and short id of the case, position, window, scale, depths of the contours,
+    /// directions and the notice into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
-    /// What is seen in place of the case's intensities, with the window in its values: a map of the junction of grey and white matter.
+    /// A map of the junction of grey and white matter to show instead of the intensities; `window` then refers to its
+    /// values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     layer: Option<MapName>,
-    /// What lies in colours above the grey texture: a map of the junction of grey and white matter. Undefined parts are transparent.
+    /// A map of the junction of grey and white matter to show in colours over the grey texture. Undefined parts are
+    /// transparent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     overlay: Option<MapName>,
-    /// The values of the overlay's first and last colour: `low,high`; by default those of the layer.
+    /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[param(value_type = Option<String>, example = "2.5,6")]
+    #[param(value_type = Option<String>, example = "2.5,5")]
     overlay_window: Option<Numbers<2>>,
-    /// The overlay's colours; by default those of the layer.
+    /// The colours of the overlay; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     overlay_colormap: Option<ColorMap>,
-    /// What of the overlay is at most this is transparent, of diverging colours by its magnitude; above it the overlay fades in over a
-    /// tenth of its window. By default that of the layer.
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. Above it, the overlay fades
+    /// in over a tenth of its window. By default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     overlay_threshold: Option<f64>,
-    /// How much the overlay hides of what is below it, 0 to 1.
+    /// The opacity of the overlay, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(minimum = 0, maximum = 1)]
     overlay_opacity: Option<f64>,
-}
-
-impl Checked for SliceQuery {
-    fn check(&self) -> Result<(), AppError> {
-        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
-            return Err(AppError::out_of_range(
-                "position_mm",
-                "must be a finite number of mm",
-            ));
-        }
-        if self.depth_mm.0.iter().any(|&mm| mm < 0.0) {
-            return Err(AppError::Query {
-                kind: "depth-negative",
-                parameter: "depth_mm".into(),
-                detail: "must not be negative: depth is counted inwards from the envelope".into(),
-            });
-        }
-        check_annotation(self.annotate, [self.width, self.height])?;
-        self.layers().check()?;
-        let any_window = render::Window::between(0.0, 1.0);
-        self.request(SlicePlane::Axial, 0.0, any_window).map(drop)
-    }
 }
 
 impl SliceQuery {
@@ -120,23 +102,63 @@ impl SliceQuery {
             overlay_opacity: self.overlay_opacity,
         }
     }
+}
 
-    fn request(
-        &self,
-        plane: SlicePlane,
-        default_position_mm: f64,
-        default_window: render::Window,
-    ) -> Result<SliceRequest, AppError> {
-        Ok(SliceRequest::new(SliceParameters {
-            plane,
-            position_mm: self.position_mm.unwrap_or(default_position_mm),
+/// A checked request for a slice.
+#[derive(Debug)]
+pub struct SliceValues {
+    /// The position; by default the middle of the case.
+    position_mm: Option<f64>,
+    /// The window; by default from the layer or the case.
+    window: Option<Window>,
+    /// The layers.
+    layers: LayerChoice,
+    /// All other values, for the axial plane through the origin.
+    request: SliceRequest,
+}
+
+impl Asked for SliceQuery {
+    type Values = SliceValues;
+
+    fn checked(&self) -> Result<SliceValues, AppError> {
+        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
+            let detail = "must be a finite number of mm";
+            return Err(AppError::out_of_range("position_mm", detail));
+        }
+        for &depth_mm in &self.depth_mm.0 {
+            DepthMm::check_sign(depth_mm)?;
+        }
+        check_annotation(self.annotate, [self.width, self.height])?;
+        let layers = self.layers();
+        layers.check()?;
+        let window = self.window.map(window_of_numbers).transpose()?;
+        let request = SliceRequest::new(SliceParameters {
+            plane: SlicePlane::Axial,
+            position_mm: self.position_mm.unwrap_or(0.0),
             depths_mm: self.depth_mm.0.clone(),
             zoom: self.zoom,
             pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
             size: picture_size(self.width, self.height)?,
-            window: window_or(self.window, default_window)?,
+            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
             colormap: self.colormap,
-        })?)
+        })?;
+        Ok(SliceValues {
+            position_mm: self.position_mm,
+            window,
+            layers,
+            request,
+        })
+    }
+}
+
+impl SliceValues {
+    /// The slice of a case.
+    fn of_case(self, plane: SlicePlane, facts: &CaseFacts) -> SliceRequest {
+        let middle_mm = || middle_mm(facts, plane.axis());
+        let position_mm = self.position_mm.unwrap_or_else(middle_mm);
+        let usual = || self.layers.window_or(window_of(facts));
+        let window = self.window.unwrap_or_else(usual);
+        self.request.shown(plane, position_mm, window)
     }
 }
 
@@ -152,24 +174,24 @@ fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
     get, path = "/v1/cases/{id}/slices/{plane}", tag = "pictures",
     params(
         ("id" = String, Path, description = "The case"),
-        ("plane" = inline(SlicePlane), Path, description = "Which way the slice lies"),
+        ("plane" = inline(SlicePlane), Path, description = "The orientation of the slice"),
         SliceQuery,
     ),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case or plane", body = Problem, content_type = "application/problem+json"),
         (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_slice(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery(query): ApiQuery<SliceQuery>,
+    ApiQuery { asked, values }: ApiQuery<SliceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
@@ -184,28 +206,26 @@ pub async fn get_slice(
     let question = Question {
         id,
         route: "slices",
-        query: &query,
+        query: &asked,
         request: &request,
     };
-    let named = cases.identity(&id, query.annotate).await?;
+    let named = cases.identity(&id, asked.annotate).await?;
+    let choice = values.layers;
     let work = async |facts: Arc<CaseFacts>| {
-        let middle_mm = middle_mm(&facts, plane.axis());
-        let choice = query.layers();
-        let window = choice.window_or(window_of(&facts));
-        let drawing = query.request(plane, middle_mm, window)?;
+        let layers = values.layers.of_case(&cases.library, &id).await?;
+        let slice = values.of_case(plane, &facts);
         let model = cases.model(&id).await?;
-        let layers = choice.of_case(&cases.library, &id).await?;
         let (case, named) = (id.to_string(), named.clone());
         let picture = cases
             .queue
-            .run(move || draw(&model, &layers, (&case, &drawing), named.as_deref()));
+            .run(move || draw(&model, &layers, (&case, &slice), named.as_deref()));
         Ok(Bytes::from(picture.await??).into())
     };
-    let form = form_with_layers(plane.name().to_owned(), &query.layers()).named(named.clone());
-    question.answer(&cases, form, work).await
+    let format = format_with_layers(plane.name().to_owned(), &choice).named(named.clone());
+    question.answer(&cases, format, work).await
 }
 
-/// Draws a slice; `named` is written into it, with all else that an annotation has.
+/// Draws a slice; with `named`, annotated.
 fn draw(
     model: &WarmModel,
     layers: &KeyedLayers,

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
-use super::query::{ApiQuery, CasePath, Checked};
-use crate::conditional::{self, Content, Form, Question};
+use super::query::{ApiQuery, Asked, CasePath};
+use crate::conditional::{self, Content, Format, Question};
 use crate::negotiate::{Coding, media_type};
 use crate::problem::{AppError, Problem};
 use crate::wire::{self, Texture, Voxels};
@@ -21,10 +21,10 @@ use cases::pictures::check_count;
 
 pub(super) const MEDIA_TYPE: &str = "application/octet-stream";
 
-/// The coarsest that depths are sent.
+/// The greatest step of the depths.
 const MAX_STEP: usize = 16;
 
-/// How the intensities are sent.
+/// The format of the intensities.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -35,12 +35,12 @@ pub struct VolumeQuery {
     bits: u8,
 }
 
-/// How the depths are sent.
+/// The format of the depths.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct DistanceQuery {
-    /// Every so manieth voxel along each axis, from the first on: 4 is enough for the light of a first picture.
+    /// Every n-th voxel along each axis, from the first on; 4 is enough for the shading of a first picture.
     #[serde(default = "every_voxel")]
     #[param(minimum = 1, maximum = 16, default = 1)]
     step: usize,
@@ -54,10 +54,12 @@ fn every_voxel() -> usize {
     1
 }
 
-impl Checked for VolumeQuery {
-    fn check(&self) -> Result<(), AppError> {
+impl Asked for VolumeQuery {
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
         match self.bits {
-            8 | 16 => Ok(()),
+            8 | 16 => Ok(*self),
             bits => Err(AppError::out_of_range(
                 "bits",
                 format!("is {bits}; it must be 8 or 16"),
@@ -66,15 +68,18 @@ impl Checked for VolumeQuery {
     }
 }
 
-impl Checked for DistanceQuery {
-    fn check(&self) -> Result<(), AppError> {
-        Ok(check_count("step", self.step, 1, MAX_STEP)?)
+impl Asked for DistanceQuery {
+    type Values = Self;
+
+    fn checked(&self) -> Result<Self, AppError> {
+        check_count("step", self.step, 1, MAX_STEP)?;
+        Ok(*self)
     }
 }
 
 /// The intensities, cropped to the envelope
 ///
-/// Unsigned voxels of 16 bits as acquired, or of 8, little-endian, x-fastest; the headers say how to read them.
+/// Unsigned voxels of 16 bits as acquired, or of 8, little-endian, x-fastest; the headers describe them.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/volume", tag = "textures",
     params(("id" = String, Path, description = "The case"), VolumeQuery),
@@ -86,20 +91,20 @@ impl Checked for DistanceQuery {
             ("X-Isocortex-Offset" = f32, description = "Intensity of the stored 0"),
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
-        (status = 206, description = "The range asked for"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 304, description = "The client has it already"),
+        (status = 206, description = "The requested range"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_volume(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<VolumeQuery>,
+    ApiQuery { values: query, .. }: ApiQuery<VolumeQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let texture = move |model: &Arc<WarmModel>| match query.bits {
@@ -113,21 +118,24 @@ pub async fn get_volume(
         request: &request,
     };
     answer(
+        &cases,
+        &bodies,
         question,
-        (&cases, &bodies),
-        BodyKind::Volume(query.bits),
-        texture,
+        Source {
+            kind: BodyKind::Volume(query.bits),
+            texture,
+        },
     )
     .await
 }
 
 /// The signed depth on the working grid
 ///
-/// Signed 16-bit voxels, little-endian, x-fastest, positive inside; the headers say how to read them.
+/// Signed 16-bit voxels, little-endian, x-fastest, positive inside; the headers describe them.
 ///
-/// Outside of the envelope distances are exact up to 6 voxels from it; every voxel further out has the distance of 6 voxels. If the
-/// case has `cuts`, a value is the distance to the nearest border, be it dura or cut: it is a depth only if the voxel lies at least
-/// that far, and a voxel more, within each of the cuts.
+/// Outside the envelope, distances are exact up to 6 voxels; farther voxels have the distance of 6 voxels. If the case
+/// has `cuts`, a value is the distance to the nearest border, either dura or cut; it is a depth only if the voxel is
+/// farther than that, plus one voxel, from each cut.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/distance", tag = "textures",
     params(("id" = String, Path, description = "The case"), DistanceQuery),
@@ -139,20 +147,20 @@ pub async fn get_volume(
             ("X-Isocortex-Offset" = f32, description = "Depth of the stored 0, in mm"),
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
-        (status = 206, description = "The range asked for"),
-        (status = 400, description = "A key or value of the query is wrong", body = Problem, content_type = "application/problem+json"),
-        (status = 304, description = "The client has it already"),
+        (status = 206, description = "The requested range"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 304, description = "The client already has this answer"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range lies beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_distance(
     State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
-    ApiQuery(query): ApiQuery<DistanceQuery>,
+    ApiQuery { values: query, .. }: ApiQuery<DistanceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let texture = move |model: &Arc<WarmModel>| match query.step {
@@ -166,24 +174,34 @@ pub async fn get_distance(
         request: &request,
     };
     answer(
+        &cases,
+        &bodies,
         question,
-        (&cases, &bodies),
-        BodyKind::Distance(query.step),
-        texture,
+        Source {
+            kind: BodyKind::Distance(query.step),
+            texture,
+        },
     )
     .await
 }
 
-async fn answer(
-    question: Question<'_, impl Serialize>,
-    (cases, bodies): (&Cases, &Bodies),
+/// Where a texture comes from.
+struct Source<F> {
     kind: BodyKind,
-    texture: impl FnOnce(&Arc<WarmModel>) -> Texture,
+    texture: F,
+}
+
+async fn answer(
+    cases: &Cases,
+    bodies: &Bodies,
+    question: Question<'_, impl Serialize>,
+    source: Source<impl FnOnce(&Arc<WarmModel>) -> Texture>,
 ) -> Result<Response, AppError> {
+    let Source { kind, texture } = source;
     let (id, request) = (question.id, question.request);
     media_type(request, &[MEDIA_TYPE])?;
-    let form = Form::compressed(MEDIA_TYPE, request);
-    let coding = form.coding();
+    let format = Format::compressed(MEDIA_TYPE, request);
+    let coding = format.coding();
     let work = async |_| {
         let texture = texture(&cases.model(&id).await?);
         let headers = layout(&texture);
@@ -200,10 +218,10 @@ async fn answer(
             ..body.into()
         })
     };
-    question.answer(cases, form, work).await
+    question.answer(cases, format, work).await
 }
 
-/// The headers that say how to read a texture.
+/// The headers that describe a texture.
 pub(super) fn layout(texture: &Texture) -> HeaderMap {
     let size = texture.size.map(|side| side.to_string()).join(",");
     let affine = texture.patient_from_voxel.map(|x| x.to_string()).join(",");

@@ -2,14 +2,15 @@
 
 use serde_json::json;
 
-use super::{Mesh, RESEARCH_USE};
+use super::Mesh;
 
 const MAGIC: &[u8; 4] = b"glTF";
 const VERSION: u32 = 2;
 const JSON_CHUNK: &[u8; 4] = b"JSON";
 const BINARY_CHUNK: &[u8; 4] = b"BIN\0";
 
-/// LPS mm to glTF's space, column by column: x stays (the patient's left is glTF's +x of a figure that faces +z), up is S, forward is A; metres.
+/// LPS mm to glTF's space, column by column: x stays (the patient's left is glTF's +x of a figure that faces +z), up is
+/// S, forward is A; metres.
 const GLTF_FROM_PATIENT: [f32; 16] = [
     0.001, 0.0, 0.0, 0.0, //
     0.0, 0.0, -0.001, 0.0, //
@@ -54,7 +55,7 @@ fn document(mesh: Mesh<'_>, position_bytes: usize, triangle_bytes: usize) -> ser
             "version": "2.0",
             "generator": concat!("isocortex ", env!("CARGO_PKG_VERSION")),
             "extras": {
-                "notice": RESEARCH_USE,
+                "notice": render::RESEARCH_USE_NOTICE,
                 "depth_mm": mesh.shrunk.depth_mm,
                 "buffer_space": "LPS mm",
             },

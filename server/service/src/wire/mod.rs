@@ -20,10 +20,7 @@ pub use texture::{
     volume_texture,
 };
 
-/// The text that goes with every picture and mesh.
-pub const RESEARCH_USE: &str = "Isocortex: for research use only, not for diagnosis";
-
-/// A mesh to be written: its vertices in LPS mm and its triangles.
+/// A mesh to write: its vertices in LPS mm and its triangles.
 #[derive(Debug, Clone, Copy)]
 pub struct Mesh<'a> {
     /// The vertices and their depth.

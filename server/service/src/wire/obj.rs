@@ -2,12 +2,15 @@
 
 use std::fmt::Write as _;
 
-use super::{Mesh, RESEARCH_USE};
+use render::RESEARCH_USE_NOTICE;
 
-/// An OBJ in LPS mm; a comment says so. Coordinates are written as the shortest text that gives the same `f32` back.
+use super::Mesh;
+
+/// An OBJ in LPS mm, as stated in a comment. Coordinates are written as the shortest text that gives the same `f32`
+/// back.
 pub fn obj(mesh: Mesh<'_>) -> Vec<u8> {
     let mut text = format!(
-        "# {RESEARCH_USE}\n# SPACE=LPS UNIT=mm DEPTH={:.3}\n",
+        "# Isocortex. {RESEARCH_USE_NOTICE}\n# SPACE=LPS UNIT=mm DEPTH={:.3}\n",
         mesh.shrunk.depth_mm
     );
     let write = (|| {

@@ -1,8 +1,10 @@
 //! Binary PLY.
 
-use super::{Mesh, RESEARCH_USE};
+use render::RESEARCH_USE_NOTICE;
 
-/// A binary, little-endian PLY in LPS mm; a comment says so.
+use super::Mesh;
+
+/// A binary, little-endian PLY in LPS mm, as stated in a comment.
 pub fn ply(mesh: Mesh<'_>) -> Vec<u8> {
     let mut file = header(mesh).into_bytes();
     file.extend_from_slice(&super::positions(mesh.shrunk));
@@ -17,7 +19,7 @@ fn header(mesh: Mesh<'_>) -> String {
     let Mesh { shrunk, triangles } = mesh;
     format!(
         "ply\nformat binary_little_endian 1.0\n\
-         comment {RESEARCH_USE}\ncomment SPACE=LPS UNIT=mm DEPTH={:.3}\n\
+         comment Isocortex. {RESEARCH_USE_NOTICE}\ncomment SPACE=LPS UNIT=mm DEPTH={:.3}\n\
          element vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
          element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
         shrunk.depth_mm,

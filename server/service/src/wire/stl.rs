@@ -5,14 +5,15 @@ use super::Mesh;
 const HEADER_LENGTH: usize = 80;
 const TRIANGLE_LENGTH: usize = 50;
 
-/// A binary STL in LPS mm; the header says so, as 3D Slicer reads it.
+/// A binary STL in LPS mm, as stated in the header in the form that 3D Slicer reads.
 ///
-/// Normals are those of the facets, outward; a facet without area has the normal 0.
+/// Normals are the outward normals of the facets; a facet without area has the normal 0.
 pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
     let mut file = Vec::with_capacity(HEADER_LENGTH + 4 + TRIANGLE_LENGTH * mesh.triangles.len());
     let title = format!(
-        "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} research use only",
-        mesh.shrunk.depth_mm
+        "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} {}",
+        mesh.shrunk.depth_mm,
+        render::SHORT_NOTICE
     );
     file.extend(
         title

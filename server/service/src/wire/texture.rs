@@ -10,7 +10,7 @@ use glam::{DAffine3, DVec3};
 use cases::models::WarmModel;
 use render::{Layer, LayerValues};
 
-/// A block of voxels and how to read them.
+/// A block of voxels and their encoding.
 #[derive(Debug)]
 pub struct Texture {
     /// Voxels, x-fastest, little-endian.
@@ -29,9 +29,9 @@ pub struct Texture {
 
 /// Where the bytes of a texture come from.
 pub enum Voxels {
-    /// The model's own.
+    /// The bytes of the model.
     Shared(Bytes),
-    /// Computed when they are wanted.
+    /// Computed on demand.
     Made(Box<dyn FnOnce() -> Bytes + Send>),
 }
 
@@ -69,8 +69,8 @@ pub fn volume_texture(model: &Arc<WarmModel>) -> Texture {
     }
 }
 
-/// The same in eight bits, for a first picture: equal steps over the default window and half its width to either side, as far
-/// as there are such intensities.
+/// The intensities in eight bits, for a first picture: equal steps over the default window and half its width to either
+/// side, as far as the intensities reach.
 pub fn quick_volume_texture(model: &Arc<WarmModel>) -> Texture {
     let [low, high] = quick_range(model);
     let step = ((high - low) / 255.0).max(f32::MIN_POSITIVE);
@@ -92,7 +92,7 @@ pub fn quick_volume_texture(model: &Arc<WarmModel>) -> Texture {
     }
 }
 
-/// The intensities that eight bits are spread over.
+/// The range of intensities of the eight bits.
 fn quick_range(model: &WarmModel) -> [f32; 2] {
     let window = model.facts.window;
     let low = (window.center - window.width).max(model.facts.intensity_min);
@@ -103,7 +103,7 @@ fn quick_range(model: &WarmModel) -> [f32; 2] {
 /// A layer of eight bits on its grid.
 ///
 /// # Panics
-/// If the layer is not of codes: those of maps are.
+/// If the layer does not have codes, as maps have.
 pub fn layer_texture(grid: &Grid, layer: &Arc<Layer>) -> Texture {
     struct Codes(Arc<Layer>);
     impl AsRef<[u8]> for Codes {
@@ -140,7 +140,7 @@ pub fn depth_texture(model: &Arc<WarmModel>) -> Texture {
     }
 }
 
-/// Every `step`th depth along each axis, from the first on: enough for the light of a first picture.
+/// Every `step`th depth along each axis, from the first on: enough for the shading of a first picture.
 pub fn coarse_depth_texture(model: &Arc<WarmModel>, step: usize) -> Texture {
     let whole = depth_texture(model);
     let affine = model.model().field().grid().patient_from_voxel();

@@ -102,7 +102,7 @@ async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), Sto
     Ok(())
 }
 
-/// Turns pins into references of a case; `false` where a pin has gone. What the case ceases to need is abandoned.
+/// Turns pins into references of a case; `false` if a pin is gone. Objects that the case no longer needs are abandoned.
 pub(super) async fn refer(
     connection: &mut Connection,
     id: &CaseId,
@@ -131,7 +131,7 @@ pub(super) async fn refer(
     Ok(true)
 }
 
-/// Writes the row of a case of another store; `false` where it is ready here and not there.
+/// Writes the row of a case from another store; `false` if the case is ready here but not there.
 pub(super) async fn adopt(connection: &mut Connection, case: &Case) -> Result<bool, StoreError> {
     let state = match case.state.is_final() {
         true => case.state,

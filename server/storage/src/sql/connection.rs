@@ -1,4 +1,5 @@
-//! One way to ask both databases: the statements of [`super`] are written once, in the SQL that SQLite and PostgreSQL share.
+//! One interface to both databases: the statements of [`super`] are written once, in the SQL that SQLite and PostgreSQL
+//! share.
 //!
 //! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
 
@@ -17,7 +18,7 @@ pub(super) enum Database {
     Postgres(postgres::Connections),
 }
 
-/// A connection, in a transaction of its own or in none. Dropping it undoes what was not committed.
+/// A connection, in a transaction or in none. Dropping it rolls back.
 pub(super) enum Connection {
     Sqlite(PoolConnection<Sqlite>),
     SqliteTransaction(Transaction<'static, Sqlite>),
@@ -45,7 +46,7 @@ impl Database {
         }
     }
 
-    /// A transaction that writes. There is one at a time, in all processes: what it reads is so until it ends.
+    /// A writing transaction. There is one at a time in all processes, so what it reads stays true until it ends.
     pub(super) async fn begin(&self) -> Result<Connection, StoreError> {
         Ok(match self {
             Self::Sqlite(pool) => Connection::SqliteTransaction(sqlite::begin(pool).await?),
@@ -78,7 +79,7 @@ impl Connection {
         self.query(sql).fetch_one().await?.get("now")
     }
 
-    /// Ends the transaction; what it wrote stays.
+    /// Commits the transaction.
     pub(super) async fn commit(self) -> Result<(), StoreError> {
         match self {
             Self::SqliteTransaction(transaction) => transaction.commit().await?,
@@ -102,7 +103,7 @@ pub(super) enum Query<'c> {
 }
 
 impl Query<'_> {
-    /// Gives the next parameter its value.
+    /// Binds the next parameter.
     pub(super) fn bind<'t>(self, value: impl Parameter<'t>) -> Self {
         match self {
             Self::Sqlite(connection, query) => Self::Sqlite(connection, query.bind(value)),
@@ -110,7 +111,7 @@ impl Query<'_> {
         }
     }
 
-    /// Runs it; how many rows it changed.
+    /// Runs it and returns the number of changed rows.
     pub(super) async fn execute(self) -> Result<u64, StoreError> {
         Ok(match self {
             Self::Sqlite(connection, query) => query.execute(connection).await?.rows_affected(),

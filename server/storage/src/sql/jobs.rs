@@ -1,4 +1,4 @@
-//! Jobs: who prepares which case, and until when.
+//! Jobs and their leases.
 
 use super::connection::Connection;
 use super::{cases, microseconds};
@@ -112,7 +112,7 @@ async fn lease(
     })
 }
 
-/// Takes the job of a case away, if it has one.
+/// Removes the job of a case, if it has one.
 pub(super) async fn forget(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
     connection
         .query("DELETE FROM jobs WHERE case_id = $1")
@@ -122,10 +122,10 @@ pub(super) async fn forget(connection: &mut Connection, id: &CaseId) -> Result<(
     Ok(())
 }
 
-/// Fails a case whose preparations all ended without a word: they were killed, or took the process with them.
+/// Fails a case after all its preparations ended without a result, because they were killed or crashed.
 async fn give_up(connection: &mut Connection, job: &Available) -> Result<(), StoreError> {
     let detail = format!(
-        "the preparation was interrupted {} times and given up; upload the volume again to retry",
+        "the preparation was interrupted {} times and abandoned; upload the volume again to retry",
         job.attempts
     );
     let failure = Failure::new(FailureKind::Internal, "preparation-interrupted", detail);
@@ -158,7 +158,7 @@ pub(super) async fn release(
     release: Release,
     now: i64,
 ) -> Result<bool, StoreError> {
-    // The fence number goes to nobody: whoever held the lease can neither renew nor publish.
+    // No worker gets this fence number, so the former holder can neither renew nor publish.
     let released = connection.query(
         "UPDATE jobs SET lease_until = NULL, fence = 0, available_at = $1, attempts = attempts - $2,
                          stage = NULL, fraction = NULL

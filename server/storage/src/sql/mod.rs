@@ -1,7 +1,8 @@
-//! Rows in a database that speaks SQL: a file of SQLite, or PostgreSQL.
+//! Rows in an SQL database: a file of SQLite, or PostgreSQL.
 //!
-//! The statements are written once ([`connection`]); what differs is in [`sqlite`] and [`postgres`]. Writing transactions come one
-//! after another in both. The time of a transaction is read from the database inside of it, in microseconds since 1970.
+//! The statements are written once ([`connection`]); the differences are in [`sqlite`] and [`postgres`]. Writing
+//! transactions come one after another in both. The time of a transaction is read from the database inside of it, in
+//! microseconds since 1970.
 
 mod cases;
 mod connection;
@@ -33,7 +34,7 @@ use case::{Case, CaseFacts, CaseId, Failure, Progress};
 #[derive(Debug, Clone)]
 pub struct SqlRows {
     database: Database,
-    /// By how much the clock is ahead, in microseconds: 0 but in tests of leases.
+    /// An offset of the clock in microseconds, for tests of leases; otherwise 0.
     ahead_us: Arc<AtomicI64>,
 }
 
@@ -64,12 +65,12 @@ impl SqlRows {
     }
 }
 
-/// A duration as the rows have it.
+/// A duration in the unit of the rows.
 fn microseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
 }
 
-/// Brings the tables to the newest form. Those of a newer version are left as they are.
+/// Migrates the tables. Tables of a newer version are not changed.
 async fn migrate<D: sqlx::Database>(migrations: &Migrator, pool: &Pool<D>) -> Result<(), StoreError>
 where
     D::Connection: Migrate,
@@ -161,7 +162,7 @@ impl CaseRows for SqlRows {
     }
 
     async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
-        // Most looks find nothing; they shall not wait for the writers.
+        // Most queries find nothing and must not wait for writers.
         let mut reader = self.database.connect().await?;
         let now = self.now(&mut reader).await?;
         if jobs::oldest_available(&mut reader, now).await?.is_none() {

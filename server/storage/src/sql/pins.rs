@@ -1,4 +1,4 @@
-//! Pins: what keeps an object from being removed while no case needs it yet.
+//! Pins, which protect objects that no case references yet.
 
 use super::connection::{Connection, Row};
 use crate::rows::Pinned;
@@ -48,7 +48,7 @@ pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<
     Ok(())
 }
 
-/// Takes the holder's pins away; `false` where one of them has gone already.
+/// Takes the holder's pins away; `false` if one of them has gone already.
 pub(super) async fn consume(
     connection: &mut Connection,
     pinned: &Pinned,
@@ -68,7 +68,7 @@ pub(super) async fn consume(
     Ok(true)
 }
 
-/// Leaves an expired pin on an object that may not be needed any more, so that it is looked at.
+/// Leaves an expired pin on an object that may be unneeded, so that a sweep checks it.
 pub(super) async fn abandon(
     connection: &mut Connection,
     names: Vec<ObjectName>,

@@ -1,7 +1,7 @@
-//! PostgreSQL: how it is opened, and what differs from SQLite.
+//! PostgreSQL: opening a database, and differences from SQLite.
 //!
-//! Writing transactions take one advisory lock and so come one after another, as in SQLite: what is true of one back end is true
-//! of the other. There are about five of them for a case, of a few milliseconds each.
+//! Writing transactions take one advisory lock and so run one after another, as in SQLite, so that both back ends
+//! behave alike. Each case needs about five, of a few milliseconds each.
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -21,25 +21,25 @@ use crate::{LISTEN_AGAIN_AFTER, StoreError, lock};
 /// Connections of a process; one of them listens.
 const CONNECTIONS: u32 = 8;
 
-/// How long to wait for a connection: callers are told soon when the database is away.
+/// How long to wait for a connection: short, so that callers learn soon that the database is unreachable.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How long nobody tries to reach a database that could not be reached.
+/// How long to wait after a failed connection before the next attempt.
 const AWAY_FOR: Duration = Duration::from_secs(1);
 
-/// Where changes are announced (`migrations/postgres`).
+/// The channel for changes (`migrations/postgres`).
 const CHANNEL: &str = "isocortex";
 
-/// What a server does for a session of ours: it gives up waiting for a lock, and ends a transaction of a process that has gone
-/// silent, which would keep all others waiting.
+/// Settings of a session: the server stops waiting for a lock, and ends a transaction of a silent process, which would
+/// block all others.
 const SESSION: [(&str, &str); 3] = [
     ("lock_timeout", "20s"),
     ("idle_in_transaction_session_timeout", "20s"),
     ("tcp_user_timeout", "20s"),
 ];
 
-/// The statement must see what others committed before it got the lock: each has a snapshot of its own at `READ COMMITTED`. The
-/// number spells "isocortx".
+/// The statement must see what others committed before it got the lock: each has a snapshot of its own at `READ
+/// COMMITTED`. The number spells "isocortx".
 const BEGIN: &str =
     "BEGIN ISOLATION LEVEL READ COMMITTED; SELECT pg_advisory_xact_lock(7598539469166376056)";
 
@@ -51,7 +51,7 @@ impl SqlRows {
     /// Opens a database that exists; creates and migrates the tables where necessary.
     ///
     /// # Errors
-    /// When it cannot be reached or used, or was written by a newer version.
+    /// If it cannot be reached or used, or was written by a newer version.
     pub async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
         let options = options.options(SESSION).application_name("isocortex");
         // The pool would only say that it waited too long.
@@ -142,7 +142,7 @@ impl Connections {
                     Ok(announced) => return Some((announced, listener)),
                     Err(sqlx::Error::PoolClosed) => return None,
                     Err(error) => {
-                        tracing::warn!(%error, "changes of other processes are noticed late");
+                        tracing::warn!(%error, "notifications from the database are interrupted; changes by other processes are noticed with a delay");
                         tokio::time::sleep(LISTEN_AGAIN_AFTER).await;
                     }
                 }
@@ -176,9 +176,9 @@ mod tests {
     use super::*;
     use crate::CaseRows as _;
     use crate::conformance::RowsSubject;
-    use crate::rows::Inserted;
+    use crate::rows::{Inserted, Published};
     use crate::testing::postgres::PostgresServer;
-    use crate::testing::{claim, new_case};
+    use crate::testing::{claim, facts, new_case, pinned};
 
     async fn rows_at(address: &str) -> SqlRows {
         SqlRows::postgres(address.parse().unwrap()).await.unwrap()
@@ -292,5 +292,49 @@ mod tests {
             }
             there.insert(&new_case(&there, "a").await).await.unwrap();
         }
+    }
+
+    /// How fast jobs go through a table with a million cases behind them, with 8 clients of two processes.
+    #[tokio::test]
+    #[ignore = "a measurement: run it alone, with --no-capture"]
+    async fn the_rate_of_jobs() {
+        const JOBS: usize = 400;
+        let Some(server) = PostgresServer::start_durable().await else {
+            return;
+        };
+        let address = server.database().await;
+        let copies = [rows_at(&address).await, rows_at(&address).await];
+        sqlx::raw_sql(
+            "INSERT INTO cases (id, closing_radius_mm, state, facts, facts_digest, created_at)
+             SELECT md5(n::TEXT), 10, 'ready', repeat('facts ', 150), repeat('0', 64), n FROM generate_series(1, 1000000) AS n;
+             ANALYZE",
+        )
+        .execute(pool(&copies[0]))
+        .await
+        .unwrap();
+        let of_client = |client: usize| (0..JOBS / 8).map(move |job| format!("{client} {job}"));
+        let (begun, rows) = (Instant::now(), |client: usize| {
+            &copies[client % copies.len()]
+        });
+        join_all((0..8).map(|client| async move {
+            for name in of_client(client) {
+                let mut new = new_case(rows(client), &name).await;
+                new.queue_limit = JOBS;
+                rows(client).insert(&new).await.unwrap();
+            }
+        }))
+        .await;
+        let queued = begun.elapsed();
+        join_all((0..8).map(|client| async move {
+            while let Some(claim) = claim(rows(client)).await {
+                let derived = pinned(rows(client), &[]).await;
+                let published = rows(client).publish(&claim, &derived, &facts()).await;
+                assert_eq!(published.unwrap(), Published::Done);
+            }
+        }))
+        .await;
+        let done = begun.elapsed() - queued;
+        let rate = |time: Duration| JOBS as f64 / time.as_secs_f64();
+        println!("{:.0} uploads/s, {:.0} jobs/s", rate(queued), rate(done));
     }
 }

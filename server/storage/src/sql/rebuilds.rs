@@ -1,10 +1,10 @@
-//! Rebuilds: who makes the derived objects of a case again, and until when.
+//! Leases for rebuilding the derived objects of a case.
 
 use super::connection::Connection;
 use crate::StoreError;
 use case::CaseId;
 
-/// Takes the rebuild of a case, or keeps it; `false` where another one has it, or there is no such case.
+/// Takes the rebuild of a case, or keeps it; `false` if another one has it, or there is no such case.
 pub(super) async fn take(
     connection: &mut Connection,
     id: &CaseId,

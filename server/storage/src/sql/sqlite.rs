@@ -1,7 +1,8 @@
-//! SQLite: how its file is opened and kept sound.
+//! SQLite: opening and protecting its file.
 //!
-//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL` a committed row may be lost with the power. Writing transactions
-//! begin as `IMMEDIATE`, so that none fails half-way because another one wrote. SQLite knows the time to the millisecond.
+//! Write-ahead logging, and `synchronous=FULL`: with `NORMAL`, a power failure may lose a committed row. Writing
+//! transactions begin as `IMMEDIATE`, so that none fails half-way because another one wrote. SQLite knows the time to
+//! the millisecond.
 
 use std::path::Path;
 use std::time::Duration;
@@ -16,7 +17,7 @@ use super::connection::Database;
 use super::{SqlRows, migrate, upkeep};
 use crate::StoreError;
 
-/// How long a transaction waits for another process's.
+/// How long a transaction waits for one of another process.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Connections to a file: one writes, the others read meanwhile.
@@ -29,7 +30,7 @@ impl SqlRows {
     /// Opens a database file; creates and migrates it where necessary.
     ///
     /// # Errors
-    /// When the file cannot be used, or was written by a newer version.
+    /// If the file cannot be used, or was written by a newer version.
     pub async fn sqlite(file: &Path) -> Result<Self, StoreError> {
         let options = SqliteConnectOptions::new()
             .filename(file)
@@ -40,10 +41,10 @@ impl SqlRows {
         open(options, CONNECTIONS).await
     }
 
-    /// A database that goes with its last user.
+    /// A database in memory, which ends with its last user.
     ///
     /// # Errors
-    /// When there is no memory for it.
+    /// If there is no memory for it.
     pub async fn in_memory() -> Result<Self, StoreError> {
         open(SqliteConnectOptions::new().in_memory(true), 1).await
     }
@@ -70,8 +71,9 @@ pub(super) async fn begin(pool: &SqlitePool) -> Result<Transaction<'static, Sqli
 
 /// Whether a connection that was given back can be used again.
 ///
-/// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows then fails, and
-/// sqlx counts the connection as inside its transaction for ever: every later `BEGIN` on it fails. Such a connection is closed.
+/// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows
+/// then fails, and sqlx counts the connection as inside its transaction for ever: every later `BEGIN` on it fails. Such
+/// a connection is closed.
 async fn is_reusable(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
     // A rollback that is under way is over once the connection answers.
     connection.ping().await?;
@@ -91,7 +93,7 @@ impl Database {
     /// Whether the structure of SQLite's file is whole; PostgreSQL answers for itself.
     ///
     /// # Errors
-    /// When it is not, in SQLite's words.
+    /// If it is not, with the message of SQLite.
     pub(super) async fn check_file(&self) -> Result<(), StoreError> {
         let Self::Sqlite(pool) = self else {
             return Ok(());
@@ -105,8 +107,8 @@ impl Database {
         }
     }
 
-    /// Writes SQLite's log into the file and empties it. What was deleted is in neither from then on (`secure_delete` has
-    /// overwritten it).
+    /// Writes SQLite's log into the file and empties it. What was deleted is in neither from then on (`secure_delete`
+    /// has overwritten it).
     ///
     /// What fails is done at the next deletion, or when the file is opened or closed.
     pub(super) async fn empty_log(&self) {
@@ -118,8 +120,10 @@ impl Database {
             .await;
         match emptied.and_then(|row| row.try_get::<i64, _>(0)) {
             Ok(0) => {}
-            Ok(_) => tracing::warn!("the database's log is emptied later: somebody reads it"),
-            Err(error) => tracing::warn!(%error, "the database's log is emptied later"),
+            Ok(_) => tracing::warn!("the log of the database is in use and will be emptied later"),
+            Err(error) => {
+                tracing::warn!(%error, "the log of the database could not be emptied and will be emptied later");
+            }
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Tombstones: what is being removed, and by whom.
+//! Tombstones, which mark objects that a sweep is removing.
 
 use super::connection::Connection;
 use super::{microseconds, pins};

@@ -1,4 +1,4 @@
-//! What keeps the rows sound: a digest of each case's facts.
+//! Digests that protect the facts of cases.
 
 use super::connection::Database;
 use crate::StoreError;
@@ -31,7 +31,7 @@ pub(super) async fn add_missing_digests(database: &Database) -> Result<(), Store
 /// Queues a case again whose facts are damaged: they are made again from the source.
 pub(super) async fn prepare_again(database: &Database, id: &CaseId) -> Result<(), StoreError> {
     tracing::error!(
-        "the facts of a case are damaged, for their digest is wrong: it is prepared again from its source"
+        "the facts of a case are damaged; the case will be prepared again from its source"
     );
     let mut transaction = database.begin().await?;
     transaction

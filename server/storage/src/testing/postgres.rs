@@ -22,6 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 pub struct PostgresServer {
     folder: TempDir,
     programs: PathBuf,
+    setting: &'static str,
     server: Child,
     databases: AtomicUsize,
 }
@@ -29,6 +30,16 @@ pub struct PostgresServer {
 impl PostgresServer {
     /// Starts a server; `None`, said aloud, where this machine has no PostgreSQL. That is a failure on CI.
     pub async fn start() -> Option<Self> {
+        // What tests ask is not whether PostgreSQL survives a loss of power.
+        Self::start_with("fsync=off").await
+    }
+
+    /// The same, which waits for the disk at each commit: for measurements.
+    pub async fn start_durable() -> Option<Self> {
+        Self::start_with("fsync=on").await
+    }
+
+    async fn start_with(setting: &'static str) -> Option<Self> {
         let Some(programs) = programs() else {
             let missing =
                 "there is no PostgreSQL (Debian: postgresql), or it is not in ISOCORTEX_POSTGRES";
@@ -52,10 +63,11 @@ impl PostgresServer {
             .stdout(Stdio::null())
             .status();
         assert!(made.unwrap().success(), "initdb failed");
-        let server = run(&programs, folder.path());
+        let server = run(&programs, folder.path(), setting);
         let server = Self {
             folder,
             programs,
+            setting,
             server,
             databases: AtomicUsize::default(),
         };
@@ -87,7 +99,7 @@ impl PostgresServer {
 
     /// Starts it again on the same databases.
     pub async fn start_again(&mut self) {
-        self.server = run(&self.programs, self.folder.path());
+        self.server = run(&self.programs, self.folder.path(), self.setting);
         self.until_ready().await;
     }
 
@@ -117,14 +129,13 @@ impl Drop for PostgresServer {
     }
 }
 
-fn run(programs: &Path, folder: &Path) -> Child {
-    // What these tests ask is not whether PostgreSQL survives a loss of power.
+fn run(programs: &Path, folder: &Path, setting: &str) -> Child {
     command(&programs.join("postgres"))
         .arg("-D")
         .arg(folder.join("data"))
         .arg("-k")
         .arg(folder)
-        .args(["-c", "listen_addresses=", "-c", "fsync=off"])
+        .args(["-c", "listen_addresses=", "-c", setting])
         .args([
             "-c",
             "log_destination=stderr",

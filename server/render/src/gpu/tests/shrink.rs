@@ -7,9 +7,10 @@ use wgpu::{
 };
 
 use super::super::device::OpenDevice;
+use super::super::formats::{DEPTH, HEIGHT};
 use super::super::layout::Paths;
 use super::super::renderer::GpuRenderer;
-use super::super::target::{DEPTH, HEIGHT, Output, Plan, Surface, Target};
+use super::super::target::{Output, Plan, Surface, Target};
 use super::super::{GpuError, GpuJob, GpuSurface, pixels, shaders};
 use super::support::{Case, LIMITS, parameters, trace, worker};
 use crate::NamedView;

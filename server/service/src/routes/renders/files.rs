@@ -1,4 +1,4 @@
-//! Files that many pictures go into, one after the other.
+//! Files with many pictures, which are added one after the other.
 
 use std::io::{Cursor, Write as _};
 use std::num::NonZeroU32;
@@ -14,15 +14,15 @@ use super::super::render::SOFTWARE;
 use super::plan::Form;
 use crate::problem::AppError;
 
-/// A picture that was drawn, and what it was asked for as.
+/// A finished picture and its request.
 pub(super) struct Picture {
     /// Its number, from 0.
     pub(super) number: usize,
-    /// What was asked for.
+    /// The request.
     pub(super) request: PictureRequest,
-    /// What became of it.
+    /// The result.
     pub(super) drawn: DrawnPicture,
-    /// What is written into it.
+    /// Its annotation.
     pub(super) metadata: ImageMetadata,
 }
 
@@ -40,7 +40,7 @@ impl Picture {
     }
 }
 
-/// A file that pictures go into.
+/// A file with many pictures.
 pub(super) enum File {
     Zip(Archive),
     Sheet(ContactSheet),
@@ -48,7 +48,7 @@ pub(super) enum File {
 }
 
 impl File {
-    /// An empty file for so many pictures.
+    /// An empty file for `count` pictures.
     pub(super) fn new(form: Form, count: usize) -> Self {
         match form {
             Form::Zip => Self::Zip(Archive(Box::new(ZipWriter::new(Cursor::default())))),
@@ -66,7 +66,7 @@ impl File {
         }
     }
 
-    /// Adds the next picture; who drew it.
+    /// Adds the next picture, and returns its renderer and device.
     pub(super) fn add(&mut self, picture: Picture) -> Result<RenderBackend, AppError> {
         let backend = picture.drawn.backend.clone();
         match self {
@@ -77,7 +77,7 @@ impl File {
         Ok(backend)
     }
 
-    /// The bytes, once all pictures are in it.
+    /// The bytes of the file after the last picture.
     pub(super) fn finish(self) -> Result<Vec<u8>, AppError> {
         match self {
             Self::Zip(archive) => archive.finish(),
@@ -87,7 +87,7 @@ impl File {
     }
 }
 
-/// A zip of PNG files, which are packed already.
+/// A zip of PNG files, which are compressed already.
 pub(super) struct Archive(Box<ZipWriter<Cursor<Vec<u8>>>>);
 
 impl Archive {
@@ -112,15 +112,15 @@ impl Archive {
     }
 }
 
-/// An archive in memory has room for everything that may be asked for.
+/// An archive in memory has room for the largest request.
 fn unwritable(_: impl Into<ZipError>) -> AppError {
     Error::Internal.into()
 }
 
-/// One picture of all.
+/// One picture with all pictures.
 pub(super) struct ContactSheet {
     plan: SheetPlan,
-    /// From the first picture on, which decides on the format.
+    /// Present after the first picture, which determines the format.
     sheet: Option<Sheet>,
     cells: Vec<[usize; 2]>,
     /// A PNG text for each picture.
@@ -150,7 +150,7 @@ impl ContactSheet {
 
 /// An animated PNG.
 pub(super) struct Animation {
-    /// From the first picture on, which decides on size and format.
+    /// Present after the first picture, which determines size and format.
     begun: Option<AnimatedPng>,
     frames: u32,
     delay_ms: u16,

@@ -9,7 +9,7 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
-use cases::pictures::{ImageMetadata, PictureRequest, backend_for};
+use cases::pictures::{ImageMetadata, PictureRequest, backend_for, warm_job};
 
 use self::files::{File, Picture};
 use self::plan::{Form, parse};
@@ -28,23 +28,23 @@ pub(super) const MAX_BODY_BYTES: usize = 1 << 20;
 
 /// Many pictures at once
 ///
-/// A JSON object with `renders` (a zip of PNGs, or with `"sheet": true` one contact sheet), `swivel` or `sweep` (animated PNG). At most
-/// 256 pictures and 67,108,864 pixels in all.
+/// A JSON object with `renders` (a zip of PNGs, or with `"sheet": true` one contact sheet), `swivel` or `sweep`
+/// (animated PNG). At most 256 pictures and 67,108,864 pixels in all.
 #[utoipa::path(
     post, path = "/v1/cases/{id}/renders", tag = "pictures",
     params(("id" = String, Path, description = "The case")),
     request_body = RendersBody,
     responses(
         (status = 200, description = "The pictures; a sheet holds the state of each as the PNG text `row 1 column 1` and so on, a JSON object", content((Vec<u8> = "application/zip"), (Vec<u8> = "image/png"), (Vec<u8> = "image/apng")), headers(
-            ("X-Isocortex-Renderer" = String, description = "Who drew on what, each once: `splat on cpu; trace on cpu`"),
-            ("ETag" = String, description = "The same for the same pictures, whoever asks"),
+            ("X-Isocortex-Renderer" = String, description = "The renderers and devices, each once: `splat on cpu; trace on cpu`"),
+            ("ETag" = String, description = "Equal for equal pictures"),
         )),
-        (status = 400, description = "The body is wrong; `parameter` is the path of what is", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The body is invalid; `parameter` is the path of the error", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "The form is not accepted", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "The media type is not accepted", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The body is too long", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work waits, or it took too long", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting, or the pictures took too long", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn create_renders(
@@ -66,24 +66,27 @@ pub async fn create_renders(
     let kind = media_type(&request, offered)?;
     cases.ready(&id).await?;
     let model = cases.model(&id).await?;
-    let asked = (plan.pictures.clone(), plan.form.parameters());
-    let mut pictures = plan.pictures.iter();
+    let pictures = plan.pictures.iter().map(|picture| picture.asked.clone());
+    let asked: (Vec<PictureRequest>, _) = (pictures.collect(), plan.form.parameters());
+    let mut pictures = asked.0.iter();
     let with_layers = pictures.find(|picture| picture.layers().is_any());
     let layers = with_layers.map(PictureRequest::layers).unwrap_or_default();
     let mut file = File::new(plan.form, plan.pictures.len());
     let mut backends = Vec::new();
-    // One place in the queue for all; between the pictures others get their turn, and a client that left ends the work.
+    // All pictures share one place in the queue; between them others get their turn, and the work ends if the client
+    // disconnects.
     let queued = cases.queue.enter()?;
-    for (number, request) in plan.pictures.into_iter().enumerate() {
-        let backend = backend_for(request.renderer, &cases.graphics).await;
-        let named = cases.identity(&id, request.annotate).await?;
+    for (number, picture) in plan.pictures.into_iter().enumerate() {
+        let backend = backend_for(picture.asked.renderer, &cases.graphics).await;
+        let named = cases.identity(&id, picture.asked.annotate).await?;
         let turn = queued.turn().await?;
-        let job = cases.picture_job(&model, &request, backend).await?;
+        let keyed = picture.asked.layers().of_case(&cases.library, &id).await?;
+        let job = warm_job(&model, &picture, keyed, backend).await?;
         let picture = Picture {
             number,
             metadata: ImageMetadata::of(Some(&id), &job.job).named(named),
             drawn: job.draw(&turn).await?,
-            request,
+            request: picture.asked,
         };
         let add = move || file.add(picture).map(|backend| (file, backend.to_string()));
         let backend;

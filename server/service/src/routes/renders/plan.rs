@@ -1,7 +1,7 @@
-//! What is asked for in many pictures, and the plan of them once all is checked.
+//! The request for many pictures, and the checked plan.
 
 use cases::Error;
-use cases::pictures::{Numbers, PictureRequest, picture_size};
+use cases::pictures::{CheckedPicture, Numbers, PictureRequest, picture_size};
 use render::SheetPlan;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -15,18 +15,19 @@ const MAX_PICTURES: usize = 256;
 /// The most pixels of all pictures of one answer.
 const MAX_TOTAL_PIXELS: usize = 1 << 26;
 
-/// What is asked for: exactly one of `renders`, `swivel` and `sweep`.
+/// A request for many pictures: exactly one of `renders`, `swivel` and `sweep`.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RendersBody {
-    /// Pictures, each with the keys of the single one: a zip of PNGs, or one contact sheet.
+    /// Pictures, each with the keys of a single one: a zip of PNGs, or one contact sheet.
     renders: Option<Vec<PictureRequest>>,
-    /// Whether `renders` come as one PNG: a row for each depth, a column for each direction. They are then of one size.
+    /// Whether to return `renders` as one PNG with a row for each depth and a column for each direction. All must have
+    /// one size.
     #[serde(default)]
     sheet: bool,
-    /// A full turn around the axis that is upright in the picture, as animated PNG.
+    /// A full turn around the vertical axis of the picture, as animated PNG.
     swivel: Option<Swivel>,
-    /// From one depth to another, as animated PNG.
+    /// A sweep from one depth to another, as animated PNG.
     sweep: Option<Sweep>,
 }
 
@@ -34,18 +35,18 @@ pub struct RendersBody {
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Swivel {
-    /// Pictures of the turn.
+    /// Number of pictures.
     #[schema(minimum = 2, maximum = 256)]
     frames: u32,
-    /// How long each is shown, in ms.
+    /// The time of each picture, in ms.
     #[serde(default = "default_delay")]
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
-    /// What turns.
+    /// The picture to turn.
     render: PictureRequest,
 }
 
-/// A way through the depths.
+/// A sweep through the depths.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sweep {
@@ -55,17 +56,17 @@ pub struct Sweep {
     /// The last depth, in mm.
     #[schema(minimum = 0)]
     to_mm: f32,
-    /// Pictures on the way, the first and the last among them.
+    /// Number of pictures, including the first and the last.
     #[schema(minimum = 2, maximum = 256)]
     frames: u32,
-    /// How long each is shown, in ms.
+    /// The time of each picture, in ms.
     #[serde(default = "default_delay")]
     #[schema(minimum = 10, maximum = 10000, default = 80)]
     delay_ms: u16,
-    /// Whether the pictures of the way back follow; neither end is shown twice.
+    /// Whether to append the way back; neither end is shown twice.
     #[serde(default)]
     there_and_back: bool,
-    /// What is seen, without a depth.
+    /// The picture, without a depth.
     render: PictureRequest,
 }
 
@@ -73,13 +74,13 @@ fn default_delay() -> u16 {
     80
 }
 
-/// The pictures to draw, checked, and what becomes of them.
+/// The checked pictures and their file.
 pub(super) struct Plan {
-    pub(super) pictures: Vec<PictureRequest>,
+    pub(super) pictures: Vec<CheckedPicture>,
     pub(super) form: Form,
 }
 
-/// What becomes of the pictures.
+/// The kind of file.
 pub(super) enum Form {
     Zip,
     Sheet {
@@ -92,7 +93,7 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// What makes a form another: its name and the time that each picture is shown.
+    /// The values that distinguish files: the kind and the time of each picture.
     pub(super) fn parameters(&self) -> (&'static str, u16) {
         match self {
             Self::Zip => ("zip", 0),
@@ -138,37 +139,36 @@ pub(super) fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
         refuse(
             "body-unreadable",
             ".".to_owned(),
-            "has more after the object".to_owned(),
+            "has more data after the object".to_owned(),
         )
     })?;
     Ok(body)
 }
 
 impl RendersBody {
-    /// Checks everything that is asked for.
+    /// Checks the whole request.
     ///
     /// # Errors
     /// [`AppError::Query`] that names the path of what is wrong.
     pub(super) fn plan(self) -> Result<Plan, AppError> {
         let plan = match (self.renders, self.swivel, self.sweep) {
-            (Some(pictures), None, None) => of_list(pictures, self.sheet)?,
+            (Some(pictures), None, None) => of_list(&pictures, self.sheet)?,
             (None, Some(swivel), None) if !self.sheet => swivel.plan()?,
             (None, None, Some(sweep)) if !self.sheet => sweep.plan()?,
             (None, ..) if self.sheet => {
-                return Err(out_of_range("sheet", "goes with `renders` alone"));
+                return Err(out_of_range("sheet", "is only accepted with `renders`"));
             }
             _ => {
-                let detail = "must hold exactly one of `renders`, `swivel` and `sweep`";
+                let detail = "must contain exactly one of `renders`, `swivel` and `sweep`";
                 return Err(out_of_range(".", detail));
             }
         };
         let sizes = plan.pictures.iter();
         let pixels: usize = sizes
-            .map(|picture| picture.width as usize * picture.height as usize)
+            .map(|picture| picture.asked.width as usize * picture.asked.height as usize)
             .sum();
         if pixels > MAX_TOTAL_PIXELS {
-            let detail =
-                format!("asks for {pixels} pixels; at most {MAX_TOTAL_PIXELS} are drawn at once");
+            let detail = format!("requests {pixels} pixels; the limit is {MAX_TOTAL_PIXELS}");
             return Err(out_of_range(".", &detail));
         }
         Ok(plan)
@@ -184,8 +184,8 @@ fn out_of_range(path: &str, detail: &str) -> AppError {
 }
 
 /// Checks a picture at a place of the body.
-fn check_at(path: &str, picture: &PictureRequest) -> Result<(), AppError> {
-    picture.check().map_err(|error| match error {
+fn checked_at(path: &str, picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
+    picture.checked().map_err(|error| match error {
         Error::Parameter { kind, name, detail } => AppError::Query {
             kind,
             parameter: format!("{path}.{name}").into(),
@@ -208,19 +208,27 @@ fn check_frames(path: &str, frames: u32, delay_ms: u16) -> Result<(), AppError> 
     Ok(())
 }
 
-fn of_list(pictures: Vec<PictureRequest>, sheet: bool) -> Result<Plan, AppError> {
+fn of_list(pictures: &[PictureRequest], sheet: bool) -> Result<Plan, AppError> {
     if !(1..=MAX_PICTURES).contains(&pictures.len()) {
-        return Err(out_of_range("renders", "must hold 1 to 256 pictures"));
+        return Err(out_of_range("renders", "must contain 1 to 256 pictures"));
     }
-    for (number, picture) in pictures.iter().enumerate() {
-        check_at(&format!("renders[{number}]"), picture)?;
-    }
+    let numbered = pictures.iter().enumerate();
+    let checked = numbered.map(|(number, picture)| checked_at(&place(number), picture));
+    let checked = checked.collect::<Result<_, _>>()?;
     let form = if sheet {
-        on_a_sheet(&pictures)?
+        on_a_sheet(pictures)?
     } else {
         Form::Zip
     };
-    Ok(Plan { pictures, form })
+    Ok(Plan {
+        pictures: checked,
+        form,
+    })
+}
+
+/// The path of a picture of the list.
+fn place(number: usize) -> String {
+    format!("renders[{number}]")
 }
 
 /// Finds each picture's row, by its depth, and column, by its direction, in the order in which they come.
@@ -228,7 +236,7 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
     let (mut rows, mut columns, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     let first = &pictures[0];
     for (number, picture) in pictures.iter().enumerate() {
-        let path = format!("renders[{number}]");
+        let path = place(number);
         let of_first = (
             first.width,
             first.height,
@@ -244,7 +252,7 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
             picture.overlay.is_some(),
         ) != of_first
         {
-            let detail = "must have the width, height, colormap and background of the first picture of its sheet, and like it an overlay or none";
+            let detail = "must have the same width, height, colormap and background as the first picture of the sheet, and an overlay only if that has one";
             return Err(out_of_range(&path, detail));
         }
         let cell = [
@@ -254,7 +262,7 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
         if cells.contains(&cell) {
             return Err(out_of_range(
                 &path,
-                "has the depth and direction of another picture of its sheet",
+                "has the same depth and direction as another picture of the sheet",
             ));
         }
         cells.push(cell);
@@ -277,22 +285,20 @@ fn place_in(labels: &mut Vec<String>, label: String) -> usize {
 impl Swivel {
     fn plan(self) -> Result<Plan, AppError> {
         check_frames("swivel", self.frames, self.delay_ms)?;
-        check_at("swivel.render", &self.render)?;
-        let any_window = render::Window::between(0.0, 1.0);
-        let request = self.render.at(0.0, any_window)?;
-        let start = request.parameters().camera.orientation();
+        let first = checked_at("swivel.render", &self.render)?;
+        let start = first.camera().orientation();
         let turned = |frame: u32| {
             let angle = std::f64::consts::TAU * f64::from(frame) / f64::from(self.frames);
-            PictureRequest {
+            let orientation = glam::DQuat::from_rotation_y(angle) * start;
+            let render = PictureRequest {
                 view: None,
-                orientation: Some(Numbers(
-                    (glam::DQuat::from_rotation_y(angle) * start).to_array(),
-                )),
+                orientation: Some(Numbers(orientation.to_array())),
                 ..self.render.clone()
-            }
+            };
+            checked_at("swivel.render", &render)
         };
         Ok(Plan {
-            pictures: (0..self.frames).map(turned).collect(),
+            pictures: (0..self.frames).map(turned).collect::<Result<_, _>>()?,
             form: Form::Animation {
                 delay_ms: self.delay_ms,
             },
@@ -303,11 +309,11 @@ impl Swivel {
 impl Sweep {
     fn plan(self) -> Result<Plan, AppError> {
         check_frames("sweep", self.frames, self.delay_ms)?;
-        check_at("sweep.render", &self.render)?;
+        checked_at("sweep.render", &self.render)?;
         if self.render.depth_mm != 0.0 {
             return Err(out_of_range(
                 "sweep.render.depth_mm",
-                "is given by `from_mm` and `to_mm`",
+                "is determined by `from_mm` and `to_mm`; omit it",
             ));
         }
         for (path, depth_mm) in [("sweep.from_mm", self.from_mm), ("sweep.to_mm", self.to_mm)] {
@@ -317,21 +323,22 @@ impl Sweep {
         }
         let at = |frame: u32| {
             let share = frame as f32 / (self.frames - 1) as f32;
-            PictureRequest {
+            let render = PictureRequest {
                 depth_mm: self.from_mm * (1.0 - share) + self.to_mm * share,
                 ..self.render.clone()
-            }
+            };
+            checked_at("sweep.render", &render)
         };
         let mut pictures: Vec<_> = (0..self.frames).map(at).collect();
         if self.there_and_back {
             pictures.extend((1..self.frames - 1).rev().map(at));
         }
         if pictures.len() > MAX_PICTURES {
-            let detail = "must be 2 to 129: there and back, at most 256 pictures are drawn";
+            let detail = "must be 2 to 129, because there and back at most 256 pictures are drawn";
             return Err(out_of_range("sweep.frames", detail));
         }
         Ok(Plan {
-            pictures,
+            pictures: pictures.into_iter().collect::<Result<_, _>>()?,
             form: Form::Animation {
                 delay_ms: self.delay_ms,
             },

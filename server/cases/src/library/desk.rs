@@ -1,0 +1,144 @@
+//! The maps of cases in memory, and those that are being made.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use case::{CandidateFacts, CaseId, MapName};
+use geometry::Grid;
+use glam::DAffine3;
+use pipeline::maps::{CaseMaps, map_unit};
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use render::{KeyedLayer, Layer, LayerKey, LayerValues};
+use tokio::sync::Semaphore;
+
+use crate::cache;
+
+/// About how many cases have maps in memory.
+const EXPECTED_CASES: usize = 16;
+
+/// The maps of a case in memory, ready for drawing.
+#[derive(Debug)]
+pub struct LoadedMaps {
+    key: u128,
+    grid: Grid,
+    layers: Vec<(MapName, Arc<Layer>)>,
+    /// The most blurred places, the highest value first.
+    pub candidates: Vec<CandidateFacts>,
+}
+
+impl LoadedMaps {
+    /// Takes over the maps of a case; the keys of their layers derive from `key`.
+    pub fn new(key: u128, mut maps: CaseMaps) -> Self {
+        let candidates = std::mem::take(&mut maps.candidates);
+        let grid = maps.map(MapName::Blur).grid().clone();
+        let layers = maps.into_named().map(|(name, map)| {
+            let scale = map.scale();
+            let values = LayerValues::Codes {
+                least: scale.least,
+                step: scale.step,
+                codes: map.into_codes(),
+            };
+            let texts = [name.name(), map_unit(name)];
+            let layer = Layer::new(texts, &grid, DAffine3::IDENTITY, values);
+            (name, Arc::new(layer.expect("all maps have the same grid")))
+        });
+        Self {
+            key,
+            layers: layers.collect(),
+            grid,
+            candidates,
+        }
+    }
+
+    /// The grid of all maps: a block of the grid of the volume.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// One of the maps.
+    pub fn layer(&self, name: MapName) -> &Arc<Layer> {
+        let found = self.layers.iter().find(|(other, _)| *other == name);
+        &found.expect("there is one of each name").1
+    }
+
+    /// One of the maps, with the key of its texture on a graphics device.
+    pub fn keyed(&self, name: MapName) -> KeyedLayer {
+        KeyedLayer {
+            key: LayerKey(self.key ^ (1 + name as u128)),
+            layer: Arc::clone(self.layer(name)),
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        let layers = self.layers.iter();
+        layers.map(|(_, layer)| layer.bytes() as u64).sum()
+    }
+}
+
+/// The state of the maps of a case.
+#[derive(Debug, Clone)]
+pub enum MapsState {
+    /// They are there.
+    Ready(Arc<LoadedMaps>),
+    /// There are none; the reason, as a sentence.
+    Undefined(Arc<str>),
+    /// They are being made.
+    Making,
+    /// This server makes none.
+    Off,
+}
+
+/// The cached state of the maps of a case.
+pub(super) type Known = Result<Arc<LoadedMaps>, Arc<str>>;
+
+/// Whether it is enough that maps are stored, or they must be readable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Make {
+    IfMissing,
+    Again,
+}
+
+/// The maps in memory, and the running computations.
+pub(super) struct MapsDesk {
+    pub(super) known: Cache<CaseId, Known, ByBytes>,
+    /// Waiting and at work. Held for moments.
+    making: Mutex<HashMap<CaseId, Make>>,
+    /// One case at a time, because the filters use every core and about 100 MB.
+    pub(super) one_at_a_time: Semaphore,
+}
+
+impl MapsDesk {
+    /// An empty cache with a limit in bytes.
+    pub(super) fn new(cache_bytes: u64) -> Self {
+        Self {
+            known: cache::one_shard(ByBytes, cache_bytes, EXPECTED_CASES),
+            making: Mutex::default(),
+            one_at_a_time: Semaphore::new(1),
+        }
+    }
+
+    pub(super) fn making(&self) -> MutexGuard<'_, HashMap<CaseId, Make>> {
+        self.making.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl fmt::Debug for MapsDesk {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("MapsDesk")
+            .field("known", &self.known.len())
+            .field("making", &self.making().len())
+            .finish_non_exhaustive()
+    }
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct ByBytes;
+
+impl Weighter<CaseId, Known> for ByBytes {
+    fn weight(&self, _: &CaseId, known: &Known) -> u64 {
+        known.as_ref().map_or(1, |maps| maps.bytes().max(1))
+    }
+}

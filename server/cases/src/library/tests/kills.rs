@@ -1,0 +1,156 @@
+//! Processes that are killed at any step.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use case::{CaseState, ObjectKind};
+use storage::testing::{assert_nothing_left_over, facts};
+use storage::{LeaseTerms, ObjectName, Pinned, Publisher, Sweep, frame_all};
+use tempfile::TempDir;
+
+use super::{GRACE, expected, load, open, ready};
+use crate::jobs::Workers;
+use crate::testing::{Fake, fake_objects, settled_state, submit};
+
+/// Does the steps of an upload and its preparation one by one, and stops before the given one, as a killed process would.
+async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
+    let library = open(directory, fake).await;
+    let mut spool = library.store().spool().await.unwrap();
+    spool.write(Bytes::from_static(b"volume")).await.unwrap();
+    if step == 0 {
+        return std::mem::forget(spool);
+    }
+    let spooled = spool.finish().await.unwrap();
+    let name = ObjectName {
+        kind: ObjectKind::SourceVolume,
+        digest: *spooled.digest(),
+    };
+    let _pinned: Pinned = library.store().pin([name]).await.unwrap();
+    if step == 1 {
+        return std::mem::forget(spooled);
+    }
+    library
+        .store()
+        .objects()
+        .put_file(&name, &spooled)
+        .await
+        .unwrap();
+    let half_staged = directory
+        .path()
+        .join("objects")
+        .join(format!("{}#7", name.path()));
+    std::fs::write(half_staged, b"half").unwrap();
+    if step == 2 {
+        return std::mem::forget(spooled);
+    }
+    drop(spooled);
+    submit(&library, "volume").await;
+    if step == 3 {
+        return;
+    }
+    let terms = LeaseTerms {
+        lease: Duration::from_secs(3600),
+        max_attempts: 3,
+    };
+    let claim = library.store().rows().claim(&terms).await.unwrap().unwrap();
+    if step == 4 {
+        return;
+    }
+    let framed = frame_all(fake_objects(b"volume")).await.unwrap();
+    library
+        .store()
+        .pin(framed.iter().map(|framed| framed.name))
+        .await
+        .unwrap();
+    for framed in &framed[..2] {
+        library.store().objects().put(framed).await.unwrap();
+    }
+    if step == 5 {
+        return;
+    }
+    for framed in &framed[2..] {
+        library.store().objects().put(framed).await.unwrap();
+    }
+    if step == 6 {
+        return;
+    }
+    library
+        .store()
+        .publish(Publisher::Worker(&claim), &framed, &facts())
+        .await
+        .unwrap();
+    if step == 7 {
+        return;
+    }
+    let rows = library.store().rows();
+    rows.delete(&claim.id).await.unwrap();
+    if step == 8 {
+        return;
+    }
+    let sweep = Sweep {
+        holder: "killed".to_owned(),
+        lease: Duration::from_secs(3600),
+    };
+    // The pins from above have no holder any more.
+    rows.forget_holders().await.unwrap();
+    let unneeded = rows.abandoned(100).await.unwrap();
+    let marked = rows.mark(&unneeded, &sweep).await.unwrap();
+    assert_eq!(marked.len(), 6);
+    if step == 9 {
+        return;
+    }
+    for name in &marked[..3] {
+        library.store().objects().delete(name).await.unwrap();
+    }
+    if step == 10 {
+        return;
+    }
+    for name in &marked[3..] {
+        library.store().objects().delete(name).await.unwrap();
+    }
+    assert_eq!(step, 11, "there is no further step");
+}
+
+#[tokio::test]
+async fn a_kill_at_any_step_leaves_nothing_half_there() {
+    for step in 0..=11 {
+        let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+        killed_before(step, &directory, &fake).await;
+        let library = open(&directory, &fake).await;
+        assert_nothing_left_over(library.store(), directory.path()).await;
+        let cases = library.store().cases(None, 10).await.unwrap().cases;
+        assert_eq!(
+            cases.len(),
+            usize::from((3..=7).contains(&step)),
+            "step {step}"
+        );
+        let workers = Workers::start(library.clone(), 1);
+        let id = submit(&library, "volume").await.id;
+        assert_eq!(
+            settled_state(&library, &id).await,
+            Some(CaseState::Ready),
+            "step {step}"
+        );
+        workers.shut_down(GRACE).await;
+        assert_eq!(load(&library, &id).await, Some(expected("volume")));
+        assert_eq!(fake.run_count(), usize::from(step != 7), "step {step}");
+        assert_nothing_left_over(library.store(), directory.path()).await;
+    }
+}
+
+#[tokio::test]
+async fn an_object_that_no_row_knows_is_removed_at_the_next_start() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let (library, id) = ready(&directory, &fake).await;
+    let unknown = frame_all(fake_objects(b"a removal that the disk forgot"))
+        .await
+        .unwrap();
+    for framed in &unknown {
+        library.store().objects().put(framed).await.unwrap();
+    }
+    drop(library);
+    let library = open(&directory, &fake).await;
+    assert_nothing_left_over(library.store(), directory.path()).await;
+    assert_eq!(load(&library, &id).await, Some(expected("volume")));
+}

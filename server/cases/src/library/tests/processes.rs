@@ -1,0 +1,110 @@
+//! Several processes and workers on one store.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use case::CaseState;
+use storage::testing::assert_nothing_left_over;
+use storage::{Objects, Options, SqlRows, Store, frame_all};
+
+use super::{GRACE, open};
+use crate::jobs::Workers;
+use crate::testing::{Fake, fake_objects, library_on, options, settled_state, submit};
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
+    let first = open(&directory, &fake).await;
+    fake.hold(true);
+    let workers = Workers::start(first.clone(), 1);
+    let id = submit(&first, "volume").await.id;
+    fake.until_active().await;
+    let mut spool = first.store().spool().await.unwrap();
+    spool.write(Bytes::from_static(b"second")).await.unwrap();
+    let pinned = frame_all(fake_objects(b"about to be published"))
+        .await
+        .unwrap();
+    first
+        .store()
+        .pin(pinned.iter().map(|framed| framed.name))
+        .await
+        .unwrap();
+    first.store().objects().put(&pinned[0]).await.unwrap();
+
+    let second = open(&directory, &fake).await;
+    let others = Workers::start(second.clone(), 1);
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    assert_eq!(fake.run_count(), 1);
+    assert!(second.store().objects().get(&pinned[0].name).await.is_ok());
+    spool.finish().await.unwrap();
+
+    // Deleted by the other process: the first one's worker learns of it by its heartbeat.
+    assert!(second.store().delete(&id).await.unwrap());
+    while fake.active.load(std::sync::atomic::Ordering::Relaxed) > 0 {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    workers.shut_down(GRACE).await;
+    others.shut_down(GRACE).await;
+    assert_eq!(first.store().case(&id).await.unwrap(), None);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_shutdown_finishes_or_hands_back() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
+    let library = open(&directory, &fake).await;
+    let id = submit(&library, "volume").await.id;
+    fake.hold(true);
+    for _ in 0..5 {
+        let workers = Workers::start(library.clone(), 1);
+        fake.until_active().await;
+        workers.shut_down(Duration::from_millis(5)).await;
+        // At once, with no lease to wait for, and without an end of its attempts.
+        assert_eq!(
+            library.store().case(&id).await.unwrap().unwrap().state,
+            CaseState::Queued
+        );
+    }
+    let workers = Workers::start(library.clone(), 1);
+    fake.until_active().await;
+    let finish = tokio::spawn(workers.shut_down(GRACE));
+    tokio::time::sleep(Duration::from_millis(30)).await;
+    fake.hold(false);
+    finish.await.unwrap();
+    assert_eq!(
+        library.store().case(&id).await.unwrap().unwrap().state,
+        CaseState::Ready
+    );
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_lost_its_lease_publishes_nothing() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
+    std::fs::create_dir(directory.path().join("uploads")).unwrap();
+    std::fs::create_dir(directory.path().join("objects")).unwrap();
+    let file = directory.path().join("rows.sqlite");
+    let rows = SqlRows::sqlite(&file).await.unwrap();
+    let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
+    let options = Options {
+        heartbeat: Duration::from_secs(3600),
+        ..options()
+    };
+    let opened = Store::on(Arc::new(rows.clone()), objects, options).unwrap();
+    let library = library_on(opened, &fake);
+    fake.hold(true);
+    let asleep = Workers::start(library.clone(), 1);
+    let id = submit(&library, "volume").await.id;
+    fake.until_active().await;
+    // Its heartbeat does not come for longer than the lease.
+    rows.pass_time(Duration::from_secs(31));
+    let awake = Workers::start(library.clone(), 1);
+    while fake.run_count() < 2 {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    fake.hold(false);
+    assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
+    asleep.shut_down(GRACE).await;
+    awake.shut_down(GRACE).await;
+    assert_eq!(library.store().counters().prepared, 1);
+    assert_nothing_left_over(library.store(), directory.path()).await;
+}

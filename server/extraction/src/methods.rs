@@ -1,0 +1,95 @@
+//! Each extraction method by itself, and the rating of its result.
+
+use geometry::{BrainMask, DistanceMap, Volume, cut_envelope, distance_map};
+
+use crate::observe::go_on;
+use crate::quality::{Because, Quality};
+use crate::{ExtractionError, Network, Observe, pruning};
+
+/// How a brain was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// By the network deepbet.
+    Network,
+    /// By tree pruning.
+    TreePruning,
+}
+
+/// The brain of a volume.
+#[derive(Debug, Clone)]
+pub struct Extraction {
+    /// Its voxels on the working grid of the volume.
+    pub brain: BrainMask,
+    /// The depth below the envelope of the brain, closed by [`CLOSING_RADIUS_MM`], on which the rating is based.
+    pub closed: DistanceMap,
+    /// The method that found it.
+    pub method: Method,
+    /// Its rating.
+    pub quality: Quality,
+}
+
+/// Radius of the closing for the rating, in mm: the default of envelopes.
+pub const CLOSING_RADIUS_MM: f64 = 10.0;
+
+/// Finds the brain with the network alone.
+///
+/// # Errors
+/// As [`extract`](crate::extract()).
+pub fn predict(
+    volume: &Volume,
+    network: &Network,
+    threshold: f32,
+    observe: Observe<'_>,
+) -> Result<Extraction, ExtractionError> {
+    let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
+    let brain = prediction.fine.brain(volume.grid(), threshold)?;
+    go_on(observe, 0.95)?;
+    let closed = closed(&brain, volume)?;
+    let quality = Quality::of_predicted(&prediction, (&brain, &closed), volume)?;
+    Ok(Extraction {
+        brain,
+        closed,
+        method: Method::Network,
+        quality,
+    })
+}
+
+/// Finds the brain by tree pruning alone. It needs no weights, but a good contrast between grey and white matter.
+///
+/// The verdict is at best [`Verdict::Review`](crate::Verdict::Review).
+///
+/// # Errors
+/// As [`extract`](crate::extract()).
+pub fn prune(volume: &Volume, observe: Observe<'_>) -> Result<Extraction, ExtractionError> {
+    pruned(volume, Because::Asked, observe)
+}
+
+pub(crate) fn pruned(
+    volume: &Volume,
+    because: Because,
+    observe: Observe<'_>,
+) -> Result<Extraction, ExtractionError> {
+    let pruned = pruning::prune(volume, &|done| observe(0.9 * done))?;
+    let brain = BrainMask::from_mask(&pruned, volume.grid())?;
+    go_on(observe, 0.95)?;
+    let closed = closed(&brain, volume)?;
+    let mut quality = Quality::of_found(&pruned, (&brain, &closed), volume);
+    quality.put_to_review(because);
+    Ok(Extraction {
+        brain,
+        closed,
+        method: Method::TreePruning,
+        quality,
+    })
+}
+
+/// The depth below the envelope of a brain, closed by [`CLOSING_RADIUS_MM`]; the faces of the volume do not count as
+/// dura.
+///
+/// # Errors
+/// If the voxels are too small for that radius.
+pub(crate) fn closed(brain: &BrainMask, volume: &Volume) -> Result<DistanceMap, ExtractionError> {
+    let cuts = brain.cuts(volume.grid());
+    let envelope = cut_envelope(brain, CLOSING_RADIUS_MM, &cuts)?;
+    Ok(distance_map(&envelope))
+}

@@ -1,0 +1,193 @@
+//! Uploads: streamed to the disk of the store, checked, queued.
+
+mod form;
+mod parts;
+
+use axum::body::Body;
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::Response;
+use cases::Cases;
+use cases::dicom::{Choice, Input, Options, Reading};
+use imaging::{Format, sniff};
+use storage::{Spooled, Submitted, Upload};
+use utoipa::ToSchema;
+
+use self::form::{Form, Volume};
+use super::cases::{CaseView, address_of};
+use super::fresh::fresh_json;
+use super::query::{ApiQuery, NoQuery};
+use crate::conditional;
+use crate::problem::{AppError, Problem};
+use crate::state::Uploads;
+
+pub(super) use self::parts::Incoming;
+
+/// The number of bytes that identify the kind of a file.
+const SNIFFED_BYTES: u64 = 64 << 10;
+
+/// Seconds to wait before the first request for a new case.
+const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
+
+/// The parts of an upload.
+#[derive(Debug, ToSchema)]
+pub struct UploadForm {
+    /// The MR volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM
+    /// file.
+    #[schema(format = Binary, content_media_type = "application/octet-stream")]
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    volume: Option<String>,
+    /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
+    #[schema(format = Binary, content_media_type = "application/dicom")]
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    dicom: Vec<String>,
+    /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
+    #[schema(format = Binary, content_media_type = "application/octet-stream")]
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    mask: Option<String>,
+    /// JSON: `closing_radius_mm` (0 to 50), `mask` (if none is supplied: `auto`, `volume`, `network` or `pruning`),
+    /// `mask_kind` (`brain` or `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label.
+    /// For DICOM files also `series`, the number, instance UID or token of the series to read, and `allow_gaps`: true
+    /// interpolates single missing slices and lists them. `keep_name`: true keeps the label of an existing case.
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    parameters: Option<String>,
+}
+
+/// Upload a volume
+///
+/// The volume is read and checked at once, and its preparation is queued. The same input and parameters always give the
+/// same case.
+#[utoipa::path(
+    post, path = "/v1/cases", tag = "cases",
+    request_body(content = UploadForm, content_type = "multipart/form-data"),
+    responses(
+        (status = 202, description = "A new case", body = CaseView, headers(
+            ("Location" = String, description = "The address of the case"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),
+        )),
+        (status = 200, description = "The case already exists", body = CaseView),
+        (status = 400, description = "The form cannot be read", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body is not a form", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The volume or mask cannot be used", body = Problem, content_type = "application/problem+json"),
+        (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many cases are waiting", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_case(
+    State(cases): State<Cases>,
+    State(uploads): State<Uploads>,
+    _no_query: ApiQuery<NoQuery>,
+    request: Request,
+) -> Result<Response, AppError> {
+    refuse_early(request.headers(), uploads.limits.max_bytes)?;
+    let _room = uploads.begin()?;
+    let incoming = Incoming::begin(cases.store(), &uploads);
+    let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
+    // Before the DICOM files are read, which takes long.
+    sent.parameters.check()?;
+    let (upload, choice) = into_upload(&cases, volume, mask, &sent.options).await?;
+    let accepted = cases
+        .submit(upload, sent.parameters, sent.keep_name)
+        .await?;
+    Ok(submitted(accepted, choice))
+}
+
+/// The answer with a case and the choice among DICOM files: 202 if the case is new.
+pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Response {
+    let status = if submitted.created {
+        StatusCode::ACCEPTED
+    } else {
+        StatusCode::OK
+    };
+    let address = address_of(&submitted.case.id);
+    let mut response: Response<Body> =
+        fresh_json(status, &CaseView::from(submitted.case).choosing(choice));
+    let headers = response.headers_mut();
+    conditional::insert(headers, header::LOCATION, &address);
+    if submitted.created {
+        headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
+    }
+    response
+}
+
+/// DICOM files, recognised by content, become a volume.
+async fn into_upload(
+    cases: &Cases,
+    volume: Volume,
+    mask: Option<Spooled>,
+    options: &Options,
+) -> Result<(Upload, Option<Choice>), AppError> {
+    let reading = match volume {
+        Volume::Dicom(directory) => {
+            read_dicom(cases, Input::Path(directory.path()), options).await?
+        }
+        Volume::File(file) => match sniff(&file.head(SNIFFED_BYTES).await?) {
+            Format::Zip | Format::Dicom => {
+                read_dicom(cases, Input::Spooled(&file), options).await?
+            }
+            _ if *options != Options::default() => return Err(not_of_nifti()),
+            _ => {
+                let upload = Upload {
+                    volume: file,
+                    mask,
+                    dicom: None,
+                };
+                return Ok((upload, None));
+            }
+        },
+    };
+    let upload = Upload {
+        volume: cases.store().spool_file(reading.file()).await?,
+        mask,
+        dicom: Some(cases.store().spool_all(reading.attributes).await?),
+    };
+    Ok((upload, Some(reading.choice)))
+}
+
+async fn read_dicom(
+    cases: &Cases,
+    input: Input<'_>,
+    options: &Options,
+) -> Result<Reading, AppError> {
+    let scratch = cases.store().scratch();
+    Ok(cases.dicom.read(input, options, &scratch).await?)
+}
+
+fn not_of_nifti() -> AppError {
+    AppError::Upload {
+        kind: "parameters-unreadable",
+        detail:
+            "`series` and `allow_gaps` are only accepted for DICOM files; `volume` is not DICOM"
+                .to_owned(),
+    }
+}
+
+/// Rejects a request before its body is read, if possible.
+fn refuse_early(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
+    if !is_form(headers) {
+        return Err(AppError::UnsupportedMediaType);
+    }
+    refuse_too_large(headers, limit_bytes)
+}
+
+fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+/// Whether the headers announce a form.
+pub(super) fn is_form(headers: &HeaderMap) -> bool {
+    text(headers, header::CONTENT_TYPE)
+        .is_some_and(|kind| kind.to_ascii_lowercase().starts_with("multipart/form-data"))
+}
+
+/// Rejects a body with too large an announced length.
+pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
+    let length: Option<u64> =
+        text(headers, header::CONTENT_LENGTH).and_then(|length| length.parse().ok());
+    let limit_of_form = limit_bytes.saturating_add(super::FORM_OVERHEAD_BYTES);
+    if length.is_some_and(|length| length > limit_of_form) {
+        return Err(AppError::TooLarge { limit_bytes });
+    }
+    Ok(())
+}

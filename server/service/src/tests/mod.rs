@@ -1,0 +1,8 @@
+//! The whole router, asked without a socket: one server for each table of requests.
+
+mod immutable;
+mod queries;
+mod refusals;
+mod server;
+mod uploads;
+mod versions;

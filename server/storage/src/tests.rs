@@ -1,0 +1,253 @@
+//! The store as a whole, without anything that prepares: uploads, versions, derived objects, deletions.
+
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use bytes::Bytes;
+use case::{CaseFacts, CaseId, CaseState, ObjectKind, Parameters};
+use tempfile::TempDir;
+
+use super::testing::{assert_nothing_left_over, claim, facts, failure, files_below};
+use super::*;
+
+async fn store(directory: &TempDir) -> Store {
+    let options = Options {
+        queue_limit: 2,
+        poll: Duration::from_millis(20),
+        ..Options::default()
+    };
+    Store::open_with(directory.path(), options).await.unwrap()
+}
+
+async fn upload(store: &Store, volume: &'static str, mask: Option<&'static str>) -> Upload {
+    let spool = async |text: &'static str| store.spool_all(text.into()).await.unwrap();
+    Upload {
+        volume: spool(volume).await,
+        mask: match mask {
+            Some(mask) => Some(spool(mask).await),
+            None => None,
+        },
+        dicom: None,
+    }
+}
+
+async fn submit(store: &Store, volume: &'static str) -> Result<Submitted, StoreError> {
+    let upload = upload(store, volume, None).await;
+    store.submit_upload(upload, Parameters::default()).await
+}
+
+/// Publishes the derived objects of a case whose volume this is.
+async fn publish(store: &Store, publisher: Publisher<'_>, volume: &str) {
+    let payload = |kind: ObjectKind| Bytes::from(format!("{} of {volume}", kind.name()));
+    let objects = ObjectKind::DERIVED.map(|kind| (kind, payload(kind)));
+    let framed = frame_all(objects.into()).await.unwrap();
+    let published = store.publish(publisher, &framed, &facts()).await;
+    assert_eq!(published.unwrap(), Published::Done);
+}
+
+/// A case that is ready.
+async fn ready(store: &Store, volume: &'static str) -> CaseId {
+    let id = submit(store, volume).await.unwrap().case.id;
+    let claim = claim(store.rows()).await.unwrap();
+    assert_eq!(claim.id, id);
+    publish(store, Publisher::Worker(&claim), volume).await;
+    id
+}
+
+const VOLUME: &[ObjectKind] = &[ObjectKind::Volume];
+
+async fn read(store: &Store, id: &CaseId) -> Attempt<String> {
+    let decode = |_: &CaseFacts, payloads: &[Bytes]| {
+        let text = String::from_utf8(payloads[0].to_vec()).ok()?;
+        (!text.contains("nonsense")).then_some(text)
+    };
+    let decode = Arc::new(decode);
+    store.read_derived(id, VOLUME, &decode).await.unwrap()
+}
+
+#[tokio::test]
+async fn an_upload_is_queued_once_and_again_after_it_has_failed() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    for (what, created) in [("new", true), ("known", false)] {
+        let submitted = submit(&store, "volume").await.unwrap();
+        assert_eq!(submitted.created, created, "{what}");
+        assert_eq!(submitted.case.state, CaseState::Queued);
+    }
+    let claim = claim(store.rows()).await.unwrap();
+    assert!(store.rows().fail(&claim, &failure()).await.unwrap());
+    let again = submit(&store, "volume").await.unwrap();
+    assert!(again.created, "a failed one is queued again");
+    assert_nothing_left_over(&store, directory.path()).await;
+}
+
+#[tokio::test]
+async fn a_full_queue_refuses_and_keeps_nothing_of_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    for volume in ["one", "two"] {
+        submit(&store, volume).await.unwrap();
+    }
+    assert_eq!(store.waiting().await.unwrap(), 2);
+    let refused = submit(&store, "three").await;
+    assert!(matches!(refused, Err(StoreError::QueueFull)));
+    assert!(
+        !submit(&store, "one").await.unwrap().created,
+        "what is there is found"
+    );
+    assert_nothing_left_over(&store, directory.path()).await;
+}
+
+#[tokio::test]
+async fn the_same_files_and_parameters_have_one_name() {
+    let store = Store::in_memory(Options::default()).await.unwrap();
+    let of = async |volume, mask, parameters: &Parameters| {
+        upload(&store, volume, mask).await.case_id(parameters)
+    };
+    let default = Parameters::default();
+    let named = Parameters {
+        name: Some("a label".to_owned()),
+        ..Parameters::default()
+    };
+    let closer = Parameters {
+        closing_radius_mm: 8.0,
+        ..Parameters::default()
+    };
+    let expected = of("volume", Some("mask"), &default).await;
+    for (volume, mask, parameters, is_same) in [
+        ("volume", Some("mask"), &default, true),
+        ("volume", Some("mask"), &named, true),
+        ("volume", Some("mask"), &closer, false),
+        ("volume", None, &default, false),
+        ("mask", Some("volume"), &default, false),
+        ("volume", Some("another"), &default, false),
+    ] {
+        let id = of(volume, mask, parameters).await;
+        assert_eq!(id == expected, is_same, "{volume} {mask:?}");
+    }
+    let of_somebody = Upload {
+        dicom: Some(store.spool_all("whose".into()).await.unwrap()),
+        ..upload(&store, "volume", Some("mask")).await
+    };
+    assert_ne!(of_somebody.case_id(&default), expected);
+}
+
+#[tokio::test]
+async fn a_version_has_the_volume_and_the_mask_that_it_says() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let upload = upload(&store, "volume", Some("mask")).await;
+    let submitted = store.submit_upload(upload, Parameters::default()).await;
+    let of = submitted.unwrap().case.id;
+    let first = claim(store.rows()).await.unwrap();
+    assert_eq!(first.sources.len(), 2);
+    let closer = || Parameters {
+        closing_radius_mm: 8.0,
+        ..Parameters::default()
+    };
+    let supplied = NewMask::Supplied(store.spool_all("another".into()).await.unwrap());
+    for (mask, sources) in [(supplied, 2), (NewMask::None, 1), (NewMask::Kept, 2)] {
+        let version = Version {
+            of,
+            mask,
+            parameters: closer(),
+        };
+        let names = store.rows().objects(&of).await.unwrap();
+        let id = version.id(&names).unwrap();
+        assert_ne!(version.id_with(&names, &Parameters::default()), Some(id));
+        let made = store.submit_version(version).await.unwrap().unwrap();
+        assert_eq!((made.case.id, made.case.previous), (id, Some(of)));
+        let claimed = claim(store.rows()).await.unwrap();
+        assert_eq!((claimed.id, claimed.sources.len()), (id, sources));
+        let volume = store.read(&id, &claimed.sources, ObjectKind::SourceVolume);
+        assert_eq!(volume.await.unwrap().as_deref(), Some(&b"volume"[..]));
+    }
+    assert_eq!(store.case(&of).await.unwrap().unwrap().next.len(), 3);
+    let nobody = Version {
+        of: CaseId::of(&blake3::hash(b"nobody"), None, &closer()),
+        mask: NewMask::Kept,
+        parameters: closer(),
+    };
+    assert!(nobody.id(&[]).is_none());
+    assert!(store.submit_version(nobody).await.unwrap().is_none());
+    assert_nothing_left_over(&store, directory.path()).await;
+}
+
+#[tokio::test]
+async fn derived_objects_are_read_once_their_case_is_ready() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let queued = submit(&store, "volume").await.unwrap().case.id;
+    assert!(matches!(read(&store, &queued).await, Attempt::NoCase));
+    store.delete(&queued).await.unwrap();
+    assert!(matches!(read(&store, &queued).await, Attempt::NoCase));
+    let id = ready(&store, "volume").await;
+    match read(&store, &id).await {
+        Attempt::Read(text) => assert_eq!(text, "volume of volume"),
+        other => panic!("{other:?}"),
+    }
+    let undecodable = ready(&store, "nonsense").await;
+    assert!(matches!(read(&store, &undecodable).await, Attempt::Bad));
+    let folder = directory.path().join("objects/volume");
+    for file in files_below(&folder) {
+        std::fs::write(file, b"damaged").unwrap();
+    }
+    assert!(matches!(read(&store, &id).await, Attempt::Bad));
+    assert_eq!(store.counters().bad_objects, 2);
+    // Written again for the ready case, they are sound.
+    publish(&store, Publisher::Rebuild(&id), "volume").await;
+    assert!(matches!(read(&store, &id).await, Attempt::Read(_)));
+}
+
+#[tokio::test]
+async fn whose_head_it_is_is_kept_apart() {
+    let store = Store::in_memory(Options::default()).await.unwrap();
+    let dicom = Upload {
+        dicom: Some(store.spool_all("whose".into()).await.unwrap()),
+        ..upload(&store, "volume", None).await
+    };
+    let submitted = store.submit_upload(dicom, Parameters::default()).await;
+    let of_dicom = submitted.unwrap().case.id;
+    let of_nifti = submit(&store, "volume").await.unwrap().case.id;
+    for (id, expected) in [(of_dicom, Some(&b"whose"[..])), (of_nifti, None)] {
+        let stored = store.source_dicom(&id).await.unwrap();
+        assert_eq!(stored.as_deref(), expected);
+    }
+}
+
+#[tokio::test]
+async fn deletions_tell_whoever_remembers_and_keep_what_others_need() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let told: Arc<Mutex<Vec<CaseId>>> = Arc::default();
+    let hook = Arc::clone(&told);
+    store.on_delete(move |id| hook.lock().unwrap().push(*id));
+    let plain = submit(&store, "volume").await.unwrap().case.id;
+    let masked = upload(&store, "volume", Some("mask")).await;
+    let masked = store.submit_upload(masked, Parameters::default()).await;
+    let masked = masked.unwrap().case.id;
+    let stored = |root: &Path| files_below(&root.join("objects")).len();
+    assert_eq!(stored(directory.path()), 2, "both have one volume");
+    assert!(store.delete(&plain).await.unwrap());
+    assert!(!store.delete(&plain).await.unwrap(), "it is gone");
+    assert_eq!(stored(directory.path()), 2);
+    assert!(store.delete(&masked).await.unwrap());
+    assert_eq!(stored(directory.path()), 0);
+    assert_eq!(*told.lock().unwrap(), [plain, masked]);
+}
+
+#[tokio::test]
+async fn a_store_is_checked_and_says_whether_its_disk_is_full() {
+    let directory = tempfile::tempdir().unwrap();
+    for (min_free_bytes, is_full) in [(0, None), (u64::MAX, Some(true))] {
+        let options = Options {
+            min_free_bytes,
+            ..Options::default()
+        };
+        let store = Store::open_with(directory.path(), options).await.unwrap();
+        let checked = store.check().await;
+        assert_eq!(checked.err().map(|error| error.is_full()), is_full);
+        store.close().await;
+    }
+}
