@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import tables from "../shaders/colors.json";
+import { Problem } from "../src/base/api.ts";
 import { colorRow } from "../src/gl/colors.ts";
 import { towardsViewer } from "../src/model/camera.ts";
 import { broughtTo, changeOf } from "../src/model/commands.ts";
@@ -21,6 +22,7 @@ import { PLANE_NAMES, renderQuery, sliceQuery } from "../src/model/query.ts";
 import { turnBody } from "../src/model/series.ts";
 import { type Vec3, dot, normalized, subtract } from "../src/model/space.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";
+import { CaseMaps } from "../src/page/case-maps.ts";
 import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
@@ -113,4 +115,52 @@ test("a place is brought to the middle and marked; beside the mirrored half from
   assert.ok(projectedTowards(beside, [40, 20, 35]) > 0.99);
   const left = broughtTo([40, 20, 35], 12, "both", SHOWN);
   assert.ok(projectedTowards(left, [40, 20, 35]) > 0.99);
+});
+
+const answer = (status: number, body: unknown, headers: Record<string, string> = {}): Response =>
+  new Response(body instanceof Uint8Array ? body.slice() : JSON.stringify(body), {
+    status,
+    headers: { "content-type": "application/problem+json", ...headers },
+  });
+
+test("maps that are being made are asked for until they are ready, and fetched once", async (context) => {
+  const told: string[] = [];
+  const asked: string[] = [];
+  const states = ["making", "ready"];
+  const layers = [
+    answer(409, { type: "urn:isocortex:problem:layer-not-ready" }, { "retry-after": "0.01" }),
+    answer(200, new Uint8Array([0, 7]), {
+      "x-isocortex-size": "2,1,1",
+      "x-isocortex-format": "u8",
+      "x-isocortex-scale": "0.1",
+      "x-isocortex-offset": "-12.8",
+      "x-isocortex-patient-from-voxel": "1,0,0,0,0,1,0,0,0,0,1,0",
+    }),
+  ];
+  context.mock.method(globalThis, "fetch", async (path: string) => {
+    asked.push(path);
+    const layer = path.includes("/layers/") ? layers.shift() : null;
+    return layer ?? answer(200, { ...SHOWN, maps: { state: states.shift() } });
+  });
+  const maps = new CaseMaps(SHOWN.id, ({ state }) => told.push(state));
+  await Promise.all([maps.ask(), maps.ask()]);
+  assert.deepEqual([told, maps.isReady, asked.length], [["making", "ready"], true, 2]);
+  const [one, two] = await Promise.all([maps.layer("blur"), maps.layer("blur")]);
+  assert.equal(one, two);
+  assert.deepEqual([...one.voxels], [0, 7]);
+  assert.equal(asked.length, 4);
+});
+
+test("a head without maps says why, and its layers are not waited for", async (context) => {
+  const reason = "the largest voxel spacing is 4.00 mm";
+  context.mock.method(globalThis, "fetch", async (path: string) =>
+    path.includes("/layers/")
+      ? answer(409, { type: "urn:isocortex:problem:maps-undefined", detail: reason })
+      : answer(200, { ...SHOWN, maps: { state: "undefined", reason } }),
+  );
+  const told: unknown[] = [];
+  const maps = new CaseMaps(SHOWN.id, (now) => told.push(now));
+  await maps.ask();
+  assert.deepEqual([told, maps.isReady], [[{ state: "undefined", reason }], false]);
+  await assert.rejects(maps.layer("blur"), (problem) => problem instanceof Problem && problem.detail === reason);
 });

@@ -49,9 +49,10 @@ export class Aids {
   }
 
   show(state: ViewState): void {
+    const isNew = state.overlay?.name !== this.#state?.overlay?.name;
     this.#state = state;
     this.#filled?.section.show(state);
-    if (!state.overlay) return;
+    if (!state.overlay || !isNew) return;
     const ask = async (): Promise<void> => (await this.load()).maps.ask();
     ask().catch((problem: unknown) => this.#listener.complain(problem));
   }

@@ -43,7 +43,7 @@ export class CaseMaps {
   }
 
   candidates(): Promise<readonly Candidate[]> {
-    return getCandidates(this.#id, CANDIDATES);
+    return this.#patiently(() => getCandidates(this.#id, CANDIDATES));
   }
 
   dispose(): void {
@@ -59,14 +59,29 @@ export class CaseMaps {
       this.#isReady = maps.state === "ready";
       this.#hear(maps);
       if (maps.state !== "making") return;
-      await new Promise((resolve) => setTimeout(resolve, WAIT_MS));
+      await wait(WAIT_MS);
     }
   }
 
   async #fetch(name: MapName): Promise<Block> {
     const { signal } = this.#gone;
-    const { headers, body } = await send(`v1/cases/${this.#id}/layers/${name}/volume`, { signal });
-    const bytes = await new Response(body).arrayBuffer();
-    return decodeVolume(bytes, readLayout(headers));
+    const path = `v1/cases/${this.#id}/layers/${name}/volume`;
+    const answer = await this.#patiently(() => send(path, { signal }));
+    return decodeVolume(await answer.arrayBuffer(), readLayout(answer.headers));
+  }
+
+  /** Asks again as long as the maps are being made: they may be lost, and made once more. */
+  async #patiently<T>(ask: () => Promise<T>): Promise<T> {
+    for (;;) {
+      try {
+        return await ask();
+      } catch (problem) {
+        const isMaking = problem instanceof Problem && problem.kind === "layer-not-ready";
+        if (!isMaking || this.#gone.signal.aborted) throw problem;
+        await wait(1000 * problem.retryAfter || WAIT_MS);
+      }
+    }
   }
 }
+
+const wait = (time_ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, time_ms));
