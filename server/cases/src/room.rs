@@ -64,7 +64,7 @@ mod tests {
         let volume = head(4.0).volume;
         let start = imaging::nifti::write_volume(&volume).unwrap();
         let two = Limits {
-            max_voxels: 2 * volume.grid().voxel_count(),
+            max_voxels: 2 * volume.grid().voxel_count().next_multiple_of(1000),
             ..Limits::default()
         };
         let room = RoomToCheck::new(HeadLimits::default(), two);

@@ -187,7 +187,7 @@ mod tests {
         facts.quality.as_mut().unwrap().state = QualityState::Failed;
         let none = maps(&facts);
         let reason = none.as_ref().unwrap_err();
-        assert!(reason.contains("mask is judged as failed"), "{reason}");
+        assert!(reason.contains("mask is rated `failed`"), "{reason}");
         assert_eq!(decode_maps(&encode_maps(&none)), Some(none));
     }
 
