@@ -287,7 +287,7 @@ async fn pictures_show_the_brain_and_name_their_renderer() {
                 "{case}/render?depth_mm=8&view={view}&width=96&height=64"
             ))
             .await;
-        assert_eq!(answer.header("x-isocortex-renderer"), "splat");
+        assert_eq!(answer.header("x-isocortex-renderer"), "trace");
         assert_eq!(answer.header("content-type"), "image/png");
         let picture = answer.grey();
         assert_eq!(picture.dimensions(), (96, 64));

@@ -34,23 +34,23 @@ fn picture(depth_mm: f64, view: &str) -> Value {
 #[tokio::test]
 async fn a_list_comes_as_a_zip_of_the_single_pictures() {
     let (server, case) = server_and_case().await;
-    let mut traced = picture(6.0, "right");
-    traced["renderer"] = "trace".into();
-    traced["window"] = json!([300, 400]);
-    let body = json!({"renders": [picture(4.0, "left"), traced]});
+    let mut splatted = picture(6.0, "right");
+    splatted["renderer"] = "splat".into();
+    splatted["window"] = json!([300, 400]);
+    let body = json!({"renders": [picture(4.0, "left"), splatted]});
     let answer = ask(&server, &case, &body).await;
     assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
     assert_eq!(answer.header("content-type"), "application/zip");
     assert_eq!(
         answer.header("x-isocortex-renderer"),
-        "splat on cpu; trace on cpu"
+        "trace on cpu; splat on cpu"
     );
     let mut zip = zip::ZipArchive::new(Cursor::new(&answer.body)).unwrap();
     let singles = [
         ("000-left-4mm.png", "depth_mm=4&view=left"),
         (
             "001-right-6mm.png",
-            "depth_mm=6&view=right&renderer=trace&window=300,400",
+            "depth_mm=6&view=right&renderer=splat&window=300,400",
         ),
     ];
     assert_eq!(zip.len(), 2);
@@ -119,7 +119,7 @@ async fn a_sheet_holds_the_state_of_each_of_its_pictures() {
         ("row 2 column 1", "8.5"),
     ] {
         assert_eq!(state(name)["depth_mm"], depth, "{name}");
-        assert_eq!(state(name)["renderer"], "splat", "{name}");
+        assert_eq!(state(name)["renderer"], "trace", "{name}");
     }
     let orientation = |name| state(name)["orientation"].clone();
     assert_ne!(orientation("row 1 column 1"), orientation("row 1 column 2"));

@@ -120,7 +120,10 @@ impl Server {
                 ..storage::Options::default()
             },
             network: None,
-            limits: Limits::default(),
+            limits: Limits {
+                max_voxels: 64 << 20,
+                ..Limits::default()
+            },
             head: HeadLimits::default(),
             render_threads: 2,
             max_queued_renders: 16,

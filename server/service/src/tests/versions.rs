@@ -197,5 +197,5 @@ async fn what_is_wrong_with_many_pictures_is_named_by_its_path() {
         (drawn.status, drawn.header("content-type")),
         (200, "application/zip")
     );
-    assert_eq!(drawn.header("x-isocortex-renderer"), "splat on cpu");
+    assert_eq!(drawn.header("x-isocortex-renderer"), "trace on cpu");
 }
