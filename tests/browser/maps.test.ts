@@ -275,7 +275,7 @@ test(
     );
     await page.goto(`${server.address.split("#")[0]}#${id}&b=blur`);
     await shown(page);
-    await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("being made"));
+    await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("being computed"));
     assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
     assert.ok(!asked.some((url) => url.includes("overlay=") || url.includes("/layers/")));
     told = { state: "ready" };

@@ -208,7 +208,7 @@ test(
     );
     await row.and(page.locator("[data-state=ready]")).waitFor({ timeout: 60_000 });
     await row.locator(".thumb img").waitFor();
-  await fetch(new URL(`v1/cases/${version.id}`, server.address), { method: "DELETE" });
+    await fetch(new URL(`v1/cases/${version.id}`, server.address), { method: "DELETE" });
     await row.waitFor({ state: "detached", timeout: 20_000 });
   },
 );
