@@ -204,7 +204,7 @@ test(
     await section.locator("#version-offset").fill("0");
     await section.getByRole("button", { name: "Make the version" }).click();
     await page.waitForFunction(() =>
-      /has that mask and radius already/.test(document.querySelector(".panel")?.textContent ?? ""),
+      /already has this mask and radius/.test(document.querySelector(".panel")?.textContent ?? ""),
     );
     await row.and(page.locator("[data-state=ready]")).waitFor({ timeout: 60_000 });
     await row.locator(".thumb img").waitFor();
