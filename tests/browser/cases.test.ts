@@ -493,7 +493,7 @@ test(
     assert.equal(await slow.page.locator(".surface-host[data-preview=true] img").count(), 1);
     const box = await slow.page.locator("#surface").boundingBox();
     await slow.page.mouse.dblclick((box?.x ?? 0) + (box?.width ?? 0) / 2, (box?.y ?? 0) + (box?.height ?? 0) / 2);
-    assert.match((await slow.page.textContent("#live")) ?? "", /The point will be marked when it is here/);
+    assert.match((await slow.page.textContent("#live")) ?? "", /The point will be marked when it is complete/);
     await keep(slow.page, "first-preview");
     await slow.page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames, null, {
       timeout: 60_000,

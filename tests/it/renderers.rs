@@ -453,7 +453,7 @@ async fn an_annotated_picture_names_its_case_and_follows_its_label() {
         let first = server.get(&address).await;
         assert_eq!(
             first.header("cache-control"),
-            "no-cache",
+            "private, no-cache",
             "its label may change"
         );
         let known = [("if-none-match", first.header("etag"))];

@@ -262,7 +262,7 @@ async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
         detail.contains("fewer") && !detail.contains("again"),
         "{detail}"
     );
-    assert!(detail.contains("within the 1 s"), "{detail}");
+    assert!(detail.contains("limit of 1 s"), "{detail}");
     assert_eq!(answer.header("retry-after"), "");
     let next = server.get(&format!("{case}/render")).await;
     assert_eq!(next.status, StatusCode::OK);

@@ -12,7 +12,7 @@ use serde::Deserialize;
 use utoipa::openapi::OpenApi;
 
 use super::query::{ApiQuery, Asked, NoQuery};
-use crate::conditional::{EntityTag, REVALIDATE, Representation, coding_for};
+use crate::conditional::{EntityTag, PUBLIC_REVALIDATE, Representation, coding_for};
 use crate::negotiate::Coding;
 use crate::problem::AppError;
 use crate::state::AppState;
@@ -72,7 +72,7 @@ impl Document {
             headers: HeaderMap::new(),
             vary: "accept-encoding",
             // So that a new version of the program appears at once.
-            cache_control: REVALIDATE,
+            cache_control: PUBLIC_REVALIDATE,
         }
         .respond(request)
     }
