@@ -247,7 +247,7 @@ test(
     // The new depth has been read out, so that it does not come after what the click is answered with.
     await page.waitForSelector(".viewer[data-rested=true]");
     await page.dblclick("#surface");
-    assert.match((await page.textContent("#live")) ?? "", /cannot be told/);
+    assert.match((await page.textContent("#live")) ?? "", /is not known until the rest is loaded/);
     await page.unroute(/(bits=16|\/distance$|\/mesh\/paths)/);
     await page.click(".load-again");
     await page.waitForFunction(

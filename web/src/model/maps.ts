@@ -17,7 +17,7 @@ export interface MapStyle {
 
 const ASYMMETRY: MapStyle = { unit: "z", window: [-6, 6], colormap: "blue-orange", threshold: 2.5 };
 const styles: Readonly<Record<MapName, MapStyle>> = {
-  blur: { unit: "z", window: [2.5, 6], colormap: "vermilion-yellow", threshold: 2.5 },
+  blur: { unit: "z", window: [2.5, 5], colormap: "vermilion-yellow", threshold: 2.5 },
   asymmetry: ASYMMETRY,
   "intensity-asymmetry": ASYMMETRY,
   sharpness: { unit: "1/mm", window: [0, 0.6], colormap: "viridis", threshold: null },
