@@ -71,7 +71,7 @@ test("each map has a key, which shows it and hides it again, as a step of its ow
 test("a map fades in above its threshold, of magnitudes where its colours diverge, as the server's", () => {
   const blur = firstOverlay("blur");
   assert.equal(shareOf(blur, 2.5), 0);
-  assert.ok(Math.abs(shareOf(blur, 2.675) - 0.85 / 2) < 1e-6);
+  assert.ok(Math.abs(shareOf(blur, 2.625) - 0.85 / 2) < 1e-6);
   assert.equal(shareOf(blur, 2.9), 0.85);
   assert.equal(shareOf(blur, -5), 0);
   assert.equal(shareOf(firstOverlay("asymmetry"), -5), 0.85);
