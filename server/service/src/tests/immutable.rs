@@ -267,7 +267,7 @@ async fn documents_are_asked_for_again_each_time() {
             (200, kind),
             "{address}"
         );
-        assert_eq!(first.header("cache-control"), "private, no-cache");
+        assert_eq!(first.header("cache-control"), "no-cache");
         assert_eq!(first.header("content-encoding"), "gzip");
         let headers = [
             ("accept-encoding", "gzip"),

@@ -22,7 +22,8 @@ async fn operations(server: &Server) -> Vec<(Method, String)> {
         let address = path
             .replace("/v1/cases/{id}", NOBODY)
             .replace("{plane}", "axial")
-            .replace("{layer}", "blur");
+            .replace("{layer}", "blur")
+            .replace("/profile", "/profile?position=0,0,0");
         for method in item.as_object().unwrap().keys() {
             let method = method.to_uppercase().parse().unwrap();
             found.push((method, address.clone()));
