@@ -187,7 +187,7 @@ test(
       await page.waitForSelector(`.slice.${plane}[data-overlay=blur]`);
     assert.ok(slices.some((url) => url.includes("overlay=blur") && url.includes("overlay_threshold=2.5")));
     assert.equal((await fragment(page)).b, "blur");
-    assert.equal(await page.locator("#surface .map-bar").innerText(), "Blur, z\n6.0\n2.5\nz > 2.5");
+    assert.equal(await page.locator("#surface .map-bar").innerText(), "Blur, z\n5.0\n2.5\nz > 2.5");
     assert.match((await page.textContent("#live")) ?? "", /Blur/);
     await keep(page, "map-blur-slices");
 
