@@ -181,7 +181,7 @@ impl RenderBackend {
 }
 
 impl RenderJob {
-    /// The kind of picture.
+    /// The scene to draw, with its layers.
     pub fn scene(&self) -> Scene<'_> {
         self.case.scene().with_layers(self.layers.layers())
     }

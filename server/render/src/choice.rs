@@ -6,7 +6,7 @@
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub enum Renderer {
-    /// The best one on this machine.
+    /// The exact isosurface, as `trace`.
     #[default]
     Auto,
     /// Voxels of a thin shell, on the CPU (section 3.3 of the paper).

@@ -24,11 +24,6 @@ impl Light {
         self.ambient
     }
 
-    /// Whether every face is equally bright.
-    pub fn is_off(self) -> bool {
-        self.ambient == 1.0
-    }
-
     /// Brightness, 0 to 1, of a face whose outward normal has the cosine `facing` with the direction to the viewer.
     #[inline]
     pub fn on(self, facing: f32) -> f32 {

@@ -7,10 +7,10 @@ use bytes::Bytes;
 
 use crate::problem::AppError;
 
-/// How hard zstd and gzip try for one answer: within a few percent of the best here, in a hundredth of the time.
+/// How hard zstd and gzip try while a client waits: within a few percent of the best here, in a hundredth of the time.
 const USUAL: [u32; 2] = [3, 5];
 
-/// The same for a body that is made once and sent often.
+/// The same for the documents of the program, which are compressed once at the start.
 const BEST: [u32; 2] = [9, 9];
 
 /// The media type of a gzipped NIfTI file.
@@ -61,12 +61,12 @@ impl Coding {
         }
     }
 
-    /// Compresses a body that is made for one answer.
+    /// Compresses a body quickly, while a client waits.
     pub fn compress(self, bytes: &Bytes) -> Bytes {
         self.compress_at(USUAL, bytes)
     }
 
-    /// Compresses a body that many answers share, as small as it gets.
+    /// Compresses a body that many answers share as well as it gets.
     pub fn compress_well(self, bytes: &Bytes) -> Bytes {
         self.compress_at(BEST, bytes)
     }

@@ -13,6 +13,7 @@
 //! | `envelope` | runs of the working grid | the closing costs more than reading 20 kB |
 //! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
 //! | `paths` | the table of the default mesh | the first request of a client |
+//! | `maps` | the maps of the junction, or why there are none | computing them takes seconds |
 //!
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
 //! of milliseconds, no longer than reading and checking their tens of megabytes.

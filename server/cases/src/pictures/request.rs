@@ -64,7 +64,7 @@ pub struct PictureRequest {
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0,0,1"))]
     pub orientation: Option<Numbers<4>>,
-    /// The renderer; `auto` chooses one, and a header of the answer states which.
+    /// The renderer; `auto` is `trace`. A header of the answer states which one drew.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub renderer: Renderer,

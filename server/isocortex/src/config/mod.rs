@@ -182,6 +182,7 @@ impl Config {
                 "limits.max_queued_cases",
                 self.limits.max_queued_cases as u64,
             ),
+            ("prepare.max_secs", self.prepare.max_secs),
             ("render.threads", self.render.threads as u64),
             (
                 "limits.max_queued_renders",

@@ -72,7 +72,7 @@ impl Default for Http {
 pub struct Limits {
     /// The largest accepted upload, in bytes.
     pub max_upload_bytes: u64,
-    /// The largest accepted volume, in voxels of two bytes.
+    /// The largest accepted volume, in voxels.
     pub max_voxels: usize,
     /// The shortest edge of a voxel, in mm. A volume beyond this or the next four limits is rejected at once.
     pub min_voxel_mm: f64,

@@ -172,7 +172,7 @@ fn layer_of(path: &RawPathParams) -> Result<MapName, AppError> {
 
 /// The voxels of a layer
 ///
-/// One byte per voxel, x-fastest, on the grid of the volume: 0 is undefined, and a code of 1 to 255 has the value code
+/// One byte per voxel, x-fastest, on a block of the grid of the volume: 0 is undefined, and a code of 1 to 255 has the value code
 /// × scale + offset. The headers give scale and offset. Interpolate between defined voxels only.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers/{layer}/volume", tag = "layers",
@@ -245,7 +245,7 @@ fn variant(name: MapName) -> String {
 
 /// A layer as NIfTI
 ///
-/// A gzipped NIfTI-1 file on the grid of the volume, in single precision, NaN if undefined, positioned in the patient.
+/// A gzipped NIfTI-1 file on a block of the grid of the volume, in single precision, NaN if undefined, positioned in the patient.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers/{layer}/nifti", tag = "layers",
     params(

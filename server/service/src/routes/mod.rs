@@ -69,7 +69,7 @@ fn introduction() -> String {
         "The cortex of the brain as curved cuts at any depth below the dura. {RESEARCH_USE_NOTICE}\n\n\
          Lengths are in mm, coordinates in the patient space of DICOM (LPS), angles in degrees. Unknown query keys are an \
          error. Errors are application/problem+json (RFC 9457) with a stable `type`. Everything under a case is immutable \
-         and carries a strong ETag, except its state, its events and what rests on its maps."
+         and carries a strong ETag, except its state, its events, annotated pictures, lists of pictures and what depends on its maps."
     )
 }
 

@@ -72,13 +72,14 @@ pub async fn create_renders(
     let with_layers = pictures.find(|picture| picture.layers().is_any());
     let layers = with_layers.map(PictureRequest::layers).unwrap_or_default();
     let mut file = File::new(plan.form, plan.pictures.len());
-    let mut backends = Vec::new();
+    let (mut backends, mut identity) = (Vec::new(), None);
     // All pictures share one place in the queue; between them others get their turn, and the work ends if the client
     // disconnects.
     let queued = cases.queue.enter()?;
     for (number, picture) in plan.pictures.into_iter().enumerate() {
         let backend = backend_for(picture.asked.renderer, &cases.graphics).await;
         let named = cases.identity(&id, picture.asked.annotate).await?;
+        identity = named.clone().or(identity);
         let turn = queued.turn().await?;
         let keyed = picture.asked.layers().of_case(&cases.library, &id).await?;
         let job = warm_job(&model, &picture, keyed, backend).await?;
@@ -103,7 +104,10 @@ pub async fn create_renders(
     let name = HeaderName::from_static("x-isocortex-renderer");
     let backends = backends.join("; ");
     conditional::insert(headers, name, &backends);
-    let made_by = with_maps_format(backends, &layers);
+    let mut made_by = with_maps_format(backends, &layers);
+    if let Some(identity) = identity {
+        made_by = format!("{made_by} {identity}");
+    }
     let tag = EntityTag::of_answer(&id, "renders", &asked, (&made_by, Coding::Identity));
     headers.insert(header::ETAG, tag.header());
     Ok(response)
