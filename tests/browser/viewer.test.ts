@@ -485,7 +485,8 @@ test("a marked point is broken where the head is before it", { skip }, async () 
   await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark circle");
   await page.waitForSelector("#surface > .overlay.other .cursor.ghost circle");
   assert.ok(
-    (await page.locator("#surface .cube").isVisible()) && (await page.locator("#surface .colour-bar").isVisible()),
+    (await page.locator("#surface .cube").isVisible()) &&
+      (await page.locator("#surface .colour-bar:not(.map-bar)").isVisible()),
   );
 });
 
@@ -517,7 +518,7 @@ test("nothing on the picture lies over an orientation letter, however low the pa
   ] as const) {
     await page.setViewportSize({ width, height });
     const letter = await page.locator("#surface > .overlay:not(.other) .edge.right").boundingBox();
-    for (const other of [".colour-bar", ".cube"]) {
+    for (const other of [".colour-bar:not(.map-bar)", ".cube"]) {
       const box = await page.locator(`#surface ${other}`).boundingBox();
       assert.ok(letter && box);
       const apart =
@@ -556,7 +557,7 @@ test("letters, cube, colour bar, scale, depth and notice are those of the pictur
     level: Number(document.querySelector<HTMLInputElement>("#window-center-number")?.value),
     width: Number(document.querySelector<HTMLInputElement>("#window-width-number")?.value),
   }));
-  const [white = NaN, black = NaN] = (await page.locator(".colour-bar span").allInnerTexts()).map(Number);
+  const [white = NaN, black = NaN] = (await page.locator(".colour-bar:not(.map-bar) span").allInnerTexts()).map(Number);
   // DICOM's linear window: its ramp is `width − 1` long, and its middle half below the level.
   const expected_white = level - 0.5 + (width - 1) / 2;
   assert.ok(

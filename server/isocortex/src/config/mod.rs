@@ -448,15 +448,12 @@ mod tests {
 
     #[test]
     fn a_limit_of_zero_is_named() {
-        let render = Render {
-            threads: 0,
-            ..Render::default()
-        };
-        let config = Config {
-            render,
-            ..Config::default()
-        };
-        let error = config.check().unwrap_err().to_string();
-        assert!(error.contains("render.threads"), "{error}");
+        let (mut threads, mut seconds) = (Config::default(), Config::default());
+        threads.render.threads = 0;
+        seconds.prepare.max_secs = 0;
+        for (config, key) in [(threads, "render.threads"), (seconds, "prepare.max_secs")] {
+            let error = config.check().unwrap_err().to_string();
+            assert!(error.contains(key), "{error}");
+        }
     }
 }
