@@ -243,6 +243,28 @@ async fn what_cannot_be_sent_or_drawn_is_refused() {
 }
 
 #[tokio::test]
+async fn the_tag_of_a_list_follows_the_label_if_it_is_drawn() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let head = crate::head::plain_head().bytes();
+    let tags_under = async |label: &str| {
+        let parameters = format!(r#"{{"name": "{label}"}}"#);
+        let parts = [("volume", &head[..]), ("parameters", parameters.as_bytes())];
+        let case = server.prepared(&parts).await;
+        let mut tags = Vec::new();
+        for annotate in [false, true] {
+            let picture = json!({"width": 128, "height": 128, "annotate": annotate});
+            let answer = ask(&server, &case, &json!({"renders": [picture]})).await;
+            assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+            tags.push(answer.header("etag").to_owned());
+        }
+        tags
+    };
+    let [first, second] = [tags_under("First").await, tags_under("Second").await];
+    assert_eq!(first[0], second[0], "without a label nothing has changed");
+    assert_ne!(first[1], second[1]);
+}
+
+#[tokio::test]
 async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
     let server = Server::start_with(|config| {
         config.render.gpu = GpuUse::Off;

@@ -212,7 +212,7 @@ pub async fn get_slice(
     let named = cases.identity(&id, asked.annotate).await?;
     let choice = values.layers;
     let work = async |facts: Arc<CaseFacts>| {
-        let layers = values.layers.of_case(&cases.library, &id).await?;
+        let layers = choice.of_case(&cases.library, &id).await?;
         let slice = values.of_case(plane, &facts);
         let model = cases.model(&id).await?;
         let (case, named) = (id.to_string(), named.clone());

@@ -72,14 +72,15 @@ pub async fn create_renders(
     let with_layers = pictures.find(|picture| picture.layers().is_any());
     let layers = with_layers.map(PictureRequest::layers).unwrap_or_default();
     let mut file = File::new(plan.form, plan.pictures.len());
-    let (mut backends, mut identity) = (Vec::new(), None);
+    let mut backends = Vec::new();
+    let is_annotated = asked.0.iter().any(|picture| picture.annotate);
+    let identity = cases.identity(&id, is_annotated).await?;
     // All pictures share one place in the queue; between them others get their turn, and the work ends if the client
     // disconnects.
     let queued = cases.queue.enter()?;
     for (number, picture) in plan.pictures.into_iter().enumerate() {
         let backend = backend_for(picture.asked.renderer, &cases.graphics).await;
-        let named = cases.identity(&id, picture.asked.annotate).await?;
-        identity = named.clone().or(identity);
+        let named = identity.clone().filter(|_| picture.asked.annotate);
         let turn = queued.turn().await?;
         let keyed = picture.asked.layers().of_case(&cases.library, &id).await?;
         let job = warm_job(&model, &picture, keyed, backend).await?;
