@@ -20,9 +20,6 @@ use crate::library::Library;
 
 pub use self::model::{PathKind, PathsError, WarmModel};
 
-/// The default limit for models in memory, in bytes: about twenty heads of 256³.
-pub const DEFAULT_BUDGET_BYTES: u64 = 1 << 30;
-
 /// How long a model is used before the rows are checked for a deletion of its case by another process.
 const TRUST_FOR: Duration = Duration::from_secs(2);
 

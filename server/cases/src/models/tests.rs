@@ -15,6 +15,9 @@ use super::*;
 use crate::jobs::Workers;
 use crate::testing::settled_state;
 
+/// Memory for about twenty heads of 256³, in bytes.
+const BUDGET_BYTES: u64 = 1 << 30;
+
 struct Ready {
     directory: tempfile::TempDir,
     library: Library,
@@ -36,7 +39,7 @@ async fn ready() -> Ready {
     let id = submitted.case.id;
     assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
     workers.shut_down(Duration::from_secs(60)).await;
-    let models = Models::new(library.clone(), DEFAULT_BUDGET_BYTES);
+    let models = Models::new(library.clone(), BUDGET_BYTES);
     Ready {
         directory,
         library,
@@ -124,7 +127,7 @@ async fn a_damaged_forest_is_made_again_when_a_table_needs_it() {
     let size = MeshSize::new(10, 12).unwrap();
     let expected = model.paths(size, PathKind::Forest).await.unwrap();
     ready.damage("forest");
-    let other = Models::new(ready.library.clone(), DEFAULT_BUDGET_BYTES);
+    let other = Models::new(ready.library.clone(), BUDGET_BYTES);
     let model = other.get(&ready.id).await.unwrap().unwrap();
     assert!(*model.paths(size, PathKind::Forest).await.unwrap() == *expected);
     assert_eq!(ready.library.store().counters().rebuilds, 1);
@@ -136,7 +139,7 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
     let first = ready.model().await;
     for (rebuilds, kind) in ["volume", "envelope", "paths"].into_iter().enumerate() {
         ready.damage(kind);
-        let cold = Models::new(ready.library.clone(), DEFAULT_BUDGET_BYTES);
+        let cold = Models::new(ready.library.clone(), BUDGET_BYTES);
         let model = cold.get(&ready.id).await.unwrap().unwrap();
         assert!(model.model() == first.model());
         assert_eq!(
@@ -178,7 +181,7 @@ async fn a_queued_case_has_no_model_yet() {
         .submit(upload(&phantom()), Parameters::default())
         .await
         .unwrap();
-    let models = Models::new(library, DEFAULT_BUDGET_BYTES);
+    let models = Models::new(library, BUDGET_BYTES);
     assert!(models.get(&queued.case.id).await.unwrap().is_none());
 }
 
