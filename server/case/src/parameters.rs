@@ -14,7 +14,7 @@ pub enum MaskSource {
     Auto,
     /// From the volume, which must be skull-stripped: its background is exactly 0.
     Volume,
-    /// Extracted by the network, whose weights must be installed.
+    /// Extracted by the network. Its weights must be installed.
     Network,
     /// Extracted by tree pruning. `auto` becomes this if the brain must be extracted without a network.
     Pruning,

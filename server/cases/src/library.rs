@@ -27,7 +27,7 @@ use storage::{
 
 /// The work on an upload: returns the objects and facts of a case, or the reason why there are none.
 ///
-/// What was read of the upload already comes with it. It is told each step as it begins, and ends soon after the flag
+/// The function also gets what was already read of the upload. It is told each step as it begins, and ends soon after the flag
 /// is raised.
 pub type PrepareFn = dyn Fn(
         Input<'_>,
@@ -262,7 +262,7 @@ impl Library {
         }))
     }
 
-    /// The other inputs of a preparation whose volume and mask are decoded already; as [`Library::source`].
+    /// The inputs of a preparation except the volume and the mask, which are already decoded; as [`Library::source`].
     pub(crate) async fn source_besides(
         &self,
         id: &CaseId,
@@ -362,7 +362,7 @@ impl Library {
     }
 }
 
-/// The failure of a case whose mask was lost and would differ if extracted again.
+/// The failure of a case that lost its mask: extracting it again would give another one.
 fn extracted_otherwise() -> Failure {
     Failure::new(
         FailureKind::Internal,

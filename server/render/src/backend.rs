@@ -66,7 +66,6 @@ impl RenderBackend {
             (Renderer::Mesh, Some(pool)) => Self::GpuMesh(pool),
             (Renderer::Auto | Renderer::Trace, Some(pool)) => Self::GpuTrace(pool),
             (Renderer::Mesh, None) => Self::Mesh,
-            // The exact isosurface, with or without a device.
             (Renderer::Auto | Renderer::Trace, None) => Self::Trace,
             (Renderer::Splat, _) => Self::Splat,
         }

@@ -24,7 +24,7 @@ use crate::testing::{settled_state, until};
 /// Time for a preparation to end.
 const GRACE: Duration = Duration::from_secs(60);
 
-/// An application whose preparations note whether their volume came with them, read.
+/// An application that notes for each preparation whether it got a volume that was already read.
 struct Setup {
     cases: Cases,
     was_read: Arc<Mutex<Vec<bool>>>,

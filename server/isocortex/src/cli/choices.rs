@@ -41,7 +41,7 @@ pub(super) fn mask_source() -> impl TypedValueParser<Value = MaskSource> {
         (
             MaskSource::Network,
             "network",
-            "Extracted by the network, whose weights must be installed",
+            "Extracted by the network; its weights must be installed",
         ),
         (
             MaskSource::Pruning,
