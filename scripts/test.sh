@@ -65,6 +65,11 @@ scripts/web.sh
 step format cargo fmt --all --check
 step lints cargo clippy --locked --workspace --all-targets -- -D warnings
 if have shellcheck; then step shellcheck shell_scripts; else skip shellcheck "shellcheck is not installed"; fi
+if hadolint=$(scripts/hadolint.sh 2>/dev/null); then
+  step Dockerfile "$hadolint" docker/Dockerfile
+else
+  skip Dockerfile "hadolint is not to be had"
+fi
 if have python3 && python3 -c 'import tomllib' 2>/dev/null; then
   step "picture of the crates" scripts/draw-crates.py --check
 else

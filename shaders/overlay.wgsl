@@ -14,7 +14,8 @@ fn under_overlay(color: vec3<f32>, position_in_field: vec3<f32>) -> vec3<f32> {
     }
     let position = (picture.overlay_from_field * vec4<f32>(position_in_field, 1.0)).xyz;
     let is_inside = all(clamp(position, vec3<f32>(-0.5), picture.overlay_size - 0.5) == position);
-    let place = (position + 0.5) / picture.overlay_size;
+    let nearest = clamp(floor(position + 0.5), vec3<f32>(0.0), picture.overlay_size - 1.0);
+    let place = (select(position, nearest, picture.overlay_is_nearest > 0u) + 0.5) / picture.overlay_size;
     let found = defined_part(textureSampleLevel(overlay, linear, place, 0.0).rg);
     let value = found.x * picture.overlay_scale + picture.overlay_offset;
     let level = clamp((value - picture.overlay_low) * picture.overlay_factor, 0.0, 255.0);

@@ -65,6 +65,8 @@ struct Picture {
     overlay_is_diverging: u32,
     // 1 if the volume is a layer: the second part of its texels is then whether they are defined.
     volume_has_gaps: u32,
+    // 1 if a position has the value of the overlay's nearest voxel, as labels have.
+    overlay_is_nearest: u32,
 }
 
 @group(0) @binding(0) var<uniform> picture: Picture;

@@ -16,6 +16,12 @@ const MAX_STEPS: i32 = 8192;
 // How often the isosurface is looked for by false position, and in all, between two steps.
 const FALSE_POSITIONS: i32 = 6;
 const MAX_ROUNDS: i32 = 18;
+// A line of sight that comes nearer to the isosurface by more than this in a voxel's length is not at an edge: if it gets no
+// deeper than half a pixel, it passes through a thin piece.
+const STEEP: f32 = 0.8;
+// The widest edge, and the shortest step inside of one, in voxels.
+const WIDEST: f32 = 2.0;
+const SHORTEST_STEP: f32 = 0.5;
 // Below every height: no hit.
 const MISS: f32 = -1e30;
 
@@ -69,62 +75,103 @@ fn between(foot: vec3<f32>, above: vec2<f32>, under: vec2<f32>) -> f32 {
     return 0.5 * (high.x + low.x);
 }
 
-// The greatest height at which a line of sight enters the isosurface, or MISS.
+// Follows a line of sight from where it enters the isosurface, until it is outside again or deep enough: the height there, and
+// how far below the isosurface it got, in voxels.
+fn deepest_below(foot: vec3<f32>, start: f32, enough: f32) -> vec2<f32> {
+    var height = start;
+    var deepest = 0.0;
+    for (var steps = 0; steps < MAX_STEPS; steps++) {
+        height -= max(1.5 * (enough - deepest), SHORTEST_STEP);
+        let here = below(at_height(foot, height));
+        deepest = max(deepest, here);
+        if here < 0.0 || deepest >= enough {
+            break;
+        }
+    }
+    return vec2<f32>(height, deepest);
+}
+
+// What a line of sight shows: the greatest height at which it enters the isosurface, and the share of its pixel that is covered,
+// at least half. Where it misses the isosurface, less than half is covered, and the height is where it passes nearest.
+//
+// How far below the isosurface a line of sight gets, or by how much it misses it, is how far the edge of the picture is from the
+// pixel's centre: that is the share.
 //
 // A step is at most as long as it is known to be safe, from its beginning and from its end: nothing is passed over but
 // what is less than NEAR voxels thick along the line of sight.
-fn first_hit(foot: vec3<f32>) -> f32 {
+fn first_hit(foot: vec3<f32>) -> vec2<f32> {
     let ends = reach(foot);
-    if ends.x > ends.y {
-        return MISS;
-    }
+    let width = min(length(picture.field_from_frame[0].xyz), WIDEST);
+    var found = vec2<f32>(MISS, 0.0);
     var height = ends.y;
     var distance = -below(at_height(foot, height));
     // How much nearer the isosurface comes in a voxel's length.
     var slope = 1.0;
     for (var steps = 0; steps < MAX_STEPS; steps++) {
-        if distance <= TOLERANCE {
-            return height;
-        }
         if height < ends.x {
-            return MISS;
+            break;
         }
-        let safe = distance / STEEPEST;
-        let passing = 1.125 * distance;
-        var step = max(2.0 * RELAXATION * distance / (STEEPEST + max(slope, 0.0)), safe);
-        if passing < NEAR * slope {
-            step = passing / slope;
+        var hit = height;
+        if distance > TOLERANCE {
+            let passed = 0.5 - distance / width;
+            if passed > found.y {
+                found = vec2<f32>(height, passed);
+            }
+            let safe = distance / STEEPEST;
+            let passing = 1.125 * distance;
+            var step = max(2.0 * RELAXATION * distance / (STEEPEST + max(slope, 0.0)), safe);
+            if passing < NEAR * slope {
+                step = passing / slope;
+            }
+            var ahead = -below(at_height(foot, height - step));
+            if ahead > 0.0 {
+                if safe + ahead / STEEPEST < step {
+                    step = safe;
+                    ahead = -below(at_height(foot, height - step));
+                }
+                slope = (distance - ahead) / step;
+                height -= step;
+                distance = ahead;
+                continue;
+            }
+            hit = between(foot, vec2<f32>(height, -distance), vec2<f32>(height - step, -ahead));
         }
-        var ahead = -below(at_height(foot, height - step));
-        if ahead <= 0.0 {
-            return between(foot, vec2<f32>(height, -distance), vec2<f32>(height - step, -ahead));
+        // What lies behind an edge covers the pixel's other part.
+        if found.y >= 0.5 {
+            found.y = 1.0;
+            break;
         }
-        if safe + ahead / STEEPEST < step {
-            step = safe;
-            ahead = -below(at_height(foot, height - step));
+        found = vec2<f32>(hit, 1.0);
+        if slope > STEEP {
+            break;
         }
-        slope = (distance - ahead) / step;
-        height -= step;
-        distance = ahead;
+        let inside = deepest_below(foot, hit, 0.5 * width);
+        found.y = min(0.5 + inside.y / width, 1.0);
+        if found.y >= 1.0 {
+            break;
+        }
+        height = inside.x;
+        distance = -below(at_height(foot, height));
+        slope = 0.0;
     }
-    return MISS;
+    return found;
 }
 
 @fragment
 fn trace_shaded(pixel: OnScreen) -> @location(0) vec4<f32> {
     let foot = foot_of(pixel.place_in_frame);
-    let height = first_hit(foot);
-    if height <= MISS {
+    let found = first_hit(foot);
+    if found.y <= 0.0 {
         return vec4<f32>(0.0);
     }
-    return shaded(at_height(foot, height));
+    return shaded(at_height(foot, found.x)) * found.y;
 }
 
 // The height of the isosurface above the plane through the target's centre, in mm; MISS where there is none.
 @fragment
 fn trace_height(pixel: OnScreen) -> @location(0) f32 {
     let foot = foot_of(pixel.place_in_frame);
-    let height = first_hit(foot);
-    let is_there = height > MISS && known_at(at_height(foot, height)) > 0.0;
-    return select(MISS, height * picture.voxel_mm, is_there);
+    let found = first_hit(foot);
+    let is_there = found.y >= 0.5 && known_at(at_height(foot, found.x)) > 0.0;
+    return select(MISS, found.x * picture.voxel_mm, is_there);
 }

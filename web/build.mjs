@@ -1,10 +1,12 @@
 // Bundles the page into dist/, which the server carries: `node build.mjs`.
 // `node build.mjs tests` bundles the tests into build/ instead, for Node to run.
 
+import { createHash } from "node:crypto";
 import { mkdir, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import path from "node:path";
 
 import { build } from "esbuild";
+import { minify } from "terser";
 
 const web = import.meta.dirname;
 const dist = path.join(web, "dist");
@@ -17,22 +19,21 @@ async function writeChanged(file, contents) {
 }
 
 async function page() {
-  const { outputFiles, metafile } = await build({
+  const files = await scripts();
+  const { outputFiles } = await build({
     ...common,
-    entryPoints: { main: "src/page/main.ts", style: "src/style.css" },
+    entryPoints: ["src/style.css"],
     outdir: "dist",
-    // What is imported on demand is a file of its own. Its name changes with it: a page that is open while the server is
-    // replaced never gets a part of another version.
-    splitting: true,
-    chunkNames: "[name]-[hash]",
     minify: true,
     write: false,
-    metafile: true,
   });
-  const files = new Map(outputFiles.map(({ path: file, contents }) => [path.basename(file), Buffer.from(contents)]));
-  files.set("index.html", Buffer.from(await document(firstScripts(metafile.outputs))));
+  files.set("style.css", Buffer.from(outputFiles[0].contents));
+  files.set("index.html", await readFile(path.join(web, "src/index.html")));
+  const short = await shortKeys();
   for (const words of ["words.en.json", "words.pt-BR.json"]) {
-    files.set(words, Buffer.from(JSON.stringify(JSON.parse(await readFile(path.join(web, "src", words), "utf8")))));
+    const entries = Object.entries(JSON.parse(await readFile(path.join(web, "src", words), "utf8")));
+    const named = Object.fromEntries(entries.map(([key, text]) => [short.get(key) ?? key, text]));
+    files.set(words, Buffer.from(JSON.stringify(named)));
   }
   files.set("shaders.json", Buffer.from(JSON.stringify(await shaders())));
   await mkdir(dist, { recursive: true });
@@ -40,36 +41,151 @@ async function page() {
   for (const name of await readdir(dist)) if (!files.has(name)) await rm(path.join(dist, name));
 }
 
-/** The scripts that the first one cannot do without. */
-function firstScripts(outputs) {
-  const first = new Set();
-  const visit = (file) => {
-    for (const { path: imported, kind } of outputs[file].imports) {
-      if (kind !== "import-statement" || first.has(imported)) continue;
-      first.add(imported);
-      visit(imported);
-    }
-  };
-  visit("dist/main.js");
-  return [...first].map((file) => path.basename(file));
-}
+const LATER = "src/page/later-parts.ts";
+const FIRST = "src/page/main.ts";
+/** Where the second script finds what the first one exports. */
+const FIRST_SCRIPT = "./main.js";
+const FOLDERS = ["model", "gl", "base", "panes", "page"];
 
-/** The page's document, which asks for all first scripts at once. */
-async function document(scripts) {
-  const text = await readFile(path.join(web, "src/index.html"), "utf8");
-  const links = scripts.map((name) => `  <link rel="modulepreload" href="./${name}">\n`).join("");
-  return text.replace("</head>", `${links}</head>`);
-}
-
-/** The shaders' texts by name, without what only people read, and the tables of the colours. */
-async function shaders() {
-  const names = (await readdir(path.join(web, "shaders"))).filter((name) => name.endsWith(".glsl")).sort();
-  const texts = names.map(async (name) => [
-    name,
-    (await readFile(path.join(web, "shaders", name), "utf8")).replace(/\n\s*/g, "\n").trim(),
+/**
+ * The two scripts: the first one, and what it imports on demand, which takes from the first what both need. (Shared chunks
+ * of the bundler's own would be a third file, with lists of all names, and compress worse.) The name of the second changes
+ * with the content of both: a page that is open while the server is replaced never gets a part of another version.
+ */
+async function scripts() {
+  const short = await shortKeys();
+  const modules = await modulesOf(FIRST, [leftOut]);
+  const shared = await sharedNames(new Set(modules));
+  const later = await squeezed(await script(`export * from "./${LATER}";`, [takenFromFirst(shared)]), short);
+  const first = await squeezed(await script(`${inOrder(modules)}${handedOn(shared)}`, [leftOut]), short);
+  const digest = createHash("sha256").update(first).update(later).digest("hex").slice(0, 8);
+  const name = `later-parts-${digest}.js`;
+  return new Map([
+    ["main.js", Buffer.from(first.replaceAll(LATER, `./${name}`))],
+    [name, Buffer.from(later)],
   ]);
-  const colors = JSON.parse(await readFile(path.join(web, "shaders/colors.json"), "utf8"));
-  return { shaders: Object.fromEntries(await Promise.all(texts)), colors };
+}
+
+/** Bundles a module with all that it imports. */
+const bundle = (contents, plugins) =>
+  build({
+    ...common,
+    stdin: { contents, resolveDir: web },
+    outdir: "dist",
+    minify: true,
+    write: false,
+    metafile: true,
+    plugins,
+  });
+
+const script = async (contents, plugins) => (await bundle(contents, plugins)).outputFiles[0].text;
+
+/** The modules of a script, by their paths below `web`. */
+async function modulesOf(file, plugins) {
+  const { metafile } = await bundle(`import "./${file}";`, plugins);
+  return Object.keys(metafile.inputs).filter((input) => input.startsWith("src/"));
+}
+
+/** Imports modules folder by folder: those of one folder resemble each other, and compress better side by side. */
+function inOrder(modules) {
+  const place = (file) => FOLDERS.findIndex((folder) => file.startsWith(`src/${folder}/`));
+  const sorted = modules.toSorted((a, b) => place(a) - place(b) || (a < b ? -1 : 1));
+  return sorted.map((file) => `import "./${file}";\n`).join("");
+}
+
+/** Calls `resolve` with the path of each module below `web` that another one imports. */
+const resolving = (name, resolve, setup = () => {}) => ({
+  name,
+  setup(build) {
+    build.onResolve({ filter: /\.ts$/ }, ({ path: named, resolveDir, kind }) =>
+      resolve(path.relative(web, path.join(resolveDir, named)), kind),
+    );
+    setup(build);
+  },
+});
+
+/** Leaves the second script out of the first, which imports it by its name in `web` until that of its file is known. */
+const leftOut = resolving("left out", (file, kind) =>
+  kind === "dynamic-import" && file === LATER ? { path: LATER, external: true } : null,
+);
+
+/** What the second script imports of the modules of the first: by module, names of its own by names. */
+async function sharedNames(modules) {
+  const names = resolving("names", (file) => (modules.has(file) ? { path: `first:${file}`, external: true } : null));
+  const text = await script(`export * from "./${LATER}";`, [names]);
+  const shared = new Map();
+  let count = 0;
+  for (const [, list, file] of text.matchAll(/import\{([^}]*)\}from"first:([^"]*)"/g)) {
+    const names = shared.get(file) ?? new Map();
+    shared.set(file, names);
+    for (const [name] of list.split(",").map((one) => one.split(" as ")))
+      names.set(name, names.get(name) ?? `shared_${count++}`);
+  }
+  return shared;
+}
+
+/** All that is shared, in the order in which it is handed on. */
+const inTurn = (shared) => [...shared.values()].flatMap((names) => [...names.values()]);
+
+/** The first script exports one array of all that the second needs: positions take fewer bytes than names. */
+const handedOn = (shared) => {
+  const imports = [...shared].map(
+    ([file, names]) => `import { ${[...names].map(([name, own]) => `${name} as ${own}`)} } from "./${file}";\n`,
+  );
+  return `${imports.join("")}export const shared = [${inTurn(shared)}];\n`;
+};
+
+/** In the place of the modules of the first script, what it hands on. */
+const takenFromFirst = (shared) =>
+  resolving(
+    "taken from the first",
+    (file) => (shared.has(file) ? { path: file, namespace: "first" } : null),
+    (build) => {
+      build.onResolve({ filter: /^first$/, namespace: "first" }, () => ({ path: "all", namespace: "first" }));
+      build.onResolve({ filter: /\.js$/, namespace: "first" }, () => ({ path: FIRST_SCRIPT, external: true }));
+      build.onLoad({ filter: /./, namespace: "first" }, ({ path: file }) => ({
+        contents:
+          file === "all"
+            ? `import { shared } from "${FIRST_SCRIPT}";\nexport const [${inTurn(shared)}] = shared;\n`
+            : `export { ${[...shared.get(file)].map(([name, own]) => `${own} as ${name}`)} } from "first";\n`,
+      }));
+    },
+  );
+
+/** A script in fewer bytes than the bundler's, with short keys of words. */
+async function squeezed(text, short) {
+  const { code } = await minify(text, {
+    module: true,
+    ecma: 2020,
+    compress: { passes: 4, unsafe: true, unsafe_arrows: true, unsafe_methods: true, pure_getters: true },
+  });
+  return code.replace(/"([\w-]+(?:\.[\w-]+)+)"/g, (whole, key) => (short.has(key) ? `"${short.get(key)}"` : whole));
+}
+
+/** Short names for the keys of words that no script puts together from parts. */
+async function shortKeys() {
+  const folder = path.join(web, "src");
+  const names = (await readdir(folder, { recursive: true })).filter((name) => name.endsWith(".ts"));
+  const texts = await Promise.all(names.map((name) => readFile(path.join(folder, name), "utf8")));
+  const parts = texts.flatMap((text) => [...text.matchAll(/`([\w.-]*)\$\{/g)]).map(([, part]) => part);
+  const isPut = (key) => parts.some((part) => part.includes(".") && key.startsWith(part));
+  const keys = Object.keys(JSON.parse(await readFile(path.join(folder, "words.en.json"), "utf8")));
+  const isWhole = (key) => key.includes(".") && !isPut(key) && texts.some((text) => text.includes(`"${key}"`));
+  return new Map(keys.filter(isWhole).map((key, number) => [key, `.${number.toString(36)}`]));
+}
+
+/** The shaders' texts by name, without what only people read, the names in them, and the tables of the colours. */
+async function shaders() {
+  const json = async (name) => JSON.parse(await readFile(path.join(web, "shaders", name), "utf8"));
+  const names = (await readdir(path.join(web, "shaders"))).filter((name) => name.endsWith(".glsl")).sort();
+  const glsl = async (name) => (await readFile(path.join(web, name), "utf8")).replace(/\n\s*/g, "\n").trim();
+  const texts = names.map(async (name) => [name, await glsl(`shaders/${name}`)]);
+  return {
+    shaders: Object.fromEntries(await Promise.all(texts)),
+    names: await json("names.json"),
+    colors: await json("colors.json"),
+    probe: await Promise.all(["vert", "frag"].map((kind) => glsl(`src/gl/probe.${kind}.glsl`))),
+  };
 }
 
 const filesBelow = async (folder) =>

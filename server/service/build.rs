@@ -1,4 +1,4 @@
-//! Lists the bundled page, which the program carries.
+//! Lists the bundled page, which the program carries, and compresses it as well as gzip allows.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -27,12 +27,12 @@ fn main() {
         }
     }
     let out = std::env::var_os("OUT_DIR").expect("cargo names the folder for what is made");
-    fs::write(PathBuf::from(out).join("page_files.rs"), list(&folder))
-        .expect("the list is written");
+    let out = PathBuf::from(out);
+    fs::write(out.join("page_files.rs"), list(&folder, &out)).expect("the list is written");
 }
 
-/// The files with their bytes, as an expression: a slice of names and bytes in the order of the names.
-fn list(folder: &Path) -> String {
+/// The files with their bytes, as they are and gzipped, as an expression: a slice in the order of the names.
+fn list(folder: &Path, out: &Path) -> String {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
     paths.sort();
@@ -41,9 +41,31 @@ fn list(folder: &Path) -> String {
         println!("cargo::rerun-if-changed={}", path.display());
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let path = path.canonicalize().expect("a file that is there");
-        writeln!(text, "    ({name:?}, include_bytes!({path:?}).as_slice()),")
-            .expect("a string takes all");
+        let packed = out.join(format!("{name}.gz"));
+        fs::write(
+            &packed,
+            gzipped(&fs::read(&path).expect("a file that is there")),
+        )
+        .expect("the compressed file is written");
+        writeln!(
+            text,
+            "    ({name:?}, include_bytes!({path:?}).as_slice(), include_bytes!({packed:?}).as_slice()),"
+        )
+        .expect("a string takes all");
     }
     text.push_str("]\n");
     text
+}
+
+/// The shortest gzip stream: it takes a second, which no client waits for, and is some 3 % shorter than the usual best.
+fn gzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut packed = Vec::new();
+    zopfli::compress(
+        zopfli::Options::default(),
+        zopfli::Format::Gzip,
+        bytes,
+        &mut packed,
+    )
+    .expect("compressing from memory to memory cannot fail");
+    packed
 }

@@ -39,14 +39,18 @@ before(
   async () => {
     if (skip) return;
     scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: path.join(scratch.folder, "data") });
+    server = await startServer({
+      command: "serve",
+      data: path.join(scratch.folder, "data"),
+      options: ["--keep-days", "3650"],
+    });
     browser = await launchBrowser();
     watched = await openPage(browser);
     page = watched.page;
     origin = new URL(server.address).origin;
     await page.goto(`${origin}/?renderer=server`);
   },
-  { timeout: 120_000 },
+  { timeout: 600_000 },
 );
 
 after(async () => {
@@ -96,12 +100,84 @@ test("a volume and its mask that are dropped become a case, which is shown when 
   );
   await page.locator("#upload-name").fill("Marked");
   await page.locator("#upload button[type=submit]").click();
-  await page.waitForSelector(row("ready"), { timeout: 60_000 });
+  await page.waitForSelector(row("ready"));
   await shown(page);
   assert.doesNotMatch(sent, /DOE/, "the files' names stay here");
   assert.equal(await page.locator("#case-title").innerText(), "Marked");
   assert.doesNotMatch(page.url(), /Marked/);
   await page.waitForSelector(`${row("ready")} .thumb img`);
+});
+
+test("a case says when its age removes it, and can be kept", { skip }, async () => {
+  const section = page.locator(".panel .group", { has: page.locator("summary", { hasText: "Case and mask" }) });
+  const unfold = async (): Promise<void> => {
+    if ((await section.getAttribute("open")) === null) await section.locator("summary").first().click();
+    await section.locator(".case-facts dt").first().waitFor();
+  };
+  const removal = section.locator(".case-facts dt", { hasText: "Will be removed" });
+  const [{ id } = { id: "" }] = ((await (await fetch(`${origin}/v1/cases`)).json()) as { cases: { id: string }[] })
+    .cases;
+  const isKept = async (): Promise<boolean> =>
+    ((await (await fetch(`${origin}/v1/cases/${id}`)).json()) as { kept: boolean }).kept;
+  await unfold();
+  await removal.waitFor();
+  const until = await removal.locator("xpath=following-sibling::dd[1]").innerText();
+  assert.match(until, new RegExp(`${new Date(Date.now() + 3650 * 86_400_000).getFullYear()}`));
+  const keepCase = section.getByLabel("Keep this case, whatever its age");
+  assert.equal(await keepCase.isChecked(), false);
+  await keepCase.check();
+  await removal.waitFor({ state: "detached" });
+  assert.equal(await isKept(), true);
+  await keep(page, "kept");
+  // The page learns it from the server when it is opened again.
+  await page.reload();
+  await shown(page);
+  await unfold();
+  await page.waitForFunction(() => document.querySelector<HTMLInputElement>("#keep-case")?.checked);
+  assert.equal(await removal.count(), 0);
+  await keepCase.uncheck();
+  await removal.waitFor();
+  assert.equal(await isKept(), false);
+  // Where the server does not answer, the switch stays as it was.
+  await page.route(`**/v1/cases/${id}`, (route) =>
+    route.request().method() === "PATCH" ? route.fulfill({ status: 400 }) : route.continue(),
+  );
+  await keepCase.click();
+  await page.waitForFunction(() => !document.querySelector<HTMLInputElement>("#keep-case")?.checked);
+  await page.unroute(`**/v1/cases/${id}`);
+  await removal.waitFor();
+});
+
+test("a case that waits shows slices of what was acquired, and then its surface", { skip }, async () => {
+  // The server would be done before anyone looks: the page is told that it still waits.
+  const told = /\/v1\/cases(\/[0-9a-f]+)?(\?|$)/;
+  const waits = (one: Record<string, unknown>): Record<string, unknown> => ({ ...one, state: "queued" });
+  await page.route(
+    (url) => told.test(url.pathname + url.search),
+    async (route) => {
+      const response = await route.fetch();
+      const answer = (await response.json()) as { cases?: Record<string, unknown>[] };
+      const changed = answer.cases
+        ? { ...answer, cases: answer.cases.map(waits) }
+        : waits(answer as typeof answer & Record<string, unknown>);
+      await route.fulfill({ response, json: changed });
+    },
+  );
+  await page.route(/\/events$/, (route) => route.fulfill({ status: 200, body: "" }));
+  await page.reload();
+  await page.waitForFunction(() => document.querySelectorAll(".acquired img").length === 3);
+  assert.equal(await page.locator(".pane.surface").count(), 0, "no surface yet");
+  const [axial, coronal, sagittal] = await page.locator(".acquired img").all();
+  assert.deepEqual(await Promise.all([axial, coronal, sagittal].map((image) => image?.getAttribute("alt"))), [
+    "Axial",
+    "Coronal",
+    "Sagittal",
+  ]);
+  await keep(page, "acquired");
+  await page.unrouteAll({ behavior: "wait" });
+  await page.reload();
+  await shown(page);
+  assert.equal(await page.locator(".acquired img").count(), 0);
 });
 
 test("a doubtful mask is said before the picture, with its reasons", { skip }, async () => {
@@ -132,7 +208,6 @@ async function open(fragment: string, way: "mesh" | "exact" | "server"): Promise
       return is_whole && is_of_view && document.querySelector<HTMLElement>(".viewer")?.dataset.way === drawn_by;
     },
     [view, way] as const,
-    { timeout: 60_000 },
   );
   const layout = /l=(\w+)/.exec(fragment)?.[1] ?? "single";
   if (layout === "mirror")
@@ -173,7 +248,7 @@ const MARK = "d=9&w=700,300&a=1&";
 for (const way of ["server", "mesh", "exact"] as const) {
   test(
     `a mark on the patient's right is on the right side of the surface and of its mirror image (${way})`,
-    { skip, timeout: 120_000 },
+    { skip, timeout: 600_000 },
     async () => {
       const id = await readyCase(server.address);
       for (const [view, is_right_at_left] of [
@@ -209,7 +284,7 @@ for (const way of ["server", "mesh", "exact"] as const) {
 
 test(
   "a mark on the patient's right is on the right side of every slice, of the server's picture and of the screenshot",
-  { skip, timeout: 120_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const id = await readyCase(server.address);
     for (const [convention, is_right_at_left] of [
@@ -245,7 +320,7 @@ test(
 
 test(
   "the depth profile of the mark is bright, and that of the mirrored point is not",
-  { skip, timeout: 120_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const id = await readyCase(server.address);
     await open(`${id}&${MARK}v=right`, "mesh");
@@ -273,7 +348,7 @@ async function notes(): Promise<string[]> {
 
 test(
   "files are chosen as well as dropped; a case that is being prepared shows how far it has come, live",
-  { skip, timeout: 120_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const head = headOfDemo();
     const files =
@@ -306,7 +381,7 @@ test(
     await page.locator("#upload-name").fill("Second");
     await page.locator("#upload button[type=submit]").click();
     const second = page.locator("#case-list li", { hasText: "Second" });
-    await second.and(page.locator("[data-state=ready]")).waitFor({ timeout: 90_000 });
+    await second.and(page.locator("[data-state=ready]")).waitFor();
     assert.deepEqual(await fragment(page), left, "what was shown is shown still");
     assert.match(await page.locator("#upload-done").innerText(), /“Second” was added/);
     assert.equal(await second.locator(".fresh-badge").innerText(), "New");
@@ -325,7 +400,7 @@ test(
 
 test(
   "a case is left and found again as it was; a new one is seen as the one before",
-  { skip, timeout: 90_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const go = (name: string): Promise<void> => page.locator("#case-list li", { hasText: name }).locator("a").click();
     const before = await fragment(page);
@@ -362,7 +437,7 @@ test(
 
 test(
   "slices that are here already are said to be, and are renamed only when asked to",
-  { skip, timeout: 60_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const marked = page.locator("#case-list li", { hasText: "Marked" });
     const again = async (name: string): Promise<void> => {
@@ -389,10 +464,15 @@ test(
     await page.waitForSelector("dialog.confirm-rename");
     assert.match(await page.locator("dialog.confirm-rename p").innerText(), /case “Marked”. Rename it “Other”\?/);
     await keep(page, "confirm-rename");
+    // What is chosen while a case is being sent is the next case.
+    const next = { name: "next.nii", mimeType: "application/octet-stream", buffer: Buffer.from(markedVolume()) };
+    await page.locator("#upload-volume").setInputFiles(next);
     await page.keyboard.press("Escape");
     await page.waitForFunction(() =>
       /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
     );
+    assert.equal(await page.locator(".chosen-names").innerText(), "next.nii");
+    assert.equal(await page.locator("#upload-name").inputValue(), "", "the next case does not get this one's label");
     assert.equal(await marked.count(), 1, "it has its label still");
     await again("Other");
     await page.locator("dialog.confirm-rename button[value=rename]").click();
@@ -446,7 +526,7 @@ test("a search leaves the cases that match", { skip }, async () => {
 
 test(
   "over a slow line the first picture comes before the volume, whose bytes are counted",
-  { skip, timeout: 90_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const slow = await openPage(browser, { viewport: { width: 700, height: 600 } });
     const session = await slow.context.newCDPSession(slow.page);
@@ -460,7 +540,7 @@ test(
     });
     const id = await readyCase(server.address);
     await slow.page.goto(`${origin}/?renderer=server#${id}`);
-    await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
+    await slow.page.waitForSelector("#surface[data-drawn=true]");
     assert.equal(await slow.page.locator(".viewer[data-loaded=true]").count(), 0, "the volume is still on its way");
     await slow.page.waitForFunction(() => /\d MB/.test(document.querySelector(".loading-line")?.textContent ?? ""));
     await slow.page.locator(".cancel-load").click();
@@ -471,7 +551,7 @@ test(
 
 test(
   "while the page's own data come, a small picture of the server's is shown",
-  { skip, timeout: 90_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const slow = await openPage(browser, { viewport: { width: 900, height: 700 } });
     const id = await readyCase(server.address);
@@ -488,44 +568,46 @@ test(
     });
     const begun = Date.now();
     await slow.page.evaluate((one) => (location.hash = one), id);
-    await slow.page.waitForSelector("#surface[data-drawn=true]", { timeout: 30_000 });
+    await slow.page.waitForSelector("#surface[data-drawn=true]");
     const first_ms = Date.now() - begun;
     assert.equal(await slow.page.locator(".surface-host[data-preview=true] img").count(), 1);
     const box = await slow.page.locator("#surface").boundingBox();
     await slow.page.mouse.dblclick((box?.x ?? 0) + (box?.width ?? 0) / 2, (box?.y ?? 0) + (box?.height ?? 0) / 2);
     assert.match((await slow.page.textContent("#live")) ?? "", /The point will be marked when it is complete/);
     await keep(slow.page, "first-preview");
-    await slow.page.waitForFunction(() => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames, null, {
-      timeout: 60_000,
-    });
+    await slow.page.waitForFunction(
+      () => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.frames,
+      null,
+      {},
+    );
     console.log(`5 Mbit/s: the server's picture after ${first_ms} ms, the page's own after ${Date.now() - begun} ms`);
     assert.equal(await slow.page.locator(".surface-host img").count(), 0, "the page's own picture is up");
-    await slow.page.waitForFunction(() => /&x=/.test(location.hash), null, { timeout: 60_000 });
+    await slow.page.waitForFunction(() => /&x=/.test(location.hash));
     assert.deepEqual(slow.troubles, []);
     await slow.context.close();
   },
 );
 
-test("a server that dies is missed in words, and found again when it is back", { skip, timeout: 90_000 }, async () => {
+test("a server that dies is missed in words, and found again when it is back", { skip, timeout: 600_000 }, async () => {
   const port = Number(new URL(origin).port);
   await server.stop("SIGKILL");
   await typeDepth(page, 6.5);
-  await page.waitForSelector("#silence:not([hidden])", { timeout: 20_000 });
+  await page.waitForSelector("#silence:not([hidden])");
   assert.match(await page.locator("#silence").innerText(), /does not answer/);
   // It is said once, and in words.
   const said = await page.evaluate(() => document.body.innerText.match(/does not answer|unreachable/gi)?.length);
   assert.equal(said, 1);
   server = await startServer({ command: "serve", data: path.join(scratch.folder, "data"), port });
-  await page.waitForSelector("#silence", { state: "hidden", timeout: 20_000 });
-  await page.waitForSelector("#surface[data-depth='6.5']", { timeout: 20_000 });
+  await page.waitForSelector("#silence", { state: "hidden" });
+  await page.waitForSelector("#surface[data-depth='6.5']");
 });
 
-test("the versions of a case are told apart in the list", { skip, timeout: 60_000 }, async () => {
+test("the versions of a case are told apart in the list", { skip, timeout: 600_000 }, async () => {
   const first = page.locator("#case-list li", { hasText: "Marked" });
   const id = await first.getAttribute("data-id");
   const answer = await fetch(new URL(`v1/cases/${id}/mask?offset_mm=1`, server.address), { method: "PUT" });
   const { id: version } = (await answer.json()) as { id: string };
-  await page.waitForSelector(`#case-list li[data-id="${version}"][data-state=ready]`, { timeout: 40_000 });
+  await page.waitForSelector(`#case-list li[data-id="${version}"][data-state=ready]`);
   const words = (one: string | null): Promise<string> => page.locator(`#case-list li[data-id="${one}"]`).innerText();
   assert.match(await words(version), /Version from .*\d:\d\d/);
   await page.waitForFunction(

@@ -6,7 +6,14 @@ import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
 
-import { type MapName, MAP_NAMES, firstOverlay, overlayPairs, overlayText, styleOf } from "../../web/src/model/maps.ts";
+import {
+  type MapName,
+  MAP_NAMES,
+  firstOverlay,
+  overlayPairs,
+  overlayText,
+  styleOfMap,
+} from "../../web/src/model/maps.ts";
 import { NAMED_VIEWS, mirrored } from "../../web/src/model/camera.ts";
 import type { MirrorPlane, Sphere } from "../../web/src/model/case.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
@@ -104,7 +111,7 @@ async function mirroredOnes(
 
 /** Waits until a map, or none, is seen on the surface. */
 const seen = (page: Page, name: MapName | ""): Promise<unknown> =>
-  page.waitForSelector(`#surface[data-overlay="${name}"]`, { timeout: 60_000 });
+  page.waitForSelector(`#surface[data-overlay="${name}"]`);
 
 const status = (page: Page): Promise<string | null> => page.textContent(".maps-status");
 
@@ -114,7 +121,7 @@ test("the page shows maps by default as the server does", { skip }, async () => 
   };
   assert.deepEqual(layers.map(({ name }) => name).sort(), [...MAP_NAMES].sort());
   for (const { name, unit, window, colormap, threshold, opacity } of layers) {
-    assert.deepEqual({ unit, window, colormap, threshold: threshold ?? null }, styleOf(name), name);
+    assert.deepEqual({ unit, window, colormap, threshold: threshold ?? null }, styleOfMap(name), name);
     assert.equal(opacity, firstOverlay(name).opacity);
   }
 });
@@ -128,7 +135,6 @@ test(
     await page.waitForFunction(
       () => document.querySelector<HTMLElement>("canvas.cortex")?.dataset.complete === "true",
       null,
-      { timeout: 120_000 },
     );
     await bare(page);
     const size = await canvasSize(page);
@@ -172,7 +178,7 @@ test(
 
 test(
   "a map is switched on by its button and its key, undone, and kept in the address; slices and legend follow",
-  { skip, timeout: 180_000 },
+  { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
     const { page, troubles } = await opened("&l=slices");
@@ -187,6 +193,16 @@ test(
       await page.waitForSelector(`.slice.${plane}[data-overlay=blur]`);
     assert.ok(slices.some((url) => url.includes("overlay=blur") && url.includes("overlay_threshold=2.5")));
     assert.equal((await fragment(page)).b, "blur");
+    // How slantwise the cuts meet the junction: a bar for each band of depths, that of 10 mm marked.
+    const { junction_by_depth } = (await (await fetch(new URL(`v1/cases/${id}/layers`, server.address))).json()) as {
+      junction_by_depth: { from_mm: number; to_mm: number; places: number; slanted_share: number }[];
+    };
+    const bands = junction_by_depth.filter(({ places }) => places > 0);
+    assert.deepEqual(
+      await page.locator(".slant meter").evaluateAll((bars: HTMLMeterElement[]) => bars.map((bar) => bar.ariaLabel)),
+      bands.map((band) => `${band.from_mm} – ${band.to_mm} mm: ${Math.round(100 * band.slanted_share)} %`),
+    );
+    assert.match(await page.locator(".slant [aria-current=true]").innerText(), /10 – 15 mm/);
     assert.equal(await page.locator("#surface .map-bar").innerText(), "Blur, z\n5.0\n2.5\nz > 2.5");
     assert.match((await page.textContent("#live")) ?? "", /Blur/);
     await keep(page, "map-blur-slices");
@@ -203,7 +219,7 @@ test(
     await page.keyboard.press("Control+z");
     await seen(page, "blur");
     assert.equal((await fragment(page)).b, "blur,4,0.5");
-    await page.keyboard.press("b");
+    await page.keyboard.press("u");
     await seen(page, "");
     assert.equal((await fragment(page)).b, undefined);
     assert.equal(await page.locator("#surface .map-bar").isVisible(), false);
@@ -214,7 +230,7 @@ test(
 
 test(
   "a place of the list is turned to, its depth is gone to and it is marked; mirror and slices open beside it",
-  { skip, timeout: 180_000 },
+  { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
     const { page, troubles } = await opened("&b=blur");
@@ -244,6 +260,8 @@ test(
       );
       assert.ok(Math.abs(Number(d ?? 10) - wanted.depth_mm) < 0.01, `${d} is not ${wanted.depth_mm}`);
       assert.equal(l, [undefined, "slices", "mirror"][at]);
+      const pressed = page.locator(".layouts [aria-pressed=true]");
+      assert.equal(await pressed.getAttribute("value"), l ?? "single", "the buttons follow");
       assert.equal(await item.getAttribute("aria-current"), "true");
       assert.match((await item.textContent()) ?? "", wanted.side === "left" ? /Left/ : /Right/);
       await page.waitForSelector("canvas.cortex[data-quality=full]");
@@ -258,7 +276,7 @@ test(
 
 test(
   "maps that are being made are waited for, and why a head has none is told; the picture stands meanwhile",
-  { skip, timeout: 180_000 },
+  { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
     const watched = await openPage(browser);
@@ -267,10 +285,11 @@ test(
     const asked: string[] = [];
     page.on("request", (request) => asked.push(request.url()));
     await page.route(
-      (url) => url.pathname === `/v1/cases/${id}`,
+      (url) => url.pathname === `/v1/cases/${id}/layers`,
       async (route) => {
         const response = await route.fetch();
-        await route.fulfill({ response, json: { ...((await response.json()) as object), maps: told } });
+        const { layers, ...rest } = (await response.json()) as { layers: object[] };
+        await route.fulfill({ response, json: { ...rest, layers: layers.map((layer) => ({ ...layer, ...told })) } });
       },
     );
     await page.goto(`${server.address.split("#")[0]}#${id}&b=blur`);
@@ -290,6 +309,11 @@ test(
       (now) => now?.includes("4.00 mm") ?? false,
     );
     assert.equal(words, "This case has no maps: The largest voxel spacing is 4.00 mm.");
+    // In another language the page has words for the reason by its code.
+    told = { ...told, reason_code: "coarse-voxels" };
+    await page.locator("#language").selectOption("pt-BR");
+    await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("no máximo 2 mm"));
+    await shown(page);
     assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
     assert.deepEqual(troubles, []);
     await page.context().close();
@@ -298,7 +322,7 @@ test(
 
 test(
   "where the server draws, it draws the map too; a saved picture has the map and its legend",
-  { skip, timeout: 180_000 },
+  { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
     const { page, troubles } = await opened("&b=sharpness", {}, "?renderer=server");
@@ -334,7 +358,7 @@ test(
     await page.locator(".panel .group", { hasText: "Save and share" }).locator("summary").click();
     const coloured = await saved();
     await keep(page, "map-by-server");
-    await page.click('.maps button[value=""]');
+    await page.click('.maps button[value="none"]');
     await seen(page, "");
     const plain = await saved();
     console.log(`coloured pixels of a saved picture: ${coloured.toFixed(3)} with the map, ${plain.toFixed(3)} without`);

@@ -33,7 +33,7 @@ before(
     watched = await openPage(browser);
     await watched.page.goto(server.address);
   },
-  { timeout: 300_000 },
+  { timeout: 600_000 },
 );
 
 after(async () => {

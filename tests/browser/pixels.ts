@@ -43,7 +43,6 @@ export async function show(page: Page, fragment: string, way: string): Promise<v
       );
     },
     [before, way] as const,
-    { timeout: 120_000 },
   );
   // The frame is on the screen with the next one but one.
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
@@ -102,3 +101,29 @@ export async function agreement(page: Page, address: string, part?: Part, tolera
     { base64: shot.toString("base64"), address, part, tolerance },
   );
 }
+
+/** The share of pixels of a picture, as a data URL, that are within 4 of 255 of the server's at an address. */
+export const picturesAgree = (page: Page, own: string, address: string): Promise<number> =>
+  page.evaluate(
+    async ([own, address]) => {
+      const pixels = async (from: string): Promise<Uint8ClampedArray> => {
+        const image = new Image();
+        image.src = from;
+        await image.decode();
+        const canvas = document.createElement("canvas");
+        Object.assign(canvas, { width: image.naturalWidth, height: image.naturalHeight });
+        const context = canvas.getContext("2d", { willReadFrequently: true });
+        context?.drawImage(image, 0, 0);
+        return context?.getImageData(0, 0, canvas.width, canvas.height).data ?? new Uint8ClampedArray();
+      };
+      const [a, b] = await Promise.all([pixels(own), pixels(address)]);
+      if (a.length !== b.length) throw new Error(`${a.length / 4} and ${b.length / 4} pixels`);
+      let far = 0;
+      for (let at = 0; at < a.length; at += 4) {
+        const off = [0, 1, 2].map((channel) => Math.abs((a[at + channel] ?? 0) - (b[at + channel] ?? 0)));
+        if (Math.max(...off) > 4) far += 1;
+      }
+      return 1 - (4 * far) / a.length;
+    },
+    [own, address] as const,
+  );

@@ -92,14 +92,16 @@ export interface ServerOptions {
   readonly data: string;
   /** 0 takes a free one. */
   readonly port?: number;
+  /** Further words of the command. */
+  readonly options?: readonly string[];
 }
 
 /** Starts the program and waits until it says where it listens. */
-export async function startServer({ command, data, port = 0 }: ServerOptions): Promise<Server> {
+export async function startServer({ command, data, port = 0, options = [] }: ServerOptions): Promise<Server> {
   // Nothing of the machine's own configuration: the program as a newcomer sees it.
   const env = Object.fromEntries(Object.entries(process.env).filter(([name]) => !name.startsWith("ISOCORTEX_")));
   const head = command === "demo" ? headOfDemo() : {};
-  const child = spawn(PROGRAM, [command], {
+  const child = spawn(PROGRAM, [command, ...options], {
     stdio: ["ignore", "pipe", "pipe"],
     env: { ...env, ...head, ISOCORTEX_DATA: data, ISOCORTEX_LISTEN: `127.0.0.1:${port}` },
   });
@@ -147,6 +149,8 @@ export interface Watched {
 
 export async function openPage(browser: Browser, options: BrowserContextOptions = {}): Promise<Watched> {
   const context = await browser.newContext({ viewport: { width: 1440, height: 900 }, locale: "en-GB", ...options });
+  // As long as a busy machine may take: what comes at all comes much sooner.
+  context.setDefaultTimeout(180_000);
   await servePage(context);
   const page = await context.newPage();
   const troubles: string[] = [];
@@ -188,7 +192,7 @@ export async function keep(page: Page, name: string): Promise<void> {
 }
 
 /** The first ready case's id, waited for. */
-export async function readyCase(address: string, seconds = 240): Promise<string> {
+export async function readyCase(address: string, seconds = 480): Promise<string> {
   const deadline = Date.now() + 1000 * seconds;
   for (;;) {
     const { cases } = (await (await fetch(new URL("v1/cases", address))).json()) as {
@@ -243,8 +247,8 @@ export async function brightest(page: Page, png: Buffer, least: number): Promise
 
 /** Waits until the surface's first picture stands, and everything of the case has come. */
 export async function shown(page: Page): Promise<void> {
-  await page.waitForSelector("#surface[data-drawn=true]", { timeout: 60_000 });
-  await page.waitForSelector(".viewer[data-loaded=true]", { timeout: 60_000 });
+  await page.waitForSelector("#surface[data-drawn=true]");
+  await page.waitForSelector(".viewer[data-loaded=true]");
 }
 
 /** Waits until the address says what is shown, which it does when the state has rested. */
@@ -261,7 +265,7 @@ export async function rested(page: Page): Promise<void> {
 export async function until<Value>(
   ask: () => Promise<Value>,
   isGood: (value: Value) => boolean,
-  seconds = 20,
+  seconds = 120,
 ): Promise<Value> {
   const deadline = Date.now() + 1000 * seconds;
   for (;;) {

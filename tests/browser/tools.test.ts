@@ -44,7 +44,7 @@ before(
     await page.goto(`${origin}#${id}`);
     await shown(page);
   },
-  { timeout: 300_000 },
+  { timeout: 600_000 },
 );
 
 after(async () => {
@@ -134,10 +134,10 @@ test("near the envelope intensities are averaged, which is said and can be switc
 
 test(
   "mirror and slices are shown together: the mirrored point is in them, and several outlines with their depths",
-  { skip, timeout: 60_000 },
+  { skip, timeout: 600_000 },
   async () => {
     await open("&l=both&x=40,20,30");
-    await page.waitForFunction(() => document.querySelectorAll(".slice-image img").length === 3);
+    await page.waitForFunction(() => document.querySelectorAll(".slice-image > *").length === 3);
     await page.waitForSelector("#surface.halved");
     const twin = (plane: string): ReturnType<Page["locator"]> => page.locator(`.slice.${plane} .cursor.ghost circle`);
     for (const plane of ["axial", "coronal"]) {
@@ -167,7 +167,7 @@ test(
 
 test(
   "the case's section tells of its mask, outlines it, saves it and makes versions",
-  { skip, timeout: 120_000 },
+  { skip, timeout: 600_000 },
   async () => {
     await open("&l=slices&x=20,20,30");
     const section = await unfold("Case and mask");
@@ -206,19 +206,19 @@ test(
     await page.waitForFunction(() =>
       /already has this mask and radius/.test(document.querySelector(".panel")?.textContent ?? ""),
     );
-    await row.and(page.locator("[data-state=ready]")).waitFor({ timeout: 60_000 });
+    await row.and(page.locator("[data-state=ready]")).waitFor();
     await row.locator(".thumb img").waitFor();
     await fetch(new URL(`v1/cases/${version.id}`, server.address), { method: "DELETE" });
-    await row.waitFor({ state: "detached", timeout: 20_000 });
+    await row.waitFor({ state: "detached" });
   },
 );
 
 /** The size of a PNG. */
 const sizeOf = (png: Buffer): readonly [number, number] => [png.readUInt32BE(16), png.readUInt32BE(20)];
 
-test("pictures are saved in several sizes with a caption, and copied", { skip, timeout: 120_000 }, async () => {
+test("pictures are saved in several sizes with a caption, and copied", { skip, timeout: 600_000 }, async () => {
   await open("&l=slices&x=20,20,30");
-  await page.waitForFunction(() => document.querySelectorAll(".slice-image img").length === 3);
+  await page.waitForFunction(() => document.querySelectorAll(".slice-image > *").length === 3);
   const section = await unfold("Save and share");
   const panes = await page.locator(".panes").boundingBox();
   assert.ok(panes);
@@ -242,7 +242,7 @@ test("pictures are saved in several sizes with a caption, and copied", { skip, t
 
 test(
   "the profile is read by the pointer, goes to a depth, and is saved as picture and table",
-  { skip, timeout: 60_000 },
+  { skip, timeout: 600_000 },
   async () => {
     await open("&x=40,20,30");
     const chart = page.locator("svg.chart");
@@ -272,7 +272,7 @@ test(
 
 test(
   "a sheet, a turn and a sweep are drawn by the server, each naming the case",
-  { skip, timeout: 240_000 },
+  { skip, timeout: 600_000 },
   async () => {
     await open();
     const sweep = await unfold("Sweep");
@@ -359,7 +359,7 @@ async function thousand(other: Page): Promise<void> {
 
 test(
   "a thousand cases are scrolled, sorted, searched and walked through; few rows are there",
-  { skip, timeout: 90_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const { page: other, context } = await openPage(browser);
     await thousand(other);
@@ -421,7 +421,7 @@ test("the list is made wider by its edge, and stays so", { skip }, async () => {
 
 test(
   "on a phone the depth is always in reach, and everything is large enough for a finger",
-  { skip, timeout: 60_000 },
+  { skip, timeout: 600_000 },
   async () => {
     const phone = await openPage(browser, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
     await phone.page.goto(`${origin}#${id}`);

@@ -3,78 +3,34 @@
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { createRequire } from "node:module";
 import { after, before, test } from "node:test";
 
-import type { Browser, Page } from "playwright-core";
+import type { Page } from "playwright-core";
 
-import {
-  type Server,
-  type Watched,
-  fragment,
-  keep,
-  launchBrowser,
-  openPage,
-  readyCase,
-  scratchFolder,
-  shown,
-  skip,
-  startServer,
-  typeDepth,
-  until,
-} from "./support.ts";
+import { violations } from "./axe.ts";
+import { type Demo, type Hands, startDemo } from "./hands.ts";
+import { type Watched, fragment, keep, shown, skip, typeDepth, until } from "./support.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
-let server: Server;
-let browser: Browser;
+let demo: Demo | undefined;
 let watched: Watched;
 let page: Page;
 let id: string;
 let origin: string;
+let { text, reset, surface, letters } = {} as Hands;
 
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "demo", data: scratch.folder });
-    id = await readyCase(server.address);
-    browser = await launchBrowser();
-    watched = await openPage(browser);
-    page = watched.page;
-    origin = `${new URL(server.address).origin}/?renderer=server`;
-    await page.goto(origin);
-    await shown(page);
+    demo = await startDemo();
+    ({ watched, page, id, origin } = demo);
+    ({ text, reset, surface, letters } = demo.hands);
   },
-  { timeout: 300_000 },
+  { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => demo?.end());
 
-const text = (selector: string): Promise<string> => page.locator(selector).innerText();
 const depth = async (): Promise<number> => Number(await page.locator("#depth-number").inputValue());
-const reset = async (): Promise<void> => {
-  await page.goto(`${origin}#${id}`);
-  await page.locator(".layouts button[value=single]").click();
-  await page.getByRole("button", { name: "Reset the view" }).click();
-  await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "10");
-  // What the test before has shown may still be there.
-  const { x, d } = await fragment(page);
-  assert.deepEqual([x, d], [undefined, undefined]);
-};
-const surface = async (): Promise<{ x: number; y: number; width: number; height: number }> => {
-  const box = await page.locator("#surface").boundingBox();
-  assert.ok(box);
-  return box;
-};
-const letters = (pane: string): Promise<string> =>
-  page
-    .locator(`${pane} .overlay:not(.other) .edge`)
-    .allInnerTexts()
-    .then((all) => all.join(" "));
 
 /** A drag by the mouse from the middle of the surface. */
 async function drag(right: number, down: number, button: "left" | "right" | "middle" = "left"): Promise<void> {
@@ -159,7 +115,7 @@ test("shift or the middle button moves, the right button changes the window", { 
   await page.keyboard.press("Escape");
 });
 
-test("every key of the help does what it says", { skip, timeout: 120_000 }, async () => {
+test("every key of the help does what it says", { skip, timeout: 600_000 }, async () => {
   await reset();
   await page.locator("#surface").focus();
   const press = async (key: string): Promise<Record<string, string>> => {
@@ -273,173 +229,6 @@ test("two fingers zoom and move; a touch that is taken away ends the gesture", {
   assert.equal((await fragment(page)).q, turned.q, "nothing is held any more");
 });
 
-test("a double click marks a point: slices, numbers and the depth profile follow", { skip }, async () => {
-  await reset();
-  await page.locator(".layouts button[value=slices]").click();
-  const { x, y, width, height } = await surface();
-  await page.mouse.dblclick(x + width * 0.45, y + height * 0.45);
-  const { x: marked = "" } = await fragment(page);
-  const [left = 0] = marked.split(",").map(Number);
-  assert.ok(left > 20, "the left view shows the left side: LPS counts to the left");
-  assert.match(await text(".point .position"), /^L\s\d+\.\d · [AP]\s\d+\.\d · [SI]\s\d+\.\d$/);
-  assert.match(await text(".point .voxel"), /^\d+, \d+, \d+$/);
-  assert.equal(await text(".point .depth"), "10.0 mm");
-  assert.match(await text(".point .intensity"), /^\d/);
-  await page.waitForFunction(
-    (position) =>
-      Math.abs(Number(document.querySelector<HTMLElement>(".slice.sagittal")?.dataset.position) - position) < 0.2,
-    left,
-  );
-  for (const plane of ["axial", "coronal", "sagittal"]) {
-    assert.equal(await page.locator(`.slice.${plane} .cursor line`).count(), 4, plane);
-  }
-  // Both curves, and the same as a table.
-  for (const curve of ["own", "other"]) {
-    const path = (await page.locator(`.chart .curve.${curve}`).getAttribute("d")) ?? "";
-    assert.ok(path.split("L").length > 20, `${curve}: ${path.slice(0, 60)}`);
-  }
-  await page.locator(".as-table summary").click();
-  assert.ok((await page.locator(".as-table tbody tr").count()) > 10);
-  await page.locator(".as-table summary").click();
-  await keep(page, "desktop-slices");
-});
-
-test(
-  "a slice is windowed, zoomed, moved and enlarged by the hands of other viewers, and says what is under the pointer",
-  { skip, timeout: 120_000 },
-  async () => {
-    await reset();
-    await page.locator(".layouts button[value=slices]").click();
-    await page.waitForSelector(".slice.axial[data-position]");
-    const frame = page.locator(".slice.axial .slice-view");
-    const box = await frame.boundingBox();
-    assert.ok(box);
-    // A wheel event tells whole pixels.
-    const [cx, cy] = [Math.round(box.x + box.width / 2), Math.round(box.y + box.height / 2)];
-    const slider = await page.locator(".slice.axial .slice-range").boundingBox();
-    assert.ok(slider && slider.y >= box.y + box.height - 0.5, "the slider lies below the picture");
-    const asked = (): Promise<string> =>
-      page.waitForRequest((request) => request.url().includes("/slices/axial")).then((request) => request.url());
-    // The slice of the test before is shown until this one's has come; the slider is there at once, in half millimetres.
-    await page.waitForFunction(() => {
-      const pane = document.querySelector<HTMLElement>(".slice.axial");
-      const wished = pane?.querySelector<HTMLInputElement>(".slice-range")?.valueAsNumber ?? Number.NaN;
-      return Math.abs(Number(pane?.dataset.position) - wished) <= 0.25;
-    });
-    await page.mouse.move(cx + 20, cy + 10);
-    await page.waitForFunction(() =>
-      /^[LR]\s.* mm\s+\d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
-    );
-    const words = await text(".slice.axial .hovered");
-    let waiting = asked();
-    await page.keyboard.down("Control");
-    await page.mouse.wheel(0, -300);
-    await page.keyboard.up("Control");
-    assert.match(await waiting, /zoom=1\.\d+&pan=/);
-    await page.mouse.move(cx + 24, cy + 10);
-    await page.mouse.move(cx + 20, cy + 10);
-    await until(
-      () => text(".slice.axial .hovered"),
-      (now) => now !== "",
-    );
-    const held = (await text(".slice.axial .hovered")).split("  ")[0];
-    assert.equal(held, words.split("  ")[0], "what is under the pointer stays there");
-    await keep(page, "slice-zoomed");
-    waiting = asked();
-    await page.keyboard.down("Shift");
-    await page.mouse.down();
-    await page.mouse.move(cx + 50, cy + 30, { steps: 3 });
-    await page.mouse.up();
-    await page.keyboard.up("Shift");
-    assert.match(await waiting, /pan=/);
-    assert.equal((await fragment(page)).x, undefined, "no point was marked");
-    await page.mouse.move(cx, cy);
-    await page.mouse.down({ button: "right" });
-    await page.mouse.move(cx + 60, cy, { steps: 3 });
-    await page.mouse.up({ button: "right" });
-    assert.ok((await fragment(page)).w, "the window is another one");
-    await page.locator(".slice.axial").focus();
-    waiting = asked();
-    await page.keyboard.press("Home");
-    assert.doesNotMatch(await waiting, /zoom=|pan=/);
-    waiting = asked();
-    await page.locator("#surface").focus();
-    await page.keyboard.press("o");
-    assert.doesNotMatch(await waiting, /depth_mm/);
-    await page.keyboard.press("o");
-    await page.locator(".slice.coronal .slice-view > .icon-button").click();
-    const panes = await page.locator(".panes").boundingBox();
-    const large = await page.locator(".slice.coronal").boundingBox();
-    assert.ok(panes && large && Math.abs(large.width - panes.width) < 2 && Math.abs(large.height - panes.height) < 2);
-    await page.waitForFunction(() => {
-      const image = document.querySelector<HTMLImageElement>(".slice.coronal .slice-image img");
-      const frame = document.querySelector(".slice.coronal .slice-view");
-      const box = image?.getBoundingClientRect();
-      if (!image || !frame || !box || image.naturalWidth < 700) return false;
-      const [across, down] = [box.width / image.naturalWidth, box.height / image.naturalHeight];
-      return Math.abs(box.width - frame.clientWidth) < 2 && Math.abs(across / down - 1) < 0.01;
-    });
-    await keep(page, "slice-large");
-    assert.ok((await text(".slice.coronal .pane-case")).endsWith(id.slice(0, 8)), "it names the case itself");
-    await page.locator(".slice.coronal .slice-view").dblclick({ position: { x: 200, y: 200 } });
-    assert.ok(((await page.locator(".slice.coronal").boundingBox())?.width ?? 9999) < panes.width / 2);
-  },
-);
-
-test("a click in a slice turns the surface to that point", { skip }, async () => {
-  await reset();
-  await page.locator(".layouts button[value=slices]").click();
-  const box = await page.locator(".slice.coronal").boundingBox();
-  assert.ok(box);
-  // At the picture's left is the patient's right.
-  await page.mouse.click(box.x + box.width * 0.3, box.y + box.height * 0.4);
-  const { x: marked = "", q, v } = await fragment(page);
-  assert.ok(Number(marked.split(",")[0]) < -15, marked);
-  assert.ok(q || v);
-  const cube = page.locator("#surface .cube [data-view=right]");
-  await cube.waitFor({ state: "attached" });
-  assert.ok(Number(await cube.getAttribute("opacity")) > 0.6, "the right side is in front");
-  const range = page.locator(".slice.axial .slice-range");
-  await range.fill("20");
-  assert.equal((await fragment(page)).x?.split(",")[2], "20");
-});
-
-test("slices are radiological until the other convention is chosen, and say which", { skip }, async () => {
-  await reset();
-  await page.locator(".layouts button[value=slices]").click();
-  await page.waitForSelector(".slice.axial img");
-  assert.equal(await letters(".slice.axial"), "R L A P");
-  assert.equal(await letters(".slice.coronal"), "R L S I");
-  assert.equal(await letters(".slice.sagittal"), "A P S I");
-  assert.equal(await text(".slice.axial .badge"), "Radiological");
-  await page.locator(".group", { hasText: "Drawing" }).locator("summary").first().click();
-  await page.locator("#convention").selectOption("neurological");
-  await page.waitForSelector(".slice.axial .slice-image.flipped", { state: "attached" });
-  assert.equal(await letters(".slice.axial"), "L R A P");
-  assert.equal(await text(".slice.coronal .badge"), "Neurological");
-  assert.equal(await page.locator(".slice.sagittal .badge").isVisible(), false);
-  assert.equal(await page.locator(".slice.axial .slice-image.flipped").count(), 1);
-  await page.locator("#convention").selectOption("radiological");
-});
-
-test("a late answer never stands over a newer one", { skip }, async () => {
-  await reset();
-  await page.locator(".layouts button[value=slices]").click();
-  await page.waitForSelector(".slice.axial img");
-  let held = 0;
-  await page.route("**/slices/axial?*", async (route) => {
-    // The first answer is the last to come.
-    if ((held += 1) === 1) await new Promise((resolve) => setTimeout(resolve, 1200));
-    await route.continue();
-  });
-  for (const value of [9, 12, 11.5]) await typeDepth(page, value);
-  await page.waitForSelector(".slice.axial[data-depth='11.5']");
-  await page.waitForTimeout(600);
-  assert.equal(await page.locator(".slice.axial").getAttribute("data-depth"), "11.5");
-  assert.ok(held <= 2, `${held} requests: wishes in between are not asked for`);
-  await page.unroute("**/slices/axial?*");
-});
-
 test("the mirror shows the other hemisphere flipped, with one cursor in both halves", { skip }, async () => {
   await reset();
   await page.locator(".layouts button[value=mirror]").click();
@@ -492,12 +281,14 @@ test("a marked point is broken where the head is before it", { skip }, async () 
 
 test("a number that is out of range, or none, gives way to what is drawn", { skip }, async () => {
   await reset();
-  const deepest = await page.locator("#depth-number").getAttribute("max");
+  await page.locator("#depth").press("End");
+  const deepest = await page.locator("#depth-number").inputValue();
   for (const [typed, expected] of [
     ["999", deepest],
     ["", deepest],
     ["-5", "0"],
     ["7.5", "7.5"],
+    ["8,25", "8.25"],
   ] as const) {
     await page.locator("#depth-number").fill(typed);
     await page.keyboard.press("Enter");
@@ -557,7 +348,9 @@ test("letters, cube, colour bar, scale, depth and notice are those of the pictur
     level: Number(document.querySelector<HTMLInputElement>("#window-center-number")?.value),
     width: Number(document.querySelector<HTMLInputElement>("#window-width-number")?.value),
   }));
-  const [white = NaN, black = NaN] = (await page.locator(".colour-bar:not(.map-bar) span").allInnerTexts()).map(Number);
+  const [white = NaN, black = NaN] = (
+    await page.locator(".colour-bar:not(.map-bar) span:not(.layer-title)").allInnerTexts()
+  ).map(Number);
   // DICOM's linear window: its ramp is `width − 1` long, and its middle half below the level.
   const expected_white = level - 0.5 + (width - 1) / 2;
   assert.ok(
@@ -664,6 +457,11 @@ test(
     await page.waitForSelector(".layouts >> text=Espelho");
     assert.equal(await page.locator("html").getAttribute("lang"), "pt-BR");
     assert.equal(await text(".research"), "Somente para pesquisa. Não se destina a diagnóstico.");
+    for (const typed of ["14,5", "14.5"]) {
+      await page.locator("#depth-number").fill(typed);
+      await page.keyboard.press("Enter");
+      assert.equal(await page.locator("#depth-number").inputValue(), "14,5", typed);
+    }
     await page.getByRole("button", { name: "Claro ou escuro" }).click();
     await page.reload();
     await page.waitForSelector("html[data-theme=light] .layouts >> text=Com cortes");
@@ -674,34 +472,9 @@ test(
 
 test(
   "axe finds nothing, in both themes and languages, in every layout and dialog",
-  { skip, timeout: 300_000 },
+  { skip, timeout: 600_000 },
   async () => {
-    const axe = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
-    const source = readFileSync(axe, "utf8");
-    const check = async (where: string): Promise<void> => {
-      // The page's own policy forbids scripts from elsewhere, so axe comes in from outside of it.
-      await page.evaluate(source);
-      const violations = await page.evaluate(async () => {
-        const { axe: runner } = globalThis as unknown as {
-          axe: {
-            run(
-              options: object,
-            ): Promise<{ violations: { id: string; nodes: { html: string; failureSummary?: string }[] }[] }>;
-          };
-        };
-        const result = await runner.run({
-          runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"],
-        });
-        return result.violations.map(
-          ({ id: rule, nodes }) =>
-            `${rule}: ${nodes
-              .map((node) => `${node.html.slice(0, 160)} ${node.failureSummary ?? ""}`)
-              .join(" | ")
-              .slice(0, 600)}`,
-        );
-      });
-      assert.deepEqual(violations, [], where);
-    };
+    const check = async (where: string): Promise<void> => assert.deepEqual(await violations(page), [], where);
     for (const language of ["pt-BR", "en"]) {
       await page.locator("#language").selectOption(language);
       await page.waitForSelector(`html[lang=${language}]`);

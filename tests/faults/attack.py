@@ -32,6 +32,11 @@ def program():
     return os.path.abspath(path)
 
 
+def is_short():
+    """Whether to run for seconds, as the integration tests do, instead of minutes."""
+    return "--short" in sys.argv[1:]
+
+
 class Report:
     """What an attack measures, and what it expects. `end` exits with 1 if an expectation was not met."""
 
@@ -47,6 +52,18 @@ class Report:
         note = f" ({seen})" if seen != "" else ""
         print(f"   {'ok    ' if met else 'BROKEN'} {what}{note}", flush=True)
 
+    def target(self, name, asked, measured, met, binds=True):
+        """A figure beside its target: a row of the table that ISOCORTEX_FAULTS_TABLE names and, if it binds, an expectation."""
+        if binds:
+            self.expect(f"{name}: {asked}", met, measured)
+        else:
+            self.figure(f"{name}: {asked}", f"{measured}{'' if met else ': missed'}")
+        table = os.environ.get("ISOCORTEX_FAULTS_TABLE")
+        if table:
+            command = " ".join([f"tests/faults/{os.path.basename(sys.argv[0])}", *sys.argv[1:]])
+            with open(table, "a") as file:
+                file.write(f"| {name} | {asked} | {measured}{'' if met else ' **(missed)**'} | `{command}` |\n")
+
     def end(self):
         print(f"== {'as it should be' if not self.failed else f'{self.failed} broken'}", flush=True)
         sys.exit(1 if self.failed else 0)
@@ -61,14 +78,21 @@ def skip(why):
 class Server:
     """A server of its own for an attack. `with Server() as server:` ends it."""
 
-    def __init__(self, data=None, environment=None, arguments=()):
+    def __init__(self, data=None, environment=None, arguments=(), settings="", before=()):
+        """`settings` is the text of a configuration file; `before` are words before the command, such as strace's."""
         self.folder = tempfile.mkdtemp(prefix="isocortex-fault-")
+        self.before = list(before)
+        self.settings = os.path.join(self.folder, "isocortex.toml")
+        with open(self.settings, "w") as file:
+            file.write(settings)
         self.data = data or os.path.join(self.folder, "data")
         self.environment = environment or {}
         self.arguments = list(arguments)
         self.log_file = os.path.join(self.folder, "log")
         self.process = None
         self.port = None
+        self.program = program
+        self.listen = "127.0.0.1:0"
 
     def __enter__(self):
         try:
@@ -83,7 +107,8 @@ class Server:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def start(self):
-        command = [program(), "serve", "--data", self.data, "--listen", "127.0.0.1:0", "--gpu", "off"]
+        command = [*self.before, self.program(), "serve", "--config", self.settings, "--data", self.data]
+        command += ["--listen", self.listen, "--gpu", "off"]
         environment = {"PATH": os.environ.get("PATH", ""), "ISOCORTEX_LOG": "debug", **self.environment}
         with open(self.log_file, "ab") as log:
             self.process = subprocess.Popen(
@@ -104,6 +129,18 @@ class Server:
     def restart(self):
         self.stop()
         self.start()
+
+    def check(self):
+        """The status of `isocortex check-store` on the store of a server in one folder, and what it says."""
+        command = [program(), "check-store", "--data", self.data]
+        environment = {"PATH": os.environ.get("PATH", ""), **self.environment}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        return done.returncode, done.stdout + done.stderr
+
+    def json(self, address):
+        """The JSON of an answer; `None` if it is not 200."""
+        status, _, body = self.ask("GET", address)
+        return json.loads(body) if status == 200 else None
 
     def log(self):
         with open(self.log_file, "rb") as log:
@@ -178,8 +215,8 @@ def nifti_header(size, spacing_mm, datatype=4, bits=16, description=b""):
     return bytes(header)
 
 
-def head(spacing_mm=4.0, seed=0, description=b""):
-    """A brain over zeros, as plain NIfTI. Another `seed` is another head."""
+def head(spacing_mm=4.0, seed=0, description=b"", scale=1.0):
+    """A brain over zeros, as plain NIfTI. Another `seed` is another head, another `scale` a larger or smaller one."""
     side = round(180 / spacing_mm)
     middle = (side - 1) / 2
     voxels = []
@@ -187,7 +224,7 @@ def head(spacing_mm=4.0, seed=0, description=b""):
         for y in range(side):
             for x in range(side):
                 mm = [(v - middle) * spacing_mm for v in (x, y, z)]
-                inside = sum((m / a) ** 2 for m, a in zip(mm, (60, 76, 54))) <= 1
+                inside = sum((m / a / scale) ** 2 for m, a in zip(mm, (60, 76, 54))) <= 1
                 value = 300 + 60 * math.sin(mm[1] / 15 + seed) + 40 * math.cos(mm[2] / 11)
                 voxels.append(int(value) if inside else 0)
     return nifti_header([side] * 3, [spacing_mm] * 3, description=description) + struct.pack(
@@ -230,6 +267,18 @@ def memory_mb(pid):
             except OSError:
                 pass
     return total / 1e6
+
+
+def cpu_seconds(pids):
+    """The CPU time that processes have used, which other load on the machine changes little. One that has ended counts as none."""
+    ticks = 0
+    for pid in pids:
+        try:
+            with open(f"/proc/{pid}/stat") as stat:
+                ticks += sum(int(word) for word in stat.read().rsplit(")", 1)[1].split()[11:13])
+        except FileNotFoundError:
+            pass
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 class Watch:

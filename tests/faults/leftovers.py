@@ -57,4 +57,5 @@ def _length(folder, name):
         return 0
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -261,12 +261,6 @@ impl Crate {
     }
 }
 
-/// Circles that are still there. The list only gets shorter.
-const KNOWN: [&str; 2] = [
-    "storage/src: sql ↔ sql::connection ↔ sql::postgres ↔ sql::sqlite ↔ sql::upkeep",
-    "storage/src: sql::cases ↔ sql::jobs",
-];
-
 #[test]
 fn no_modules_of_a_crate_import_each_other() {
     let server = Path::new(env!("CARGO_MANIFEST_DIR")).join("../server");
@@ -280,8 +274,7 @@ fn no_modules_of_a_crate_import_each_other() {
             }
         }
     }
-    found.sort();
-    assert_eq!(found, KNOWN);
+    assert!(found.is_empty(), "{found:?}");
 }
 
 #[test]

@@ -39,17 +39,19 @@ fn words_after(text: &str, prefix: &str, belongs: fn(char) -> bool) -> BTreeSet<
         .collect()
 }
 
-const DOCUMENTS: [&str; 13] = [
+const DOCUMENTS: [&str; 15] = [
     "README.md",
     "ARCHITECTURE.md",
     "CONTRIBUTING.md",
     "docker/README.md",
     "docs/accuracy.md",
     "docs/configuration.md",
+    "docs/conformance.md",
     "docs/dicom.md",
     "docs/extraction.md",
     "docs/http.md",
     "docs/layers.md",
+    "docs/pacs.md",
     "docs/performance.md",
     "docs/renderers.md",
     "docs/study.md",

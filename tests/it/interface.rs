@@ -194,6 +194,31 @@ async fn textures_say_how_to_read_them() {
     }
 }
 
+#[tokio::test]
+async fn slices_and_the_whole_volume_show_what_lies_beyond_the_envelope() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let facts = server.get(&case).await.json();
+    let cropped = server.get(&format!("{case}/volume")).await;
+    let whole = server.get(&format!("{case}/volume?extent=whole")).await;
+    let size = numbers(&whole, "x-isocortex-size");
+    let acquired = facts["volume"]["size"].as_array().unwrap();
+    let acquired: Vec<_> = acquired.iter().map(|side| side.as_f64().unwrap()).collect();
+    assert_eq!(size, acquired);
+    assert!(whole.body.len() > cropped.body.len());
+    let quick = format!("{case}/volume?extent=whole&bits=8");
+    assert_eq!(2 * server.get(&quick).await.body.len(), whole.body.len());
+    // Up to the first and the last column of the volume there is air, which is white here; beyond them, nothing.
+    let origin = numbers(&whole, "x-isocortex-patient-from-voxel");
+    for (column, shows) in [(0.0, true), (size[0] - 1.0, true), (size[0], false)] {
+        let position_mm = origin[3] + column * origin[0];
+        let query = format!("position_mm={position_mm}&colormap=inverted&width=64&height=64");
+        let slice = server.get(&format!("{case}/slices/sagittal?{query}")).await;
+        let lit = slice.grey().pixels().filter(|pixel| pixel.0[0] > 0).count();
+        assert_eq!(lit > 100, shows, "{position_mm} mm: {lit} pixels");
+    }
+}
+
 /// A header's numbers.
 fn numbers(answer: &Answer, name: &str) -> Vec<f64> {
     let parts = answer.header(name).split(',').map(str::parse);

@@ -35,10 +35,10 @@ struct Layer {
     never: &'static [&'static str],
 }
 
-/// What serves HTTP or reads a command line: the business of `service`, `pacs` and the program alone.
+/// What serves HTTP or reads a command line: the business of `http-support`, `service`, `pacs` and the program alone.
 const PROTOCOLS: &[&str] = &["axum", "tower-http", "clap", "utoipa"];
 
-/// What speaks HTTP: `storage` asks object stores by it, and nothing below does.
+/// What speaks HTTP: `objects` asks buckets by it, and nothing below does.
 const HTTP: &[&str] = &["hyper"];
 
 const FILES_AND_TASKS: &[&str] = &["tokio", "sqlx", "object_store"];
@@ -80,8 +80,13 @@ const LAYERS: &[Layer] = &[
         never: &["wgpu"],
     },
     Layer {
-        name: "storage",
+        name: "objects",
         needs: &["case"],
+        never: &["wgpu", "sqlx"],
+    },
+    Layer {
+        name: "storage",
+        needs: &["case", "objects"],
         never: &["wgpu"],
     },
     Layer {
@@ -103,9 +108,19 @@ const LAYERS: &[Layer] = &[
         never: &[],
     },
     Layer {
+        name: "http-support",
+        needs: HTTP_SUPPORT_NEEDS,
+        never: &["clap"],
+    },
+    Layer {
         name: "service",
         needs: SERVICE_NEEDS,
         never: &["clap"],
+    },
+    Layer {
+        name: "pacs",
+        needs: HTTP_SUPPORT_NEEDS,
+        never: &["clap", "tower-http"],
     },
 ];
 
@@ -115,6 +130,20 @@ const CASES_NEED: &[&str] = &[
     "extraction",
     "geometry",
     "imaging",
+    "objects",
+    "pipeline",
+    "render",
+    "storage",
+];
+
+const HTTP_SUPPORT_NEEDS: &[&str] = &[
+    "analysis",
+    "case",
+    "cases",
+    "extraction",
+    "geometry",
+    "imaging",
+    "objects",
     "pipeline",
     "render",
     "storage",
@@ -126,7 +155,9 @@ const SERVICE_NEEDS: &[&str] = &[
     "cases",
     "extraction",
     "geometry",
+    "http-support",
     "imaging",
+    "objects",
     "pipeline",
     "render",
     "storage",
@@ -152,10 +183,19 @@ fn no_layer_needs_what_is_above_or_beside_it() {
         let more: Vec<_> = ours.difference(&allowed).collect();
         assert!(more.is_empty(), "{package} must not need {more:?}");
         assert_needs_none_of(&package, &needed, layer.never);
-        if !["service", "bench"].contains(&layer.name) {
+        if !["http-support", "service", "pacs", "bench"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, PROTOCOLS);
         }
-        if !["storage", "cases", "service"].contains(&layer.name) {
+        if ![
+            "objects",
+            "storage",
+            "cases",
+            "http-support",
+            "service",
+            "pacs",
+        ]
+        .contains(&layer.name)
+        {
             assert_needs_none_of(&package, &needed, FILES_AND_TASKS);
             assert_needs_none_of(&package, &needed, HTTP);
         }
@@ -166,7 +206,16 @@ fn no_layer_needs_what_is_above_or_beside_it() {
 fn the_program_stands_on_all_of_them() {
     let needed = needed_by("isocortex");
     for below in [
-        "case", "cases", "geometry", "imaging", "pipeline", "render", "service", "storage",
+        "case",
+        "cases",
+        "geometry",
+        "http-support",
+        "imaging",
+        "pacs",
+        "pipeline",
+        "render",
+        "service",
+        "storage",
     ] {
         let floor = format!("isocortex-{below}");
         assert!(

@@ -250,16 +250,13 @@ async fn many_pictures_have_layers_as_the_single_ones() {
     let sheet = post(json!({"sheet": true, "renders": renders})).await;
     assert_eq!(sheet.status, StatusCode::OK, "{sheet:?}");
     let wrong = post(json!({"renders": [one("left", json!("blurr"))]})).await;
-    assert_eq!(wrong.status, StatusCode::BAD_REQUEST);
-    assert_eq!(wrong.json()["parameter"], "renders[0].overlay");
+    assert_eq!(wrong.problem(), "no-such-layer");
 }
 
 #[tokio::test]
 async fn wrong_keys_of_layers_are_named() {
     let (server, case) = ready().await;
     for (query, kind, parameter) in [
-        ("overlay=smile", "query-value-unreadable", "overlay"),
-        ("layer=smile", "query-value-unreadable", "layer"),
         (
             "overlay_opacity=0.5",
             "query-value-out-of-range",
@@ -309,6 +306,9 @@ async fn wrong_keys_of_layers_are_named() {
     }
     for (route, status, kind) in [
         ("layers/smile", 404, "no-such-layer"),
+        ("render?overlay=smile", 404, "no-such-layer"),
+        ("render?layer=smile", 404, "no-such-layer"),
+        ("slices/axial?overlay=smile", 404, "no-such-layer"),
         ("layers/smile/volume", 404, "no-such-layer"),
         ("layers/smile/nifti", 404, "no-such-layer"),
         ("candidates?limit=0", 400, "query-value-out-of-range"),
@@ -342,6 +342,14 @@ async fn layers_are_listed_and_their_voxels_are_those_of_the_nifti() {
         "junction",
     ];
     assert_eq!(names, expected);
+    // The junction of this head follows its outline, at 12 mm.
+    let band = &list["junction_by_depth"][2];
+    assert_eq!(
+        (&band["from_mm"], &band["to_mm"]),
+        (&10.0.into(), &15.0.into())
+    );
+    assert!(band["places"].as_u64().unwrap() > 500, "{band}");
+    assert!(band["slanted_share"].as_f64().unwrap() > 0.9, "{band}");
     for (number, name) in expected.into_iter().enumerate() {
         let one = server.get(&format!("{case}/layers/{name}")).await.json();
         assert_eq!(one, list["layers"][number]);

@@ -27,6 +27,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/cases",
         "post /v1/cases",
         "get /v1/cases/{id}",
+        "patch /v1/cases/{id}",
         "delete /v1/cases/{id}",
         "get /v1/cases/{id}/dicom",
         "get /v1/cases/{id}/events",
@@ -38,16 +39,48 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/cases/{id}/render",
         "post /v1/cases/{id}/renders",
         "get /v1/cases/{id}/slices/{plane}",
+        "get /v1/cases/{id}/acquired/{plane}",
         "get /v1/cases/{id}/mask",
         "put /v1/cases/{id}/mask",
         "get /v1/cases/{id}/envelope",
         "get /v1/cases/{id}/quality",
         "get /v1/cases/{id}/layers",
+        "post /v1/cases/{id}/layers",
         "get /v1/cases/{id}/layers/{layer}",
+        "patch /v1/cases/{id}/layers/{layer}",
+        "delete /v1/cases/{id}/layers/{layer}",
+        "get /v1/cases/{id}/layers/{layer}/events",
         "get /v1/cases/{id}/layers/{layer}/volume",
         "get /v1/cases/{id}/layers/{layer}/nifti",
         "get /v1/cases/{id}/candidates",
         "get /v1/cases/{id}/profile",
+        "post /dicomweb/studies",
+        "get /dicomweb/studies",
+        "get /dicomweb/series",
+        "get /dicomweb/instances",
+        "get /dicomweb/studies/{study}/series",
+        "get /dicomweb/studies/{study}/instances",
+        "get /dicomweb/studies/{study}/series/{series}/instances",
+        "get /dicomweb/studies/{study}",
+        "get /dicomweb/studies/{study}/series/{series}",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}",
+        "get /dicomweb/studies/{study}/metadata",
+        "get /dicomweb/studies/{study}/series/{series}/metadata",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}",
+        "post /dicomweb/studies/{study}",
+        "get /dicomweb/studies/{study}/rendered3D",
+        "get /dicomweb/studies/{study}/series/{series}/rendered3D",
+        "get /dicomweb/studies/{study}/series/{series}/rendered",
+        "get /dicomweb/studies/{study}/series/{series}/thumbnail",
+        "get /v1/arrivals",
+        "get /v1/arrivals/{id}",
+        "post /v1/retrievals",
+        "get /v1/retrievals/{id}",
+        "post /v1/cases/{id}/dicom-results",
+        "get /v1/dicom-results/{id}",
+        "post /v1/launch",
+        "post /hooks/orthanc",
     ]
     .map(str::to_owned)
     .into();
@@ -154,7 +187,9 @@ async fn whatever_wants_a_token_says_so() {
     );
     for (path, item) in description["paths"].as_object().unwrap() {
         for (method, operation) in item.as_object().unwrap() {
-            let is_guarded = path.starts_with("/v1/");
+            let is_guarded = ["/v1/", "/dicomweb/", "/hooks/"]
+                .iter()
+                .any(|guarded| path.starts_with(guarded));
             let wants_token = operation["security"][0]["bearer"].is_array();
             let can_refuse = operation["responses"]["401"].is_object();
             assert_eq!(

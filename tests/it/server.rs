@@ -9,11 +9,11 @@ use axum::http::{HeaderMap, Method, Request, StatusCode, header};
 use bytes::Bytes;
 use cases::jobs::Workers;
 use http_body_util::BodyExt as _;
+use http_support::listen;
 use isocortex::config::Config;
 use isocortex::start;
+use pacs::Pacs;
 use serde_json::Value;
-use service::app::app;
-use service::listen;
 use service::state::AppState;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
@@ -24,6 +24,7 @@ use crate::head::plain_head;
 /// A server on a store of its own.
 pub(crate) struct Server {
     pub(crate) state: AppState,
+    pub(crate) pacs: Pacs,
     router: Router,
     config: Config,
     directory: TempDir,
@@ -135,8 +136,10 @@ impl Server {
 
     async fn on(directory: TempDir, config: Config) -> Self {
         let state = start::open(&config).await.unwrap();
+        let pacs = start::pacs(&config, &state.cases).unwrap();
         Self {
-            router: app(state.clone()),
+            router: start::router(&state, &pacs),
+            pacs,
             _workers: Workers::start(state.cases.library.clone(), config.prepare.workers),
             state,
             config,
@@ -153,13 +156,14 @@ impl Server {
     pub(crate) async fn restart_with(self, configure: impl FnOnce(&mut Config)) -> Self {
         let Self {
             state,
+            pacs,
             router,
             mut config,
             directory,
             _workers: workers,
         } = self;
         workers.shut_down(Duration::from_secs(10)).await;
-        drop((state, router));
+        drop((state, pacs, router));
         configure(&mut config);
         Self::on(directory, config).await
     }
@@ -238,6 +242,17 @@ impl Server {
             files_below(&self.directory.path().join(folder), &mut files);
         }
         files
+    }
+
+    /// The contents of every file of the store, the database included.
+    pub(crate) fn everything(&self) -> Vec<Vec<u8>> {
+        let mut files = Vec::new();
+        files_below(self.directory.path(), &mut files);
+        // One may have been temporary.
+        let contents = files
+            .into_iter()
+            .filter_map(|file| std::fs::read(file).ok());
+        contents.collect()
     }
 
     /// Checks that nothing at all is in the store, and that the server still serves.

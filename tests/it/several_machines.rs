@@ -30,7 +30,7 @@ pub(crate) fn program() -> PathBuf {
 }
 
 /// A process of the program. Dropping it kills it.
-struct Process {
+pub(crate) struct Process {
     process: Child,
     _folder: TempDir,
 }
@@ -57,7 +57,15 @@ impl Process {
 
     /// A server without workers, and its address.
     fn server(store: &HashMap<&str, String>) -> (Self, SocketAddr) {
-        let command = ["serve", "--workers", "0", "--listen", "127.0.0.1:0"];
+        Self::server_with(&["--workers", "0"], store)
+    }
+
+    /// A server with these options, and its address.
+    pub(crate) fn server_with(
+        options: &[&str],
+        store: &HashMap<&str, String>,
+    ) -> (Self, SocketAddr) {
+        let command = [&["serve", "--listen", "127.0.0.1:0"][..], options].concat();
         let mut server = Self::start(&command, store);
         let mut lines = BufReader::new(server.process.stdout.take().unwrap()).lines();
         let line = lines.next().expect("it says where it listens").unwrap();
@@ -65,9 +73,13 @@ impl Process {
         (server, address)
     }
 
+    pub(crate) fn id(&self) -> u32 {
+        self.process.id()
+    }
+
     /// Asks it to end, and waits until it has.
     async fn end(mut self) {
-        let pid = self.process.id().to_string();
+        let pid = self.id().to_string();
         assert!(Command::new("kill").arg(pid).status().unwrap().success());
         let begun = Instant::now();
         loop {
@@ -89,22 +101,27 @@ impl Drop for Process {
 }
 
 /// An answer as it came.
-struct Answer {
-    head: String,
+pub(crate) struct Answer {
+    pub(crate) head: String,
     body: Vec<u8>,
 }
 
 impl Answer {
-    fn status(&self) -> &str {
+    pub(crate) fn status(&self) -> &str {
         self.head.split(' ').nth(1).unwrap_or_default()
     }
 
-    fn json(&self) -> serde_json::Value {
+    pub(crate) fn json(&self) -> serde_json::Value {
         serde_json::from_slice(&self.body).unwrap()
     }
 }
 
-async fn send(server: SocketAddr, method: &str, path: &str, body: Option<&[u8]>) -> Answer {
+pub(crate) async fn send(
+    server: SocketAddr,
+    method: &str,
+    path: &str,
+    body: Option<&[u8]>,
+) -> Answer {
     let mut stream = TcpStream::connect(server).await.unwrap();
     let mut head = format!("{method} {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n");
     if let Some(body) = body {
@@ -128,7 +145,7 @@ async fn send(server: SocketAddr, method: &str, path: &str, body: Option<&[u8]>)
     }
 }
 
-async fn get(server: SocketAddr, path: &str) -> Answer {
+pub(crate) async fn get(server: SocketAddr, path: &str) -> Answer {
     send(server, "GET", path, None).await
 }
 

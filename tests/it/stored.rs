@@ -46,12 +46,13 @@ async fn opened() -> Server {
     Server::start_with(|config| unpack(&config.storage.data)).await
 }
 
-/// Adds to `before` what an answer of today has beside it, a ready case's `pipeline` and any codes of reasons; the links may become more.
+/// Adds to `before` what an answer of today has beside it: `kept`, a ready case's `pipeline` and any codes of reasons. The links may become more.
 /// What is known of a case stays.
 fn with_additions(mut before: Value, now: &Value) -> Value {
     let cases = before["cases"].as_array_mut().unwrap();
     for (case, now) in cases.iter_mut().zip(now["cases"].as_array().unwrap()) {
         case["links"] = now["links"].clone();
+        case["kept"] = Value::from(false);
         if case["state"] == "ready" {
             case["pipeline"] = Value::from(1);
         }

@@ -1,7 +1,9 @@
 //! From an upload to a ready case, and away again.
 
-use axum::http::{Method, StatusCode};
+use axum::body::Body;
+use axum::http::{Method, Request, StatusCode};
 use futures_util::future::join_all;
+use jiff::Timestamp;
 use serde_json::json;
 
 use crate::head::{mask_of, plain_head};
@@ -84,6 +86,42 @@ async fn a_deleted_case_is_gone_with_all_its_files() {
         assert_eq!(answer.status, StatusCode::NOT_FOUND, "{rest}");
     }
     server.is_empty_and_well().await;
+}
+
+#[tokio::test]
+async fn a_case_states_when_it_expires_unless_it_is_kept() {
+    let server = Server::start_with(|config| config.storage.keep_days = Some(30)).await;
+    let case = server.plain_case().await;
+    let patch = async |address: &str, body: &'static str| {
+        let request = Request::patch(address).body(Body::from(body)).unwrap();
+        server.send(request).await
+    };
+    let time = |value: &serde_json::Value| value.as_str().unwrap().parse::<Timestamp>().unwrap();
+    let json = server.get(&case).await.json();
+    let [created, expires] = ["created_at", "expires_at"].map(|key| time(&json[key]));
+    assert_eq!(json["kept"], false);
+    assert_eq!(expires.as_second() - created.as_second(), 30 * 86_400);
+
+    let kept = patch(&case, r#"{"kept": true}"#).await;
+    assert_eq!(kept.status, StatusCode::OK, "{kept:?}");
+    assert_eq!(kept.json()["kept"], true);
+    assert_eq!(kept.json()["expires_at"], serde_json::Value::Null);
+    let listed = server.get("/v1/cases").await.json();
+    assert_eq!(listed["cases"][0]["kept"], true);
+    let again = patch(&case, r#"{"kept": false}"#).await.json();
+    assert_eq!(again["expires_at"], json["expires_at"]);
+
+    for (address, body, problem) in [
+        (case.as_str(), r#"{"keep": true}"#, "body-unreadable"),
+        (&case, "kept", "body-unreadable"),
+        (
+            "/v1/cases/00000000000000000000000000000000",
+            r#"{"kept": true}"#,
+            "no-such-case",
+        ),
+    ] {
+        assert_eq!(patch(address, body).await.problem(), problem, "{body}");
+    }
 }
 
 #[tokio::test]

@@ -45,6 +45,7 @@ struct Picture {
     uint overlay_color_row;
     uint overlay_is_diverging;
     uint volume_has_gaps;
+    uint overlay_is_nearest;
 };
 struct OnScreen {
     vec4 position;
@@ -132,21 +133,24 @@ vec3 under_overlay(vec3 color, vec3 position_in_field) {
     vec3 position_5 = (_e9 * vec4(position_in_field, 1.0)).xyz;
     vec3 _e18 = _group_0_binding_0_fs.overlay_size;
     bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e18 - vec3(0.5))), position_5));
-    vec3 _e30 = _group_0_binding_0_fs.overlay_size;
-    vec3 place_2 = ((position_5 + vec3(0.5)) / _e30);
-    vec4 _e35 = textureLod(_group_0_binding_7_fs, vec3(place_2), 0.0);
-    vec2 _e37 = defined_part(_e35.xy);
-    float _e41 = _group_0_binding_0_fs.overlay_scale;
-    float _e45 = _group_0_binding_0_fs.overlay_offset;
-    float value_1 = ((_e37.x * _e41) + _e45);
-    float _e49 = _group_0_binding_0_fs.overlay_low;
-    float _e53 = _group_0_binding_0_fs.overlay_factor;
-    float level_1 = clamp(((value_1 - _e49) * _e53), 0.0, 255.0);
-    float _e61 = overlay_share(value_1);
-    float share = ((is_inside ? _e37.y : 0.0) * _e61);
-    uint _e65 = _group_0_binding_0_fs.overlay_color_row;
-    vec3 _e66 = color_in(_e65, level_1);
-    return (color + (share * (_e66 - color)));
+    vec3 _e33 = _group_0_binding_0_fs.overlay_size;
+    vec3 nearest = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e33 - vec3(1.0)));
+    uint _e40 = _group_0_binding_0_fs.overlay_is_nearest;
+    vec3 _e49 = _group_0_binding_0_fs.overlay_size;
+    vec3 place_2 = ((((_e40 > 0u) ? nearest : position_5) + vec3(0.5)) / _e49);
+    vec4 _e54 = textureLod(_group_0_binding_7_fs, vec3(place_2), 0.0);
+    vec2 _e56 = defined_part(_e54.xy);
+    float _e60 = _group_0_binding_0_fs.overlay_scale;
+    float _e64 = _group_0_binding_0_fs.overlay_offset;
+    float value_1 = ((_e56.x * _e60) + _e64);
+    float _e68 = _group_0_binding_0_fs.overlay_low;
+    float _e72 = _group_0_binding_0_fs.overlay_factor;
+    float level_1 = clamp(((value_1 - _e68) * _e72), 0.0, 255.0);
+    float _e80 = overlay_share(value_1);
+    float share = ((is_inside ? _e56.y : 0.0) * _e80);
+    uint _e84 = _group_0_binding_0_fs.overlay_color_row;
+    vec3 _e85 = color_in(_e84, level_1);
+    return (color + (share * (_e85 - color)));
 }
 
 float light_on(float facing) {
@@ -256,12 +260,12 @@ float height_of(float depth) {
 }
 
 vec4 resolved(vec2 place_in_frame_1, vec4 samples) {
-    float nearest = min(min(samples.x, samples.y), min(samples.z, samples.w));
-    if ((nearest >= 1.0)) {
+    float nearest_1 = min(min(samples.x, samples.y), min(samples.z, samples.w));
+    if ((nearest_1 >= 1.0)) {
         return vec4(0.0);
     }
     float _e19 = _group_0_binding_0_fs.clip_piece;
-    vec4 is_near = mix(vec4(0.0), vec4(1.0), lessThanEqual(samples, vec4((nearest + _e19))));
+    vec4 is_near = mix(vec4(0.0), vec4(1.0), lessThanEqual(samples, vec4((nearest_1 + _e19))));
     float _e29 = height_of((dot(samples, is_near) / dot(is_near, vec4(1.0))));
     float coverage = dot(mix(vec4(0.0), vec4(0.25), lessThan(samples, vec4(1.0))), vec4(1.0));
     vec3 _e41 = foot_of(place_in_frame_1);

@@ -45,6 +45,7 @@ struct Picture {
     uint overlay_color_row;
     uint overlay_is_diverging;
     uint volume_has_gaps;
+    uint overlay_is_nearest;
 };
 struct OnScreen {
     vec4 position;
@@ -57,6 +58,9 @@ const float RELAXATION = 0.95;
 const int MAX_STEPS = 8192;
 const int FALSE_POSITIONS = 6;
 const int MAX_ROUNDS = 18;
+const float STEEP = 0.8;
+const float WIDEST = 2.0;
+const float SHORTEST_STEP = 0.5;
 const float MISS = -1e30;
 
 layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };

@@ -45,6 +45,7 @@ struct Picture {
     uint overlay_color_row;
     uint overlay_is_diverging;
     uint volume_has_gaps;
+    uint overlay_is_nearest;
 };
 struct Paths {
     vec3 origin_in_patient;

@@ -45,6 +45,7 @@ struct Picture {
     uint overlay_color_row;
     uint overlay_is_diverging;
     uint volume_has_gaps;
+    uint overlay_is_nearest;
 };
 struct OnScreen {
     vec4 position;
@@ -57,6 +58,9 @@ const float RELAXATION = 0.95;
 const int MAX_STEPS = 8192;
 const int FALSE_POSITIONS = 6;
 const int MAX_ROUNDS = 18;
+const float STEEP = 0.8;
+const float WIDEST = 2.0;
+const float SHORTEST_STEP = 0.5;
 const float MISS = -1e30;
 
 layout(std140) uniform Picture_block_0Fragment { Picture _group_0_binding_0_fs; };
@@ -165,21 +169,24 @@ vec3 under_overlay(vec3 color, vec3 position_in_field) {
     vec3 position_5 = (_e9 * vec4(position_in_field, 1.0)).xyz;
     vec3 _e18 = _group_0_binding_0_fs.overlay_size;
     bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e18 - vec3(0.5))), position_5));
-    vec3 _e30 = _group_0_binding_0_fs.overlay_size;
-    vec3 place_3 = ((position_5 + vec3(0.5)) / _e30);
-    vec4 _e35 = textureLod(_group_0_binding_7_fs, vec3(place_3), 0.0);
-    vec2 _e37 = defined_part(_e35.xy);
-    float _e41 = _group_0_binding_0_fs.overlay_scale;
-    float _e45 = _group_0_binding_0_fs.overlay_offset;
-    float value_1 = ((_e37.x * _e41) + _e45);
-    float _e49 = _group_0_binding_0_fs.overlay_low;
-    float _e53 = _group_0_binding_0_fs.overlay_factor;
-    float level_1 = clamp(((value_1 - _e49) * _e53), 0.0, 255.0);
-    float _e61 = overlay_share(value_1);
-    float share = ((is_inside ? _e37.y : 0.0) * _e61);
-    uint _e65 = _group_0_binding_0_fs.overlay_color_row;
-    vec3 _e66 = color_in(_e65, level_1);
-    return (color + (share * (_e66 - color)));
+    vec3 _e33 = _group_0_binding_0_fs.overlay_size;
+    vec3 nearest = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e33 - vec3(1.0)));
+    uint _e40 = _group_0_binding_0_fs.overlay_is_nearest;
+    vec3 _e49 = _group_0_binding_0_fs.overlay_size;
+    vec3 place_3 = ((((_e40 > 0u) ? nearest : position_5) + vec3(0.5)) / _e49);
+    vec4 _e54 = textureLod(_group_0_binding_7_fs, vec3(place_3), 0.0);
+    vec2 _e56 = defined_part(_e54.xy);
+    float _e60 = _group_0_binding_0_fs.overlay_scale;
+    float _e64 = _group_0_binding_0_fs.overlay_offset;
+    float value_1 = ((_e56.x * _e60) + _e64);
+    float _e68 = _group_0_binding_0_fs.overlay_low;
+    float _e72 = _group_0_binding_0_fs.overlay_factor;
+    float level_1 = clamp(((value_1 - _e68) * _e72), 0.0, 255.0);
+    float _e80 = overlay_share(value_1);
+    float share = ((is_inside ? _e56.y : 0.0) * _e80);
+    uint _e84 = _group_0_binding_0_fs.overlay_color_row;
+    vec3 _e85 = color_in(_e84, level_1);
+    return (color + (share * (_e85 - color)));
 }
 
 float light_on(float facing) {
@@ -346,20 +353,20 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
             float _e26 = high.x;
             float _e28 = low.x;
             float _e30 = high.x;
-            float height_2 = (_e26 + ((_e28 - _e30) * share_1));
-            vec3 _e34 = at_height(foot_2, height_2);
+            float height_3 = (_e26 + ((_e28 - _e30) * share_1));
+            vec3 _e34 = at_height(foot_2, height_3);
             float _e35 = below(_e34);
             if ((abs(_e35) <= TOLERANCE)) {
-                return height_2;
+                return height_3;
             }
             if ((_e35 < 0.0)) {
-                high = vec2(height_2, _e35);
+                high = vec2(height_3, _e35);
                 float _e43 = low.y;
                 int _e44 = side;
                 low.y = (_e43 * ((_e44 == -1) ? 0.5 : 1.0));
                 side = -1;
             } else {
-                low = vec2(height_2, _e35);
+                low = vec2(height_3, _e35);
                 float _e54 = high.y;
                 int _e55 = side;
                 high.y = (_e54 * ((_e55 == 1) ? 0.5 : 1.0));
@@ -372,106 +379,184 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
     return (0.5 * (_e67 + _e69));
 }
 
-float first_hit(vec3 foot_3) {
+vec2 deepest_below(vec3 foot_3, float start, float enough) {
     float height_1 = 0.0;
-    float distance_ = 0.0;
-    float slope = 1.0;
+    float deepest = 0.0;
     int steps = 0;
-    float step_ = 0.0;
-    float ahead = 0.0;
-    vec2 _e1 = reach(foot_3);
-    if ((_e1.x > _e1.y)) {
-        return MISS;
-    }
-    height_1 = _e1.y;
-    float _e8 = height_1;
-    vec3 _e9 = at_height(foot_3, _e8);
-    float _e10 = below(_e9);
-    distance_ = -(_e10);
+    bool local_3 = false;
+    height_1 = start;
     bool loop_init_2 = true;
     while(true) {
         if (!loop_init_2) {
-            int _e94 = steps;
-            steps = (_e94 + 1);
+            int _e34 = steps;
+            steps = (_e34 + 1);
         }
         loop_init_2 = false;
-        int _e17 = steps;
-        if ((_e17 < MAX_STEPS)) {
+        int _e8 = steps;
+        if ((_e8 < MAX_STEPS)) {
         } else {
             break;
         }
         {
-            float _e20 = distance_;
-            if ((_e20 <= TOLERANCE)) {
-                float _e23 = height_1;
-                return _e23;
+            float _e11 = height_1;
+            float _e12 = deepest;
+            height_1 = (_e11 - max((1.5 * (enough - _e12)), SHORTEST_STEP));
+            float _e19 = height_1;
+            vec3 _e20 = at_height(foot_3, _e19);
+            float _e21 = below(_e20);
+            float _e22 = deepest;
+            deepest = max(_e22, _e21);
+            if (!((_e21 < 0.0))) {
+                float _e29 = deepest;
+                local_3 = (_e29 >= enough);
+            } else {
+                local_3 = true;
             }
-            float _e24 = height_1;
-            if ((_e24 < _e1.x)) {
-                return MISS;
+            bool _e32 = local_3;
+            if (_e32) {
+                break;
             }
-            float _e28 = distance_;
-            float safe = (_e28 / STEEPEST);
-            float _e31 = distance_;
-            float passing = (1.125 * _e31);
-            float _e35 = distance_;
-            float _e38 = slope;
-            step_ = max(((1.9 * _e35) / (STEEPEST + max(_e38, 0.0))), safe);
-            float _e46 = slope;
-            if ((passing < (NEAR * _e46))) {
-                float _e49 = slope;
-                step_ = (passing / _e49);
-            }
-            float _e51 = height_1;
-            float _e52 = step_;
-            vec3 _e54 = at_height(foot_3, (_e51 - _e52));
-            float _e55 = below(_e54);
-            ahead = -(_e55);
-            float _e58 = ahead;
-            if ((_e58 <= 0.0)) {
-                float _e61 = height_1;
-                float _e62 = distance_;
-                float _e65 = height_1;
-                float _e66 = step_;
-                float _e68 = ahead;
-                float _e71 = between(foot_3, vec2(_e61, -(_e62)), vec2((_e65 - _e66), -(_e68)));
-                return _e71;
-            }
-            float _e72 = ahead;
-            float _e76 = step_;
-            if (((safe + (_e72 / STEEPEST)) < _e76)) {
-                step_ = safe;
-                float _e78 = height_1;
-                float _e79 = step_;
-                vec3 _e81 = at_height(foot_3, (_e78 - _e79));
-                float _e82 = below(_e81);
-                ahead = -(_e82);
-            }
-            float _e84 = distance_;
-            float _e85 = ahead;
-            float _e87 = step_;
-            slope = ((_e84 - _e85) / _e87);
-            float _e89 = height_1;
-            float _e90 = step_;
-            height_1 = (_e89 - _e90);
-            float _e92 = ahead;
-            distance_ = _e92;
         }
     }
-    return MISS;
+    float _e36 = height_1;
+    float _e37 = deepest;
+    return vec2(_e36, _e37);
+}
+
+vec2 first_hit(vec3 foot_4) {
+    vec2 found = vec2(-1e30, 0.0);
+    float height_2 = 0.0;
+    float distance_ = 0.0;
+    float slope = 1.0;
+    int steps_1 = 0;
+    float hit = 0.0;
+    float step_ = 0.0;
+    float ahead = 0.0;
+    vec2 _e1 = reach(foot_4);
+    vec4 _e5 = _group_0_binding_0_fs.field_from_frame[0];
+    float width = min(length(_e5.xyz), WIDEST);
+    height_2 = _e1.y;
+    float _e16 = height_2;
+    vec3 _e17 = at_height(foot_4, _e16);
+    float _e18 = below(_e17);
+    distance_ = -(_e18);
+    bool loop_init_3 = true;
+    while(true) {
+        if (!loop_init_3) {
+            int _e144 = steps_1;
+            steps_1 = (_e144 + 1);
+        }
+        loop_init_3 = false;
+        int _e25 = steps_1;
+        if ((_e25 < MAX_STEPS)) {
+        } else {
+            break;
+        }
+        {
+            float _e28 = height_2;
+            if ((_e28 < _e1.x)) {
+                break;
+            }
+            float _e31 = height_2;
+            hit = _e31;
+            float _e33 = distance_;
+            if ((_e33 > TOLERANCE)) {
+                float _e36 = distance_;
+                float passed = (0.5 - (_e36 / width));
+                float _e41 = found.y;
+                if ((passed > _e41)) {
+                    float _e43 = height_2;
+                    found = vec2(_e43, passed);
+                }
+                float _e45 = distance_;
+                float safe = (_e45 / STEEPEST);
+                float _e48 = distance_;
+                float passing = (1.125 * _e48);
+                float _e52 = distance_;
+                float _e55 = slope;
+                step_ = max(((1.9 * _e52) / (STEEPEST + max(_e55, 0.0))), safe);
+                float _e63 = slope;
+                if ((passing < (NEAR * _e63))) {
+                    float _e66 = slope;
+                    step_ = (passing / _e66);
+                }
+                float _e68 = height_2;
+                float _e69 = step_;
+                vec3 _e71 = at_height(foot_4, (_e68 - _e69));
+                float _e72 = below(_e71);
+                ahead = -(_e72);
+                float _e75 = ahead;
+                if ((_e75 > 0.0)) {
+                    float _e78 = ahead;
+                    float _e82 = step_;
+                    if (((safe + (_e78 / STEEPEST)) < _e82)) {
+                        step_ = safe;
+                        float _e84 = height_2;
+                        float _e85 = step_;
+                        vec3 _e87 = at_height(foot_4, (_e84 - _e85));
+                        float _e88 = below(_e87);
+                        ahead = -(_e88);
+                    }
+                    float _e90 = distance_;
+                    float _e91 = ahead;
+                    float _e93 = step_;
+                    slope = ((_e90 - _e91) / _e93);
+                    float _e95 = height_2;
+                    float _e96 = step_;
+                    height_2 = (_e95 - _e96);
+                    float _e98 = ahead;
+                    distance_ = _e98;
+                    continue;
+                }
+                float _e99 = height_2;
+                float _e100 = distance_;
+                float _e103 = height_2;
+                float _e104 = step_;
+                float _e106 = ahead;
+                float _e109 = between(foot_4, vec2(_e99, -(_e100)), vec2((_e103 - _e104), -(_e106)));
+                hit = _e109;
+            }
+            float _e111 = found.y;
+            if ((_e111 >= 0.5)) {
+                found.y = 1.0;
+                break;
+            }
+            float _e116 = hit;
+            found = vec2(_e116, 1.0);
+            float _e119 = slope;
+            if ((_e119 > STEEP)) {
+                break;
+            }
+            float _e122 = hit;
+            vec2 _e125 = deepest_below(foot_4, _e122, (0.5 * width));
+            found.y = min((0.5 + (_e125.y / width)), 1.0);
+            float _e134 = found.y;
+            if ((_e134 >= 1.0)) {
+                break;
+            }
+            height_2 = _e125.x;
+            float _e138 = height_2;
+            vec3 _e139 = at_height(foot_4, _e138);
+            float _e140 = below(_e139);
+            distance_ = -(_e140);
+            slope = 0.0;
+        }
+    }
+    vec2 _e146 = found;
+    return _e146;
 }
 
 void main() {
     OnScreen pixel = OnScreen(gl_FragCoord, _vs2fs_location0);
     vec3 _e2 = foot_of(pixel.place_in_frame);
-    float _e3 = first_hit(_e2);
-    if ((_e3 <= MISS)) {
+    vec2 _e3 = first_hit(_e2);
+    if ((_e3.y <= 0.0)) {
         _fs2p_location0 = vec4(0.0);
         return;
     }
-    vec3 _e8 = at_height(_e2, _e3);
-    vec4 _e9 = shaded(_e8);
-    _fs2p_location0 = _e9;
+    vec3 _e10 = at_height(_e2, _e3.x);
+    vec4 _e11 = shaded(_e10);
+    _fs2p_location0 = (_e11 * _e3.y);
     return;
 }
 

@@ -10,19 +10,19 @@ import { commandOf } from "../src/model/controls.ts";
 import { readState, writeAddress } from "../src/model/fragment.ts";
 import {
   MAP_NAMES,
-  type MapOverlay,
+  type LayerOverlay,
   firstOverlay,
   overlayText,
   readOverlay,
   shareOf,
-  styleOf,
+  styleOfMap,
   toggled,
 } from "../src/model/maps.ts";
 import { PLANE_NAMES, renderQuery, sliceQuery } from "../src/model/query.ts";
 import { turnBody } from "../src/model/series.ts";
 import { type Vec3, dot, normalized, subtract } from "../src/model/space.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";
-import { CaseMaps } from "../src/page/case-maps.ts";
+import { CaseLayers } from "../src/page/case-layers.ts";
 import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
@@ -30,7 +30,7 @@ const FIRST = firstState(SHOWN);
 test("a map comes back from the address, which names only what is not as at first", () => {
   for (const name of MAP_NAMES) {
     const first = firstOverlay(name);
-    const other: MapOverlay = { ...first, threshold: first.threshold === null ? null : 3.4, opacity: 0.4 };
+    const other: LayerOverlay = { ...first, threshold: first.threshold === null ? null : 3.4, opacity: 0.4 };
     assert.equal(overlayText(first), name);
     for (const overlay of [first, other]) {
       const state: ViewState = { ...FIRST, overlay };
@@ -43,7 +43,18 @@ test("a map comes back from the address, which names only what is not as at firs
 });
 
 test("what of an address is no map is named, and nothing of it is drawn", () => {
-  for (const text of ["", "lesion", "blur,9", "blur,x", "blur,3,2", "blur,3,0.5,1", "sharpness,3", "toString"]) {
+  for (const text of [
+    "",
+    "lesion",
+    "blur,9",
+    "blur,x",
+    "blur,3,2",
+    "blur,3,0.5,1",
+    "blur,,,3,2",
+    "blur,,,,,pink",
+    "sharpness,3",
+    "toString",
+  ]) {
     const { state, unread } = readState(`b=${text}`, SHOWN);
     assert.deepEqual(unread, [`b=${text}`]);
     const overlay = state.overlay;
@@ -55,7 +66,7 @@ test("what of an address is no map is named, and nothing of it is drawn", () => 
 test("each map has a key, which shows it and hides it again, as a step of its own", () => {
   const key = (letter: string) =>
     commandOf({ key: letter, code: "", shiftKey: false, altKey: false, ctrlKey: false, metaKey: false });
-  const names = ["b", "a", "t", "s", "j"].map((letter) => {
+  const names = ["u", "a", "t", "s", "j"].map((letter) => {
     const command = key(letter);
     assert.ok(command?.kind === "map", letter);
     const shown = changeOf(command, FIRST, SHOWN, [100, 100]);
@@ -65,7 +76,7 @@ test("each map has a key, which shows it and hides it again, as a step of its ow
     return command.name;
   });
   assert.deepEqual(names, [...MAP_NAMES]);
-  assert.deepEqual(toggled(firstOverlay("blur"), "junction"), firstOverlay("junction"));
+  assert.deepEqual(toggled(firstOverlay("blur"), firstOverlay("junction")), firstOverlay("junction"));
 });
 
 test("a map fades in above its threshold, of magnitudes where its colours diverge, as the server's", () => {
@@ -96,7 +107,8 @@ test("every picture of the server's has the map, and none has a key without one"
 });
 
 test("every map has colours that the page has", () => {
-  for (const name of MAP_NAMES) assert.ok(colorRow(styleOf(name).colormap) >= 0 && styleOf(name).colormap in tables);
+  for (const name of MAP_NAMES)
+    assert.ok(colorRow(styleOfMap(name).colormap) >= 0 && styleOfMap(name).colormap in tables);
 });
 
 /** How near a position is to the middle of a view: the cosine of its direction from the head's middle to the viewer's. */
@@ -123,11 +135,16 @@ const answer = (status: number, body: unknown, headers: Record<string, string> =
     headers: { "content-type": "application/problem+json", ...headers },
   });
 
+const listed = (state: string, extra: object = {}): object => ({
+  layers: MAP_NAMES.map((name) => ({ id: name, name, kind: "map", unit: "z", state, ...extra })),
+  junction_by_depth: [],
+});
+
 test("maps that are being made are asked for until they are ready, and fetched once", async (context) => {
   const told: string[] = [];
   const asked: string[] = [];
   const states = ["making", "ready"];
-  const layers = [
+  const volumes = [
     answer(409, { type: "urn:isocortex:problem:layer-not-ready" }, { "retry-after": "0.01" }),
     answer(200, new Uint8Array([0, 7]), {
       "x-isocortex-size": "2,1,1",
@@ -139,28 +156,31 @@ test("maps that are being made are asked for until they are ready, and fetched o
   ];
   context.mock.method(globalThis, "fetch", async (path: string) => {
     asked.push(path);
-    const layer = path.includes("/layers/") ? layers.shift() : null;
-    return layer ?? answer(200, { ...SHOWN, maps: { state: states.shift() } });
+    return (path.endsWith("/volume") ? volumes.shift() : null) ?? answer(200, listed(states.shift() ?? "ready"));
   });
-  const maps = new CaseMaps(SHOWN.id, ({ state }) => told.push(state));
-  await Promise.all([maps.ask(), maps.ask()]);
-  assert.deepEqual([told, maps.isReady, asked.length], [["making", "ready"], true, 2]);
-  const [one, two] = await Promise.all([maps.layer("blur"), maps.layer("blur")]);
+  const layers = new CaseLayers(SHOWN.id, ({ layers: [map] }) => told.push(map?.state ?? ""));
+  await Promise.all([layers.ask(), layers.ask()]);
+  assert.deepEqual([told, layers.ready("blur")?.name, asked.length], [["making", "ready"], "blur", 2]);
+  const [one, two] = await Promise.all([layers.voxels("blur"), layers.voxels("blur")]);
   assert.equal(one, two);
   assert.deepEqual([...one.voxels], [0, 7]);
   assert.equal(asked.length, 4);
+  await layers.ask();
+  assert.equal(asked.length, 4);
+  await layers.again();
+  assert.equal(asked.length, 5);
 });
 
 test("a head without maps says why, and its layers are not waited for", async (context) => {
   const reason = "the largest voxel spacing is 4.00 mm";
   context.mock.method(globalThis, "fetch", async (path: string) =>
-    path.includes("/layers/")
+    path.endsWith("/volume")
       ? answer(409, { type: "urn:isocortex:problem:maps-undefined", detail: reason })
-      : answer(200, { ...SHOWN, maps: { state: "undefined", reason } }),
+      : answer(200, listed("undefined", { reason })),
   );
   const told: unknown[] = [];
-  const maps = new CaseMaps(SHOWN.id, (now) => told.push(now));
-  await maps.ask();
-  assert.deepEqual([told, maps.isReady], [[{ state: "undefined", reason }], false]);
-  await assert.rejects(maps.layer("blur"), (problem) => problem instanceof Problem && problem.detail === reason);
+  const layers = new CaseLayers(SHOWN.id, ({ layers: [map] }) => told.push(map?.state, map?.reason));
+  await layers.ask();
+  assert.deepEqual([told, layers.ready("blur")], [["undefined", reason], null]);
+  await assert.rejects(layers.voxels("blur"), (problem) => problem instanceof Problem && problem.detail === reason);
 });

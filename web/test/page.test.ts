@@ -6,7 +6,7 @@ import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts
 import { matches } from "../src/page/cases.ts";
 import { pathOf, ticks } from "../src/page/chart.ts";
 import { EventReader } from "../src/base/events.ts";
-import { type Words, intensity, languageFor, number, speak, t } from "../src/base/i18n.ts";
+import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
 import { readPreferences } from "../src/page/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
 import { sortFiles, uploadName } from "../src/page/upload-files.ts";
@@ -46,7 +46,7 @@ test("every word is used, and no word that is used is missing", () => {
     source.includes(`"${key}"`) ||
     source.includes(`\`${key.slice(0, key.indexOf(".") + 1)}\${`) ||
     source.includes(`\`${key}\``) ||
-    /^(turn|pan)\./.test(key);
+    /^(turn|pan|help)\./.test(key);
   for (const key of Object.keys(english)) assert.ok(used(key), key);
 });
 
@@ -55,6 +55,8 @@ test("numbers are written as the language does", () => {
   assert.equal(intensity(1234.5), "1,235");
   speak("pt-BR", portuguese as Words);
   assert.equal(number(8.5, 1), "8,5");
+  assert.deepEqual([numberUpTo(14.5, 2), numberUpTo(10, 2), numberUpTo(0.999_98, 2)], ["14,5", "10", "1"]);
+  assert.deepEqual([readNumber(" 14,5 "), readNumber("14.5"), readNumber(""), readNumber("x")], [14.5, 14.5, NaN, NaN]);
   assert.equal(t("depth.said", { depth: number(8.5, 1) }), "Profundidade de 8,5 milímetros");
 });
 
@@ -134,17 +136,17 @@ test("events are read from pieces of any length", () => {
 test("a case is found by its name, and says what it is at", () => {
   assert.ok(matches(SHOWN, "case A") && matches(SHOWN, SHOWN.id.slice(0, 6)) && matches(SHOWN, ""));
   assert.ok(!matches(SHOWN, "other"));
-  const { id, name, created_at } = SHOWN;
+  const { id, name, created_at, kept } = SHOWN;
   assert.equal(
-    caseStatus({ id, name, created_at, state: "preparing", progress: { stage: "forest", fraction: 0.414 } }),
+    caseStatus({ id, name, created_at, kept, state: "preparing", progress: { stage: "forest", fraction: 0.414 } }),
     "Growing the forest · 41 %",
   );
   assert.equal(
-    caseStatus({ id, name, created_at, state: "preparing", progress: { stage: "new step", fraction: 0.5 } }),
+    caseStatus({ id, name, created_at, kept, state: "preparing", progress: { stage: "new step", fraction: 0.5 } }),
     "Preparing · 50 %",
   );
   assert.equal(
-    caseStatus({ id, name, created_at, state: "failed", error: { type: "urn:x:other", detail: "it is odd" } }),
+    caseStatus({ id, name, created_at, kept, state: "failed", error: { type: "urn:x:other", detail: "it is odd" } }),
     "It is odd.",
   );
 });
@@ -177,12 +179,18 @@ test("a case is told from all others by label, day and the first digits of its i
 
 test("files are sorted by what they are", () => {
   const [head, mask] = [file("head.nii.gz", 900), file("head_mask.nii.gz", 5000)];
-  assert.deepEqual(sortFiles([mask, head], null), { volume: head, mask, dicom: [], trouble: null });
+  assert.deepEqual(sortFiles([mask, head], null), { volume: head, mask, dicom: [], layers: [], trouble: null });
   const [large, small] = [file("a.nii", 900), file("b.nii", 10)];
-  assert.deepEqual(sortFiles([small, large], null), { volume: large, mask: small, dicom: [], trouble: null });
-  assert.deepEqual(sortFiles([head], mask), { volume: head, mask, dicom: [], trouble: null });
+  assert.deepEqual(sortFiles([small, large], null), {
+    volume: large,
+    mask: small,
+    dicom: [],
+    layers: [],
+    trouble: null,
+  });
+  assert.deepEqual(sortFiles([head], mask), { volume: head, mask, dicom: [], layers: [], trouble: null });
   const zip = file("series.ZIP");
-  assert.deepEqual(sortFiles([zip, mask], null), { volume: zip, mask, dicom: [], trouble: null });
+  assert.deepEqual(sortFiles([zip, mask], null), { volume: zip, mask, dicom: [], layers: [], trouble: null });
   const series = [file("IM0001"), file("IM0002.dcm"), file("IM0003")];
   assert.deepEqual(
     sortFiles([...series, file("DICOMDIR"), file("report.pdf"), file(".DS_Store"), file("empty", 0)], null).dicom,

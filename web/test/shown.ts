@@ -6,6 +6,7 @@ export const SHOWN: ReadyCase = {
   id: "0123456789abcdef0123456789abcdef",
   name: "A case",
   created_at: "2026-01-01T00:00:00Z",
+  kept: false,
   state: "ready",
   closing_radius_mm: 10,
   mask_kind: "brain",

@@ -4,7 +4,9 @@ import { test } from "node:test";
 import { facesOf } from "../src/panes/cube.ts";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/model/query.ts";
-import { positionWords, scaleBar, voxelAt } from "../src/base/readout.ts";
+import { speak, type Words } from "../src/base/i18n.ts";
+import { depthAtWords, positionWords, scaleBar, voxelAt } from "../src/base/readout.ts";
+import english from "../src/words.en.json";
 import {
   CENTRED,
   type SliceView,
@@ -91,15 +93,17 @@ test("a picture of a smaller pane, laid in a larger one, shows every place where
   assert.ok(Math.hypot(x - now[0], y - now[1]) < 1e-6);
 });
 
-test("positions stay within the working grid", () => {
-  assert.deepEqual(reachOf(SHOWN, 0), [-50, 49]);
-  assert.deepEqual(withinReach(SHOWN, [-999, 3, 999]), [-50, 3, 59]);
+test("positions stay within the volume as acquired", () => {
+  assert.deepEqual(reachOf(SHOWN, 0), [-54, 55]);
+  assert.deepEqual(withinReach(SHOWN, [-999, 3, 999]), [-54, 3, 63]);
 });
 
 test("a position is told by its sides, and by its voxel as acquired", () => {
   assert.equal(positionWords([-10.04, 3, -0.5]), "R\u00a010.0 · P\u00a03.0 · I\u00a00.5");
   assert.deepEqual(voxelAt(SHOWN, [5, 80, 15]), [50, 5, 25]);
   assert.equal(voxelAt(SHOWN, [500, 0, 0]), null);
+  speak("en", english as Words);
+  assert.deepEqual([-6, -0.01, 12.34].map(depthAtWords), [english["point.outside"], "0.0 mm", "12.3 mm"]);
 });
 
 test("a scale bar is a round length that fits", () => {

@@ -5,7 +5,15 @@ import { transformDirection } from "../src/model/affine.ts";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { reflected, reflection } from "../src/model/midsagittal.ts";
 import { add, normalized, scale, type Vec2, type Vec3 } from "../src/model/space.ts";
-import { type Look, type Maps, pathsFields, pictureFields, slabOffsets, windowLine } from "../src/gl/uniforms.ts";
+import {
+  type Look,
+  type Maps,
+  contoursFields,
+  pathsFields,
+  pictureFields,
+  slabOffsets,
+  windowLine,
+} from "../src/gl/uniforms.ts";
 
 const grid = (side: number) => ({
   size: [50, 60, 70] as Vec3,
@@ -26,6 +34,7 @@ const grid = (side: number) => ({
 const MAPS: Maps = {
   volume: grid(1),
   field: grid(2),
+  isLayer: false,
   overlay: null,
   borderBox: [
     [3, 4, 5],
@@ -47,6 +56,7 @@ const LOOK: Look = {
   slab_mm: 0,
   ambient: 0.3,
   color_row: 0,
+  layer: null,
   overlay: null,
   isMirrored: false,
 };
@@ -172,7 +182,15 @@ test("the row before a depth is taken, the last but one at most", () => {
 test("a map is sampled through its own grid, coloured between its ends; without its voxels nothing of it is drawn", () => {
   const look: Look = {
     ...LOOK,
-    overlay: { window: [2.5, 6], threshold: null, opacity: 0.85, color_row: 5, is_diverging: true },
+    overlay: {
+      name: "blur",
+      window: [2.5, 6],
+      threshold: null,
+      opacity: 0.85,
+      color_row: 5,
+      is_diverging: true,
+      is_nearest: false,
+    },
   };
   const overlay = { ...grid(3), texelScale: 25.5, texelOffset: -12.8 };
   const fields = pictureFields(look, { ...MAPS, overlay }, SIZE);
@@ -208,4 +226,10 @@ test("what is nearer to a cut than the depth is behind its plane", () => {
     return x * 0 + y * 0 + z * voxel + w;
   };
   near([along(21.96), along(31.96)], [0, 10]);
+});
+
+test("contours are at their depths in pixels, and so are the depths of the texture", () => {
+  // A picture of 200 × 100 pixels has 2 mm pixels, and the field voxels of 2 mm.
+  const { levels, count, depth_px } = contoursFields(LOOK, MAPS, SIZE, [8, 5]);
+  assert.deepEqual([levels, count, depth_px], [[4, 2.5], 2, 1]);
 });

@@ -42,6 +42,8 @@ pub(crate) struct Choice {
 
 /// The greatest depth of cortex, in mm. Deeper are nuclei and the brain stem, which have a blurred border in everybody.
 const DEEPEST_MM: f32 = 30.0;
+/// The least weight of the junction for a mean over it.
+const LEAST_WEIGHT: f32 = 1e-6;
 /// The number of voxels that are sorted first, because few places are high.
 const FIRST_SORTED: usize = 20_000;
 
@@ -55,7 +57,14 @@ pub(crate) struct Scores<'a> {
 
 impl<'a> Scores<'a> {
     /// A map over the junction, smoothed by a Gaussian over the junction alone.
-    pub(crate) fn smoothed(block: &Block, junction: &'a [u32], map: &[f32], sigma_mm: f64) -> Self {
+    ///
+    /// The same mean replaces the values of the map beside the junction: there, detail also falls with the distance.
+    pub(crate) fn smoothed(
+        block: &Block,
+        junction: &'a [u32],
+        map: &mut [f32],
+        sigma_mm: f64,
+    ) -> Self {
         let kernels = block.in_voxels(sigma_mm).map(Kernel::gaussian);
         let mut sums = vec![0.0; block.voxel_count()];
         let mut weights = vec![0.0; block.voxel_count()];
@@ -70,11 +79,18 @@ impl<'a> Scores<'a> {
             || smooth(&mut sums, block.size, &kernels),
             || smooth(&mut weights, block.size, &kernels),
         );
-        let score = |&voxel: &u32| sums[voxel as usize] / weights[voxel as usize].max(1e-6);
-        Self {
-            junction,
-            scores: junction.iter().map(score).collect(),
+        let mean = |voxel: usize| sums[voxel] / weights[voxel].max(LEAST_WEIGHT);
+        let at_junction = |&voxel: &u32| (mean(voxel as usize), map[voxel as usize]);
+        let (scores, own): (Vec<f32>, Vec<f32>) = junction.iter().map(at_junction).unzip();
+        for (voxel, value) in map.iter_mut().enumerate() {
+            if !value.is_nan() && weights[voxel] > LEAST_WEIGHT {
+                *value = mean(voxel);
+            }
         }
+        for (&voxel, own) in junction.iter().zip(own) {
+            map[voxel as usize] = own;
+        }
+        Self { junction, scores }
     }
 
     /// The highest eligible places (by their index in the junction), each at least `apart_mm` from every higher one,

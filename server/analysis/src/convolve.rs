@@ -61,8 +61,15 @@ impl Kernel {
 
     /// The sum of squares of all taps: the factor for the variance of white noise.
     pub(crate) fn noise_gain(&self) -> f64 {
-        let square = |tap: &f32| f64::from(*tap).powi(2);
-        square(&self.taps[0]) + 2.0 * self.taps[1..].iter().map(square).sum::<f64>()
+        self.shared_noise(self)
+    }
+
+    /// The covariance of white noise after this and after another kernel, both symmetric, as a factor of its variance.
+    pub(crate) fn shared_noise(&self, other: &Self) -> f64 {
+        let products: Vec<f64> = (self.taps.iter().zip(&other.taps))
+            .map(|(a, b)| f64::from(*a) * f64::from(*b))
+            .collect();
+        products[0] + 2.0 * products[1..].iter().sum::<f64>()
     }
 
     /// Convolves a row. `padded` has [`Kernel::reach`] strides before and after it.

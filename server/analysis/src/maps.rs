@@ -5,12 +5,14 @@ use geometry::Grid;
 use crate::MidsagittalPlane;
 use crate::block::Block;
 use crate::candidates::{Candidate, Choice, Scores, candidates};
+use crate::detail::{Band, detail};
 use crate::gradient::{Slope, weighted_gradient};
 use crate::head::Head;
 use crate::junction::junction_density;
-use crate::mirror::{Differences, Widths, differences, intensity_differences};
+use crate::mirror::{Widths, differences, intensity_differences};
 use crate::robust::Robust;
 use crate::sharpness::{Sharpness, sharpness};
+use crate::slant::{DepthBand, depth_bands};
 use crate::stored::{MapKind, StoredMap};
 use crate::tissue::{TissueScale, tissue_scale};
 use crate::undefined::MapsUndefined;
@@ -22,6 +24,10 @@ const MAX_SPACING_MM: f64 = 2.0;
 ///
 /// Four real heads have 0.04 to 0.06 per mm, and 0.13 to 0.17.
 const LEAST_SPREAD: f32 = 0.025;
+/// The same for detail, of which four real heads have 0.019 to 0.025.
+const LEAST_DETAIL_SPREAD: f32 = 0.01;
+/// The same for the weighted mean of robust deviations, of which real heads have about 1.
+const LEAST_MEAN_SPREAD: f32 = 0.5;
 
 /// Widths of all filters. The standard ones belong to [`crate::MAP_FORMAT`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +38,12 @@ pub struct MapParameters {
     pub half_width: f32,
     /// The Gaussian that averages sharpness, in mm.
     pub window_mm: f64,
+    /// The Gaussians between which intensities are detail, in mm.
+    pub detail_mm: [f64; 2],
+    /// The Gaussian that averages detail, in mm.
+    pub detail_window_mm: f64,
+    /// The share of detail in `blur`, 0 to 1; the rest is sharpness.
+    pub detail_share: f32,
     /// The Gaussian of the surroundings, in mm.
     pub ring_mm: f64,
     /// The Gaussian that smooths the mirrored side, in mm.
@@ -52,10 +64,13 @@ impl MapParameters {
         gradient_mm: 0.65,
         half_width: 0.5,
         window_mm: 2.5,
+        detail_mm: [0.5, 1.2],
+        detail_window_mm: 2.0,
+        detail_share: 0.7,
         ring_mm: 8.0,
         mirrored_mm: 3.0,
         intensity_mm: 4.0,
-        candidate_mm: 2.5,
+        candidate_mm: 2.0,
         apart_mm: 10.0,
         candidate_limit: 60,
     };
@@ -68,6 +83,8 @@ pub struct Maps {
     maps: Vec<StoredMap>,
     /// The most blurred places, highest first.
     pub candidates: Vec<Candidate>,
+    /// How slantwise isosurfaces meet the junction, by depth.
+    pub depth_bands: Vec<DepthBand>,
     /// The tissue scale.
     pub tissue: TissueScale,
     /// The table from sharpness to the width of a junction, for these voxels.
@@ -109,20 +126,28 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     );
     let mut intensities =
         intensity_differences(&block, &values, head.plane, parameters.intensity_mm);
-    let weighted = weighted_gradient(&block, &values, parameters.slope(&tissue));
-    drop(values);
-
-    let sharpness = sharpness(&block, weighted, parameters.window_mm);
+    let sharpness = parameters.sharpness(&block, &values, &tissue);
     let sharpness_map = store(MapKind::Sharpness, &sharpness.values);
-    into_z(&mut intensities, &sharpness.junction);
+    into_z(&mut intensities, &sharpness.junction, LEAST_SPREAD);
     let intensity_map = store(MapKind::IntensityAsymmetry, &intensities);
     drop(intensities);
 
-    let Comparison { blur, asymmetry } = compare(&block, &sharpness, head.plane, parameters);
+    let detail = parameters.detail(&block, &values, &sharpness, &tissue);
+    let depth_bands = depth_bands(head, &block, &values);
+    drop(values);
+    let measures = Measures {
+        sharpness: &sharpness,
+        detail,
+    };
+    let Comparison {
+        mut blur,
+        asymmetry,
+    } = compare(&block, measures, head.plane, parameters);
     let asymmetry_map = store(MapKind::Asymmetry, &asymmetry);
     drop(asymmetry);
+    let junction = &sharpness.junction;
+    let scores = Scores::smoothed(&block, junction, &mut blur, parameters.candidate_mm);
     let blur_map = store(MapKind::Blur, &blur);
-    let scores = Scores::smoothed(&block, &sharpness.junction, &blur, parameters.candidate_mm);
     let candidates = candidates(&block, &scores, head, parameters.choice());
     Ok(Maps {
         maps: vec![
@@ -133,6 +158,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
             blur_map,
         ],
         candidates,
+        depth_bands,
         tissue,
         widths: parameters.width_table(block.spacing_mm),
         grid: block.grid,
@@ -151,18 +177,26 @@ pub(crate) fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale)
     Ok((block, values, tissue))
 }
 
-/// Sharpness compared with its surroundings and the other side; NaN where sharpness is undefined.
+/// The measures of a head that a blurred junction lowers.
+pub(crate) struct Measures<'a> {
+    pub(crate) sharpness: &'a Sharpness,
+    /// Detail around each voxel, in tissue scale.
+    pub(crate) detail: Vec<f32>,
+}
+
+/// The measures compared with their surroundings and the other side; NaN where sharpness is undefined.
 pub(crate) struct Comparison {
-    /// How far sharpness is below its surroundings, or below the other side, whichever is less; in robust deviations.
+    /// How far sharpness and detail are below their surroundings, or below the other side, whichever is less; in robust
+    /// deviations.
     pub(crate) blur: Vec<f32>,
     /// How far sharpness is above the other side, in robust deviations.
     pub(crate) asymmetry: Vec<f32>,
 }
 
-/// Compares the sharpness of a head with its surroundings and with the other side.
+/// Compares the junction of a head with its surroundings and with the other side.
 pub(crate) fn compare(
     block: &Block,
-    sharpness: &Sharpness,
+    measures: Measures<'_>,
     plane: &MidsagittalPlane,
     parameters: &MapParameters,
 ) -> Comparison {
@@ -170,27 +204,59 @@ pub(crate) fn compare(
         ring_mm: parameters.ring_mm,
         mirrored_mm: parameters.mirrored_mm,
     };
-    let Differences {
-        from_ring: mut blur,
-        from_mirrored: mut asymmetry,
-    } = differences(block, sharpness, plane, widths);
-    into_z(&mut blur, &sharpness.junction);
-    into_z(&mut asymmetry, &sharpness.junction);
-    for (blur, &asymmetry) in blur.iter_mut().zip(&asymmetry) {
+    let Measures {
+        sharpness,
+        mut detail,
+    } = measures;
+    let Sharpness {
+        values,
+        weights,
+        junction,
+        ..
+    } = sharpness;
+    for (detail, sharpness) in detail.iter_mut().zip(values) {
+        if sharpness.is_nan() {
+            *detail = f32::NAN;
+        }
+    }
+    let compared = |measure: &[f32], least_spread| {
+        let mut differences = differences(block, (measure, weights), plane, widths);
+        into_z(&mut differences.from_ring, junction, least_spread);
+        into_z(&mut differences.from_mirrored, junction, least_spread);
+        differences
+    };
+    let of_detail = compared(&detail, LEAST_DETAIL_SPREAD);
+    drop(detail);
+    let of_sharpness = compared(values, LEAST_SPREAD);
+    let mean = |detail: Vec<f32>, sharpness: &[f32]| {
+        let mut mean = detail;
+        for (mean, sharpness) in mean.iter_mut().zip(sharpness) {
+            let share = parameters.detail_share;
+            *mean = share * *mean + (1.0 - share) * sharpness;
+        }
+        into_z(&mut mean, junction, LEAST_MEAN_SPREAD);
+        mean
+    };
+    let mut blur = mean(of_detail.from_ring, &of_sharpness.from_ring);
+    let from_mirrored = mean(of_detail.from_mirrored, &of_sharpness.from_mirrored);
+    for (blur, from_mirrored) in blur.iter_mut().zip(from_mirrored) {
         // Without a mirrored value only the surroundings count: the minimum of a number and NaN is the number.
         *blur = if blur.is_nan() {
             *blur
         } else {
-            (-*blur).min(-asymmetry)
+            (-*blur).min(-from_mirrored)
         };
     }
-    Comparison { blur, asymmetry }
+    Comparison {
+        blur,
+        asymmetry: of_sharpness.from_mirrored,
+    }
 }
 
 /// Values as robust deviations from the values at the junction.
-fn into_z(values: &mut [f32], junction: &[u32]) {
+fn into_z(values: &mut [f32], junction: &[u32], least_spread: f32) {
     let at_junction = junction.iter().map(|&voxel| values[voxel as usize]);
-    let robust = Robust::of(at_junction, LEAST_SPREAD);
+    let robust = Robust::of(at_junction, least_spread);
     for value in values {
         *value = robust.z(*value);
     }
@@ -202,6 +268,32 @@ impl MapParameters {
             apart_mm: self.apart_mm,
             limit: self.candidate_limit,
         }
+    }
+
+    pub(crate) fn sharpness(
+        &self,
+        block: &Block,
+        values: &[f32],
+        tissue: &TissueScale,
+    ) -> Sharpness {
+        let weighted = weighted_gradient(block, values, self.slope(tissue));
+        sharpness(block, weighted, self.window_mm)
+    }
+
+    pub(crate) fn detail(
+        &self,
+        block: &Block,
+        values: &[f32],
+        sharpness: &Sharpness,
+        tissue: &TissueScale,
+    ) -> Vec<f32> {
+        let [finest_mm, coarsest_mm] = self.detail_mm;
+        let band = Band {
+            finest_mm,
+            coarsest_mm,
+            window_mm: self.detail_window_mm,
+        };
+        detail(block, values, &sharpness.density, tissue.noise, band)
     }
 
     pub(crate) fn slope(&self, tissue: &TissueScale) -> Slope {

@@ -6,7 +6,6 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use crate::MidsagittalPlane;
 use crate::block::{Block, Zone};
 use crate::coarse::{Coarse, Pair};
-use crate::sharpness::Sharpness;
 
 /// The cell size for the sums of surroundings, in mm.
 const STEP_MM: f64 = 2.0;
@@ -21,9 +20,9 @@ const INTENSITY_RANGE: [f32; 2] = [-1.5, 1.6];
 
 /// Differences for each voxel of a block; NaN where one of the two values is undefined.
 pub(crate) struct Differences {
-    /// Own sharpness minus the mean of the surroundings.
+    /// Own value minus the mean of the surroundings.
     pub(crate) from_ring: Vec<f32>,
-    /// Own sharpness minus the mirrored sharpness.
+    /// Own value minus the mirrored value.
     pub(crate) from_mirrored: Vec<f32>,
 }
 
@@ -34,17 +33,17 @@ pub(crate) struct Widths {
     pub(crate) mirrored_mm: f64,
 }
 
-/// Compares sharpness with its surroundings and with the other side. Only the mirrored side is smoothed.
+/// Compares a measure of the junction (NaN where it is undefined) with its surroundings and with the other side. Only
+/// the mirrored side is smoothed.
 pub(crate) fn differences(
     block: &Block,
-    sharpness: &Sharpness,
+    (values, weights): (&[f32], &[f32]),
     plane: &MidsagittalPlane,
     widths: Widths,
 ) -> Differences {
     let coarse = Coarse::new(block.size, block.spacing_mm, STEP_MM);
     let means = coarse.means(|index| {
-        let value = sharpness.values[index];
-        let weight = sharpness.weights[index];
+        let (value, weight) = (values[index], weights[index]);
         if value.is_nan() {
             [0.0; 2]
         } else {
@@ -70,7 +69,7 @@ pub(crate) fn differences(
         &around,
         cell_from_voxel,
         |index, own, other| {
-            let value = sharpness.values[index];
+            let value = values[index];
             if !value.is_nan() {
                 from_ring[index] = less(value, own, LEAST_RING);
                 let mirrored = coarse.sample(&mirrored, other);

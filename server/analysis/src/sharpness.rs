@@ -18,6 +18,8 @@ pub(crate) struct Sharpness {
     pub(crate) values: Vec<f32>,
     /// The nearness of each voxel to the middle between grey and white, 0 to 1.
     pub(crate) weights: Vec<f32>,
+    /// The weights after the Gaussian of the window.
+    pub(crate) density: Vec<f32>,
     /// The voxels of the junction, ascending.
     pub(crate) junction: Vec<u32>,
 }
@@ -56,6 +58,7 @@ pub(crate) fn sharpness(block: &Block, weighted: Weighted, window_mm: f64) -> Sh
     Sharpness {
         values,
         weights,
+        density,
         junction,
     }
 }

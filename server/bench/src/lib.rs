@@ -27,7 +27,7 @@ pub use clock::{Cost, Costs, timed};
 pub use error::BenchError;
 pub use head::Head;
 pub use machine::Machine;
-pub use plots::plots;
+pub use plots::{froc, plots};
 pub use prepared::PreparedHead;
 pub use report::{HeadFacts, Report};
 pub use rotation::{Rate, Spin, backend_label};

@@ -1,11 +1,18 @@
 //! Plots of tables as SVG.
 
+use analysis::study::{HeadResult, Sign, Trial, View};
 use plotters::coord::ranged1d::{Ranged, ValueFormatter};
 use plotters::prelude::*;
 
 use crate::agreement::means;
 use crate::paper::published::{FIGURE_6_MACHINE, MeshRow, TABLE_2, TABLE_2_TRIANGLES};
 use crate::{Cell, Table, readable};
+
+/// The x axis of a plot over meshes.
+const TRIANGLES: &str = "triangles";
+
+/// The least numbers of false marks per head in a plot of a search that do not count any more.
+const FALSE_MARKS: [usize; 10] = [1, 2, 3, 5, 7, 10, 20, 30, 50, 100];
 
 /// Width and height of a plot, in pixels.
 const SIZE: (u32, u32) = (760, 520);
@@ -21,12 +28,24 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(0, 0, 0),
 ];
 
+/// The views in a plot of a search.
+const FROC_VIEWS: [View; 6] = [
+    View::ThreeStacks,
+    View::Isosurfaces,
+    View::IsosurfacesMirrored,
+    View::Sharpness,
+    View::Blur,
+    View::BlurOnStacks,
+];
+
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// A plot over the number of triangles of a mesh.
+/// A plot over a number with a logarithmic axis.
 #[derive(Debug, Clone, PartialEq)]
 struct Plot {
     title: String,
+    /// The label of the x axis.
+    x: &'static str,
     /// The label of the y axis, with its unit.
     y: &'static str,
     is_log: bool,
@@ -106,6 +125,7 @@ fn figure_5(table: &Table, key: &str, what: &str, published: impl Fn(&MeshRow) -
     series.push(Series::marks(name, paper.collect()));
     Plot {
         title: format!("Rotation frame rate by mesh size, {what}"),
+        x: TRIANGLES,
         y: "frames a second",
         is_log: true,
         series,
@@ -118,6 +138,7 @@ fn figure_6(table: &Table) -> Plot {
     let paper = paper.map(|row| (TABLE_2_TRIANGLES as f64, row.derivation_s));
     Plot {
         title: "Mesh derivation time by mesh size".to_owned(),
+        x: TRIANGLES,
         y: "seconds",
         is_log: true,
         series: vec![
@@ -133,6 +154,7 @@ fn figure_7(table: &Table) -> Plot {
     let line = |name: &str, key| Series::line(name, table.pairs("triangles", key));
     Plot {
         title: table.title.clone(),
+        x: TRIANGLES,
         y: "mm",
         is_log: true,
         series: vec![
@@ -151,10 +173,50 @@ fn agreement(table: &Table) -> Plot {
     };
     Plot {
         title: "Meshes compared with exact pictures".to_owned(),
+        x: TRIANGLES,
         y: "mean difference, levels of 255",
         is_log: false,
         series: means().map(line).collect(),
     }
+}
+
+/// The free-response operating characteristic of a study, as SVG: the share of lesions that each observer finds in the heads on which
+/// nothing was tuned (in all heads, if all were tuned on), over the number of false marks per head.
+pub fn froc(heads: &[HeadResult]) -> String {
+    let is_every_head_tuned = heads.iter().all(|head| head.is_tuned);
+    let counted = |head: &&HeadResult| is_every_head_tuned || !head.is_tuned;
+    let lesions: Vec<&Trial> = heads
+        .iter()
+        .filter(counted)
+        .flat_map(|head| &head.trials)
+        .filter(|trial| trial.sign != Sign::Sham)
+        .collect();
+    let line = |view: View| {
+        let place = View::ALL.iter().position(|other| *other == view)?;
+        let found = |most: usize| {
+            let hits = lesions.iter().filter(|trial| {
+                let seen = trial.sightings.get(place);
+                seen.and_then(|seen| seen.false_marks)
+                    .is_some_and(|marks| marks < most)
+            });
+            (
+                most as f64,
+                hits.count() as f64 / lesions.len().max(1) as f64,
+            )
+        };
+        Some(Series::line(view.name(), FALSE_MARKS.map(found).to_vec()))
+    };
+    let plot = Plot {
+        title: format!(
+            "Found of {} synthetic lesions, one at a time",
+            lesions.len()
+        ),
+        x: "fewer false marks per head than",
+        y: "share of lesions found by a model observer",
+        is_log: false,
+        series: FROC_VIEWS.into_iter().filter_map(line).collect(),
+    };
+    plot.svg()
 }
 
 impl Plot {
@@ -197,11 +259,11 @@ impl Plot {
     {
         chart
             .configure_mesh()
-            .x_desc("triangles")
+            .x_desc(self.x)
             .y_desc(self.y)
             .light_line_style(WHITE)
             .x_labels(4)
-            .x_label_formatter(&|triangles| format!("{triangles:.0}"))
+            .x_label_formatter(&|number| format!("{number:.0}"))
             .y_label_formatter(&|number| readable(*number))
             .draw()?;
         for (series, color) in self.series.iter().zip(COLORS.iter().cycle()) {
@@ -219,10 +281,10 @@ impl Plot {
         }
         chart
             .configure_series_labels()
-            .position(if self.is_log {
-                SeriesLabelPosition::LowerLeft
-            } else {
-                SeriesLabelPosition::UpperRight
+            .position(match self {
+                Self { is_log: true, .. } => SeriesLabelPosition::LowerLeft,
+                Self { x: TRIANGLES, .. } => SeriesLabelPosition::UpperRight,
+                _ => SeriesLabelPosition::UpperLeft,
             })
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK.mix(0.3))
@@ -246,6 +308,8 @@ fn range(numbers: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
 
 #[cfg(test)]
 mod tests {
+    use analysis::study::Sighting;
+
     use super::*;
     use crate::column;
 
@@ -297,10 +361,47 @@ mod tests {
     }
 
     #[test]
+    fn the_plot_of_a_study_counts_lesions_of_untuned_heads_alone() {
+        let sighting = |false_marks| Sighting {
+            known: 1.0,
+            false_marks,
+        };
+        let trial = |sign, false_marks| Trial {
+            sign,
+            radius_mm: 6.0,
+            position_in_patient: [0.0; 3],
+            depth_mm: 10.0,
+            blur_mm: 1.5,
+            thickening_mm: 0.0,
+            darkening: 0.0,
+            seed: 1,
+            sightings: vec![sighting(false_marks); View::ALL.len()],
+        };
+        let head = |is_tuned, trials| HeadResult {
+            name: "head".to_owned(),
+            is_tuned,
+            trials,
+        };
+        let untuned = head(
+            false,
+            vec![trial(Sign::Blur, Some(0)), trial(Sign::Sham, None)],
+        );
+        let tuned = head(true, vec![trial(Sign::Blur, None); 4]);
+        let svg = froc(&[tuned.clone(), untuned]);
+        assert!(svg.contains("Found of 1 synthetic lesions"));
+        for view in FROC_VIEWS {
+            assert!(svg.contains(view.name()), "{}", view.name());
+        }
+        assert!(froc(&[tuned]).contains("Found of 4 synthetic lesions"));
+        assert!(froc(&[]).ends_with("</svg>\n"));
+    }
+
+    #[test]
     fn a_table_without_a_plot_has_none_and_one_without_numbers_an_empty_one() {
         assert!(plots(&Table::new("setup", "Setup", &[])).is_empty());
         let plot = Plot {
             title: "nothing".to_owned(),
+            x: TRIANGLES,
             y: "nothing",
             is_log: true,
             series: Vec::new(),

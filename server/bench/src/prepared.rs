@@ -120,7 +120,7 @@ impl PreparedHead {
 }
 
 /// A unique key for each head of this process.
-fn next_key() -> CaseKey {
+pub(crate) fn next_key() -> CaseKey {
     static NEXT: AtomicU64 = AtomicU64::new(0);
     CaseKey(u128::from(NEXT.fetch_add(1, Ordering::Relaxed)))
 }

@@ -51,7 +51,7 @@ fn the_papers_tables_and_figures_are_there_with_its_own_numbers_beside_them() {
         positive(step, "wall_ms");
     }
     let table_2 = rows(&report, "table_2");
-    assert_eq!((table_2.len(), &table_2[0]["paper_best"]), (5, &5.8.into()));
+    assert_eq!((table_2.len(), &table_2[0]["paper_best"]), (7, &5.8.into()));
     positive(&table_2[0], "here");
     positive(&table_2[1], "here");
     for line in rows(&report, "table_3") {
@@ -85,6 +85,59 @@ fn the_papers_tables_and_figures_are_there_with_its_own_numbers_beside_them() {
         "figure_7",
     ] {
         let svg = std::fs::read_to_string(path.join(format!("{plot}.svg"))).expect("a plot");
+        assert!(svg.starts_with("<svg") && svg.contains("triangles"));
+    }
+}
+
+/// Width and height of a PNG, from its header.
+fn size_of_png(bytes: &[u8]) -> [u32; 2] {
+    assert!(bytes.starts_with(b"\x89PNG\r\n\x1a\n"));
+    [16, 20].map(|at| u32::from_be_bytes(bytes[at..at + 4].try_into().expect("four bytes")))
+}
+
+#[test]
+fn the_papers_figures_are_drawn() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let path = folder.path().join("made by it");
+    let mut arguments = vec!["paper", "--phantom", "2", "--quick", "--json", "--cpu-only"];
+    arguments.extend(["--renderer", "splat", "--size", "32", "--seconds", "0.01"]);
+    arguments.extend(["--pictures", path.to_str().expect("UTF-8")]);
+    let report = report(&arguments);
+    assert_eq!(rows(&report, "figure_4").len(), 8);
+    assert_eq!(rows(&report, "contours").len(), 3);
+    for row in rows(&report, "closest") {
+        // The closest point is at least as near as ours; a vertex lies up to a voxel off the voxels of the envelope.
+        let closest = positive(row, "closest_mm");
+        assert!(closest + 2.0 > positive(row, "depth_mm"), "{row}");
+        assert!(positive(row, "flow_mm") > closest - 2.0, "{row}");
+    }
+    for row in rows(&report, "shells") {
+        assert!(positive(row, "share") < 0.5, "{row}");
+    }
+    let drawn = [
+        ("figure_1_envelope", [4, 190]),
+        ("figure_2_meshes", [4, 220]),
+        ("figure_3_distances_and_paths", [4, 240]),
+        ("figure_4_shrunk_meshes", [4, 220]),
+        ("figure_7_a_to_e", [5, 150]),
+        ("figure_7_f_to_j", [5, 150]),
+        ("figure_7_k", [5, 150]),
+        ("figure_8_lowest_part", [4, 190]),
+        ("poles", [2, 256]),
+    ];
+    for (name, [columns, cell]) in drawn {
+        let bytes = std::fs::read(path.join(format!("{name}.png"))).expect("a picture");
+        let [width, height] = size_of_png(&bytes);
+        assert!(
+            (columns * cell..columns * cell + 200).contains(&width),
+            "{name}: {width}"
+        );
+        assert!(height > cell, "{name}: {height}");
+        // A blank picture of this size takes less.
+        assert!(bytes.len() > 3000, "{name}: {} bytes", bytes.len());
+    }
+    for name in ["figure_5_envelope", "figure_5_inner", "figure_6"] {
+        let svg = std::fs::read_to_string(path.join(format!("{name}.svg"))).expect("a plot");
         assert!(svg.starts_with("<svg") && svg.contains("triangles"));
     }
 }

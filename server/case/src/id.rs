@@ -1,10 +1,5 @@
 //! The ids of cases.
 
-use std::fmt;
-use std::str::FromStr;
-
-use serde::{Deserialize, Serialize};
-
 use crate::{MaskKind, Parameters};
 
 /// A part of every [`CaseId`]. It changes if the same input must give another case.
@@ -39,9 +34,7 @@ impl CaseId {
         if about_mask != defaults {
             hasher.update(&about_mask);
         }
-        let mut id = [0; 16];
-        id.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
-        Self(id)
+        Self(half(&hasher))
     }
 
     /// An envelope is not closed, so its radius does not matter. The default stands for it, so that stored ids stay valid.
@@ -60,62 +53,77 @@ impl CaseId {
         bytes[10..].copy_from_slice(&(parameters.offset_mm + 0.0).to_le_bytes());
         bytes
     }
+}
 
-    /// Parses 32 lower-case hexadecimal digits; `None` for anything else.
-    pub fn parse(text: &str) -> Option<Self> {
-        let digit = |byte: u8| match byte {
-            b'0'..=b'9' => Some(byte - b'0'),
-            b'a'..=b'f' => Some(byte - b'a' + 10),
-            _ => None,
-        };
-        let digits: &[u8; 32] = text.as_bytes().try_into().ok()?;
-        let mut id = [0; 16];
-        for (byte, pair) in id.iter_mut().zip(digits.chunks_exact(2)) {
-            *byte = digit(pair[0])? << 4 | digit(pair[1])?;
+/// Gives an id of 16 bytes its text: 32 lower-case hexadecimal digits, in JSON too.
+macro_rules! id_as_text {
+    ($id:ident, $not_an_id:ident, $words:literal) => {
+        impl $id {
+            /// Parses 32 lower-case hexadecimal digits; `None` for anything else.
+            pub fn parse(text: &str) -> Option<Self> {
+                $crate::id::parse_digits(text).map(Self)
+            }
+
+            /// The id as a number.
+            pub fn number(&self) -> u128 {
+                u128::from_be_bytes(self.0)
+            }
         }
-        Some(Self(id))
-    }
+
+        impl std::fmt::Display for $id {
+            fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                write!(formatter, "{:032x}", self.number())
+            }
+        }
+
+        #[doc = concat!("The text is not a [`", stringify!($id), "`].")]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+        #[error($words)]
+        pub struct $not_an_id;
+
+        impl std::str::FromStr for $id {
+            type Err = $not_an_id;
+
+            fn from_str(text: &str) -> Result<Self, $not_an_id> {
+                Self::parse(text).ok_or($not_an_id)
+            }
+        }
+
+        impl serde::Serialize for $id {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_str(self)
+            }
+        }
+
+        impl<'de> serde::Deserialize<'de> for $id {
+            fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
+                text.parse().map_err(serde::de::Error::custom)
+            }
+        }
+    };
+}
+pub(crate) use id_as_text;
+
+id_as_text!(
+    CaseId,
+    NotACaseId,
+    "the id of a case is 32 lower-case hexadecimal digits"
+);
+
+/// The bytes of 32 lower-case hexadecimal digits; `None` for anything else.
+pub(crate) fn parse_digits(text: &str) -> Option<[u8; 16]> {
+    let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
+    let are_digits = text.len() == 32 && text.bytes().all(is_digit);
+    let number = are_digits.then(|| u128::from_str_radix(text, 16).ok());
+    number.flatten().map(u128::to_be_bytes)
 }
 
-impl CaseId {
-    /// The id as a number.
-    pub fn number(&self) -> u128 {
-        u128::from_be_bytes(self.0)
-    }
-}
-
-impl fmt::Display for CaseId {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0
-            .iter()
-            .try_for_each(|byte| write!(formatter, "{byte:02x}"))
-    }
-}
-
-/// The text is not a [`CaseId`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the id of a case is 32 lower-case hexadecimal digits")]
-pub struct NotACaseId;
-
-impl FromStr for CaseId {
-    type Err = NotACaseId;
-
-    fn from_str(text: &str) -> Result<Self, NotACaseId> {
-        Self::parse(text).ok_or(NotACaseId)
-    }
-}
-
-impl Serialize for CaseId {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de> Deserialize<'de> for CaseId {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
-        text.parse().map_err(serde::de::Error::custom)
-    }
+/// The first half of a digest.
+pub(crate) fn half(hasher: &blake3::Hasher) -> [u8; 16] {
+    let mut id = [0; 16];
+    id.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
+    id
 }
 
 #[cfg(test)]

@@ -3,9 +3,11 @@
 //! Nothing here does I/O or knows a protocol. Types that are stored or sent implement `serde`, and with the feature `openapi`
 //! also `utoipa`.
 
+pub mod arrivals;
 mod facts;
 mod failure;
 mod id;
+mod layer;
 mod maps;
 mod object;
 mod parameters;
@@ -15,8 +17,18 @@ mod quality;
 pub use facts::{Case, CaseFacts, CutFacts, DicomFacts, PlaneFacts, SphereFacts, WindowFacts};
 pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
-pub use maps::{CandidateFacts, MapName, PatientSide};
+pub use layer::{
+    LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin, NotALayerId,
+    PlacementFacts, PlacementVerdict, Transform,
+};
+pub use maps::{CandidateFacts, JunctionBandFacts, MapName, PatientSide};
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
 pub use quality::{MaskMethod, Quality, QualityNumbers, QualityState};
+
+/// Whether a character is a control character, or one of those that turn the direction of the text after them: with
+/// these, a name could be shown as another one.
+fn is_control(character: char) -> bool {
+    character.is_control() || matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}

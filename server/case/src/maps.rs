@@ -83,6 +83,20 @@ pub struct CandidateFacts {
     pub size_mm: f32,
 }
 
+/// How slantwise the isosurfaces between two depths meet the junction of grey and white matter.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = JunctionBand))]
+pub struct JunctionBandFacts {
+    /// The shallower border of the band.
+    pub from_mm: f32,
+    /// The deeper border of the band.
+    pub to_mm: f32,
+    /// Number of places of the junction that were looked at.
+    pub places: u32,
+    /// The share of them that the isosurface meets at less than 30°, 0 to 1. There, a sharp junction looks blurred.
+    pub slanted_share: f32,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,4 +1,4 @@
-//! The objects that are stored for a case.
+//! The objects that are stored for a case and its layers.
 
 /// The kind of a stored object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -13,6 +13,8 @@ pub enum ObjectKind {
     Mask,
     /// Intensities cropped to the envelope.
     Volume,
+    /// All intensities as acquired, for slices; the same object for all versions of a case.
+    WholeVolume,
     /// The envelope on the working grid.
     Envelope,
     /// The optimal-path forest.
@@ -21,26 +23,40 @@ pub enum ObjectKind {
     Paths,
     /// The maps of the junction of grey and white matter, or why there are none; made once the case is ready.
     Maps,
+    /// A DICOM file that came from a PACS and is part of no case yet.
+    Instance,
+    /// A DICOM object made from the case, which is sent to a PACS.
+    Result,
+    /// The uploaded volume of a layer; if it came as DICOM, the volume made from it.
+    SourceLayer,
+    /// The voxels of a layer around the envelope, on the grid of their acquisition.
+    Layer,
 }
 
 impl ObjectKind {
     /// Every kind.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 14] = [
         Self::SourceVolume,
         Self::SourceMask,
         Self::SourceDicom,
         Self::Mask,
         Self::Volume,
+        Self::WholeVolume,
         Self::Envelope,
         Self::Forest,
         Self::Paths,
         Self::Maps,
+        Self::Instance,
+        Self::Result,
+        Self::SourceLayer,
+        Self::Layer,
     ];
 
     /// The kinds that a preparation computes from the uploaded files.
-    pub const DERIVED: [Self; 5] = [
+    pub const DERIVED: [Self; 6] = [
         Self::Mask,
         Self::Volume,
+        Self::WholeVolume,
         Self::Envelope,
         Self::Forest,
         Self::Paths,
@@ -54,10 +70,15 @@ impl ObjectKind {
             Self::SourceDicom => "source-dicom",
             Self::Mask => "mask",
             Self::Volume => "volume",
+            Self::WholeVolume => "whole-volume",
             Self::Envelope => "envelope",
             Self::Forest => "forest",
             Self::Paths => "paths",
             Self::Maps => "maps",
+            Self::Instance => "instance",
+            Self::Result => "result",
+            Self::SourceLayer => "source-layer",
+            Self::Layer => "layer",
         }
     }
 
@@ -78,6 +99,11 @@ impl ObjectKind {
             Self::Mask => 7,
             Self::SourceDicom => 8,
             Self::Maps => 9,
+            Self::Instance => 20,
+            Self::Result => 21,
+            Self::WholeVolume => 12,
+            Self::SourceLayer => 10,
+            Self::Layer => 11,
         }
     }
 
@@ -85,7 +111,7 @@ impl ObjectKind {
     pub fn is_source(self) -> bool {
         matches!(
             self,
-            Self::SourceVolume | Self::SourceMask | Self::SourceDicom
+            Self::SourceVolume | Self::SourceMask | Self::SourceDicom | Self::SourceLayer
         )
     }
 }

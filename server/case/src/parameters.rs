@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Failure;
+use crate::{Failure, is_control};
 
 /// Where the brain mask comes from if none is supplied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -62,21 +62,11 @@ impl Parameters {
     /// A [`Failure`] of [`FailureKind::Unusable`](crate::FailureKind) if a number is out of range, or if the name is too long or
     /// contains control characters.
     pub fn check(&self) -> Result<(), Failure> {
-        for (parameter, value, range) in [
-            ("closing_radius_mm", self.closing_radius_mm, 0.0..=50.0),
-            ("threshold", self.threshold, 0.05..=0.95),
-            ("offset_mm", self.offset_mm, -20.0..=20.0),
-        ] {
-            if !range.contains(&value) {
-                let (least, most) = range.into_inner();
-                let name = format!(
-                    "{}-out-of-range",
-                    parameter.trim_end_matches("_mm").replace('_', "-")
-                );
-                let detail = format!("{parameter} is {value}; it must be {least} to {most}");
-                return Err(Failure::unusable(&name, detail));
-            }
-        }
+        Self::check_numbers(
+            Some(self.closing_radius_mm),
+            Some(self.threshold),
+            Some(self.offset_mm),
+        )?;
         let name = self.name.as_deref().unwrap_or_default();
         if name.chars().count() > Self::MAX_NAME_LENGTH {
             return Err(Failure::unusable(
@@ -87,11 +77,38 @@ impl Parameters {
                 ),
             ));
         }
-        if name.chars().any(char::is_control) {
+        if name.chars().any(is_control) {
             return Err(Failure::unusable(
                 "name-not-text",
                 "the name contains a control character".to_owned(),
             ));
+        }
+        Ok(())
+    }
+
+    /// Checks those numbers that are given.
+    ///
+    /// # Errors
+    /// As [`Parameters::check`].
+    pub fn check_numbers(
+        closing_radius_mm: Option<f64>,
+        threshold: Option<f64>,
+        offset_mm: Option<f64>,
+    ) -> Result<(), Failure> {
+        for (parameter, value, range) in [
+            ("closing_radius_mm", closing_radius_mm, 0.0..=50.0),
+            ("threshold", threshold, 0.05..=0.95),
+            ("offset_mm", offset_mm, -20.0..=20.0),
+        ] {
+            if let Some(value) = value.filter(|value| !range.contains(value)) {
+                let (least, most) = range.into_inner();
+                let name = format!(
+                    "{}-out-of-range",
+                    parameter.trim_end_matches("_mm").replace('_', "-")
+                );
+                let detail = format!("{parameter} is {value}; it must be {least} to {most}");
+                return Err(Failure::unusable(&name, detail));
+            }
         }
         Ok(())
     }

@@ -5,22 +5,29 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use case::{Case, CaseFacts, CaseId, CaseState, QualityState};
+use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState};
+use geometry::Volume;
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
 
-use crate::dicom::{DicomReader, Program};
+use crate::dicom::{DicomReader, HeaderReader, Program};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
-use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
+use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel, WholeVolumes};
 use crate::pictures::{Graphics, GraphicsOptions};
 use crate::room::RoomToCheck;
 
 /// The memory for maps, as a fraction of the memory for loaded cases, in addition to it.
 const MAPS_PART: u64 = 4;
+
+/// The same for whole volumes, which slices show.
+const WHOLE_PART: u64 = 4;
+
+/// The largest DICOM file of a PACS, in bytes: a multi-frame image of a head has some 100 MB.
+pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
 
 /// The number of cases that are remembered as ready.
 const REMEMBERED_CASES: usize = 4096;
@@ -47,14 +54,20 @@ pub struct Options {
     pub max_queued_renders: usize,
     /// Memory for loaded cases, in bytes.
     pub model_cache_bytes: u64,
+    /// Threads of each preparation.
+    pub preparation_threads: usize,
     /// Whether to compute maps of the cases.
     pub makes_maps: bool,
+    /// How many layers a case may have.
+    pub max_layers: usize,
     /// The graphics device.
     pub graphics: GraphicsOptions,
     /// The program that reads DICOM files.
     pub dicom_program: Program,
     /// The limit for the unpacked DICOM files of an upload, in bytes.
     pub max_dicom_bytes: u64,
+    /// Whether no identity of a patient is kept.
+    pub deidentify: bool,
 }
 
 /// The reason why the application cannot start.
@@ -76,7 +89,9 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
     tracing::info!("brains are extracted {}", extractor.words());
     let store = Store::open_at(&options.location, options.store.clone()).await?;
-    let preparation = Pipeline::new(extractor).into();
+    let preparation = Pipeline::new(extractor)
+        .with_threads(options.preparation_threads)
+        .into();
     Ok(if options.makes_maps {
         let cache_bytes = options.model_cache_bytes / MAPS_PART;
         Library::with_maps(store, preparation, options.limits, cache_bytes)
@@ -94,13 +109,19 @@ pub struct Cases {
     pub library: Library,
     /// Cases in memory.
     pub models: Models,
+    /// Whole volumes in memory.
+    whole_volumes: WholeVolumes,
     /// The queue for pictures, meshes and all other CPU work for clients.
     pub queue: ConcurrencyLimit,
     /// The graphics device, if there is one.
     pub graphics: Graphics,
     /// The reader of DICOM files.
     pub dicom: Arc<DicomReader>,
+    /// The reader of the headers of DICOM files.
+    pub headers: Arc<HeaderReader>,
     pub(crate) checks: RoomToCheck,
+    pub(crate) max_layers: usize,
+    deidentify: bool,
     remembered: Arc<Remembered>,
 }
 
@@ -167,20 +188,36 @@ impl Cases {
             options.limits,
             options.max_dicom_bytes,
         );
-        Self {
+        let whole_bytes = options.model_cache_bytes / WHOLE_PART;
+        let cases = Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
+            whole_volumes: WholeVolumes::new(library.clone(), whole_bytes),
             library,
             queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
+            headers: Arc::new(HeaderReader::new(
+                options.dicom_program.clone(),
+                MAX_INSTANCE_BYTES,
+            )),
             checks: RoomToCheck::new(options.head, options.limits),
+            max_layers: options.max_layers,
+            deidentify: options.deidentify,
             remembered,
-        }
+        };
+        let whole_volumes = cases.whole_volumes.clone();
+        cases.on_forget(move |id| whole_volumes.forget(id));
+        cases
     }
 
     /// The store of the cases.
     pub fn store(&self) -> &Store {
         self.library.store()
+    }
+
+    /// Whether no identity of a patient is kept.
+    pub fn deidentifies(&self) -> bool {
+        self.deidentify
     }
 
     /// A case.
@@ -251,10 +288,50 @@ impl Cases {
         if let Some(model) = self.models.get(id).await? {
             return Ok(model);
         }
-        // It was ready a moment ago, but has been deleted, or has failed because its source is lost.
+        Err(self.gone(id).await)
+    }
+
+    /// The whole acquired volume of a case that is ready.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`].
+    pub async fn whole_volume(&self, id: &CaseId) -> Result<Arc<Volume>, Error> {
+        if let Some(volume) = self.whole_volumes.get(id).await? {
+            return Ok(volume);
+        }
+        Err(self.gone(id).await)
+    }
+
+    /// The whole acquired volume of a case in any state: from its source, unless the case is ready.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchCase`]; [`Error::Busy`] if too many volumes are read; the reason if the source is lost; or an error
+    /// of the store.
+    pub async fn acquired_volume(&self, id: &CaseId) -> Result<Arc<Volume>, Error> {
+        if self.case(id).await?.state == CaseState::Ready {
+            return self.whole_volume(id).await;
+        }
+        let read = async {
+            let names = self.store().rows().objects(id).await?;
+            let Some(source) = self.library.source(id, &names).await? else {
+                return Err(Error::from(Failure::source_damaged()));
+            };
+            let room = self.checks.enter(&source.volume).await?;
+            let limits = self.library.limits();
+            let volume = tokio::task::spawn_blocking(move || {
+                let _room = room;
+                pipeline::read_volume(&source, &limits)
+            });
+            Ok(volume.await.map_err(StoreError::from)??)
+        };
+        self.whole_volumes.get_or_read(id, read).await
+    }
+
+    /// The reason why a case that was ready a moment ago cannot be read: it has been deleted, or has failed because its
+    /// source is lost.
+    async fn gone(&self, id: &CaseId) -> Error {
         self.remembered.forget(id);
-        self.ready(id).await?;
-        Err(Error::Unavailable)
+        self.ready(id).await.err().unwrap_or(Error::Unavailable)
     }
 
     /// Removes a case and the objects that no other case needs; `false` if the case did not exist.

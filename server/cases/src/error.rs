@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use case::{CaseState, Failure};
 use geometry::GeometryError;
 use render::RenderError;
-use storage::StoreError;
+use storage::{ObjectError, StoreError};
 
 use crate::models::PathsError;
 
@@ -21,9 +21,21 @@ pub enum Error {
         /// Its state.
         state: CaseState,
     },
-    /// The maps of the case are being computed.
-    #[error("the maps of this case are being computed; try again in a moment")]
+    /// The maps of the case are being computed, or the layer is being prepared.
+    #[error("the layer is being computed; try again in a moment")]
     LayerNotReady,
+    /// No such layer.
+    #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
+    NoSuchLayer,
+    /// The case has as many layers as it may have.
+    #[error("the case has {most} layers, the limit; delete one, or raise `limits.max_layers`")]
+    TooManyLayers {
+        /// The limit.
+        most: usize,
+    },
+    /// Another layer of the case has the name.
+    #[error("another layer of the case has this name; choose another name")]
+    LayerNameTaken,
     /// The case has no maps.
     #[error("{reason}")]
     MapsUndefined {
@@ -55,6 +67,11 @@ pub enum Error {
     /// The store is full.
     #[error("the store is full; delete cases, or enlarge its disk")]
     StorageFull,
+    /// The disk of the store has room, but cannot be written. The cause is for the log.
+    #[error(
+        "the disk of the server failed: cases can be viewed, but nothing can be stored; check the disk"
+    )]
+    StorageFailed(#[source] StoreError),
     /// The store failed.
     #[error(transparent)]
     Store(StoreError),
@@ -74,11 +91,18 @@ impl Error {
     }
 }
 
+impl From<ObjectError> for Error {
+    fn from(error: ObjectError) -> Self {
+        StoreError::from(error).into()
+    }
+}
+
 impl From<StoreError> for Error {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::QueueFull => Self::Busy,
             full if full.is_full() => Self::StorageFull,
+            failed if failed.is_unwritable() => Self::StorageFailed(failed),
             away if away.is_away() => {
                 tracing::warn!(
                     error = &away as &dyn std::error::Error,

@@ -13,11 +13,11 @@ use tokio::sync::OwnedSemaphorePermit;
 /// How long a volume waits for a worker that was idle.
 const WAIT: Duration = Duration::from_secs(5);
 
-/// A volume, and its room in memory.
+/// A volume.
 #[derive(Debug)]
 struct Waiting {
     read: ReadSource,
-    _room: OwnedSemaphorePermit,
+    _room: Option<OwnedSemaphorePermit>,
     /// The number of this offer.
     number: u64,
 }
@@ -64,8 +64,14 @@ impl Handover {
         self.lock().idle > 0
     }
 
-    /// Offers the volume of a case that is about to be queued, if a worker is idle.
-    pub(crate) fn offer(&self, id: CaseId, read: ReadSource, room: OwnedSemaphorePermit) -> Offer {
+    /// Offers the volume of a case that is about to be queued, if a worker is idle. It keeps its room in memory, if that
+    /// is counted.
+    pub(crate) fn offer(
+        &self,
+        id: CaseId,
+        read: ReadSource,
+        room: Option<OwnedSemaphorePermit>,
+    ) -> Offer {
         let mut table = self.lock();
         if table.waiting.len() >= table.idle {
             return Offer(None);
@@ -109,15 +115,15 @@ impl Drop for Idle {
     }
 }
 
-/// An offered volume; withdrawn if this is dropped, unless it is [kept](Offer::keep).
-#[derive(Debug)]
+/// An offered volume, or none; withdrawn if this is dropped, unless it is [kept](Offer::keep_if).
+#[derive(Debug, Default)]
 #[must_use]
 pub(crate) struct Offer(Option<(Handover, CaseId, u64)>);
 
 impl Offer {
-    /// Keeps the offer for a while after the case was queued.
-    pub(crate) fn keep(mut self) {
-        if let Some((handover, id, number)) = self.0.take() {
+    /// Keeps the offer for a while if the case was queued.
+    pub(crate) fn keep_if(mut self, is_queued: bool) {
+        if is_queued && let Some((handover, id, number)) = self.0.take() {
             tokio::spawn(async move {
                 tokio::time::sleep(handover.wait).await;
                 handover.withdraw(&id, number);
@@ -169,12 +175,12 @@ mod tests {
     async fn a_volume_is_handed_to_an_idle_worker_once() {
         let handover = Handover::default();
         let semaphore = Arc::new(Semaphore::new(9));
-        let offer = async |number| handover.offer(id(number), read(), room(&semaphore).await);
-        offer(1).await.keep();
+        let offer = async |number| handover.offer(id(number), read(), Some(room(&semaphore).await));
+        offer(1).await.keep_if(true);
         assert!(handover.take(&id(1)).is_none(), "no worker was idle");
         let idle = handover.idle();
-        offer(1).await.keep();
-        offer(2).await.keep();
+        offer(1).await.keep_if(true);
+        offer(2).await.keep_if(true);
         assert!(handover.take(&id(2)).is_none(), "one worker, one volume");
         assert_eq!(semaphore.available_permits(), 8);
         assert!(handover.take(&id(1)).is_some());
@@ -182,7 +188,7 @@ mod tests {
         drop(offer(3).await);
         assert!(handover.take(&id(3)).is_none(), "it was withdrawn");
         drop(idle);
-        offer(4).await.keep();
+        offer(4).await.keep_if(true);
         assert!(handover.take(&id(4)).is_none(), "the worker has work");
         assert_eq!(semaphore.available_permits(), 9);
     }
@@ -192,7 +198,9 @@ mod tests {
         let handover = short();
         let semaphore = Arc::new(Semaphore::new(1));
         let _idle = handover.idle();
-        handover.offer(id(1), read(), room(&semaphore).await).keep();
+        handover
+            .offer(id(1), read(), Some(room(&semaphore).await))
+            .keep_if(true);
         // Its room is free again.
         let _room = room(&semaphore).await;
         assert!(handover.take(&id(1)).is_none());
@@ -203,9 +211,11 @@ mod tests {
         let handover = Handover::default();
         let semaphore = Arc::new(Semaphore::new(9));
         let _idle = handover.idle();
-        let first = handover.offer(id(1), read(), room(&semaphore).await);
+        let first = handover.offer(id(1), read(), Some(room(&semaphore).await));
         assert!(handover.take(&id(1)).is_some());
-        handover.offer(id(1), read(), room(&semaphore).await).keep();
+        handover
+            .offer(id(1), read(), Some(room(&semaphore).await))
+            .keep_if(true);
         drop(first);
         assert!(handover.take(&id(1)).is_some());
     }

@@ -1,5 +1,5 @@
-//! Makes a queued case from spooled files. The files are checked at once, so that the store contains only usable
-//! uploads.
+//! Makes a queued case from spooled files. DICOM files become a volume first. The files are checked at once, so that
+//! the store contains only usable uploads.
 //!
 //! Files from the store were checked before. A volume that was decoded for the check is handed to the worker that
 //! prepares it.
@@ -7,19 +7,85 @@
 #[cfg(test)]
 mod tests;
 
+use bytes::Bytes;
 use case::{CaseId, CaseState, Failure, Parameters};
+use imaging::{START_BYTES, sniff};
 use pipeline::{Source, check};
-use storage::{NewMask, Submitted, Upload, Version};
+use storage::{NewMask, Spooled, Submitted, Upload, Version};
+use tempfile::TempDir;
 use tokio::sync::OwnedSemaphorePermit;
 
 use crate::application::Cases;
+use crate::arrivals::SeriesOfUpload;
+use crate::dicom::{Choice, Input, Options};
 use crate::error::Error;
+use crate::fair::Client;
 use crate::handover::Offer;
 
-/// The number of bytes that contain the size of a volume, gzipped or not.
-const START_BYTES: usize = 64 << 10;
+/// The received files of a volume.
+#[derive(Debug)]
+pub enum VolumeFiles {
+    /// One file, of any kind.
+    One(Spooled),
+    /// DICOM files in a directory.
+    Dicom(TempDir),
+}
 
 impl Cases {
+    /// Makes an upload of received files. DICOM files, recognised by content, become a volume; the choice among them is
+    /// returned, too. It is `None` if the file is not DICOM, and `options` is not used then.
+    ///
+    /// # Errors
+    /// As [`DicomReader::read`](crate::dicom::DicomReader::read), or an error of the store.
+    pub async fn upload(
+        &self,
+        volume: VolumeFiles,
+        mask: Option<Spooled>,
+        options: &Options,
+        client: Client,
+    ) -> Result<(Upload, Option<Choice>), Error> {
+        let is_removed = self.deidentifies();
+        self.read_upload(volume, mask, options, client, is_removed)
+            .await
+    }
+
+    /// As [`Cases::upload`], whether or not the identity of the patient is removed.
+    pub(crate) async fn read_upload(
+        &self,
+        volume: VolumeFiles,
+        mask: Option<Spooled>,
+        options: &Options,
+        client: Client,
+        is_identity_removed: bool,
+    ) -> Result<(Upload, Option<Choice>), Error> {
+        let (store, scratch) = (self.store(), self.store().scratch());
+        let read = async |input| self.dicom.read_for(client, input, options, &scratch).await;
+        let reading = match volume {
+            VolumeFiles::Dicom(directory) => read(Input::Path(directory.path())).await?,
+            VolumeFiles::One(volume) => {
+                if !sniff(&volume.head(START_BYTES).await?).may_be_dicom() {
+                    let upload = Upload {
+                        volume,
+                        mask,
+                        dicom: None,
+                    };
+                    return Ok((upload, None));
+                }
+                read(Input::Spooled(&volume)).await?
+            }
+        };
+        let attributes = match is_identity_removed {
+            true => without_identity(&reading.attributes)?,
+            false => reading.attributes.clone(),
+        };
+        let upload = Upload {
+            volume: store.spool_file(reading.file()).await?,
+            mask,
+            dicom: Some(store.spool_all(attributes).await?),
+        };
+        Ok((upload, Some(reading.choice)))
+    }
+
     /// Checks an upload and queues it. A case that is there already is answered as it is; with `keep_name` it keeps its
     /// label, too.
     ///
@@ -37,9 +103,22 @@ impl Cases {
         if keep_name && self.store().case(&id).await?.is_some() {
             parameters.name = None;
         }
+        self.submit_after(upload, parameters, None).await
+    }
+
+    /// Checks an upload and queues it as a version of another case, if there is one.
+    pub(crate) async fn submit_after(
+        &self,
+        upload: Upload,
+        parameters: Parameters,
+        previous: Option<CaseId>,
+    ) -> Result<Submitted, Error> {
         let (parameters, offer) = self.check_upload(&upload, parameters).await?;
-        let submitted = self.store().submit_upload(upload, parameters).await?;
-        keep_if_queued(offer, &submitted);
+        let series = SeriesOfUpload::read(&upload).await?;
+        let store = self.store();
+        let submitted = store.submit_after(upload, parameters, previous).await?;
+        self.index(submitted.case.id, series).await?;
+        offer.keep_if(submitted.created);
         Ok(submitted)
     }
 
@@ -48,11 +127,13 @@ impl Cases {
     /// # Errors
     /// As [`Cases::submit`]; [`Error::NoSuchCase`] if the case was deleted.
     pub async fn submit_version(&self, mut version: Version) -> Result<Submitted, Error> {
+        let of = version.of;
         let offer;
         (version.parameters, offer) = self.check_version(&version).await?;
         let submitted = self.store().submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
-        keep_if_queued(offer, &submitted);
+        self.index_version(&of, submitted.case.id).await?;
+        offer.keep_if(submitted.created);
         Ok(submitted)
     }
 
@@ -60,16 +141,16 @@ impl Cases {
         &self,
         upload: &Upload,
         parameters: Parameters,
-    ) -> Result<(Parameters, Option<Offer>), Error> {
+    ) -> Result<(Parameters, Offer), Error> {
         let id = upload.case_id(&parameters);
         if self.is_accepted(&id).await? {
-            return Ok((parameters, None));
+            return Ok((parameters, Offer::default()));
         }
-        let start = upload.volume.head(START_BYTES as u64).await?;
+        let start = upload.volume.head(START_BYTES).await?;
         let room = self.checks.enter(&start).await?;
         // An equal upload may have been accepted meanwhile.
         if self.is_accepted(&id).await? {
-            return Ok((parameters, None));
+            return Ok((parameters, Offer::default()));
         }
         let mask = match &upload.mask {
             Some(mask) => Some(mask.read().await?),
@@ -84,12 +165,12 @@ impl Cases {
         self.check(source, parameters, room, id).await
     }
 
-    async fn check_version(&self, version: &Version) -> Result<(Parameters, Option<Offer>), Error> {
+    async fn check_version(&self, version: &Version) -> Result<(Parameters, Offer), Error> {
         let names = self.store().rows().objects(&version.of).await?;
         let id = version.id(&names).ok_or(Error::NoSuchCase)?;
         let parameters = version.parameters.clone();
         if self.is_accepted(&id).await? {
-            return Ok((parameters, None));
+            return Ok((parameters, Offer::default()));
         }
         let source = self.library.source(&version.of, &names).await?;
         let mut source = source.ok_or_else(Failure::source_damaged)?;
@@ -98,7 +179,9 @@ impl Cases {
             NewMask::None => source.mask = None,
             NewMask::Kept => {}
         }
-        let start = source.volume.slice(..source.volume.len().min(START_BYTES));
+        let start = source
+            .volume
+            .slice(..source.volume.len().min(START_BYTES as usize));
         let room = self.checks.enter(&start).await?;
         let id = |parameters: &Parameters| version.id_with(&names, parameters);
         self.check(source, parameters, room, id).await
@@ -117,19 +200,19 @@ impl Cases {
         parameters: Parameters,
         room: OwnedSemaphorePermit,
         id: impl Fn(&Parameters) -> Option<CaseId>,
-    ) -> Result<(Parameters, Option<Offer>), Error> {
+    ) -> Result<(Parameters, Offer), Error> {
         let (limits, has_network) = (self.library.limits(), self.library.has_network());
         let check = move || check(&source, parameters, &limits, has_network);
         let checked = self.queue.run(check).await??;
         let handover = self.library.handover();
-        let offer = id(&checked.parameters).map(|id| handover.offer(id, checked.read, room));
-        Ok((checked.parameters, offer))
+        let offer = id(&checked.parameters).map(|id| handover.offer(id, checked.read, Some(room)));
+        Ok((checked.parameters, offer.unwrap_or_default()))
     }
 }
 
-/// Keeps the volume of a queued case for a worker.
-fn keep_if_queued(offer: Option<Offer>, submitted: &Submitted) {
-    if let Some(offer) = offer.filter(|_| submitted.created) {
-        offer.keep();
-    }
+/// Stored attributes without the identity of the patient.
+fn without_identity(stored: &Bytes) -> Result<Bytes, Error> {
+    let attributes = pipeline::attributes(stored)?.deidentified();
+    let stored = serde_json::to_vec(&attributes).map_err(|_| Error::Internal)?;
+    Ok(stored.into())
 }

@@ -1,7 +1,9 @@
-//! Workers that prepare queued cases.
+//! Workers that prepare queued cases, and their layers.
 //!
 //! A job is a row with a lease. A worker renews the lease while it prepares. If the worker is killed, the lease ends
 //! and another worker takes the job with a greater fence number, so that the first one can no longer publish.
+
+mod layers;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,7 +20,7 @@ use tokio::time::MissedTickBehavior;
 
 use crate::library::Library;
 
-/// How often to search for objects that a killed process left behind.
+/// How often to search for expired cases, and for objects that a killed process left behind.
 const COLLECT_EVERY: Duration = Duration::from_secs(600);
 
 /// The phases of the workers, in this order.
@@ -77,6 +79,7 @@ async fn until(phase: &mut watch::Receiver<Phase>, reached: Phase) {
 
 async fn collect_now_and_then(store: Store, mut phase: watch::Receiver<Phase>) {
     loop {
+        remove_expired(&store).await;
         tokio::select! {
             () = until(&mut phase, Phase::Finishing) => return,
             () = tokio::time::sleep(COLLECT_EVERY) => {}
@@ -87,6 +90,18 @@ async fn collect_now_and_then(store: Store, mut phase: watch::Receiver<Phase>) {
                 "cannot remove left-over objects"
             );
         }
+    }
+}
+
+/// Removes cases that are older than they are kept.
+async fn remove_expired(store: &Store) {
+    match store.remove_expired().await {
+        Ok(0) => {}
+        Ok(removed) => tracing::info!(removed, "cases older than storage.keep_days were removed"),
+        Err(error) => tracing::warn!(
+            error = &error as &dyn std::error::Error,
+            "cannot remove expired cases"
+        ),
     }
 }
 
@@ -109,9 +124,17 @@ struct Worker {
 impl Worker {
     async fn work(mut self) {
         while *self.phase.borrow() == Phase::Working {
-            match self.claim().await {
-                Ok(Some(claim)) => self.prepare(&claim).await,
-                Ok(None) => self.wait().await,
+            let worked = match self.claim().await {
+                Ok(Some(claim)) => {
+                    self.prepare(&claim).await;
+                    Ok(true)
+                }
+                Ok(None) => self.work_on_layer().await,
+                Err(error) => Err(error),
+            };
+            match worked {
+                Ok(true) => {}
+                Ok(false) => self.wait().await,
                 Err(error) => {
                     tracing::error!(
                         error = &error as &dyn std::error::Error,
@@ -121,6 +144,15 @@ impl Worker {
                 }
             }
         }
+    }
+
+    /// Prepares a layer; `false` if none waits.
+    async fn work_on_layer(&self) -> Result<bool, StoreError> {
+        let claim = self.claim_layer().await?;
+        if let Some(claim) = &claim {
+            self.prepare_layer(claim).await;
+        }
+        Ok(claim.is_some())
     }
 
     async fn wait(&mut self) {
@@ -302,6 +334,8 @@ impl Worker {
             self.store.signals().count(Count::Prepared);
             tracing::info!(job = claim.fence, "a case is ready");
             self.library.ensure_maps(&claim.id);
+            // Its layers can be prepared now.
+            self.store.signals().queued();
         } else {
             tracing::info!(
                 job = claim.fence,

@@ -3,12 +3,15 @@
 //! It knows neither HTTP nor the network protocols of DICOM: it returns an [`Error`], which each protocol translates.
 
 mod application;
+pub mod arrivals;
 mod cache;
 pub mod dicom;
 mod error;
+mod fair;
 mod handover;
 mod intake;
 pub mod jobs;
+pub mod layers;
 pub mod library;
 mod limit;
 pub mod models;
@@ -18,7 +21,9 @@ mod room;
 #[cfg(test)]
 mod testing;
 
-pub use application::{Cases, Options, StartError, open_library};
+pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
 pub use error::Error;
+pub use fair::Client;
+pub use intake::VolumeFiles;
 pub use library::{Library, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};

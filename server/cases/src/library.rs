@@ -3,9 +3,12 @@
 //! Everything except the uploaded files is derived from them; a missing or damaged derived object is rebuilt here.
 
 mod desk;
+mod layer_cache;
+mod layers;
 mod maps;
 #[cfg(test)]
 mod tests;
+mod whole;
 
 use std::fmt;
 use std::sync::Arc;
@@ -13,7 +16,9 @@ use std::sync::atomic::AtomicBool;
 
 use self::desk::MapsDesk;
 pub use self::desk::{LoadedMaps, MapsState};
-use crate::handover::Handover;
+use self::layer_cache::{LayerCache, layer_cache};
+pub use self::layers::LayerVoxels;
+use crate::handover::{Handover, Offer};
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
@@ -24,6 +29,9 @@ use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
+
+/// Memory for layers of a library without maps, in bytes.
+const LAYER_BYTES: u64 = 256 << 20;
 
 /// The work on an upload: returns the objects and facts of a case, or the reason why there are none.
 ///
@@ -62,8 +70,7 @@ impl From<Pipeline> for Preparation {
         Self {
             has_network: pipeline.has_network(),
             prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
-                let prepared = pipeline.prepare_read(input, parameters, limits, observe, cancelled);
-                prepared.map(Derived::of)
+                pipeline.derive(input, parameters, limits, observe, cancelled)
             }),
         }
     }
@@ -92,6 +99,8 @@ struct Inner {
     rebuilding: tokio::sync::Mutex<()>,
     /// `None` if no maps are computed.
     maps: Option<MapsDesk>,
+    /// Layers in memory.
+    layers: LayerCache,
     /// Volumes that were decoded for their check.
     handover: Handover,
 }
@@ -99,37 +108,46 @@ struct Inner {
 impl Library {
     /// The cases of a store with this preparation and these limits, without maps.
     pub fn new(store: Store, preparation: Preparation, limits: Limits) -> Self {
-        Self::on(store, preparation, limits, None)
+        Self::on(store, preparation, limits, (None, LAYER_BYTES))
     }
 
-    /// Adds maps, with a limit on their bytes in memory.
+    /// The same with maps, and a limit on the bytes of maps, and of layers, in memory.
     pub fn with_maps(
         store: Store,
         preparation: Preparation,
         limits: Limits,
         cache_bytes: u64,
     ) -> Self {
-        let library = Self::on(store, preparation, limits, Some(MapsDesk::new(cache_bytes)));
-        let weak = Arc::downgrade(&library.inner);
-        library.store().on_delete(move |id| {
-            if let Some(inner) = weak.upgrade() {
-                Self { inner }.forget_maps(id);
-            }
-        });
-        library
+        let desk = MapsDesk::new(cache_bytes);
+        Self::on(store, preparation, limits, (Some(desk), cache_bytes))
     }
 
-    fn on(store: Store, preparation: Preparation, limits: Limits, maps: Option<MapsDesk>) -> Self {
-        Self {
+    fn on(
+        store: Store,
+        preparation: Preparation,
+        limits: Limits,
+        (maps, layer_bytes): (Option<MapsDesk>, u64),
+    ) -> Self {
+        let library = Self {
             inner: Arc::new(Inner {
                 store,
                 preparation,
                 limits,
                 rebuilding: tokio::sync::Mutex::default(),
                 maps,
+                layers: layer_cache(layer_bytes),
                 handover: Handover::default(),
             }),
-        }
+        };
+        let weak = Arc::downgrade(&library.inner);
+        library.store().on_delete(move |id| {
+            if let Some(inner) = weak.upgrade() {
+                let library = Self { inner };
+                library.forget_maps(id);
+                library.forget_layers(id);
+            }
+        });
+        library
     }
 
     /// The cases of a store, with the usual preparation.
@@ -170,7 +188,8 @@ impl Library {
         prepare(input, parameters, limits, observe, cancelled)
     }
 
-    /// Makes a case from files in memory and queues its preparation. The parameters are [`settled`] first.
+    /// Makes a case from files in memory and queues its preparation. The parameters are [`settled`] first; what was read
+    /// for this is handed to an idle worker.
     ///
     /// # Errors
     /// As [`Store::submit_upload`].
@@ -181,7 +200,7 @@ impl Library {
     ) -> Result<Submitted, StoreError> {
         let (limits, has_network) = (self.inner.limits, self.has_network());
         let settle = move || (settled(&source, parameters, &limits, has_network), source);
-        let (parameters, source) = tokio::task::spawn_blocking(settle).await?;
+        let ((parameters, read), source) = tokio::task::spawn_blocking(settle).await?;
         let volume = self.store().spool_all(source.volume).await?;
         let mask = match source.mask {
             Some(bytes) => Some(self.store().spool_all(bytes).await?),
@@ -196,7 +215,11 @@ impl Library {
             mask,
             dicom,
         };
-        self.store().submit_upload(upload, parameters).await
+        let id = upload.case_id(&parameters);
+        let offer = read.map_or_else(Offer::default, |read| self.handover().offer(id, read, None));
+        let submitted = self.store().submit_upload(upload, parameters).await?;
+        offer.keep_if(submitted.created);
+        Ok(submitted)
     }
 
     /// Reads derived objects of a ready case; `None` if it does not exist or is not ready.

@@ -1,5 +1,7 @@
 //! The profile from the envelope inwards through a point, and through its mirrored point.
 
+use std::sync::Arc;
+
 use case::{CaseFacts, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
@@ -35,6 +37,34 @@ pub struct Profile {
     /// The reason why the values of maps are absent, if they are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub maps_undefined: Option<String>,
+    /// The added layers that are ready, in the order of the values of each sample.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub layers: Vec<ProfileLayer>,
+}
+
+/// A layer of a profile.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ProfileLayer {
+    /// Its id.
+    #[cfg_attr(feature = "openapi", schema(value_type = String))]
+    pub id: case::LayerId,
+    /// Its name.
+    pub name: String,
+    /// The unit of its values; empty if they have none.
+    pub unit: String,
+    /// The labels, if it is a label map: a value is the number of one of them, from 1.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub labels: Vec<case::LabelFacts>,
+}
+
+/// An added layer to be sampled.
+#[derive(Debug, Clone)]
+pub struct SampledLayer {
+    /// Its description.
+    pub about: ProfileLayer,
+    /// Its voxels.
+    pub layer: Arc<render::Layer>,
 }
 
 /// A point and the profile through it.
@@ -84,7 +114,7 @@ pub enum WidthVerdict {
 }
 
 /// A point of a profile. Undefined values are null.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ProfileSample {
     /// The distance along the profile from the requested point; negative outwards.
@@ -105,18 +135,23 @@ pub struct ProfileSample {
     pub intensity_asymmetry: Option<f32>,
     /// The map `junction`.
     pub junction: Option<f32>,
+    /// The value of each added layer.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub layers: Vec<Option<f32>>,
 }
 
-/// The profile of a case through a point (LPS mm), with the values of its maps if there are any.
+/// The profile of a case through a point (LPS mm), with the values of its layers and of its maps if there are any.
 ///
 /// # Errors
 /// [`Error::Parameter`] if the point is outside the envelope.
 pub fn profile(
     warm: &WarmModel,
     maps: Result<&LoadedMaps, String>,
+    layers: &[SampledLayer],
     position_in_patient: DVec3,
 ) -> Result<Profile, Error> {
     let probe = Probe {
+        layers,
         model: warm.model(),
         facts: &warm.facts,
         maps: maps.as_ref().ok().copied(),
@@ -132,6 +167,7 @@ pub fn profile(
         own,
         mirrored: plane.and_then(|plane| probe.point(plane.reflected(position_in_patient))),
         maps_undefined: maps.err(),
+        layers: layers.iter().map(|layer| layer.about.clone()).collect(),
     })
 }
 
@@ -140,6 +176,7 @@ struct Probe<'a> {
     model: &'a DeformableModel,
     facts: &'a CaseFacts,
     maps: Option<&'a LoadedMaps>,
+    layers: &'a [SampledLayer],
 }
 
 impl Probe<'_> {
@@ -149,7 +186,7 @@ impl Probe<'_> {
             let point = self.sample(position, 0.0);
             let mut samples = self.way(position, -1.0);
             samples.reverse();
-            samples.push(point);
+            samples.push(point.clone());
             samples.extend(self.way(position, 1.0));
             PointProfile {
                 side: stored_plane(self.facts).map(|plane| {
@@ -227,6 +264,11 @@ impl Probe<'_> {
             asymmetry: value(MapName::Asymmetry),
             intensity_asymmetry: value(MapName::IntensityAsymmetry),
             junction: value(MapName::Junction),
+            layers: self
+                .layers
+                .iter()
+                .map(|sampled| sampled.layer.value_at(position))
+                .collect(),
         }
     }
 
@@ -248,4 +290,86 @@ impl Probe<'_> {
 fn in_voxels(field: &DepthField, position: DVec3) -> glam::Vec3 {
     let voxel_from_patient = field.grid().voxel_from_patient();
     voxel_from_patient.transform_point3(position).as_vec3()
+}
+
+#[cfg(test)]
+mod tests {
+    use geometry::{BrainMask, BuiltModel, ClosedBrain, GeometryError, envelope, phantom};
+
+    use super::*;
+
+    /// A synthetic head with voxels of 2 mm, and its facts.
+    fn built() -> (BuiltModel, CaseFacts) {
+        let head = phantom::head(2.0);
+        let brain = BrainMask::from_mask(&head.brain, head.volume.grid()).unwrap();
+        let envelope = envelope(&brain, 10.0).unwrap();
+        let volume = DeformableModel::crop(&head.volume, &envelope).unwrap();
+        let closed = ClosedBrain::Envelope(envelope);
+        let built = DeformableModel::build(volume, closed, |_| Ok::<_, GeometryError>(())).unwrap();
+        let facts = pipeline::facts(&built);
+        (built, facts)
+    }
+
+    fn probe<'a>((built, facts): &'a (BuiltModel, CaseFacts)) -> Probe<'a> {
+        Probe {
+            model: &built.model,
+            facts,
+            maps: None,
+            layers: &[],
+        }
+    }
+
+    /// A point 15 mm below the envelope, on the left.
+    fn place(built: &BuiltModel) -> DVec3 {
+        let sphere = built.model.bounds();
+        let field = built.model.field();
+        let points = (1..100).map(|mm| sphere.centre_in_patient + DVec3::X * f64::from(mm));
+        let nearest = |position: &DVec3| (field.depth_mm(in_voxels(field, *position)) - 15.0).abs();
+        points
+            .min_by(|a, b| nearest(a).total_cmp(&nearest(b)))
+            .unwrap()
+    }
+
+    #[test]
+    fn samples_follow_the_depth_half_a_millimetre_apart() {
+        let case = built();
+        let place = place(&case.0);
+        let profile = probe(&case).point(place).unwrap();
+        let first = &profile.samples[0];
+        assert!(first.depth_mm.unwrap() < 1.0, "{first:?}");
+        assert!(first.distance_mm < -10.0, "{first:?}");
+        let at = profile.samples.iter().position(|s| s.distance_mm == 0.0);
+        assert_eq!(profile.samples[at.unwrap()], profile.point);
+        for pair in profile.samples.windows(2) {
+            let [from, to] = [0, 1].map(|n| DVec3::from_array(pair[n].position_in_patient));
+            assert!((from.distance(to) - STEP_MM).abs() < 1e-9, "{pair:?}");
+            assert!((pair[1].distance_mm - pair[0].distance_mm - STEP_MM).abs() < 1e-9);
+            let deeper = pair[1].depth_mm.unwrap() - pair[0].depth_mm.unwrap();
+            assert!((0.0..0.75).contains(&deeper), "{pair:?}");
+        }
+    }
+
+    #[test]
+    fn the_mirrored_point_is_as_deep_and_on_the_other_side() {
+        let case = built();
+        let place = place(&case.0);
+        let plane = stored_plane(&case.1).expect("a head has a plane");
+        let own = probe(&case).point(place).unwrap();
+        let mirrored = probe(&case).point(plane.reflected(place)).unwrap();
+        assert_eq!(own.side, Some(PatientSide::Left));
+        assert_eq!(mirrored.side, Some(PatientSide::Right));
+        let depths = [&own, &mirrored].map(|profile| profile.point.depth_mm.unwrap());
+        assert!((depths[0] - depths[1]).abs() < 1.5, "{depths:?}");
+    }
+
+    #[test]
+    fn there_is_nothing_outside_and_no_width_without_maps() {
+        let case = built();
+        let outside = case.0.model.bounds().centre_in_patient + DVec3::X * 500.0;
+        assert_eq!(probe(&case).point(outside), None);
+        let inside = probe(&case).point(place(&case.0)).unwrap();
+        assert_eq!(inside.junction_width.verdict, WidthVerdict::Undefined);
+        assert_eq!((inside.point.blur, inside.point.junction), (None, None));
+        assert!(inside.point.intensity.is_some());
+    }
 }

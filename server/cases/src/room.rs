@@ -12,6 +12,9 @@ use crate::error::Error;
 /// How long an upload waits for room.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
+/// The shortest side of a layer, in mm.
+const THINNEST_SLAB_MM: f64 = 5.0;
+
 /// Memory for the checks of volumes, shared by their size.
 #[derive(Debug, Clone)]
 pub(crate) struct RoomToCheck {
@@ -42,7 +45,28 @@ impl RoomToCheck {
     /// # Errors
     /// [`Error::Failure`] if the header cannot be that of a head; [`Error::Busy`] if others take too long.
     pub(crate) async fn enter(&self, start: &[u8]) -> Result<OwnedSemaphorePermit, Error> {
-        let voxels = self.head.check(start, &self.limits)?;
+        self.enter_within(self.head, start).await
+    }
+
+    /// The same for a layer, which may be a thin slab.
+    ///
+    /// # Errors
+    /// As [`RoomToCheck::enter`].
+    pub(crate) async fn enter_layer(&self, start: &[u8]) -> Result<OwnedSemaphorePermit, Error> {
+        let [least, most] = self.head.field_mm;
+        let slab = HeadLimits {
+            field_mm: [least.min(THINNEST_SLAB_MM), most],
+            ..self.head
+        };
+        self.enter_within(slab, start).await
+    }
+
+    async fn enter_within(
+        &self,
+        head: HeadLimits,
+        start: &[u8],
+    ) -> Result<OwnedSemaphorePermit, Error> {
+        let voxels = head.check(start, &self.limits)?;
         let weight = thousands(voxels).min(thousands(self.limits.max_voxels));
         let permit = Arc::clone(&self.voxels).acquire_many_owned(weight);
         match tokio::time::timeout(LONGEST_WAIT, permit).await {

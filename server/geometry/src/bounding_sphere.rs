@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use crate::{ShellIndex, ShellVoxel};
+use crate::grid::bounds_through;
+use crate::{Grid, ShellIndex, ShellVoxel};
 
 /// The sphere around an envelope, which a camera at zoom 1 fits into the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,6 +45,18 @@ impl BoundingSphere {
             radius_mm: farthest_squared.sqrt() + 0.5 * spacing_mm,
         }
     }
+
+    /// The sphere in the middle of a grid, as wide as the longest side of the box around it along the patient axes.
+    ///
+    /// Its corners lie outside, but each slice along the patient axes fits into a square of its width.
+    pub fn of_grid(grid: &Grid) -> Self {
+        let last = DVec3::from_array(grid.size().map(|side| side as f64 - 0.5));
+        let [low, high] = bounds_through(grid.patient_from_voxel(), [DVec3::splat(-0.5), last]);
+        Self {
+            centre_in_patient: (low + high) / 2.0,
+            radius_mm: (high - low).max_element() / 2.0,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -58,5 +71,13 @@ mod tests {
         let sphere = BoundingSphere::of_envelope(&ShellIndex::new(&distance));
         assert!(sphere.centre_in_patient.length() < 1e-9, "{sphere:?}");
         assert!((sphere.radius_mm - 20.5 * 1.5).abs() < 1e-9, "{sphere:?}");
+    }
+
+    #[test]
+    fn the_sphere_of_a_grid_is_as_wide_as_its_longest_side() {
+        let grid = Grid::aligned([10, 30, 20], [2.0, 1.0, 1.0], DVec3::new(4.0, 5.0, 6.0)).unwrap();
+        let sphere = BoundingSphere::of_grid(&grid);
+        assert_eq!(sphere.centre_in_patient, DVec3::new(13.0, 19.5, 15.5));
+        assert_eq!(sphere.radius_mm, 15.0);
     }
 }

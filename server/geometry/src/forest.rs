@@ -120,7 +120,7 @@ fn code_of([dx, dy, dz]: [i32; 3]) -> u8 {
 /// line to their nearest root inside the envelope.
 pub fn forest(distance: &DistanceMap, core: &Core) -> Forest {
     let nearest = NearestCore::new(distance.grid().size(), core, distance.inside());
-    let mut forest = straight_forest(distance, &nearest);
+    let mut forest = straight_forest(distance.inside(), &nearest);
     let stranded = take_stranded(&mut forest, distance);
     reach_stranded(&mut forest, &nearest, &stranded);
     forest
@@ -130,31 +130,25 @@ pub fn forest(distance: &DistanceMap, core: &Core) -> Forest {
 const STRANDED: u8 = 254;
 
 /// The step of each voxel towards its nearest root, or [`STRANDED`].
-fn straight_forest(distance: &DistanceMap, nearest: &NearestCore) -> Forest {
-    let size = distance.grid().size();
+fn straight_forest(inside: &[bool], nearest: &NearestCore) -> Forest {
+    let size = nearest.size();
     let [nx, ny, _] = size;
-    let mut predecessor = vec![Forest::OUTSIDE; distance.inside().len()];
-    predecessor
-        .par_chunks_mut(nx)
-        .enumerate()
-        .for_each(|(row, codes)| {
-            let start = row * nx;
-            for (x, code) in codes.iter_mut().enumerate() {
-                if distance.inside()[start + x] {
-                    *code = straight_step(nearest, distance, [x, row % ny, row / ny], start + x);
-                }
+    let mut predecessor = vec![Forest::OUTSIDE; inside.len()];
+    let rows = predecessor.par_chunks_mut(nx).zip(inside.par_chunks(nx));
+    rows.enumerate().for_each(|(row, (codes, inside_row))| {
+        let (y, z) = (row % ny, row / ny);
+        for (x, (code, &is_inside)) in codes.iter_mut().zip(inside_row).enumerate() {
+            if is_inside {
+                *code = straight_step(nearest, inside, [x, y, z], row * nx + x);
             }
-        });
+        }
+    });
     Forest { size, predecessor }
 }
 
 /// The neighbour closest to the straight line from a voxel to its root, if it is inside and has the same root.
-fn straight_step(
-    nearest: &NearestCore,
-    distance: &DistanceMap,
-    voxel: [usize; 3],
-    index: usize,
-) -> u8 {
+#[inline]
+fn straight_step(nearest: &NearestCore, inside: &[bool], voxel: [usize; 3], index: usize) -> u8 {
     let root = nearest.core_of(index);
     let way = nearest.way(voxel, root);
     let longest = way[0].abs().max(way[1].abs()).max(way[2].abs());
@@ -165,12 +159,13 @@ fn straight_step(
             0
         }
     });
-    let code = code_of(step);
-    let next = index.wrapping_add_signed(offset_of(code, nearest.size()));
-    if distance.inside()[next] && (nearest.core_of(next) == root || longest == 0) {
-        return code;
+    let [nx, ny, _] = nearest.size().map(|side| side as isize);
+    let [dx, dy, dz] = step.map(|along| along as isize);
+    let next = index.wrapping_add_signed(dx + nx * (dy + ny * dz));
+    if inside[next] && (nearest.core_of(next) == root || longest == 0) {
+        return code_of(step);
     }
-    best_step(nearest, distance, voxel, index).unwrap_or(STRANDED)
+    best_step(nearest, inside, voxel, index).unwrap_or(STRANDED)
 }
 
 /// The neighbour inside with the same root that is nearest to that root, if it is nearer than the voxel itself.
@@ -178,7 +173,7 @@ fn straight_step(
 /// Without one, a neighbour with another root that is strictly nearer to its own root.
 fn best_step(
     nearest: &NearestCore,
-    distance: &DistanceMap,
+    inside: &[bool],
     voxel: [usize; 3],
     index: usize,
 ) -> Option<u8> {
@@ -186,7 +181,7 @@ fn best_step(
     let cost = squared_length(nearest.way(voxel, root));
     let steps = (0..27u8).filter_map(|code| {
         let next = index.wrapping_add_signed(offset_of(code, nearest.size()));
-        let is_candidate = code != Forest::ROOT && distance.inside()[next];
+        let is_candidate = code != Forest::ROOT && inside[next];
         is_candidate.then(|| {
             let root_there = nearest.core_of(next);
             let cost_there = squared_length(nearest.way(nearest.voxel(next), root_there));

@@ -131,6 +131,16 @@ impl Volume {
         self.percentiles_of(&histogram, fractions)
     }
 
+    /// The quantiles of all intensities; `fractions` are in 0..=1.
+    pub fn percentiles<const N: usize>(&self, fractions: [f64; N]) -> [f32; N] {
+        let mut histogram = vec![0u64; 1 << 16];
+        for &stored in &self.voxels {
+            histogram[usize::from(stored)] += 1;
+        }
+        let found = self.percentiles_of(&histogram, fractions);
+        found.expect("a volume has voxels")
+    }
+
     fn percentiles_of<const N: usize>(
         &self,
         histogram: &[u64],
@@ -317,6 +327,27 @@ mod tests {
             let mut expected = [intensity(2.0), intensity(4.0), intensity(6.0)];
             expected.sort_by(f32::total_cmp);
             assert_eq!([least, middle, most], expected);
+        }
+    }
+
+    #[test]
+    fn percentiles_count_every_voxel() {
+        for slope in [1.0, -1.0] {
+            let rescale = Rescale {
+                slope,
+                intercept: 5.0,
+            };
+            let volume = ramp([11, 1, 1], rescale);
+            let mut intensities: Vec<f32> = volume
+                .voxels()
+                .iter()
+                .map(|&stored| volume.intensity(f32::from(stored)))
+                .collect();
+            intensities.sort_by(f32::total_cmp);
+            assert_eq!(
+                volume.percentiles([0.0, 0.5, 1.0]),
+                [intensities[0], intensities[5], intensities[10]]
+            );
         }
     }
 

@@ -16,4 +16,4 @@ mod sniff;
 
 pub use error::ImagingError;
 pub use limits::Limits;
-pub use sniff::{Format, sniff};
+pub use sniff::{Format, START_BYTES, sniff};

@@ -21,9 +21,18 @@ pub enum Format {
     Unknown,
 }
 
-/// The kind of a file that starts with `bytes`.
-///
-/// The first 540 bytes are enough; a gzip file needs some more. The reader checks the rest.
+impl Format {
+    /// Whether the file may contain DICOM: a DICOM file or a zip archive.
+    pub fn may_be_dicom(self) -> bool {
+        matches!(self, Self::Zip | Self::Dicom)
+    }
+}
+
+/// The number of bytes at the start of a file that identify its kind and contain the size of its volume, gzipped or
+/// not.
+pub const START_BYTES: u64 = 64 << 10;
+
+/// The kind of a file that starts with `bytes`: its first [`START_BYTES`], or fewer. The reader checks the rest.
 pub fn sniff(bytes: &[u8]) -> Format {
     if bytes.starts_with(&nifti::GZIP_MAGIC) {
         sniff_gzip(bytes)

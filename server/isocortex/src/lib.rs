@@ -1,5 +1,6 @@
 //! The program: configuration, and the commands that start the application.
 
+pub mod allocator;
 pub mod cli;
 pub mod config;
 pub mod logs;

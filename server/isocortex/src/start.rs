@@ -2,10 +2,15 @@
 
 use std::time::Duration;
 
+use axum::Router;
+use axum::response::IntoResponse as _;
 use cases::{Cases, Library};
+use http_support::problem::AppError;
+use pacs::{Pacs, Problems};
+use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions, UploadLimits};
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, DICOM_UNPACKING};
 
 /// Why a server cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -37,6 +42,49 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
     };
     let cases = Cases::open(config.cases()?).await?;
     Ok(AppState::new(cases, options))
+}
+
+/// What images from a PACS go to, on the application that is served.
+///
+/// # Errors
+/// If a node in the configuration cannot be used.
+pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
+    let options = pacs::Options {
+        uploads: pacs::UploadLimits {
+            max_bytes: config
+                .limits
+                .max_upload_bytes
+                .saturating_mul(DICOM_UNPACKING),
+            at_a_time: config.http.max_uploads,
+            idle: Duration::from_secs(config.http.upload_idle_secs),
+            whole: Duration::from_secs(config.http.upload_timeout_secs),
+        },
+        nodes: config.pacs.nodes()?,
+        serves_source: config.pacs.keep_source,
+        problems: Problems {
+            of_cases: |error| AppError::from(error).into_response(),
+            other: |status, kind, detail| {
+                let error = AppError::Beside {
+                    status,
+                    kind,
+                    detail,
+                };
+                error.into_response()
+            },
+        },
+    };
+    Ok(Pacs::new(cases.clone(), options))
+}
+
+/// Everything that is served over HTTP.
+pub fn router(state: &AppState, pacs: &Pacs) -> Router {
+    let (guarded, description) = pacs::guarded_routes(pacs);
+    let beside = Beside {
+        guarded,
+        description,
+        open: pacs::open_routes(),
+    };
+    app_beside(state.clone(), beside)
 }
 
 /// Opens the store for preparing cases only.

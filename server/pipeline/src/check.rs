@@ -6,7 +6,7 @@ use super::Limits;
 use super::brain::{Placed, closing_radius_mm, given_mask, moved};
 use super::extractor::network_missing;
 use super::failure::from_geometry;
-use super::source::{Source, read_sound_volume, read_volume};
+use super::source::{Source, read_sound_volume};
 use case::{Failure, MaskSource, Parameters};
 use geometry::Volume;
 
@@ -83,38 +83,31 @@ pub fn check(
     Ok(Checked { parameters, read })
 }
 
-/// The parameters for the preparation. If the brain must be extracted without a network, the method becomes `pruning`,
-/// so that the case differs from the one that a network would make from the same upload.
+/// The parameters for the preparation, and what was read to find them. If the brain must be extracted without a network,
+/// the method becomes `pruning`, so that the case differs from the one that a network would make from the same upload.
 ///
-/// An unreadable input changes nothing; the preparation reports what is wrong with it.
+/// An unusable input changes nothing; the preparation reports what is wrong with it.
 pub fn settled(
     source: &Source,
     parameters: Parameters,
     limits: &Limits,
     has_network: bool,
-) -> Parameters {
+) -> (Parameters, Option<ReadSource>) {
     let is_open = parameters.mask == MaskSource::Auto && source.mask.is_none() && !has_network;
-    if is_open
-        && let Ok(volume) = read_volume(source, limits)
-        && let Ok(None) = given_mask(source, &volume, (&parameters, limits))
-    {
-        return pruning(parameters);
+    if is_open && let Ok(checked) = check(source, parameters.clone(), limits, has_network) {
+        return (checked.parameters, Some(checked.read));
     }
-    parameters
+    (parameters, None)
 }
 
 /// The parameters of a preparation that extracts the brain.
 fn extracting(parameters: Parameters, has_network: bool) -> Result<Parameters, Failure> {
     match (parameters.mask, has_network) {
         (MaskSource::Network, false) => Err(network_missing()),
-        (MaskSource::Auto, false) => Ok(pruning(parameters)),
+        (MaskSource::Auto, false) => Ok(Parameters {
+            mask: MaskSource::Pruning,
+            ..parameters
+        }),
         _ => Ok(parameters),
-    }
-}
-
-fn pruning(parameters: Parameters) -> Parameters {
-    Parameters {
-        mask: MaskSource::Pruning,
-        ..parameters
     }
 }

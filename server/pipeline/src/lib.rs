@@ -11,6 +11,7 @@ mod cuts;
 mod extractor;
 mod failure;
 mod head_limits;
+pub mod layers;
 pub mod maps;
 mod own_mask;
 pub mod quality;
@@ -24,10 +25,11 @@ mod tests;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use analysis::{MidsagittalFit, midsagittal_fit};
 use bytes::Bytes;
 use case::{
-    CaseFacts, DicomFacts, Failure, ObjectKind, Parameters, PlaneFacts, Progress, SphereFacts,
-    Stage, WindowFacts,
+    CaseFacts, DicomFacts, Failure, FailureKind, ObjectKind, Parameters, PlaneFacts, Progress,
+    SphereFacts, Stage, WindowFacts,
 };
 use geometry::{
     BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
@@ -41,6 +43,7 @@ use self::failure::from_geometry;
 use self::source::{check_intensities, read_sound_volume};
 use self::steps::Steps;
 
+pub use self::affine::affine_of;
 pub use self::check::{Checked, Input, ReadSource, check, settled};
 pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
@@ -53,6 +56,8 @@ pub use imaging::Limits;
 pub struct Prepared {
     /// The brain mask on the working grid, before closing.
     pub brain: BrainMask,
+    /// The whole acquired volume.
+    pub native: Volume,
     /// Its model, with the distance map and the forest.
     pub built: BuiltModel,
     /// The facts for clients.
@@ -86,10 +91,8 @@ fn prepare(
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
-    let native_grid = native.grid().clone();
-    let quality = found.quality(closed.envelope(), &native_grid);
+    let quality = found.quality(closed.envelope(), native.grid());
     let volume = crop(&native, closed.envelope())?;
-    drop(native);
 
     let observe = |step| match stage_of(step) {
         Some(stage) => Ok(steps.begin(stage)?),
@@ -99,9 +102,9 @@ fn prepare(
     let built = built.map_err(|Refused(failure)| failure)?;
 
     let mut facts = CaseFacts {
-        native_size: native_grid.size(),
-        native_spacing_mm: native_grid.spacing_mm(),
-        native_patient_from_voxel: rows_of(native_grid.patient_from_voxel()),
+        native_size: native.grid().size(),
+        native_spacing_mm: native.grid().spacing_mm(),
+        native_patient_from_voxel: rows_of(native.grid().patient_from_voxel()),
         quality: Some(quality),
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
         ..facts(&built)
@@ -110,6 +113,7 @@ fn prepare(
     facts.timings = steps.timings();
     Ok(Prepared {
         brain: found.brain,
+        native,
         built,
         facts,
     })
@@ -199,7 +203,7 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
     let [low, high] = volume
         .percentiles_inside(distance.envelope(), [0.02, 0.98])
         .unwrap_or([intensity_min, intensity_max]);
-    let midsagittal = analysis::midsagittal_plane(distance.envelope(), volume);
+    let MidsagittalFit { plane, correlation } = midsagittal_fit(distance.envelope(), volume);
     let sphere = built.model.bounds();
     CaseFacts {
         grid_size: grid.size(),
@@ -213,8 +217,9 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
             radius_mm: sphere.radius_mm,
         },
         midsagittal: Some(PlaneFacts {
-            normal: midsagittal.normal().to_array(),
-            offset_mm: midsagittal.offset_mm(),
+            normal: plane.normal().to_array(),
+            offset_mm: plane.offset_mm(),
+            correlation: Some(correlation),
         }),
         cuts: cuts::cut_facts(distance.envelope().cuts()),
         pipeline: cuts::PIPELINE,
@@ -252,6 +257,7 @@ impl Derived {
     pub fn of(prepared: Prepared) -> Self {
         let Prepared {
             brain,
+            native,
             built,
             facts,
         } = prepared;
@@ -262,21 +268,40 @@ impl Derived {
         } = built;
         let (volume, default_paths) = model.into_stored();
         let envelope = distance.envelope();
-        let objects = vec![
-            (ObjectKind::Mask, encode_brain(&brain).into()),
-            (ObjectKind::Envelope, encode_envelope(envelope).into()),
-            (ObjectKind::Forest, encode_forest(&forest, envelope).into()),
-            (ObjectKind::Paths, encode_paths(&default_paths).into()),
-            (ObjectKind::Volume, encode_volume(&volume).into()),
-        ];
+        // The whole volume takes about as long as everything else.
+        let (mut objects, whole) = rayon::join(
+            || {
+                vec![
+                    (ObjectKind::Mask, encode_brain(&brain).into()),
+                    (ObjectKind::Envelope, encode_envelope(envelope).into()),
+                    (ObjectKind::Forest, encode_forest(&forest, envelope).into()),
+                    (ObjectKind::Paths, encode_paths(&default_paths).into()),
+                    (ObjectKind::Volume, encode_volume(&volume).into()),
+                ]
+            },
+            || (ObjectKind::WholeVolume, encode_volume(&native).into()),
+        );
+        objects.push(whole);
         Self { objects, facts }
     }
+}
+
+/// Threads for a preparation.
+fn pool_of(threads: usize) -> Result<rayon::ThreadPool, Failure> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|number| format!("preparation {number}"));
+    pool.build().map_err(|_| {
+        let detail = "no threads are available for the preparation";
+        Failure::new(FailureKind::Internal, "preparation-crashed", detail)
+    })
 }
 
 /// Prepares cases.
 #[derive(Debug, Clone, Default)]
 pub struct Pipeline {
     extractor: Arc<Extractor>,
+    threads: Option<usize>,
 }
 
 impl Pipeline {
@@ -284,6 +309,17 @@ impl Pipeline {
     pub fn new(extractor: Extractor) -> Self {
         Self {
             extractor: Arc::new(extractor),
+            threads: None,
+        }
+    }
+
+    /// The same with so many threads for each preparation; without this, all preparations share one for each CPU core.
+    /// The results do not depend on it.
+    #[must_use]
+    pub fn with_threads(self, threads: usize) -> Self {
+        Self {
+            threads: Some(threads),
+            ..self
         }
     }
 
@@ -323,6 +359,33 @@ impl Pipeline {
         cancelled: &AtomicBool,
     ) -> Result<Prepared, Failure> {
         let how = (parameters, limits, &*self.extractor);
-        prepare(input, how, Steps::new(observe, cancelled))
+        self.on_its_threads(|| prepare(input, how, Steps::new(observe, cancelled)))
+    }
+
+    /// The same, encoded for the store.
+    ///
+    /// # Errors
+    /// As [`Pipeline::prepare`].
+    pub fn derive(
+        &self,
+        input: Input<'_>,
+        parameters: &Parameters,
+        limits: &Limits,
+        observe: &(dyn Fn(Progress) + Sync),
+        cancelled: &AtomicBool,
+    ) -> Result<Derived, Failure> {
+        let how = (parameters, limits, &*self.extractor);
+        self.on_its_threads(|| prepare(input, how, Steps::new(observe, cancelled)).map(Derived::of))
+    }
+
+    fn on_its_threads<T: Send>(
+        &self,
+        work: impl FnOnce() -> Result<T, Failure> + Send,
+    ) -> Result<T, Failure> {
+        match self.threads {
+            // Its own threads: a shared one that waits for a turn to extract could be the one that has the turn.
+            Some(threads) => pool_of(threads)?.install(work),
+            None => work(),
+        }
     }
 }

@@ -1,10 +1,10 @@
 //! The maps of a case: the sharpness of its junction of grey and white matter, computed once and stored as one object.
 
 use analysis::{
-    Candidate, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined, MidsagittalPlane, Side,
-    StoredMap, WidthTable, midsagittal_plane,
+    Candidate, DepthBand, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined,
+    MidsagittalPlane, Side, StoredMap, WidthTable, midsagittal_plane,
 };
-use case::{CandidateFacts, CaseFacts, MapName, PatientSide, QualityState};
+use case::{CandidateFacts, CaseFacts, JunctionBandFacts, MapName, PatientSide, QualityState};
 use geometry::{DepthField, Envelope, Volume};
 use glam::DVec3;
 
@@ -20,6 +20,8 @@ pub struct CaseMaps {
     pub(crate) maps: Vec<StoredMap>,
     /// The most blurred places, the highest value first.
     pub candidates: Vec<CandidateFacts>,
+    /// How slantwise isosurfaces meet the junction, from the surface inwards.
+    pub junction_by_depth: Vec<JunctionBandFacts>,
 }
 
 /// The maps of a case, or the reason why it has none, as a sentence.
@@ -92,6 +94,7 @@ pub fn maps_of(
     let candidates = std::mem::take(&mut maps.candidates);
     Ok(CaseMaps {
         candidates: candidates.iter().map(candidate_facts).collect(),
+        junction_by_depth: maps.depth_bands.iter().map(junction_band_facts).collect(),
         maps: maps.into_maps(),
     })
 }
@@ -109,6 +112,22 @@ fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
     }
 }
 
+fn junction_band_facts(band: &DepthBand) -> JunctionBandFacts {
+    let &DepthBand {
+        from_mm,
+        to_mm,
+        places,
+        slanted_share,
+    } = band;
+    JunctionBandFacts {
+        from_mm,
+        to_mm,
+        places,
+        slanted_share,
+    }
+}
+
+/// The kind of a map in `analysis`, which does not know the names of the interfaces.
 fn kind_of(name: MapName) -> MapKind {
     match name {
         MapName::Blur => MapKind::Blur,
@@ -120,13 +139,8 @@ fn kind_of(name: MapName) -> MapKind {
 }
 
 fn name_of(kind: MapKind) -> MapName {
-    match kind {
-        MapKind::Blur => MapName::Blur,
-        MapKind::Sharpness => MapName::Sharpness,
-        MapKind::Asymmetry => MapName::Asymmetry,
-        MapKind::IntensityAsymmetry => MapName::IntensityAsymmetry,
-        MapKind::Junction => MapName::Junction,
-    }
+    let name = MapName::ALL.into_iter().find(|&name| kind_of(name) == kind);
+    name.expect("every kind has a name")
 }
 
 #[cfg(test)]

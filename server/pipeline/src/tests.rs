@@ -57,6 +57,10 @@ fn a_head_is_prepared_and_its_facts_are_those_of_its_parts() {
         plane.normal[0] > 0.999 && plane.offset_mm.abs() < 1.0,
         "{plane:?}"
     );
+    assert!(
+        (0.0..=1.0).contains(&plane.correlation.unwrap()),
+        "{plane:?}"
+    );
     let window = facts.window;
     assert!(facts.intensity_min < window.center && window.center < facts.intensity_max);
     assert!(window.width > 0.0 && window.width < facts.intensity_max);
@@ -100,6 +104,9 @@ fn what_is_stored_is_read_back_as_it_was() {
             }
             ObjectKind::Paths => assert!(decode_paths(&payload).as_ref() == Some(&paths)),
             ObjectKind::Volume => assert!(decode_volume(&payload).as_ref() == Some(&volume)),
+            ObjectKind::WholeVolume => {
+                assert!(decode_volume(&payload).as_ref() == Some(&phantom().volume));
+            }
             source => panic!("{source:?} is not derived"),
         }
     }
@@ -110,6 +117,34 @@ fn the_same_input_gives_the_same_bytes() {
     let source = upload(&phantom());
     let objects = || Derived::of(run(&source, &Parameters::default()).unwrap()).objects;
     assert!(objects() == objects());
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let mut inputs = vec![(upload(&phantom()), Parameters::default())];
+    if let Some(folder) = real_heads() {
+        let source = Source {
+            volume: read(&folder, "ixi012/t1.nii.gz"),
+            ..Source::default()
+        };
+        let parameters = Parameters {
+            mask: MaskSource::Pruning,
+            ..Parameters::default()
+        };
+        inputs.push((source, parameters));
+    }
+    for (source, parameters) in &inputs {
+        let with = |threads| {
+            let never = AtomicBool::new(false);
+            let pipeline = Pipeline::default().with_threads(threads);
+            let limits = Limits::default();
+            let prepared = pipeline.prepare(source, parameters, &limits, &|_| {}, &never);
+            let mut derived = Derived::of(prepared.unwrap());
+            derived.facts.timings.clear();
+            (derived.objects, derived.facts)
+        };
+        assert!(with(1) == with(3));
+    }
 }
 
 #[test]

@@ -5,8 +5,8 @@ use glam::{DQuat, DVec3};
 use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
-    Frame, FrameSize, Layer, Layers, Overlay, Projection, RenderRequest, SHORT_NOTICE, SlicePlane,
-    SliceRequest, Window,
+    ColorMap, Frame, FrameSize, Layer, LayerValues, Layers, Overlay, Projection, RenderRequest,
+    SHORT_NOTICE, SlicePlane, SliceRequest, Window,
 };
 
 /// The smallest side of an annotated picture, in pixels: the notice needs this much.
@@ -161,7 +161,7 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     let title = height / 2 + line;
     put(&layer.title(), title);
     let mut top = title + line + margin;
-    if let Some(threshold) = parameters.threshold {
+    if let Some(threshold) = parameters.threshold.filter(|_| !layer.has_labels()) {
         let text = if parameters.colormap.is_diverging() {
             format!("beyond ±{}", short(threshold))
         } else {
@@ -172,6 +172,9 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     }
     // The notice has the last line.
     let bottom = height - margin - line - margin;
+    if let LayerValues::Labels { names, .. } = layer.values() {
+        return label_list(canvas, names, [title + line, bottom, width]);
+    }
     if bottom - top < 2 * line {
         return;
     }
@@ -189,6 +192,33 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
             (below + share * (f32::from(level) - below) + 0.5) as u8
         });
         canvas.swatch([beside - line - margin, y], [line, 1], color);
+    }
+}
+
+/// The labels of an overlay with their colours, as many as fit.
+fn label_list(canvas: &mut Canvas, names: &[(u8, String)], [top, bottom, width]: [i32; 3]) {
+    let line = canvas.line_height();
+    let margin = line / 2;
+    let room = usize::try_from((bottom - top) / line).unwrap_or(0);
+    let shown = if names.len() > room {
+        room.saturating_sub(1)
+    } else {
+        names.len()
+    };
+    let colors = ColorMap::Labels.table();
+    let mut row = top;
+    for (code, name) in &names[..shown] {
+        let name = fitting(canvas, name, width / 3);
+        let left = width - margin - canvas.text_width(&name);
+        canvas.write(&name, left, row);
+        let place = [left - line - margin, row + line / 4];
+        canvas.swatch(place, [line, line / 2], colors[usize::from(*code)]);
+        row += line;
+    }
+    if shown < names.len() {
+        let more = format!("{} more", names.len() - shown);
+        let left = width - margin - canvas.text_width(&more);
+        canvas.write(&more, left, row);
     }
 }
 

@@ -209,7 +209,6 @@ mod tests {
         let limits = Limits {
             depth_voxels: 0.5,
             mean_difference: 3.0,
-            has_soft_edges: false,
         };
         check(RenderBackend::Splat, limits);
     }
@@ -220,7 +219,6 @@ mod tests {
         let limits = Limits {
             depth_voxels: 0.016,
             mean_difference: 0.0,
-            has_soft_edges: false,
         };
         check(RenderBackend::Trace, limits);
     }
@@ -230,7 +228,6 @@ mod tests {
         let limits = Limits {
             depth_voxels: 0.5,
             mean_difference: 3.0,
-            has_soft_edges: true,
         };
         check(RenderBackend::Mesh, limits);
     }

@@ -29,11 +29,13 @@ pub enum ColorMap {
     /// Sky blue through grey to orange, for overlays with two signs: all kinds of colour vision can distinguish the
     /// ends.
     BlueOrange,
+    /// Seven colours in turn, then the same mixed with white and with black: for labels.
+    Labels,
 }
 
 impl ColorMap {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Grey,
         Self::Inverted,
         Self::Hot,
@@ -41,9 +43,11 @@ impl ColorMap {
         Self::Bone,
         Self::VermilionYellow,
         Self::BlueOrange,
+        Self::Labels,
     ];
 
-    /// The name in the interfaces: `grey`, `inverted`, `hot`, `viridis`, `bone`, `vermilion-yellow`, `blue-orange`.
+    /// The name in the interfaces: `grey`, `inverted`, `hot`, `viridis`, `bone`, `vermilion-yellow`, `blue-orange`,
+    /// `labels`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Grey => "grey",
@@ -53,6 +57,7 @@ impl ColorMap {
             Self::Bone => "bone",
             Self::VermilionYellow => "vermilion-yellow",
             Self::BlueOrange => "blue-orange",
+            Self::Labels => "labels",
         }
     }
 
@@ -72,7 +77,8 @@ impl ColorMap {
     /// the range; bone is 7 parts grey and 1 part hot with red and blue exchanged. `viridis` is by N. J. Smith, S. van
     /// der Walt and E. Firing, given to the public domain (CC0), <https://bids.github.io/colormap/>. The ends of
     /// `vermilion-yellow` and `blue-orange` come from the palette for all kinds of colour vision by M. Okabe and K.
-    /// Ito, "Color Universal Design", 2002; between them, the colours are linear.
+    /// Ito, "Color Universal Design", 2002; between them, the colours are linear. `labels` is the same palette without
+    /// black.
     pub fn table(self) -> [[u8; 3]; 256] {
         match self {
             Self::Grey => table_of(|level| [level; 3]),
@@ -82,6 +88,7 @@ impl ColorMap {
             Self::Bone => table_of(bone),
             Self::VermilionYellow => table_of(|level| mixed(VERMILION, YELLOW, level)),
             Self::BlueOrange => table_of(blue_orange),
+            Self::Labels => std::array::from_fn(label_color),
         }
     }
 }
@@ -95,7 +102,7 @@ impl FromStr for ColorMap {
             .find(|map| map.name() == name)
             .ok_or(RenderError::UnknownName {
                 name: "colormap",
-                known: "grey, inverted, hot, viridis, bone, vermilion-yellow, blue-orange",
+                known: "grey, inverted, hot, viridis, bone, vermilion-yellow, blue-orange, labels",
             })
     }
 }
@@ -141,6 +148,31 @@ fn blue_orange(level: f64) -> [f64; 3] {
     }
 }
 
+/// The colours of labels: those of Okabe and Ito without black, those easy to tell apart first.
+const OF_LABELS: [[f64; 3]; 7] = [
+    VERMILION,
+    SKY_BLUE,
+    YELLOW,
+    [0.0, 158.0, 115.0],
+    [204.0, 121.0, 167.0],
+    ORANGE,
+    [0.0, 114.0, 178.0],
+];
+
+/// The colour of a label, from 1; 0 is none.
+fn label_color(number: usize) -> [u8; 3] {
+    let Some(number) = number.checked_sub(1) else {
+        return [0; 3];
+    };
+    let own = OF_LABELS[number % OF_LABELS.len()];
+    let (with, part) = match number / OF_LABELS.len() % 3 {
+        0 => (own, 0.0),
+        1 => ([255.0; 3], 0.5),
+        _ => ([0.0; 3], 0.4),
+    };
+    mixed(own, with, part).map(|share| (255.0 * share + 0.5) as u8)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -150,7 +182,8 @@ mod tests {
         let luma = |[red, green, blue]: [u8; 3]| {
             2126 * u32::from(red) + 7152 * u32::from(green) + 722 * u32::from(blue)
         };
-        for map in ColorMap::ALL.into_iter().filter(|map| !map.is_diverging()) {
+        let rises = |map: &ColorMap| !map.is_diverging() && *map != ColorMap::Labels;
+        for map in ColorMap::ALL.into_iter().filter(rises) {
             let mut table = map.table();
             if map == ColorMap::Inverted {
                 table.reverse();
@@ -228,6 +261,16 @@ mod tests {
             let [blue, orange] = [table[0], table[255]].map(|color| seen(by, color));
             assert!(distance(blue, orange) > 200.0, "{blue:?} {orange:?}");
         }
+    }
+
+    #[test]
+    fn twenty_one_labels_have_colours_of_their_own() {
+        let table = ColorMap::Labels.table();
+        assert_eq!(table[1], [213, 94, 0]);
+        for number in 1..=21 {
+            assert!(!table[1..number].contains(&table[number]), "{number}");
+        }
+        assert_eq!(table[22], table[1]);
     }
 
     #[test]

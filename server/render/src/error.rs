@@ -52,6 +52,9 @@ pub enum RenderError {
     /// The PNG could not be written.
     #[error("the picture could not be encoded as PNG")]
     PngEncoding,
+    /// The JPEG could not be written.
+    #[error("the picture could not be encoded as JPEG")]
+    JpegEncoding,
 }
 
 /// Returns `value` if it is in `accepted`; NaN never is.

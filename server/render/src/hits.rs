@@ -1,6 +1,7 @@
 //! The points of the surface that pixels show.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::Projection;
 
@@ -40,13 +41,30 @@ impl Hits {
         if x >= size.width() || y >= size.height() {
             return None;
         }
-        let index = y as usize * size.width() as usize + x as usize;
+        self.position_at(y as usize * size.width() as usize + x as usize)
+    }
+
+    /// The position in LPS mm of the surface at each pixel, row by row; NaN if it shows the background.
+    pub fn positions_in_patient(&self) -> Vec<[f32; 3]> {
+        let position = |index| match self.position_at(index) {
+            Some(position) => position.to_array().map(|coordinate| coordinate as f32),
+            None => [f32::NAN; 3],
+        };
+        (0..self.heights_mm.len())
+            .into_par_iter()
+            .map(position)
+            .collect()
+    }
+
+    /// The position at a pixel, counted row by row.
+    fn position_at(&self, index: usize) -> Option<DVec3> {
+        let width = self.projection.size().width() as usize;
+        let [x, y] = [index % width, index / width].map(|place| place as f64 + 0.5);
         let height_mm = f64::from(self.heights_mm[index]);
-        let position_in_frame = DVec3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, height_mm);
         height_mm.is_finite().then(|| {
             self.projection
                 .patient_from_frame()
-                .transform_point3(position_in_frame)
+                .transform_point3(DVec3::new(x, y, height_mm))
         })
     }
 }

@@ -24,6 +24,8 @@ const SOFT_PART: f64 = 0.1;
 pub struct Layer {
     name: String,
     unit: String,
+    /// The origin of its place, in words; empty if it is the case's own.
+    origin: String,
     size: [usize; 3],
     voxel_from_case: DAffine3,
     values: LayerValues,
@@ -43,6 +45,13 @@ pub enum LayerValues {
     },
     /// Numbers; a number that is not finite is undefined.
     Numbers(Vec<f32>),
+    /// Regions, which are never interpolated: a position has the label of its nearest voxel.
+    Labels {
+        /// The number of a colour for each voxel, 1 to 255; 0 is undefined.
+        codes: Vec<u8>,
+        /// The names of the labels with their colours, for a legend.
+        names: Vec<(u8, String)>,
+    },
 }
 
 impl Layer {
@@ -59,7 +68,7 @@ impl Layer {
         mut values: LayerValues,
     ) -> Result<Self, RenderError> {
         let count = match &mut values {
-            LayerValues::Codes { codes, .. } => codes.len(),
+            LayerValues::Codes { codes, .. } | LayerValues::Labels { codes, .. } => codes.len(),
             LayerValues::Numbers(numbers) => {
                 numbers.iter_mut().for_each(|number| {
                     if !number.is_finite() {
@@ -78,10 +87,28 @@ impl Layer {
         Ok(Self {
             name: name.to_owned(),
             unit: unit.to_owned(),
+            origin: String::new(),
             size: grid.size(),
             voxel_from_case: (case_from_layer * grid.patient_from_voxel()).inverse(),
             values,
         })
+    }
+
+    /// The same, with the origin of its place, which pictures state: `registered`.
+    #[must_use]
+    pub fn placed(self, origin: &str) -> Self {
+        let origin = origin.to_owned();
+        Self { origin, ..self }
+    }
+
+    /// The origin of its place; empty if it is the case's own.
+    pub fn origin(&self) -> &str {
+        &self.origin
+    }
+
+    /// Whether its values are labels, which are not interpolated.
+    pub fn has_labels(&self) -> bool {
+        matches!(self.values, LayerValues::Labels { .. })
     }
 
     /// Its name in legends.
@@ -94,11 +121,18 @@ impl Layer {
         &self.unit
     }
 
-    /// Name and unit for a legend: `sharpness (1/mm)`.
+    /// Name, unit and origin of the place for a legend: `sharpness (1/mm)`, `FLAIR, registered`.
     pub fn title(&self) -> String {
-        match (self.name.as_str(), self.unit.as_str()) {
-            (name, "") => name.to_owned(),
-            (name, unit) => format!("{name} ({unit})"),
+        let Self {
+            name, unit, origin, ..
+        } = self;
+        let unit = match unit.as_str() {
+            "" => String::new(),
+            unit => format!(" ({unit})"),
+        };
+        match origin.as_str() {
+            "" => format!("{name}{unit}"),
+            origin => format!("{name}{unit}, {origin}"),
         }
     }
 
@@ -128,7 +162,7 @@ impl Layer {
     /// Memory held by its voxels, in bytes.
     pub fn bytes(&self) -> usize {
         match &self.values {
-            LayerValues::Codes { codes, .. } => codes.len(),
+            LayerValues::Codes { codes, .. } | LayerValues::Labels { codes, .. } => codes.len(),
             LayerValues::Numbers(numbers) => 4 * numbers.len(),
         }
     }
@@ -143,6 +177,9 @@ impl Layer {
             LayerValues::Numbers(numbers) => {
                 LayerSampler::Numbers(Sampler::new(numbers, self.size))
             }
+            LayerValues::Labels { codes, .. } => {
+                LayerSampler::Labels(Sampler::new(codes, self.size))
+            }
         }
     }
 }
@@ -156,6 +193,7 @@ pub(crate) enum LayerSampler<'a> {
         offset: f32,
     },
     Numbers(Sampler<'a, f32>),
+    Labels(Sampler<'a, u8>),
 }
 
 impl LayerSampler<'_> {
@@ -183,6 +221,10 @@ impl LayerSampler<'_> {
                 let share = trilinear(defined, place);
                 let value = trilinear(known, place) / share.max(LEAST_SHARE);
                 [value, within(numbers, position, share)]
+            }
+            Self::Labels(codes) => {
+                let code = codes.nearest(position);
+                [code, within(codes, position, code.min(1.0))]
             }
         }
     }
@@ -428,6 +470,20 @@ mod tests {
         assert!((beside - 1.0).abs() < 0.01, "{beside}");
         assert_eq!(at(12.5, 22.0, 30.0), None);
         assert_eq!(at(16.0, 20.0, 30.0), None, "outside");
+    }
+
+    #[test]
+    fn labels_are_those_of_the_nearest_voxel() {
+        let codes = vec![1, 7, 5, 1, 0, 5, 1, 3, 5, 1, 3, 5];
+        let names = vec![(1, "one".to_owned())];
+        let labels = layer(LayerValues::Labels { codes, names });
+        let at = |x, y| labels.value_at(DVec3::new(x, y, 30.0));
+        assert_eq!([at(9.1, 20.0), at(10.9, 20.0)], [Some(1.0); 2]);
+        assert_eq!([at(11.1, 20.4), at(12.9, 20.9)], [Some(7.0); 2]);
+        assert_eq!([at(14.9, 20.0), at(12.0, 21.2)], [Some(5.0), None]);
+        assert_eq!(at(15.1, 20.0), None, "outside");
+        assert!(labels.has_labels());
+        assert_eq!(labels.placed("registered").title(), "blur (z), registered");
     }
 
     #[test]

@@ -27,6 +27,7 @@ mod frame;
 pub mod gpu;
 mod hits;
 mod isosurface;
+mod jpeg;
 mod known;
 mod layer;
 mod lettering;
@@ -43,6 +44,7 @@ mod seeds;
 mod settle;
 mod shade;
 mod sheet;
+mod silhouette;
 mod slice;
 mod splat;
 mod state;
@@ -58,6 +60,7 @@ pub use colormap::ColorMap;
 pub use error::RenderError;
 pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat, RenderedFrame};
 pub use hits::Hits;
+pub use jpeg::encode_jpeg;
 pub use layer::{
     KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues, Layers, Overlay, OverlayParameters,
     OverlayStyle,
@@ -69,7 +72,10 @@ pub use png::encode_png;
 pub use quality::draw_quality_sheet;
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};
-pub use slice::{MAX_CONTOURS, SliceParameters, SlicePlane, SliceRequest, draw_slice};
+pub use slice::{
+    MAX_CONTOURS, SliceConvention, SliceParameters, SlicePlane, SliceRequest, draw_acquired_slice,
+    draw_slice,
+};
 pub use splat::{draw_splat, draw_splat_while, splat_hits};
 pub use state::{sheet_texts, slice_texts, state_texts};
 pub use surface::Wanted;

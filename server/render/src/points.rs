@@ -10,8 +10,8 @@ pub(crate) struct PointRow {
     pub(crate) facing: Vec<f32>,
     /// About unit vectors into the brain, in patient space; empty if not needed.
     pub(crate) inward: Vec<[f32; 3]>,
-    /// The covered quarters of each pixel; empty if all pixels are covered fully.
-    pub(crate) quarters: Vec<u8>,
+    /// The covered share of each pixel, 0 to 1; empty if all pixels are covered whole.
+    pub(crate) coverage: Vec<f32>,
 }
 
 /// A point of the isosurface as [`PointRow`] keeps it.
@@ -29,7 +29,7 @@ impl PointRow {
             heights: vec![f32::NEG_INFINITY; width],
             facing: vec![0.0; width],
             inward: vec![[0.0; 3]; if with_inward { width } else { 0 }],
-            quarters: Vec::new(),
+            coverage: Vec::new(),
         }
     }
 

@@ -44,18 +44,19 @@ impl<'a> Texture<'a> {
     pub(crate) fn of(scene: &Scene<'a>) -> Self {
         match scene.layers.base {
             Some(layer) => Self::Layer(layer.sampler()),
-            None => Self::Volume(Sampler::new(
-                scene.volume.voxels(),
-                scene.volume.grid().size(),
-            )),
+            None => Self::of_volume(scene.volume),
         }
+    }
+
+    pub(crate) fn of_volume(volume: &'a Volume) -> Self {
+        Self::Volume(Sampler::new(volume.voxels(), volume.grid().size()))
     }
 
     /// The value at a position in voxel coordinates; `None` if outside or undefined.
     #[inline]
     pub(crate) fn at(&self, position: [f32; 3]) -> Option<f32> {
         match self {
-            Self::Volume(volume) => volume.contains(position).then(|| volume.at(position)),
+            Self::Volume(volume) => volume.value_at(position),
             Self::Layer(layer) => layer.value_at(position),
         }
     }
@@ -222,10 +223,10 @@ impl<'a> Shade<'a> {
             PixelFormat::Rgba8 => 3,
         };
         let pixels = pixels.chunks_exact_mut(self.format.bytes_per_pixel());
-        for (pixel, &quarters) in pixels.zip(&points.quarters) {
-            if quarters < 4 {
+        for (pixel, &coverage) in pixels.zip(&points.coverage) {
+            if coverage < 1.0 {
                 for level in &mut pixel[first..] {
-                    *level = ((u16::from(*level) * u16::from(quarters) + 2) / 4) as u8;
+                    *level = nearest(f32::from(*level) * coverage);
                 }
             }
         }

@@ -76,6 +76,10 @@ fn layer_texts(layers: &Layers<'_>) -> Vec<(&'static str, String)> {
     let mut texts = Vec::new();
     if let Some(base) = layers.base {
         texts.push(("layer", base.name().to_owned()));
+        if !base.origin().is_empty() {
+            texts.push(("layer_unit", base.unit().to_owned()));
+            texts.push(("layer_place", base.origin().to_owned()));
+        }
     }
     if let Some(overlay) = layers.overlay {
         let parameters = overlay.style.parameters();
@@ -88,6 +92,10 @@ fn layer_texts(layers: &Layers<'_>) -> Vec<(&'static str, String)> {
             ("overlay_threshold", threshold.unwrap_or_default()),
             ("overlay_opacity", parameters.opacity.to_string()),
         ]);
+        if !overlay.layer.origin().is_empty() {
+            texts.push(("overlay_unit", overlay.layer.unit().to_owned()));
+            texts.push(("overlay_place", overlay.layer.origin().to_owned()));
+        }
     }
     texts
 }

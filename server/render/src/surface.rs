@@ -1,12 +1,15 @@
 //! The surface that the pixels of a picture show, for every renderer.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::known::{cut_planes, leave_bare};
 use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::shade::Shade;
-use crate::{Frame, Hits, Projection, RenderRequest, Scene};
+use crate::silhouette::Silhouette;
+use crate::{Frame, FrameSize, Hits, Projection, RenderRequest, Scene};
 
 /// Rows per piece of work of a thread.
 pub(crate) const BAND: usize = 16;
@@ -15,6 +18,9 @@ pub(crate) const BAND: usize = 16;
 pub(crate) trait Surface: Sync {
     /// Writes what each pixel of some rows shows, from row `first` on; `rows` hold nothing before.
     fn find_rows(&self, first: usize, rows: &mut [PointRow]);
+
+    /// The edges of its picture; `None` if [`Surface::find_rows`] says how much of each pixel is covered.
+    fn silhouette(&self) -> Option<Silhouette<'_>>;
 }
 
 /// The picture of a surface.
@@ -31,17 +37,94 @@ pub(crate) fn draw(
     let with_inward = shade.asks_for_inward();
     let planes = cut_planes(scene.field, request.parameters().depth_mm);
     let rays = working_rays(scene, projection);
-    for_each_row(
-        surface,
-        projection,
-        with_inward,
-        &mut bytes,
-        |row, points, pixels| {
-            leave_bare(&planes, &rays, row, points);
-            shade.row(row, points, pixels);
-        },
-    );
+    let finish = |row: usize, points: &mut PointRow, pixels: &mut [u8]| {
+        leave_bare(&planes, &rays, row, points);
+        shade.row(row, points, pixels);
+    };
+    match surface.silhouette() {
+        Some(silhouette) => {
+            let picture = Softened {
+                surface,
+                silhouette,
+                size,
+                with_inward,
+            };
+            picture.for_each_row(&mut bytes, finish);
+        }
+        None => for_each_row(surface, projection, with_inward, &mut bytes, finish),
+    }
     Frame::new(size, shade.format(), bytes)
+}
+
+/// Draws a surface band by band, with soft edges.
+struct Softened<'a, S> {
+    surface: &'a S,
+    silhouette: Silhouette<'a>,
+    size: FrameSize,
+    with_inward: bool,
+}
+
+impl<S: Surface> Softened<'_, S> {
+    /// Calls `finish` with each row's number, points and pixels, on all threads.
+    ///
+    /// Where the edge lies in a row is known from the rows above and below: the last row of a band and the first of the next
+    /// one are finished when all bands have been found.
+    fn for_each_row(
+        &self,
+        pixels: &mut [u8],
+        finish: impl Fn(usize, &mut PointRow, &mut [u8]) + Sync,
+    ) {
+        let height = self.size.height() as usize;
+        let per_row = pixels.len() / height;
+        let finish_rows =
+            |first: usize, rows: &mut [PointRow], inner: Range<usize>, pixels: &mut [u8]| {
+                self.silhouette.soften(first, rows, inner.clone());
+                for (row, pixels) in inner.zip(pixels.chunks_exact_mut(per_row)) {
+                    finish(first + row, &mut rows[row], pixels);
+                }
+            };
+        let mut ends: Vec<[Vec<PointRow>; 2]> = pixels
+            .par_chunks_mut(per_row * BAND)
+            .enumerate()
+            .map(|(band, pixels)| {
+                let first = band * BAND;
+                let mut rows = vec![
+                    PointRow::new(self.size.width() as usize, self.with_inward);
+                    pixels.len() / per_row
+                ];
+                self.surface.find_rows(first, &mut rows);
+                let count = rows.len();
+                let ends = [
+                    rows[..count.min(2)].to_vec(),
+                    rows[count.saturating_sub(2)..].to_vec(),
+                ];
+                let from = usize::from(first > 0);
+                let to = count - usize::from(first + count < height);
+                if from < to {
+                    finish_rows(first, &mut rows, from..to, &mut pixels[from * per_row..]);
+                }
+                ends
+            })
+            .collect();
+        let beside: Vec<Vec<PointRow>> = (1..ends.len())
+            .map(|band| {
+                let [_, above] = &mut ends[band - 1];
+                let mut rows = std::mem::take(above);
+                rows.append(&mut ends[band][0]);
+                rows
+            })
+            .collect();
+        let Some(pixels) = pixels.get_mut((BAND - 1) * per_row..) else {
+            return;
+        };
+        pixels
+            .par_chunks_mut(per_row * BAND)
+            .zip(beside)
+            .enumerate()
+            .for_each(|(band, (pixels, mut rows))| {
+                finish_rows((band + 1) * BAND - 2, &mut rows, 1..3, pixels);
+            });
+    }
 }
 
 /// Whether a picture is still wanted. Called repeatedly while it is drawn, from any thread.
@@ -70,6 +153,10 @@ impl<S: Surface> Surface for WhileWanted<'_, S> {
         if (self.is_wanted)() {
             self.surface.find_rows(first, rows);
         }
+    }
+
+    fn silhouette(&self) -> Option<Silhouette<'_>> {
+        self.surface.silhouette()
     }
 }
 

@@ -10,13 +10,14 @@ use axum::response::IntoResponse;
 use cases::Error;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
+use utoipa::openapi::OpenApi;
 
-use crate::auth::{self, Access};
-use crate::logs::{self, MakeId, REQUEST_ID};
-use crate::metrics::Metrics;
-use crate::problem::AppError;
 use crate::routes;
 use crate::state::AppState;
+use http_support::auth::{self, Access};
+use http_support::logs::{self, MakeId, REQUEST_ID};
+use http_support::metrics::Metrics;
+use http_support::problem::AppError;
 
 /// Headers of every answer: nothing from another host, no frames, no guessed types.
 const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
@@ -41,12 +42,39 @@ const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
     ),
 ];
 
+/// Routes of another protocol, which stand beside those of the service and behind the same guards.
+pub struct Beside {
+    /// Those that need the token.
+    pub guarded: Router,
+    /// Their description.
+    pub description: OpenApi,
+    /// Those that need none, because they show no data.
+    pub open: Router,
+}
+
 /// Builds the whole service. Serve it, or call `oneshot` without a socket.
 pub fn app(state: AppState) -> Router {
     let (routes, openapi) = routes::all(&state);
+    finish(state, routes, &openapi)
+}
+
+/// As [`app`], with the routes of another protocol.
+pub fn app_beside(state: AppState, beside: Beside) -> Router {
+    let (routes, openapi) = routes::all(&state);
+    let mut description = beside.description;
+    routes::guarded::describe(&mut description);
+    let guard = middleware::from_fn_with_state(Access::from_ref(&state), auth::require_token);
+    let guarded = beside.guarded.route_layer(guard);
+    let routes = routes
+        .merge(guarded.with_state(()))
+        .merge(beside.open.with_state(()));
+    finish(state, routes, &openapi.merge_from(description))
+}
+
+fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Router {
     let (access, metrics) = (Access::from_ref(&state), Metrics::from_ref(&state));
     routes
-        .merge(routes::documents::routes(&openapi))
+        .merge(routes::documents::routes(openapi))
         .fallback(|| async { AppError::NoSuchRoute })
         .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
         .layer(middleware::from_fn_with_state(access, auth::guard_origin))

@@ -7,10 +7,10 @@ use axum::extract::FromRef;
 use cases::{Cases, Error};
 use tokio::sync::{Semaphore, SemaphorePermit, watch};
 
-use crate::auth::Access;
-use crate::metrics::Metrics;
-use crate::problem::AppError;
 use crate::routes::bodies::Bodies;
+use http_support::auth::Access;
+use http_support::metrics::Metrics;
+use http_support::problem::AppError;
 
 /// What HTTP may ask of the server, and who may ask.
 #[derive(Debug, Clone)]

@@ -9,10 +9,6 @@ use crate::translate::{Translated, validated};
 
 /// The listing of names and offsets for the page.
 pub(crate) fn listing(translated: &[(&str, Translated)]) -> String {
-    let mut shaders = PAGE_SHADERS.iter();
-    let shrink = shaders.find(|shader| shader.file == "shrink.vert.glsl");
-    let shrink = shrink.expect("the page has this shader");
-    let (module, _) = validated(shrink.source);
     let quoted = |pairs: &BTreeMap<String, String>| {
         let pairs = pairs
             .iter()
@@ -39,8 +35,12 @@ pub(crate) fn listing(translated: &[(&str, Translated)]) -> String {
         );
     }
     json.push_str("  },\n  \"blocks\": {\n");
-    for (name, comma) in [("Picture", ","), ("Paths", "")] {
-        let (fields, bytes) = layout(&module, name);
+    for (name, file, comma) in [
+        ("Picture", "shrink.vert.glsl", ","),
+        ("Paths", "shrink.vert.glsl", ","),
+        ("Contours", "slice.frag.glsl", ""),
+    ] {
+        let (fields, bytes) = layout(&module_of(file), name);
         let fields: Vec<_> = fields
             .into_iter()
             .map(|(field, offset)| format!("        {field:?}: {offset}"))
@@ -53,6 +53,13 @@ pub(crate) fn listing(translated: &[(&str, Translated)]) -> String {
     }
     json.push_str("  }\n}\n");
     json
+}
+
+/// The module of one of the page's shaders.
+fn module_of(file: &str) -> naga::Module {
+    let mut shaders = PAGE_SHADERS.iter();
+    let found = shaders.find(|shader| shader.file == file);
+    validated(found.expect("the page has this shader").source).0
 }
 
 /// The names and offsets of a struct's fields, and its size.

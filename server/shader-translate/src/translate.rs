@@ -127,6 +127,7 @@ mod tests {
         for (vertex, fragment) in [
             ("screen.vert.glsl", "reduce.frag.glsl"),
             ("screen.vert.glsl", "trace.frag.glsl"),
+            ("screen.vert.glsl", "slice.frag.glsl"),
         ] {
             let [vertex, fragment] = [vertex, fragment].map(|file| {
                 let mut shaders = PAGE_SHADERS.iter();

@@ -5,14 +5,20 @@
 //! that returns a [`RowsSubject`] on an empty database.
 #![expect(missing_docs, reason = "the names of the checks are sentences")]
 
+mod arrivals;
+mod layers;
 mod objects;
+mod results;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
 
+pub use self::arrivals::*;
+pub use self::layers::*;
 pub use self::objects::objects_do_what_they_must;
+pub use self::results::*;
 
 use super::ObjectName;
 use super::rows::{CaseRows, Inserted, NewCase, Pinned, Published, Release, Sweep};
@@ -65,6 +71,7 @@ macro_rules! rows_conformance {
                 a_published_case_is_ready_and_its_job_is_gone
                 progress_is_told_and_a_lease_renewed
                 what_two_cases_need_goes_with_the_second
+                a_case_expires_unless_it_is_kept_or_uploaded_again
                 a_pin_protects_until_it_expires
                 what_is_being_removed_cannot_be_pinned
                 a_sweep_that_was_killed_is_finished_by_another
@@ -75,6 +82,26 @@ macro_rules! rows_conformance {
                 a_case_of_another_store_is_adopted_as_it_is_there
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
+                an_image_is_received_once
+                a_series_is_due_when_nothing_came_for_a_while
+                a_series_with_all_announced_images_waits_no_longer
+                a_late_image_fences_the_reader_off_and_makes_the_series_due_again
+                a_series_that_is_not_t1_waits_for_a_case_of_its_study
+                an_image_is_kept_until_its_series_is_forgotten_or_its_case_deleted
+                cases_are_found_by_their_series
+                series_are_listed_newest_first_in_pages
+                a_retrieval_is_queued_once_and_leased_until_it_ends
+                a_result_is_queued_once_for_a_node_and_sent_until_it_is_there
+                a_result_is_kept_until_it_is_forgotten_or_its_case_deleted
+                a_layer_is_inserted_once_and_as_many_as_may
+                layers_are_named_and_ordered
+                a_layer_is_leased_once_its_case_is_ready
+                a_layer_that_waits_fails_with_its_case
+                a_layer_fails_and_is_queued_again
+                a_lost_object_of_a_layer_is_made_again_and_its_place_stays
+                a_version_keeps_the_layers_of_its_case
+                a_layer_of_a_deleted_case_cannot_be_published
+                a_layer_of_another_store_is_adopted_as_it_is_there
             }
     };
     (@in_turn $make:expr; $($check:ident)+) => {{
@@ -386,6 +413,59 @@ pub async fn what_two_cases_need_goes_with_the_second(subject: &RowsSubject) {
     let looked_at = rows.abandoned(10).await.unwrap();
     assert_eq!(removed(rows, &looked_at).await, first.sources.names);
     assert!(rows.abandoned(10).await.unwrap().is_empty());
+}
+
+pub async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let age = Duration::from_secs(86_400);
+    let mut cases = Vec::new();
+    for name in ["old", "kept", "again", "queued", "failed"] {
+        cases.push(insert(rows, name).await);
+        subject.pass(1);
+    }
+    for name in ["old", "kept", "again"] {
+        let claim = claim(rows).await.unwrap();
+        let derived = derived(rows, name).await;
+        let published = rows.publish(&claim, &derived, &facts()).await.unwrap();
+        assert_eq!(published, Published::Done);
+    }
+    // The last one is leased and fails; the one before it is leased and goes on.
+    let _at_work = claim(rows).await.unwrap();
+    let failing = claim(rows).await.unwrap();
+    assert!(rows.fail(&failing, &failure()).await.unwrap());
+    let [old, kept, again, queued, failed] = [0, 1, 2, 3, 4].map(|number| cases[number].id);
+    assert!(rows.keep(&kept, true).await.unwrap());
+    assert!(rows.case(&kept).await.unwrap().unwrap().kept);
+    assert_eq!(rows.expired(age, 10).await.unwrap(), []);
+
+    subject.pass(86_400 - 60);
+    let new = new_case(rows, "again").await;
+    assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Exists);
+    assert!(rows.uploaded_again(&again).await.unwrap());
+    let case = rows.case(&again).await.unwrap().unwrap();
+    assert!(case.uploaded_at > case.created_at);
+    subject.pass(120);
+    assert_eq!(rows.expired(age, 10).await.unwrap(), [old, failed]);
+    assert_eq!(rows.expired(age, 1).await.unwrap(), [old]);
+    for (id, is_deleted) in [
+        (old, true),
+        (kept, false),
+        (again, false),
+        (queued, false),
+        (old, false),
+    ] {
+        assert_eq!(
+            rows.delete_expired(&id, age).await.unwrap(),
+            is_deleted,
+            "{id}"
+        );
+    }
+    assert_eq!(rows.objects(&old).await.unwrap(), []);
+
+    // No longer kept, it is as old as it is.
+    assert!(rows.keep(&kept, false).await.unwrap());
+    assert_eq!(rows.expired(age, 10).await.unwrap(), [kept, failed]);
+    assert!(!rows.keep(&old, true).await.unwrap(), "it is gone");
 }
 
 pub async fn a_pin_protects_until_it_expires(subject: &RowsSubject) {

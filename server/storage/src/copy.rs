@@ -1,8 +1,9 @@
 //! Copies one store into another: a move between back ends, or a backup.
 
-use super::objects::Unreadable;
+use case::{CaseId, CaseState, Layer};
+use objects::Unreadable;
+
 use super::{ObjectName, Store, StoreError};
-use case::{CaseId, CaseState};
 
 /// The result of a copy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -15,7 +16,7 @@ pub struct Copied {
     pub bytes: u64,
     /// Intact objects that the target already had.
     pub kept: u64,
-    /// Cases that were not copied, because a source is missing or damaged.
+    /// Cases and layers that were not copied, because a source is missing or damaged.
     pub lost: u64,
 }
 
@@ -26,7 +27,7 @@ impl Store {
     ///
     /// A case that is not prepared yet is prepared there. Each object is verified against its digest when it is read,
     /// and read back after it is written. `report` receives each case with the result so far, and `false` if the case
-    /// was not copied.
+    /// or one of its layers was not copied.
     ///
     /// # Errors
     /// If a store cannot be reached.
@@ -77,6 +78,43 @@ impl Store {
         if other.rows().adopt(&case, &pinned).await? {
             copied.cases += 1;
         }
+        if let Some(series) = self.rows().series_of(id).await? {
+            other.rows().index_series(&series).await?;
+        }
+        other.abandon(&pinned).await;
+        let mut is_whole = true;
+        for layer in self.layers(id).await? {
+            is_whole &= self.copy_layer(other, layer, copied).await?;
+        }
+        Ok(is_whole)
+    }
+
+    /// Returns `false` if a source is lost.
+    async fn copy_layer(
+        &self,
+        other: &Self,
+        mut layer: Layer,
+        copied: &mut Copied,
+    ) -> Result<bool, StoreError> {
+        let mut names = self.rows().layer_objects(&layer.case, &layer.id).await?;
+        if layer.state != CaseState::Ready {
+            names.retain(|name| name.kind.is_source());
+        }
+        let mut pinned = other.pin(names.iter().copied()).await?;
+        for name in &names {
+            if self.copy_object(other, name, copied).await? {
+                continue;
+            }
+            if name.kind.is_source() {
+                copied.lost += 1;
+                other.abandon(&pinned).await;
+                return Ok(false);
+            }
+            // It is made again from the source; its placement stays.
+            layer.state = CaseState::Queued;
+            pinned.names.retain(|pinned| pinned != name);
+        }
+        other.rows().adopt_layer(&layer, &pinned).await?;
         other.abandon(&pinned).await;
         Ok(true)
     }
@@ -93,12 +131,12 @@ impl Store {
                 copied.kept += 1;
                 return Ok(true);
             }
-            Err(Unreadable::Store(error)) => return Err(error),
+            Err(Unreadable::Store(error)) => return Err(error.into()),
             Err(_) => {}
         }
         let framed = match self.objects().get_framed(name).await {
             Ok(framed) => framed,
-            Err(Unreadable::Store(error)) => return Err(error),
+            Err(Unreadable::Store(error)) => return Err(error.into()),
             Err(_) => return Ok(false),
         };
         copied.objects += 1;
@@ -106,7 +144,7 @@ impl Store {
         other.objects().put_framed(name, framed).await?;
         match other.objects().get(name).await {
             Ok(_) => Ok(true),
-            Err(Unreadable::Store(error)) => Err(error),
+            Err(Unreadable::Store(error)) => Err(error.into()),
             Err(fault) => Err(StoreError::Objects(Box::new(fault))),
         }
     }

@@ -3,17 +3,19 @@
 use std::error::Error;
 use std::io::ErrorKind;
 
+use objects::{BUCKET, ObjectError};
 use sqlx::error::DatabaseError;
 
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
 const FULL: [&str; 2] = ["13", "53100"];
 
+/// The codes for a disk that cannot be written: SQLite's for a file system that has become read-only, and for writing, `fsync` (also of a
+/// directory), cutting and removing a file; PostgreSQL's for an error of its disk.
+const UNWRITABLE: [&str; 7] = ["8", "778", "1034", "1290", "1546", "2570", "58030"];
+
 /// PostgreSQL's codes for a server that is stopping or starting, has too many connections, has become a standby, or
 /// made a transaction wait for too long.
 const AWAY: [&str; 6] = ["57P01", "57P02", "57P03", "53300", "25006", "55P03"];
-
-/// What `object_store` calls a bucket in its errors.
-pub(super) const BUCKET: &str = "S3";
 
 /// The reason why an operation of the store failed. The sentences may be shown to clients; the sources are for the log.
 #[derive(Debug, thiserror::Error)]
@@ -42,6 +44,9 @@ pub enum StoreError {
     /// The facts of a case differ from what was written.
     #[error("the facts of a case are damaged")]
     DamagedFacts(case::CaseId),
+    /// The facts of a layer differ from what was written.
+    #[error("the facts of a layer are damaged")]
+    DamagedLayer(case::CaseId, case::LayerId),
     /// The objects cannot be read or written.
     #[error("the object store failed")]
     Objects(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -73,21 +78,36 @@ impl StoreError {
 
     /// Whether the reason is a full disk or an exhausted quota.
     pub fn is_full(&self) -> bool {
-        let reasons = std::iter::successors(Some(self as &dyn Error), |&error| error.source());
-        reasons.into_iter().any(|error| {
+        self.reasons().any(|error| {
             let is_full = |kind| matches!(kind, ErrorKind::StorageFull | ErrorKind::QuotaExceeded);
             let from_disk = error
                 .downcast_ref::<std::io::Error>()
                 .map(std::io::Error::kind);
-            let from_rows = error
-                .downcast_ref::<sqlx::Error>()
-                .and_then(sqlx::Error::as_database_error);
-            from_disk.is_some_and(is_full)
-                || from_rows
-                    .and_then(DatabaseError::code)
-                    .is_some_and(|code| FULL.contains(&&*code))
+            from_disk.is_some_and(is_full) || has_code(error, &FULL)
         })
     }
+
+    /// Whether the reason is a disk that has room but cannot be written. What is stored may still be readable.
+    pub fn is_unwritable(&self) -> bool {
+        let is_unwritable = matches!(self, Self::Disk(_))
+            || self.reasons().any(|error| has_code(error, &UNWRITABLE));
+        is_unwritable && !self.is_full()
+    }
+
+    /// This error and its sources.
+    fn reasons(&self) -> impl Iterator<Item = &(dyn Error + 'static)> {
+        std::iter::successors(Some(self as &dyn Error), |&error| error.source())
+    }
+}
+
+/// Whether a database reported one of these codes.
+fn has_code(error: &(dyn Error + 'static), codes: &[&str]) -> bool {
+    let from_rows = error
+        .downcast_ref::<sqlx::Error>()
+        .and_then(sqlx::Error::as_database_error);
+    from_rows
+        .and_then(DatabaseError::code)
+        .is_some_and(|code| codes.contains(&&*code))
 }
 
 impl From<sqlx::Error> for StoreError {
@@ -108,9 +128,15 @@ impl From<serde_json::Error> for StoreError {
     }
 }
 
-impl From<object_store::Error> for StoreError {
-    fn from(error: object_store::Error) -> Self {
-        Self::Objects(Box::new(error))
+impl From<ObjectError> for StoreError {
+    fn from(error: ObjectError) -> Self {
+        match error {
+            ObjectError::Store(source) => Self::Objects(source),
+            ObjectError::Disk(source) => Self::Disk(source),
+            ObjectError::Stopped(source) => Self::Stopped(source),
+            // Unreachable until a reason is added.
+            other => Self::Objects(Box::new(other)),
+        }
     }
 }
 
@@ -126,7 +152,106 @@ mod tests {
             store: "directory",
             source: Box::new(std::io::Error::from(ErrorKind::QuotaExceeded)),
         };
-        assert!(StoreError::from(object).is_full());
+        assert!(StoreError::from(ObjectError::from(object)).is_full());
         assert!(!StoreError::QueueFull.is_full());
+    }
+
+    /// An error of a database with this code.
+    #[derive(Debug, thiserror::Error)]
+    #[error("a message with the CANARY")]
+    struct Coded(&'static str);
+
+    impl DatabaseError for Coded {
+        fn message(&self) -> &str {
+            "a message with the CANARY"
+        }
+
+        fn code(&self) -> Option<std::borrow::Cow<'_, str>> {
+            Some(self.0.into())
+        }
+
+        fn as_error(&self) -> &(dyn Error + Send + Sync + 'static) {
+            self
+        }
+
+        fn as_error_mut(&mut self) -> &mut (dyn Error + Send + Sync + 'static) {
+            self
+        }
+
+        fn into_error(self: Box<Self>) -> Box<dyn Error + Send + Sync + 'static> {
+            self
+        }
+
+        fn kind(&self) -> sqlx::error::ErrorKind {
+            sqlx::error::ErrorKind::Other
+        }
+    }
+
+    fn of_objects(store: &'static str) -> StoreError {
+        let source = "the CANARY does not answer".into();
+        ObjectError::from(object_store::Error::Generic { store, source }).into()
+    }
+
+    #[test]
+    fn what_passes_by_itself_is_told_from_what_does_not() {
+        let coded = |code| StoreError::from(sqlx::Error::Database(Box::new(Coded(code))));
+        let io = || std::io::Error::from(ErrorKind::ConnectionRefused);
+        let away = [true, false, false];
+        let full = [false, true, false];
+        let unwritable = [false, false, true];
+        let none = [false, false, false];
+        for (error, expected) in [
+            (sqlx::Error::PoolTimedOut.into(), away),
+            (sqlx::Error::Io(io()).into(), away),
+            (coded("57P01"), away),
+            (coded("53300"), away),
+            (of_objects(BUCKET), away),
+            (coded("13"), full),
+            (coded("53100"), full),
+            (std::io::Error::from(ErrorKind::StorageFull).into(), full),
+            (coded("778"), unwritable),
+            (coded("1034"), unwritable),
+            (coded("8"), unwritable),
+            (coded("58030"), unwritable),
+            (io().into(), unwritable),
+            // SQLite could not read.
+            (coded("266"), none),
+            (coded("23505"), none),
+            (sqlx::Error::RowNotFound.into(), none),
+            (of_objects("LocalFileSystem"), none),
+            (StoreError::QueueFull, none),
+        ] {
+            let found = [error.is_away(), error.is_full(), error.is_unwritable()];
+            assert_eq!(found, expected, "{error:?}");
+        }
+    }
+
+    #[test]
+    fn the_sentences_name_no_cause_and_what_can_be_done() {
+        let canary = || std::io::Error::other("/home/CANARY");
+        for (error, words) in [
+            (StoreError::from(canary()), "the disk of the store failed"),
+            (
+                sqlx::Error::Io(canary()).into(),
+                "the database of the store failed",
+            ),
+            (of_objects(BUCKET), "the object store failed"),
+            (
+                StoreError::QueueFull,
+                "too many cases are waiting to be prepared",
+            ),
+            (
+                StoreError::NewerSchema { found: 9, known: 7 },
+                "its schema is 9, this version knows up to 7",
+            ),
+            (
+                StoreError::DamagedFile("a page is out of order".to_owned()),
+                "(a page is out of order); restore `rows.sqlite` from a backup",
+            ),
+        ] {
+            let sentence = error.to_string();
+            assert!(sentence.contains(words), "{sentence}");
+            assert!(!sentence.contains("CANARY"), "{sentence}");
+        }
     }
 }

@@ -1,8 +1,9 @@
 //! Checks that everything stored is present and intact.
 
-use super::objects::Unreadable;
+use case::{Case, CaseId, ObjectKind};
+use objects::Unreadable;
+
 use super::{Cursor, ObjectName, REMOVALS_AT_ONCE, Store, StoreError};
-use case::{Case, CaseId};
 
 /// The number of cases to read at a time.
 const CASES_AT_ONCE: usize = 100;
@@ -10,11 +11,15 @@ const CASES_AT_ONCE: usize = 100;
 /// A problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Finding {
-    /// An object of a case is missing.
+    /// An object of a case or of a layer is missing.
     Missing(CaseId, ObjectName),
-    /// An object of a case is damaged.
+    /// An object of a case or of a layer is damaged.
     Damaged(CaseId, ObjectName),
-    /// An object that no case needs and no process is about to need.
+    /// An image that came from a PACS and is part of no case yet, or a result for one, is missing.
+    MissingForPacs(ObjectName),
+    /// Such an image or result is damaged.
+    DamagedForPacs(ObjectName),
+    /// An object that no case and no layer needs and no process is about to need.
     Unreferenced(ObjectName),
 }
 
@@ -23,10 +28,17 @@ pub enum Finding {
 pub struct Inspected {
     /// Cases.
     pub cases: u64,
-    /// Objects that cases need, each counted for each case.
+    /// Objects that cases and their layers need, each counted for each case; images from a PACS, and results for one.
     pub objects: u64,
     /// Bytes of their payloads, unpacked.
     pub bytes: u64,
+}
+
+/// The state of an object.
+enum Found {
+    Sound,
+    Missing,
+    Damaged,
 }
 
 impl Store {
@@ -46,6 +58,9 @@ impl Store {
             for case in cases {
                 self.inspect_case(&case.id, &mut inspected, report).await?;
             }
+        }
+        for kind in [ObjectKind::Instance, ObjectKind::Result] {
+            self.inspect_for_pacs(kind, &mut inspected, report).await?;
         }
         for some in self.objects().list().await?.chunks(REMOVALS_AT_ONCE) {
             let unneeded = self.rows().unneeded(some).await?;
@@ -79,23 +94,75 @@ impl Store {
         report: &mut (dyn FnMut(Finding) + Send),
     ) -> Result<(), StoreError> {
         inspected.cases += 1;
-        for name in self.rows().objects(id).await? {
-            inspected.objects += 1;
-            let finding = match self.objects().get(&name).await {
-                Ok(payload) => {
-                    inspected.bytes += payload.len() as u64;
-                    continue;
-                }
-                Err(Unreadable::Missing) => Finding::Missing(*id, name),
-                Err(Unreadable::Damaged(_)) => Finding::Damaged(*id, name),
-                Err(Unreadable::Store(error)) => return Err(error),
+        for name in self.objects_of(id).await? {
+            let finding = match self.inspect_object(&name, inspected).await? {
+                Found::Sound => continue,
+                Found::Missing => Finding::Missing(*id, name),
+                Found::Damaged => Finding::Damaged(*id, name),
             };
-            // The case may have been deleted or rebuilt a moment ago.
-            if self.rows().objects(id).await?.contains(&name) {
+            // The case or the layer may have been deleted or rebuilt a moment ago.
+            if self.objects_of(id).await?.contains(&name) {
                 report(finding);
             }
         }
         Ok(())
+    }
+
+    /// Reads what came from a PACS, or goes to one.
+    async fn inspect_for_pacs(
+        &self,
+        kind: ObjectKind,
+        inspected: &mut Inspected,
+        report: &mut (dyn FnMut(Finding) + Send),
+    ) -> Result<(), StoreError> {
+        let mut after: Option<ObjectName> = None;
+        loop {
+            let names = self
+                .rows()
+                .pacs_objects(kind, after.as_ref(), REMOVALS_AT_ONCE)
+                .await?;
+            let Some(last) = names.last() else {
+                return Ok(());
+            };
+            after = Some(*last);
+            for name in names {
+                let finding = match self.inspect_object(&name, inspected).await? {
+                    Found::Sound => continue,
+                    Found::Missing => Finding::MissingForPacs(name),
+                    Found::Damaged => Finding::DamagedForPacs(name),
+                };
+                // It may have become a case, or been sent, a moment ago.
+                if self.rows().unneeded(&[name]).await?.is_empty() {
+                    report(finding);
+                }
+            }
+        }
+    }
+
+    async fn inspect_object(
+        &self,
+        name: &ObjectName,
+        inspected: &mut Inspected,
+    ) -> Result<Found, StoreError> {
+        inspected.objects += 1;
+        match self.objects().get(name).await {
+            Ok(payload) => {
+                inspected.bytes += payload.len() as u64;
+                Ok(Found::Sound)
+            }
+            Err(Unreadable::Missing) => Ok(Found::Missing),
+            Err(Unreadable::Damaged(_)) => Ok(Found::Damaged),
+            Err(Unreadable::Store(error)) => Err(error.into()),
+        }
+    }
+
+    /// The objects that a case and its layers need.
+    pub(super) async fn objects_of(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
+        let mut names = self.rows().objects(id).await?;
+        for layer in self.layers(id).await? {
+            names.extend(self.rows().layer_objects(id, &layer.id).await?);
+        }
+        Ok(names)
     }
 
     /// Removes unreferenced objects, after checking again that they are unreferenced.

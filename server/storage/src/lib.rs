@@ -14,6 +14,10 @@
 //! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
 //! | `paths` | the table of the default mesh | the first request of a client |
 //! | `maps` | the maps of the junction, or why there are none | computing them takes seconds |
+//! | `instance` | a DICOM file from a PACS ([`arrivals`]) | a series becomes a case only when all of it is there, and late images change it |
+//! | `result` | a DICOM object made from a case ([`results`]) | it is sent again, with the same bytes, until the PACS has it |
+//! | `source-layer` | the uploaded bytes of a layer; for DICOM files, the volume made from them | the layer comes from them |
+//! | `layer` | 16-bit values of a layer, cropped to the envelope where it lies | reading the source and registering it takes seconds |
 //!
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
 //! of milliseconds, no longer than reading and checking their tens of megabytes.
@@ -28,19 +32,15 @@ pub mod conformance;
 mod copy;
 mod directory;
 mod error;
-mod frame;
 mod inspect;
-mod link;
+mod layers;
 mod location;
-mod name;
-mod objects;
 mod page;
-mod private;
 mod publish;
+mod receive;
+pub mod results;
 pub mod rows;
-mod s3;
 mod signals;
-mod spool;
 mod sql;
 mod submit;
 #[cfg(any(test, feature = "conformance"))]
@@ -62,24 +62,31 @@ use tokio::task::JoinSet;
 use self::directory::Directory;
 use case::{Case, CaseId};
 
+pub use case::arrivals;
+
+pub use objects::{
+    Framed, ObjectError, ObjectName, Objects, Spool, Spooled, Unreadable, frame, keep_private,
+};
+
 pub use self::copy::Copied;
 pub use self::error::StoreError;
-pub use self::frame::{Framed, frame};
 pub use self::inspect::{Finding, Inspected};
+pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
-pub use self::name::ObjectName;
-pub use self::objects::{Objects, Unreadable};
 pub use self::page::{Cursor, Page};
-pub use self::private::keep_private;
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
-    CaseRows, Change, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
+    ArrivalRows, CaseRows, Change, ChangedLayer, Claim, DueSeries, Inserted, LayerChange,
+    LayerClaim, LayerName, LayerRows, LeaseTerms, NewCase, Pinned, Published, Release, ResultRows,
+    Sweep,
 };
 pub use self::signals::{Count, Counters, Signals};
-pub use self::spool::{Spool, Spooled, Upload};
 pub use self::sql::SqlRows;
-pub use self::submit::{NewMask, Submitted, Version};
+pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
+
+/// How often to begin again if a pin is lost, or if others delete the same case meanwhile.
+const PIN_ATTEMPTS: usize = 16;
 
 /// The number of objects that a sweep marks and removes at a time.
 const REMOVALS_AT_ONCE: usize = 32;
@@ -114,6 +121,8 @@ pub struct Options {
     pub retry_after: Duration,
     /// The interval for polling changes by other processes.
     pub poll: Duration,
+    /// The age at which settled cases are removed, unless they are kept; `None` keeps all.
+    pub keep: Option<Duration>,
 }
 
 impl Default for Options {
@@ -127,6 +136,7 @@ impl Default for Options {
             longest_preparation: Duration::from_secs(900),
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
+            keep: None,
         }
     }
 }
@@ -261,7 +271,7 @@ impl Store {
     /// # Errors
     /// If the disk fails.
     pub async fn spool(&self) -> Result<Spool, StoreError> {
-        Spool::begin(self.scratch()).await
+        Ok(Spool::begin(self.scratch()).await?)
     }
 
     /// The directory for temporary files; files of a killed process are removed from it.
@@ -279,7 +289,7 @@ impl Store {
     pub async fn spool_all(&self, bytes: bytes::Bytes) -> Result<Spooled, StoreError> {
         let mut spool = self.spool().await?;
         spool.write(bytes).await?;
-        spool.finish().await
+        Ok(spool.finish().await?)
     }
 
     /// Takes over a file in [`Store::scratch`] that another process has written, with [`Spooled::START`] bytes of room
@@ -314,7 +324,7 @@ impl Store {
     pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
         let mut case = self.rows().case(id).await?;
         if let Some(case) = &mut case {
-            self.inner.signals.overlay(case);
+            self.complete(case);
         }
         Ok(case)
     }
@@ -326,9 +336,16 @@ impl Store {
     pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
         let mut page = self.rows().cases(after.as_ref(), limit).await?;
         for case in &mut page.cases {
-            self.inner.signals.overlay(case);
+            self.complete(case);
         }
         Ok(page)
+    }
+
+    /// Adds what the rows of a case do not have: newer progress, and when it expires.
+    fn complete(&self, case: &mut Case) {
+        self.inner.signals.overlay(case);
+        let keep = self.options().keep.filter(|_| !case.kept);
+        case.expires_at = keep.and_then(|keep| case.uploaded_at.checked_add(keep).ok());
     }
 
     /// Removes a case and the objects that no other case needs; `false` if the case did not exist. A running
@@ -349,6 +366,42 @@ impl Store {
             self.collect().await?;
         }
         Ok(deleted)
+    }
+
+    /// Keeps a case for good, or no longer; `false` if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn keep(&self, id: &CaseId, kept: bool) -> Result<bool, StoreError> {
+        self.rows().keep(id, kept).await
+    }
+
+    /// Removes the cases whose age is [`Options::keep`] or more, as [`Store::delete`] does; returns how many. A case that
+    /// is kept or uploaded again meanwhile stays.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written; what was not removed is found the next time.
+    pub async fn remove_expired(&self) -> Result<usize, StoreError> {
+        let Some(keep) = self.options().keep else {
+            return Ok(0);
+        };
+        let mut removed = 0;
+        loop {
+            let expired = self.rows().expired(keep, REMOVALS_AT_ONCE).await?;
+            let removed_before = removed;
+            for id in &expired {
+                if self.rows().delete_expired(id, keep).await? {
+                    self.inner.is_deleted(id);
+                    removed += 1;
+                }
+            }
+            if removed > removed_before {
+                self.collect().await?;
+            }
+            if expired.len() < REMOVALS_AT_ONCE || removed == removed_before {
+                return Ok(removed);
+            }
+        }
     }
 
     /// The changes of a case.
@@ -520,15 +573,15 @@ async fn open_rows(location: &Location) -> Result<SqlRows, StoreError> {
 }
 
 fn open_objects(location: &Location) -> Result<Objects, StoreError> {
-    match &location.objects {
-        None => Objects::in_directory(&location.folder.join("objects")),
+    Ok(match &location.objects {
+        None => Objects::in_directory(&location.folder.join("objects"))?,
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
             directory::sweep_shared(folder)?;
-            Ok(objects)
+            objects
         }
-        Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix),
-    }
+        Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix)?,
+    })
 }
 
 fn rows_file(root: &Path) -> std::path::PathBuf {

@@ -253,6 +253,48 @@ mod tests {
     }
 
     #[test]
+    fn what_is_wrong_with_an_address_is_said() {
+        for (text, expected) in [
+            ("", BadAddress::Database),
+            ("rows.sqlite", BadAddress::Database),
+            ("sqlite://rows.sqlite", BadAddress::Database),
+            ("mysql://db/cases", BadAddress::Database),
+            ("postgres://[bad/cases", BadAddress::Postgres),
+            ("postgres://db:port/cases", BadAddress::Postgres),
+            ("postgres://db/cases?sslmode=perhaps", BadAddress::Postgres),
+            ("postgres://db/cases?options=-c", parameter("options")),
+            ("postgres://db/cases?port=1&pasword=x", parameter("pasword")),
+            ("postgres://db/cases?flag", parameter("flag")),
+        ] {
+            let found = DatabaseAddress::parse(text).unwrap_err();
+            assert_eq!(found, expected, "{text}");
+        }
+        for text in [
+            "s3://a@b/c",
+            "s3://a:b",
+            "s3://a?b",
+            "s3://a/b?c",
+            "s3:///a",
+        ] {
+            let found = ObjectsAddress::parse(text);
+            assert_eq!(found, Err(BadAddress::Objects), "{text}");
+        }
+    }
+
+    fn parameter(name: &str) -> BadAddress {
+        BadAddress::Parameter(name.to_owned())
+    }
+
+    #[test]
+    fn a_folder_alone_has_the_rows_and_the_objects() {
+        let location = Location::from(Path::new("/srv/isocortex"));
+        assert_eq!(location.folder, Path::new("/srv/isocortex"));
+        assert!(location.database.is_none() && location.objects.is_none());
+        let sqlite = DatabaseAddress::parse("sqlite:///rows").unwrap();
+        assert_eq!(sqlite.with_password("x").to_string(), "sqlite:///rows");
+    }
+
+    #[test]
     fn addresses_are_files_or_services() {
         let sqlite = DatabaseAddress::parse("sqlite:///srv/rows.sqlite").unwrap();
         assert_eq!(sqlite.to_string(), "sqlite:///srv/rows.sqlite");

@@ -5,16 +5,12 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use case::{CaseFacts, CaseId, CaseState, ObjectKind};
+use objects::{Framed, Unreadable, frame};
 
-use super::frame::{Framed, frame};
-use super::objects::Unreadable;
 use super::rows::{Claim, Pinned, Published};
 use super::signals::Count;
 use super::submit::unique_holder;
-use super::{ObjectName, Store, StoreError};
-
-/// How often derived objects are written again because a pin was lost.
-const PUBLISH_ATTEMPTS: usize = 3;
+use super::{ObjectName, PIN_ATTEMPTS, Store, StoreError};
 
 /// The lease of a rebuild.
 const REBUILD_LEASE: Duration = Duration::from_secs(30);
@@ -102,7 +98,7 @@ impl Store {
         let read = self.inner.objects.get(name).await;
         match read {
             Ok(payload) => Ok(Some(payload)),
-            Err(Unreadable::Store(error)) => Err(error),
+            Err(Unreadable::Store(error)) => Err(error.into()),
             Err(fault) => {
                 // One that is missing because the case was deleted a moment ago is no fault.
                 if self.rows().objects(id).await?.contains(name) {
@@ -113,7 +109,7 @@ impl Store {
         }
     }
 
-    fn report_bad(&self, kind: ObjectKind, fault: &str) {
+    pub(super) fn report_bad(&self, kind: ObjectKind, fault: &str) {
         self.signals().count(Count::BadObject);
         tracing::error!(
             object = kind.name(),
@@ -185,7 +181,7 @@ impl Store {
         derived: &[Framed],
         facts: &CaseFacts,
     ) -> Result<Published, StoreError> {
-        for _ in 0..PUBLISH_ATTEMPTS {
+        for _ in 0..PIN_ATTEMPTS {
             let pinned = self.pin(derived.iter().map(|framed| framed.name)).await?;
             let published = self
                 .publish_pinned(publisher, derived, &pinned, facts)

@@ -9,22 +9,29 @@
 //! object is deleted that a process is about to reference. A tombstone has a lease: if its holder is killed, another
 //! sweep takes it over and deletes the object again.
 
+mod due;
+mod layers;
+mod results;
+mod terms;
+
 use std::time::Duration;
 
 use async_trait::async_trait;
 use futures_util::stream::BoxStream;
 
-use super::{Cursor, ObjectName, Page, StoreError};
-use case::{Case, CaseFacts, CaseId, Failure, Parameters, Progress};
+pub use self::due::DueSeries;
+pub use self::layers::{
+    ChangedLayer, InsertedLayer, LayerChange, LayerClaim, LayerName, LayerRows, NewLayer,
+};
+pub use self::results::ResultRows;
+pub use self::terms::{LeaseTerms, Pinned, Published, Release};
+use super::arrivals::{
+    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
+    SeriesQuery, SeriesUids, TransferEnd, Uid,
+};
 
-/// Objects about to be written, protected by their holder's pins.
-#[derive(Debug, Clone)]
-pub struct Pinned {
-    /// The holder of the pins; unique for each write.
-    pub holder: String,
-    /// The pinned objects.
-    pub names: Vec<ObjectName>,
-}
+use super::{Cursor, ObjectName, Page, StoreError};
+use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Parameters, Progress};
 
 /// A case to be inserted.
 #[derive(Debug, Clone)]
@@ -71,35 +78,6 @@ pub struct Claim {
     pub attempt: u32,
 }
 
-/// The duration and the number of leases of a job.
-#[derive(Debug, Clone, Copy)]
-pub struct LeaseTerms {
-    /// How long the lease lasts unless it is renewed.
-    pub lease: Duration,
-    /// A job with this many attempts fails instead.
-    pub max_attempts: u32,
-}
-
-/// The terms for returning a lease.
-#[derive(Debug, Clone, Copy)]
-pub struct Release {
-    /// How long until the job may be leased again.
-    pub after: Duration,
-    /// Whether the attempt counts.
-    pub counts: bool,
-}
-
-/// The result of a publication.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Published {
-    /// The case is ready.
-    Done,
-    /// The lease is lost, or the case is deleted. Nothing has changed.
-    Fenced,
-    /// A pin is gone, and perhaps its object too; write the objects again. Nothing has changed.
-    PinLost,
-}
-
 /// The holder of tombstones, and their lease.
 #[derive(Debug, Clone)]
 pub struct Sweep {
@@ -122,7 +100,7 @@ pub enum Change {
 
 /// Cases, the objects they need, and jobs, in a database that several processes may share.
 #[async_trait]
-pub trait CaseRows: std::fmt::Debug + Send + Sync {
+pub trait CaseRows: ArrivalRows + LayerRows + ResultRows {
     /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of
     /// them has a tombstone: try again once it is buried.
     async fn pin(&self, pinned: &Pinned, lease: Duration) -> Result<bool, StoreError>;
@@ -130,7 +108,8 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Makes pins expire at once, because the objects are not needed.
     async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError>;
 
-    /// Makes a case and its job, and turns its pins into references; or queues a failed one again.
+    /// Makes a case and its job, and turns its pins into references; or queues a failed one again. A version gets the
+    /// layers of the case that it is a version of.
     async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError>;
 
     /// One case.
@@ -145,9 +124,21 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Changes the label of a case; nothing if there is no such case.
     async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError>;
 
-    /// Removes a case with its job; returns whether it existed. Its objects are left with expired pins; its versions
-    /// become those of the case that it is a version of.
+    /// Removes a case with its job and its layers; returns whether it existed. Its objects are left with expired pins;
+    /// its versions become those of the case that it is a version of.
     async fn delete(&self, id: &CaseId) -> Result<bool, StoreError>;
+
+    /// Lets the age of a case count from now, because its input was uploaded again; returns whether it exists.
+    async fn uploaded_again(&self, id: &CaseId) -> Result<bool, StoreError>;
+
+    /// Keeps a case for good, or no longer; returns whether it exists.
+    async fn keep(&self, id: &CaseId, kept: bool) -> Result<bool, StoreError>;
+
+    /// At most `limit` cases that are ready or failed, not kept, and were last uploaded at least `age` ago; oldest first.
+    async fn expired(&self, age: Duration, limit: usize) -> Result<Vec<CaseId>, StoreError>;
+
+    /// As [`CaseRows::delete`], if the case is still [`CaseRows::expired`]; returns whether it was.
+    async fn delete_expired(&self, id: &CaseId, age: Duration) -> Result<bool, StoreError>;
 
     /// How many jobs wait for a lease.
     async fn waiting(&self) -> Result<usize, StoreError>;
@@ -214,6 +205,14 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
     /// Those of the given objects that no case needs, no pin protects and no sweep removes.
     async fn unneeded(&self, names: &[ObjectName]) -> Result<Vec<ObjectName>, StoreError>;
 
+    /// The next objects of one kind that came from a PACS and are no case yet (`instance`), or that are sent to one (`result`), by digest.
+    async fn pacs_objects(
+        &self,
+        kind: ObjectKind,
+        after: Option<&ObjectName>,
+        limit: usize,
+    ) -> Result<Vec<ObjectName>, StoreError>;
+
     /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into
     /// references; one that is not ready or failed is queued. `false`, and nothing has changed, where it is ready here
     /// and not there.
@@ -236,4 +235,89 @@ pub trait CaseRows: std::fmt::Debug + Send + Sync {
 
     /// Finishes all work before the process ends. No other method may be called afterwards.
     async fn close(&self) {}
+}
+
+/// Series that arrive, are fetched, and are cases, in a database that several processes may share.
+#[async_trait]
+pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
+    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references; returns
+    /// how many are new. An image that is there already stays as it is. `None`, and nothing has changed, if a pin is
+    /// gone: write the objects again.
+    async fn receive(
+        &self,
+        instances: &[NewInstance],
+        pinned: &Pinned,
+        source: ArrivalSource,
+    ) -> Result<Option<usize>, StoreError>;
+
+    /// Notes how many images a series has, according to its sender; nothing if none of them has come.
+    async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError>;
+
+    /// Leases the series that is due and has waited longest.
+    async fn lease_due(&self, terms: &DueTerms) -> Result<Option<DueSeries>, StoreError>;
+
+    /// Notes what became of a leased series; `false`, and nothing has changed, if the lease is not ours any more, or
+    /// the case is gone.
+    async fn settle(&self, due: &DueSeries, outcome: &Outcome) -> Result<bool, StoreError>;
+
+    /// At most `limit` series after a cursor, newest first, and the cursor of the next page.
+    async fn arrivals(
+        &self,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError>;
+
+    /// A series that came.
+    async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError>;
+
+    /// The series that came and that a request names.
+    async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError>;
+
+    /// Forgets settled series for which nothing has come for this long, and abandons their images; returns how many. Also
+    /// forgets retrievals and results that ended and are that old. With `keep_cases`, the series of cases stay.
+    async fn forget_arrivals(
+        &self,
+        unchanged: Duration,
+        keep_cases: bool,
+    ) -> Result<usize, StoreError>;
+
+    /// The images of a series that are here, by their UIDs.
+    async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError>;
+
+    /// At most `limit` studies of cases after the first `offset` ones, the one with the newest case first.
+    async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError>;
+
+    /// Enters the series of a case into the index; nothing if there is no such case.
+    async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError>;
+
+    /// The indexed series of a case.
+    async fn series_of(&self, case: &CaseId) -> Result<Option<CaseSeries>, StoreError>;
+
+    /// The cases that a request names, newest first.
+    async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError>;
+
+    /// Queues a retrieval; returns the one that waits already for the same series from the same node.
+    async fn request(&self, node: &str, uids: &SeriesUids) -> Result<Retrieval, StoreError>;
+
+    /// A retrieval.
+    async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError>;
+
+    /// Leases the retrieval that has waited longest.
+    async fn lease_retrieval(&self, lease: Duration) -> Result<Option<Retrieval>, StoreError>;
+
+    /// Renews the lease of a retrieval and notes how far it is; `false` if the lease is not ours any more.
+    async fn progress(
+        &self,
+        retrieval: &Retrieval,
+        received: usize,
+        expected: Option<usize>,
+        lease: Duration,
+    ) -> Result<bool, StoreError>;
+
+    /// Ends the lease of a retrieval; `false` if it is not ours any more.
+    async fn end_retrieval(
+        &self,
+        retrieval: &Retrieval,
+        fetched: &TransferEnd,
+    ) -> Result<bool, StoreError>;
 }

@@ -149,3 +149,121 @@ impl Signals {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use case::{Parameters, Stage};
+    use jiff::Timestamp;
+
+    use super::*;
+
+    fn id(text: &str) -> CaseId {
+        let digest = blake3::hash(text.as_bytes());
+        CaseId::of(&digest, None, &Parameters::default())
+    }
+
+    fn case(state: CaseState) -> Case {
+        Case {
+            id: id("one"),
+            parameters: Parameters::default(),
+            state,
+            progress: None,
+            failure: None,
+            facts: None,
+            previous: None,
+            next: Vec::new(),
+            created_at: Timestamp::UNIX_EPOCH,
+            uploaded_at: Timestamp::UNIX_EPOCH,
+            kept: false,
+            expires_at: None,
+        }
+    }
+
+    #[test]
+    fn each_event_has_a_count_of_its_own() {
+        let signals = Signals::default();
+        for (event, times) in [
+            (Count::BadObject, 1),
+            (Count::Rebuild, 2),
+            (Count::Prepared, 3),
+            (Count::Failed, 4),
+            (Count::Retried, 5),
+        ] {
+            (0..times).for_each(|_| signals.count(event));
+        }
+        let expected = Counters {
+            bad_objects: 1,
+            rebuilds: 2,
+            prepared: 3,
+            failed: 4,
+            retried: 5,
+        };
+        assert_eq!(signals.counters(), expected);
+    }
+
+    #[test]
+    fn progress_is_shown_while_a_case_is_being_prepared() {
+        let signals = Signals::default();
+        let forest = Some(Progress::at(Stage::Forest));
+        let shown = |state| {
+            let mut case = case(state);
+            signals.overlay(&mut case);
+            case.progress
+        };
+        assert_eq!(shown(CaseState::Preparing), None);
+        signals.progress(&id("one"), forest);
+        signals.progress(&id("another"), None);
+        for (state, expected) in [
+            (CaseState::Queued, None),
+            (CaseState::Preparing, forest),
+            (CaseState::Ready, None),
+        ] {
+            assert_eq!(shown(state), expected, "{state:?}");
+        }
+        let cancelled = signals.begin(&id("one"));
+        signals.end(&id("one"), &cancelled);
+        assert_eq!(shown(CaseState::Preparing), None, "it has ended");
+    }
+
+    #[test]
+    fn a_preparation_is_cancelled_while_it_runs_and_not_by_its_predecessor_s_end() {
+        let signals = Signals::default();
+        let first = signals.begin(&id("one"));
+        let second = signals.begin(&id("one"));
+        signals.end(&id("one"), &first);
+        signals.cancel(&id("another"));
+        let flags = || [&first, &second].map(|flag| flag.load(Ordering::Relaxed));
+        assert_eq!(flags(), [false, false]);
+        signals.cancel(&id("one"));
+        assert_eq!(flags(), [false, true]);
+        signals.end(&id("one"), &second);
+        second.store(false, Ordering::Relaxed);
+        signals.cancel(&id("one"));
+        assert_eq!(flags(), [false, false], "none is running");
+    }
+
+    #[tokio::test]
+    async fn a_watcher_is_told_of_its_case_alone_and_nothing_is_kept_without_one() {
+        let signals = Signals::default();
+        let mut watcher = signals.watch(&id("one"));
+        signals.changed(&id("another"));
+        assert!(!watcher.has_changed().unwrap());
+        signals.changed(&id("one"));
+        let told = tokio::time::timeout(Duration::from_secs(5), watcher.changed());
+        told.await.unwrap().unwrap();
+        assert_eq!(lock(&signals.watched).len(), 1);
+        drop(watcher);
+        signals.changed(&id("one"));
+        assert!(lock(&signals.watched).is_empty());
+    }
+
+    #[tokio::test]
+    async fn a_worker_that_comes_later_is_woken_too() {
+        let signals = Signals::default();
+        signals.queued();
+        let woken = tokio::time::timeout(Duration::from_secs(5), signals.until_queued());
+        woken.await.unwrap();
+    }
+}

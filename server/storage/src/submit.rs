@@ -3,8 +3,19 @@
 use std::time::{Duration, Instant};
 
 use super::rows::{Inserted, NewCase, Pinned};
-use super::{ObjectName, Spooled, Store, StoreError, Upload};
+use super::{ObjectName, PIN_ATTEMPTS, Spooled, Store, StoreError};
 use case::{Case, CaseId, CaseState, ObjectKind, Parameters};
+
+/// The files of an upload.
+#[derive(Debug)]
+pub struct Upload {
+    /// The volume.
+    pub volume: Spooled,
+    /// The mask of the brain.
+    pub mask: Option<Spooled>,
+    /// The identifying attributes, if the volume comes from DICOM.
+    pub dicom: Option<Spooled>,
+}
 
 /// The lifetime of a pin: an object must be written within this time.
 const PIN_FOR: Duration = Duration::from_secs(3600);
@@ -14,9 +25,6 @@ const REMOVAL_PATIENCE: Duration = Duration::from_secs(90);
 
 /// How often to check whether it is gone.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-
-/// How often to pin again after a pin is lost.
-const PIN_ATTEMPTS: usize = 3;
 
 /// The result of an upload.
 #[derive(Debug, Clone)]
@@ -124,12 +132,26 @@ impl Store {
         upload: Upload,
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
+        self.submit_after(upload, parameters, None).await
+    }
+
+    /// As [`Store::submit_upload`], as a version of another case, if there is one: the upload has more images of the
+    /// same series.
+    ///
+    /// # Errors
+    /// As [`Store::submit_upload`].
+    pub async fn submit_after(
+        &self,
+        upload: Upload,
+        parameters: Parameters,
+        previous: Option<CaseId>,
+    ) -> Result<Submitted, StoreError> {
         let store = self.clone();
         let submit = async move {
             let inputs = Inputs {
                 id: upload.case_id(&parameters),
                 sources: source_files(&upload),
-                previous: None,
+                previous,
                 parameters,
             };
             if let Some(name) = &inputs.parameters.name {
@@ -179,7 +201,9 @@ impl Store {
         for _ in 0..PIN_ATTEMPTS {
             if let Some(case) = self.case(id).await?
                 && case.state != CaseState::Failed
+                && self.rows().uploaded_again(id).await?
             {
+                let case = self.case(id).await?.unwrap_or(case);
                 return Ok(Some(Submitted {
                     case,
                     created: false,

@@ -1,5 +1,9 @@
 //! The store as a whole, without anything that prepares: uploads, versions, derived objects, deletions.
 
+mod inspect;
+mod publish;
+mod sweep;
+
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

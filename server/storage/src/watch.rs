@@ -41,12 +41,17 @@ impl Watch {
                 self.seen.clone_from(&case);
                 return Ok(case);
             }
-            let poll = tokio::time::sleep(self.store.options().poll);
-            tokio::select! {
-                // The store holds the sender as long as there is a receiver.
-                _ = self.signals.changed() => {}
-                () = poll => {}
-            }
+            self.changed().await;
+        }
+    }
+
+    /// Waits for a signal of a change, or for the time to poll.
+    pub async fn changed(&mut self) {
+        let poll = tokio::time::sleep(self.store.options().poll);
+        tokio::select! {
+            // The store holds the sender as long as there is a receiver.
+            _ = self.signals.changed() => {}
+            () = poll => {}
         }
     }
 }

@@ -1,6 +1,7 @@
 // The server's interface. The token, if one is asked for, lives in this module's memory alone.
 
 import type { Case, ProblemBody } from "../model/case.ts";
+import type { Layer, LayerList } from "../model/layers.ts";
 import type { Candidate } from "../model/maps.ts";
 import { EventReader } from "./events.ts";
 
@@ -32,7 +33,7 @@ export function onTokenWanted(ask: (refused: boolean) => Promise<string>): void 
   askForToken = (refused) => (asking ??= ask(refused).finally(() => (asking = null)));
 }
 
-/** `hear` is told when the server ceases to answer, and when it answers again. */
+/** `hear` is called when the server stops answering, and when it answers again. */
 export function onReach(hear: (reachable: boolean) => void): void {
   hearReach = hear;
 }
@@ -124,6 +125,11 @@ export async function getCase(id: string): Promise<Case> {
   return (await send(`v1/cases/${id}`, { cache: "no-store" })).json() as Promise<Case>;
 }
 
+/** Keeps a case whatever its age, or no longer; the case as it is then. */
+export async function keepCase(id: string, kept: boolean): Promise<Case> {
+  return (await send(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify({ kept }) })).json() as Promise<Case>;
+}
+
 /** Deletes a case for good. */
 export async function deleteCase(id: string): Promise<void> {
   await send(`v1/cases/${id}`, { method: "DELETE" });
@@ -148,6 +154,24 @@ export async function watchCase(id: string, signal: AbortSignal, hear: (now: Cas
 export async function getCandidates(id: string, limit: number): Promise<readonly Candidate[]> {
   const answer = await send(`v1/cases/${id}/candidates?limit=${limit}`, { cache: "no-cache" });
   return ((await answer.json()) as { candidates: readonly Candidate[] }).candidates;
+}
+
+/** The layers of a case: its maps, then those that were added, in their order. */
+export async function listLayers(id: string): Promise<LayerList> {
+  return (await send(`v1/cases/${id}/layers`, { cache: "no-store" })).json() as Promise<LayerList>;
+}
+
+/** Renames an added layer, or moves it to another place among them. */
+export async function changeLayer(
+  id: string,
+  layer: string,
+  change: { readonly name?: string; readonly place?: number },
+): Promise<void> {
+  await send(`v1/cases/${id}/layers/${layer}`, { method: "PATCH", body: JSON.stringify(change) });
+}
+
+export async function deleteLayer(id: string, layer: string): Promise<void> {
+  await send(`v1/cases/${id}/layers/${layer}`, { method: "DELETE" });
 }
 
 /** A picture of a case; `path` begins with the case's id. */
@@ -192,39 +216,59 @@ export interface UploadProgress {
 }
 
 /** What became of an upload. */
-export interface Uploaded {
-  readonly created: Case;
+export interface Uploaded<Made = Case> {
+  readonly created: Made;
   /** Whether the same slices, mask and parameters were a case already. */
   readonly wasThere: boolean;
 }
 
-/** Uploads a form and resolves to the case; `observe` hears how much is sent (fetch cannot tell that). */
-export async function uploadCase(
+/** Uploads a form and resolves to the case; `observe` gets the bytes sent, which fetch cannot report. */
+export const uploadCase = (
   form: FormData,
   signal: AbortSignal,
   observe: (progress: UploadProgress) => void,
-): Promise<Uploaded> {
+): Promise<Uploaded> => upload("v1/cases", form, signal, observe);
+
+/** The same of a layer of a case. */
+export const uploadLayer = (
+  id: string,
+  form: FormData,
+  signal: AbortSignal,
+  observe: (progress: UploadProgress) => void,
+): Promise<Uploaded<Layer>> => upload(`v1/cases/${id}/layers`, form, signal, observe);
+
+async function upload<Made>(
+  path: string,
+  form: FormData,
+  signal: AbortSignal,
+  observe: (progress: UploadProgress) => void,
+): Promise<Uploaded<Made>> {
   for (;;) {
     const sent = token;
     try {
-      return await postForm(form, signal, observe);
+      return await postForm(path, form, signal, observe);
     } catch (error) {
       if (!(await tokenEntered(error, sent))) throw error;
     }
   }
 }
 
-function postForm(form: FormData, signal: AbortSignal, observe: (progress: UploadProgress) => void): Promise<Uploaded> {
+function postForm<Made>(
+  path: string,
+  form: FormData,
+  signal: AbortSignal,
+  observe: (progress: UploadProgress) => void,
+): Promise<Uploaded<Made>> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
-    request.open("POST", "v1/cases");
+    request.open("POST", path);
     for (const [name, value] of Object.entries(authorization())) request.setRequestHeader(name, value);
     request.upload.onprogress = ({ loaded, total, lengthComputable }) => lengthComputable && observe({ loaded, total });
     request.onerror = () => reject(new Problem(0, "upload-cut-off", ""));
     request.onabort = () => reject(signal.reason as Error);
     request.onload = () => {
       if (request.status >= 200 && request.status < 300) {
-        return resolve({ created: JSON.parse(request.responseText) as Case, wasThere: request.status === 200 });
+        return resolve({ created: JSON.parse(request.responseText) as Made, wasThere: request.status === 200 });
       }
       reject(problemFrom(request.status, { get: (name) => request.getResponseHeader(name) }, request.responseText));
     };

@@ -1,7 +1,7 @@
 // A case in words.
 
-import type { Case, Quality, ReadyCase } from "../model/case.ts";
-import { day, known, moment, number, spoken, t } from "./i18n.ts";
+import type { Case, ProblemBody, Quality, ReadyCase } from "../model/case.ts";
+import { day, known, moment, number, numberUpTo, spoken, t } from "./i18n.ts";
 import { sentence } from "./problem-words.ts";
 
 /** A case's name in the list. */
@@ -22,28 +22,32 @@ export function caseStatus(one: Case): string {
         .filter((part) => part !== "")
         .join(" · ");
     case "failed":
-      return failureWords(one);
+      return failureWords(one.error);
   }
 }
 
-function failureWords(one: Case & { state: "failed" }): string {
+/** Why a case or a layer could not be prepared. */
+export function failureWords(error: ProblemBody | undefined): string {
   const kind =
-    String(one.error?.type ?? "")
+    String(error?.type ?? "")
       .split(":")
       .at(-1) ?? "";
   const key = known(`problem.${kind}`);
   if (key) return t(key);
-  return one.error?.detail ? sentence(one.error.detail) : t("case.failed");
+  return error?.detail ? sentence(error.detail) : t("case.failed");
 }
 
-/** Why a mask is doubtful: in the server's sentences, which have numbers, or in the page's own in another language. */
-export const reasonWords = ({ reasons, reason_codes }: Quality): readonly string[] =>
-  reasons.map((reason, at) => {
-    const key = spoken() === "en" ? null : known(`reason.${reason_codes?.[at] ?? ""}`);
-    return key ? t(key) : sentence(reason);
-  });
+/** A reason in the server's sentence, which has numbers, or by its code in the page's own in another language. */
+export function reasonIn(reason: string, code = ""): string {
+  const key = spoken() === "en" ? null : known(`reason.${code}`);
+  return key ? t(key) : sentence(reason);
+}
 
-/** What tells a case from its versions, which have its name. */
+/** Why a mask is doubtful. */
+export const reasonWords = ({ reasons, reason_codes }: Quality): readonly string[] =>
+  reasons.map((reason, at) => reasonIn(reason, reason_codes?.[at]));
+
+/** Distinguishes a case from its versions, which have the same name. */
 export function versionOf(one: Case): string {
   const isVersion = one.previous !== undefined;
   if (!isVersion && !one.next?.length) return "";
@@ -52,7 +56,7 @@ export function versionOf(one: Case): string {
 
 /** The edges of a voxel as it was acquired; one number where they are alike. */
 export function voxelWords({ volume: { spacing_mm } }: ReadyCase): string {
-  const edges = spacing_mm.map((edge) => number(edge, edge % 1 === 0 ? 0 : 2));
+  const edges = spacing_mm.map((edge) => numberUpTo(edge, 2));
   return `${new Set(edges).size === 1 ? edges[0] : edges.join(" × ")} mm`;
 }
 

@@ -47,6 +47,12 @@ export function t(key: Key, values: Readonly<Record<string, string | number>> = 
   return words[key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 }
 
+/** All words from one key to before another, in the order of their file. */
+export function wordsBetween(first: Key, end: Key): readonly string[] {
+  const keys = Object.keys(words) as Key[];
+  return keys.slice(keys.indexOf(first), keys.indexOf(end)).map((key) => words[key]);
+}
+
 /** The key where the page has words for it. */
 export const known = (key: string): Key | null => (key in words ? (key as Key) : null);
 
@@ -57,9 +63,18 @@ export function number(value: number, digits = 0): string {
   return format.format(Number(value.toFixed(digits)) === 0 ? 0 : value);
 }
 
-/** The day as the language writes it, of an RFC 3339 text. */
+/** A number with at most so many digits after the point, without zeros at its end. */
+export function numberUpTo(value: number, digits: number): string {
+  const rounded = Number(value.toFixed(digits));
+  return number(rounded, String(rounded).split(".")[1]?.length);
+}
+
+/** The number that somebody wrote, with a point or a comma; NaN where it is none. */
+export const readNumber = (text: string): number => (text.trim() === "" ? NaN : Number(text.trim().replace(",", ".")));
+
+/** The day of an RFC 3339 text as the language writes it: short, unless day and month could be confused. */
 export const day = (text: string): string =>
-  new Intl.DateTimeFormat(language, { dateStyle: "medium" }).format(new Date(text));
+  new Intl.DateTimeFormat(language, { dateStyle: language === "en" ? "medium" : "short" }).format(new Date(text));
 
 /** Day and time as the language writes them, of an RFC 3339 text. */
 export const moment = (text: string): string =>

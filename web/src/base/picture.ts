@@ -6,26 +6,31 @@ import { Problem, getPicture } from "./api.ts";
 /** How often a server that is busy, or still makes the maps, is asked again before that is an error. */
 const BUSY_TRIES = 5;
 
-interface Wish<About> {
+/** A picture that is wanted, and what it shows. */
+export interface Wish<About> {
   readonly path: string;
   readonly about: About;
 }
 
-export interface PictureListener<About> {
+export interface PictureListener<About, Picture> {
   /** Puts a picture up, with what was given beside its path. */
-  put(image: HTMLImageElement, about: About): void;
-  /** The latest wish cannot be had; null: it was. */
+  put(picture: Picture, about: About): void;
+  /** Why the latest picture cannot be loaded; null if it was. */
   complain(problem: unknown): void;
 }
 
-export class FollowingPicture<About> {
+/** The server's picture at a path. */
+export const served = async ({ path }: { readonly path: string }): Promise<HTMLImageElement> =>
+  decoded(await getPicture(path));
+
+export class FollowingPicture<About, Picture = HTMLImageElement> {
   #wish: Wish<About> | null = null;
   #shown: string | null = null;
   #running = false;
-  readonly #listener: PictureListener<About>;
-  readonly #load: (path: string) => Promise<Blob>;
+  readonly #listener: PictureListener<About, Picture>;
+  readonly #load: (wish: Wish<About>) => Promise<Picture>;
 
-  constructor(listener: PictureListener<About>, load: (path: string) => Promise<Blob> = getPicture) {
+  constructor(listener: PictureListener<About, Picture>, load: (wish: Wish<About>) => Promise<Picture>) {
     this.#listener = listener;
     this.#load = load;
   }
@@ -36,7 +41,7 @@ export class FollowingPicture<About> {
     if (!this.#running && path !== this.#shown) void this.#run();
   }
 
-  /** Asks once more for what is wanted and could not be had. */
+  /** Repeats a failed request. */
   again(): void {
     if (this.#wish && !this.#running && this.#wish.path !== this.#shown) void this.#run();
   }
@@ -51,11 +56,11 @@ export class FollowingPicture<About> {
     while (this.#wish && this.#wish.path !== this.#shown) {
       const wish: Wish<About> = this.#wish;
       try {
-        const image = await this.#patiently(wish);
+        const picture = await this.#patiently(wish);
         // One that is wanted no more is shown all the same, as long as anything is: the picture follows.
         if (!this.#wish) break;
         this.#shown = wish.path;
-        this.#listener.put(image, wish.about);
+        this.#listener.put(picture, wish.about);
         this.#listener.complain(null);
       } catch (error) {
         if (wish === this.#wish) {
@@ -68,10 +73,10 @@ export class FollowingPicture<About> {
     this.#running = false;
   }
 
-  async #patiently(wish: Wish<About>): Promise<HTMLImageElement> {
+  async #patiently(wish: Wish<About>): Promise<Picture> {
     for (let attempt = 1; ; attempt += 1) {
       try {
-        return await decoded(await this.#load(wish.path));
+        return await this.#load(wish);
       } catch (error) {
         const busy = error instanceof Problem && (error.status === 503 || error.kind === "layer-not-ready");
         if (!busy || attempt === BUSY_TRIES || wish !== this.#wish) throw error;

@@ -44,3 +44,7 @@ export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: 
   const mm = BARS_MM.findLast((bar) => bar / mm_per_pixel <= longest) ?? BARS_MM[0];
   return { mm, pixels: mm / mm_per_pixel };
 }
+
+/** The depth of a position; outside of the envelope it has none. */
+export const depthAtWords = (depth_mm: number): string =>
+  depth_mm <= -0.05 ? t("point.outside") : `${number(depth_mm, 1)} mm`;

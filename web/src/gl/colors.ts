@@ -3,7 +3,7 @@
 import { COLORMAPS } from "../model/state.ts";
 
 /** The maps in the rows of the table: those of intensities, then those of overlays. */
-export const COLOR_NAMES = [...COLORMAPS, "vermilion-yellow", "blue-orange"] as const;
+export const COLOR_NAMES = [...COLORMAPS, "vermilion-yellow", "blue-orange", "labels"] as const;
 export type ColorName = (typeof COLOR_NAMES)[number];
 
 /** The row of a colour map in the table. */

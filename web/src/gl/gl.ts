@@ -1,6 +1,6 @@
 // WebGL 2, and the only place that makes programs, buffers and textures.
 
-import names from "../../shaders/names.json";
+import type names from "../../shaders/names.json";
 import type { Fields } from "./uniforms.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ColorName } from "./colors.ts";
@@ -16,19 +16,21 @@ export class GlError extends Error {}
 /** The graphics device has no room. */
 export class TooLarge extends GlError {}
 
-/** The shaders' texts; `names.json` says what their variables are called. */
-export type ShaderTexts = Readonly<Record<ShaderName, string>>;
-
-/** What the painter draws with that is of no case: the shaders, and the tables of the colours. */
+/** What the painter draws with that is of no case. */
 export interface Equipment {
-  readonly shaders: ShaderTexts;
+  /** The shaders' texts. */
+  readonly shaders: Readonly<Record<ShaderName, string>>;
+  /** What their variables are called. */
+  readonly names: typeof names;
+  /** A vertex and a fragment shader that find out whether a texture is filtered. */
+  readonly probe: readonly [string, string];
+  /** The tables of the colours. */
   readonly colors: Readonly<Record<ColorName, string>>;
 }
 
-export const SHADER_NAMES = Object.keys(names.shaders) as ShaderName[];
-
-function made<T>(thing: T | null, what: string): T {
-  if (thing === null) throw new GlError(`The graphics device made no ${what}.`);
+/** Something that must be there by now, or that the device must have made. */
+export function made<T>(thing: T | null | undefined, what: string): T {
+  if (thing == null) throw new GlError(`no ${what}`);
   return thing;
 }
 
@@ -71,7 +73,7 @@ export function createProgram(
 }
 
 /** Binding points of uniform blocks and units of textures, the same in all programs. */
-const BLOCK_BINDINGS: Readonly<Record<string, number>> = { picture: 0, paths: 1 };
+const BLOCK_BINDINGS: Readonly<Record<string, number>> = { picture: 0, paths: 1, contours: 2 };
 export const UNITS = {
   volume: 0,
   field: 1,
@@ -90,29 +92,30 @@ export const UNITS = {
  */
 export function createTranslated(
   gl: Gl,
-  texts: ShaderTexts,
+  { shaders, names }: Equipment,
   vertex: VertexShaderName,
   fragment?: ShaderName,
 ): WebGLProgram {
   const [attribute] = Object.values(names.shaders[vertex].attributes);
-  const program = createProgram(gl, texts[vertex], fragment ? texts[fragment] : NO_COLOR, { attribute });
-  bindPlaces(gl, program, fragment ? [vertex, fragment] : [vertex]);
+  const program = createProgram(gl, shaders[vertex], fragment ? shaders[fragment] : NO_COLOR, { attribute });
+  bindPlaces(gl, program, [names.shaders[vertex], ...(fragment ? [names.shaders[fragment]] : [])]);
   return program;
 }
 
 /** A program that draws nothing: what its vertex shader hands on can be kept. */
-export function createCapturing(gl: Gl, texts: ShaderTexts, vertex: VertexShaderName): WebGLProgram {
-  const program = createProgram(gl, texts[vertex], NO_COLOR, {
+export function createCapturing(gl: Gl, { shaders, names }: Equipment, vertex: VertexShaderName): WebGLProgram {
+  const program = createProgram(gl, shaders[vertex], NO_COLOR, {
     captured: Object.values(names.shaders[vertex].outputs),
   });
-  bindPlaces(gl, program, [vertex]);
+  bindPlaces(gl, program, [names.shaders[vertex]]);
   return program;
 }
 
-function bindPlaces(gl: Gl, program: WebGLProgram, shaders: readonly ShaderName[]): void {
+type Named = (typeof names.shaders)[ShaderName];
+
+function bindPlaces(gl: Gl, program: WebGLProgram, shaders: readonly Named[]): void {
   gl.useProgram(program);
-  for (const name of shaders) {
-    const { blocks, samplers } = names.shaders[name];
+  for (const { blocks, samplers } of shaders) {
     for (const [block, named] of Object.entries(blocks)) {
       const index = gl.getUniformBlockIndex(program, named);
       if (index !== gl.INVALID_INDEX) gl.uniformBlockBinding(program, index, BLOCK_BINDINGS[block] ?? 0);
@@ -131,7 +134,7 @@ export class UniformBlock {
   readonly #floats: Float32Array;
   readonly #wholes: Uint32Array;
 
-  constructor(gl: Gl, name: BlockName) {
+  constructor(gl: Gl, { names }: Equipment, name: BlockName) {
     const { bytes, offsets } = names.blocks[name];
     this.#gl = gl;
     this.#offsets = offsets;
@@ -147,8 +150,7 @@ export class UniformBlock {
   /** Writes fields; those named in `wholes` are unsigned whole numbers in the shader. */
   write(fields: Fields, wholes: ReadonlySet<string>): void {
     for (const [name, value] of Object.entries(fields)) {
-      const offset = this.#offsets[name];
-      if (offset === undefined) throw new GlError(`The shaders have no field ${name}.`);
+      const offset = made(this.#offsets[name], name);
       const target = wholes.has(name) ? this.#wholes : this.#floats;
       if (typeof value === "number") target[offset / 4] = value;
       else target.set(value, offset / 4);
@@ -241,7 +243,7 @@ export function createTable(gl: Gl, format: Format, size: Vec2, texels: ArrayBuf
 export function createBlock(gl: Gl, format: Format, size: Vec3): WebGLTexture {
   const texture = createTexture(gl, gl.TEXTURE_3D, gl.LINEAR);
   gl.texStorage3D(gl.TEXTURE_3D, 1, format.internal, size[0], size[1], size[2]);
-  if (gl.getError() === gl.OUT_OF_MEMORY) throw new TooLarge(`There is no room for ${size.join(" × ")} voxels.`);
+  if (gl.getError() === gl.OUT_OF_MEMORY) throw new TooLarge(String(size));
   return texture;
 }
 
@@ -282,6 +284,36 @@ export function createTarget(gl: Gl, size: Vec2): Target {
       gl.deleteFramebuffer(frame);
     },
   };
+}
+
+/** Waits until the device has done its work so far, without holding up the page. */
+export async function finished(gl: Gl): Promise<void> {
+  const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+  gl.flush();
+  do await new Promise((resolve) => setTimeout(resolve, 1));
+  while (fence && !gl.isContextLost() && gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED);
+  gl.deleteSync(fence);
+}
+
+/** The pixels of a picture off screen, the top row first, once they are drawn; null if the context was lost. */
+export async function readTarget(gl: Gl, { frame, size: [width, height] }: Target): Promise<ImageData | null> {
+  const buffer = made(gl.createBuffer(), "buffer");
+  gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+  gl.bufferData(gl.PIXEL_PACK_BUFFER, 4 * width * height, gl.STREAM_READ);
+  gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, 0);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+  gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  await finished(gl);
+  if (gl.isContextLost()) return null;
+  const picture = new ImageData(width, height);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+  // The device's first row is at the bottom.
+  for (let row = 0; row < height; row += 1)
+    gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 4 * width * (height - 1 - row), picture.data, 4 * width * row, 4 * width);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+  gl.deleteBuffer(buffer);
+  return picture;
 }
 
 /** A picture of depths, which shaders can read. */

@@ -15,8 +15,9 @@ import {
   createTranslated,
   createVertices,
   fillSlices,
+  made,
+  readTarget,
   writePositions,
-  GlError,
   UniformBlock,
   UNITS,
   type DepthTarget,
@@ -26,7 +27,10 @@ import {
   type Vertices,
 } from "./gl.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
+import type { CaseMaps, Drawn, FieldMaps, Pane, Quality, SliceLook } from "./scene.ts";
+import { fitting, inLines, scaled } from "./sizes.ts";
 import {
+  contoursFields,
   depthGrid,
   extentOf,
   pathsFields,
@@ -37,56 +41,34 @@ import {
   type TexelGrid,
 } from "./uniforms.ts";
 import type { Block, PathsTable } from "../model/wire.ts";
-import { voxelCount } from "../model/wire.ts";
 
 /** Bytes that are handed to the device at once. */
 const UPLOAD_BYTES = 1 << 20;
-/** Texels in a line of a table. */
-const TABLE_WIDTH = 1024;
+/** As many layers are kept on the device. */
+const MOST_LAYERS = 4;
 /** The fields of the blocks that are whole numbers. */
 const WHOLES: ReadonlySet<string> = new Set([
   "color_row",
   "overlay_color_row",
   "overlay_is_diverging",
   "volume_has_gaps",
+  "overlay_is_nearest",
   "slab_count",
   "row",
   "vertex_count",
   "first_piece",
   "piece_count",
+  "count",
 ]);
-
-/** What is made of the depth field for the shaders. */
-export interface FieldMaps {
-  readonly field: Block<Int16Array<ArrayBuffer>>;
-  /** On the field's grid; null where only the light is drawn with it. */
-  readonly smoothed: Int16Array<ArrayBuffer> | null;
-  readonly gradients: Int8Array<ArrayBuffer>;
-  readonly borderBox: readonly [Vec3, Vec3] | null;
-}
-
-/** A part of the picture: what it shows, and where it is, in pixels from the top left corner. */
-export interface Pane {
-  readonly look: Look;
-  readonly left: number;
-  readonly size: Vec2;
-}
-
-export type Drawn = "mesh" | "exact";
-
-/** How much a picture may cost. */
-export interface Quality {
-  /** Below 1, it is drawn so much smaller and then enlarged. */
-  readonly share: number;
-  /** Depths of the mesh along a pixel's side: with 2 its edges are soft. */
-  readonly depths: 1 | 2;
-}
-
-export const FULL_QUALITY: Quality = Object.freeze({ share: 1, depths: 2 });
 
 interface Texture {
   readonly texture: WebGLTexture;
   readonly grid: TexelGrid;
+}
+
+interface VolumeTexture extends Texture {
+  /** Whether it is all that was acquired. */
+  readonly isWhole: boolean;
 }
 
 interface FieldTextures {
@@ -103,47 +85,47 @@ interface Shrinking {
   readonly pieces: WebGLTexture;
 }
 
-/** What of the maps is the case's own. */
-export type CaseMaps = Pick<Maps, "sphere" | "plane" | "native_spacing_mm" | "cuts" | "spacing_mm">;
-
 export class Painter {
   readonly #gl: Gl;
   readonly #encodings: Encodings;
   readonly #picture: UniformBlock;
   readonly #paths: UniformBlock;
-  readonly #programs: Readonly<Record<"mesh" | "shrink" | "reduce" | "trace", WebGLProgram>>;
+  readonly #contours: UniformBlock;
+  readonly #programs: Readonly<Record<"mesh" | "shrink" | "reduce" | "trace" | "slice", WebGLProgram>>;
   readonly #case: CaseMaps;
   #mesh: { readonly vertices: Vertices; readonly indexCount: number } | null = null;
   /** What the vertices' positions are of. */
   #positioned: { readonly depth_mm: number; readonly by: FieldTextures | "server" } | null = null;
   #shrinking: Shrinking | null = null;
-  #volume: Texture | null = null;
-  #overlay: (Texture & { readonly name: string }) | null = null;
+  #volume: VolumeTexture | null = null;
+  /** By name or id, the one that came last at the end. */
+  readonly #layers = new Map<string, Texture>();
   #field: FieldTextures | null = null;
   #coarse: Target | null = null;
+  #slice: Target | null = null;
   #depths: DepthTarget | null = null;
 
   /** Compiles the shaders and finds out what the device can do. */
-  constructor(gl: Gl, { shaders: texts, colors }: Equipment, shown: CaseMaps) {
+  constructor(gl: Gl, equipment: Equipment, shown: CaseMaps) {
     this.#gl = gl;
     this.#case = shown;
-    const encodings = findEncodings(gl);
-    if (!encodings) throw new GlError("The graphics device filters no texture of 16 bits.");
-    this.#encodings = encodings;
-    this.#picture = new UniformBlock(gl, "Picture");
-    this.#paths = new UniformBlock(gl, "Paths");
+    this.#encodings = made(findEncodings(gl, equipment.probe), "texture of 16 bits");
+    this.#picture = new UniformBlock(gl, equipment, "Picture");
+    this.#paths = new UniformBlock(gl, equipment, "Paths");
+    this.#contours = new UniformBlock(gl, equipment, "Contours");
     this.#programs = {
-      mesh: createTranslated(gl, texts, "mesh.vert.glsl"),
-      shrink: createCapturing(gl, texts, "shrink.vert.glsl"),
-      reduce: createTranslated(gl, texts, "screen.vert.glsl", "reduce.frag.glsl"),
-      trace: createTranslated(gl, texts, "screen.vert.glsl", "trace.frag.glsl"),
+      mesh: createTranslated(gl, equipment, "mesh.vert.glsl"),
+      shrink: createCapturing(gl, equipment, "shrink.vert.glsl"),
+      reduce: createTranslated(gl, equipment, "screen.vert.glsl", "reduce.frag.glsl"),
+      trace: createTranslated(gl, equipment, "screen.vert.glsl", "trace.frag.glsl"),
+      slice: createTranslated(gl, equipment, "screen.vert.glsl", "slice.frag.glsl"),
     };
-    const table = colorTable(colors);
+    const table = colorTable(equipment.colors);
     gl.activeTexture(gl.TEXTURE0 + UNITS.colors);
     createTable(gl, { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE }, [256, table.length / 1024], table);
     // Pictures without an overlay read nothing of it, but a texture must be there.
     gl.activeTexture(gl.TEXTURE0 + UNITS.overlay);
-    createBlock(gl, gapped(gl).format, [1, 1, 1]);
+    createBlock(gl, gapped(gl, true, this.#encodings).format, [1, 1, 1]);
   }
 
   /** The names of the texture formats, for the curious. */
@@ -162,8 +144,7 @@ export class Painter {
 
   /** Takes the positions of one depth; `setTriangles` comes first. */
   setPositions(positions: Float32Array, depth_mm: number): void {
-    if (!this.#mesh) throw new GlError("Positions came before their triangles.");
-    writePositions(this.#gl, this.#mesh.vertices, positions);
+    writePositions(this.#gl, made(this.#mesh, "mesh").vertices, positions);
     this.#positioned = { depth_mm, by: "server" };
   }
 
@@ -191,24 +172,30 @@ export class Painter {
   }
 
   /** Takes intensities, some slices at a time; the ones before them are drawn with until all are there. */
-  *setVolume(volume: Block): Generator<void, void> {
+  *setVolume(volume: Block, isWhole: boolean): Generator<void, void> {
     const encoding = volume.format === "u8" ? this.#encodings.bytes : this.#encodings.intensities;
     const texture = yield* this.#uploaded(encoding, volume.size, volume.voxels);
     if (this.#volume) this.#gl.deleteTexture(this.#volume.texture);
-    this.#volume = { texture, grid: texelGrid(volume, encoding.unit) };
+    this.#volume = { texture, grid: texelGrid(volume, encoding.unit), isWhole };
   }
 
-  /** The name of the map that can lie over the picture; null while there is none. */
-  get overlay(): string | null {
-    return this.#overlay?.name ?? null;
+  /** Whether the voxels of a layer are here. */
+  hasLayer(name: string): boolean {
+    return this.#layers.has(name);
   }
 
-  /** Takes a map's voxels in the place of those of the one before, some slices at a time. */
-  *setOverlay(name: string, layer: Block): Generator<void, void> {
-    const encoding = gapped(this.#gl);
+  /** Takes the voxels of a layer, some slices at a time; of too many layers those that came first go. */
+  *setLayer(name: string, layer: Block): Generator<void, void> {
+    const encoding = gapped(this.#gl, layer.format === "u8", this.#encodings);
     const texture = yield* this.#uploaded(encoding, layer.size, layer.voxels);
-    if (this.#overlay) this.#gl.deleteTexture(this.#overlay.texture);
-    this.#overlay = { name, texture, grid: texelGrid(layer, encoding.unit) };
+    this.#dropLayer(name);
+    this.#layers.set(name, { texture, grid: texelGrid(layer, encoding.unit) });
+    for (const old of [...this.#layers.keys()].slice(0, -MOST_LAYERS)) this.#dropLayer(old);
+  }
+
+  #dropLayer(name: string): void {
+    this.#gl.deleteTexture(this.#layers.get(name)?.texture ?? null);
+    this.#layers.delete(name);
   }
 
   /** Takes depths, or with `smoothed` null their gradients alone, some slices at a time. */
@@ -255,7 +242,7 @@ export class Painter {
     return texture;
   }
 
-  /** Whether there is all that a picture wants. */
+  /** Whether all data for a picture are present. */
   canDraw(way: Drawn, depth_mm: number): boolean {
     if (!this.#volume || !this.#field) return false;
     if (way === "exact") return this.#field.depths !== null;
@@ -282,7 +269,10 @@ export class Painter {
       // Software works out every pixel, lit or not.
       const extent = extentOf(pane.look, maps, [width, height]);
       gl.enable(gl.SCISSOR_TEST);
-      gl.scissor(left + extent.left, size[1] - extent.top - extent.size[1], ...extent.size);
+      const [first, end] = pane.clip.map((part) => Math.round(part * width)) as [number, number];
+      const from = Math.max(extent.left, first);
+      const across = Math.max(Math.min(extent.left + extent.size[0], end) - from, 0);
+      gl.scissor(left + from, size[1] - extent.top - extent.size[1], across, extent.size[1]);
       this.#shade(way);
       gl.disable(gl.SCISSOR_TEST);
     }
@@ -293,17 +283,45 @@ export class Painter {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
+  /** Whether all data for slices are present. */
+  get canSlice(): boolean {
+    return this.#volume?.isWhole === true && this.#field?.depths != null;
+  }
+
+  /** Draws a slice of `size` pixels, beside the canvas. */
+  slice({ look, center_in_patient, contours_mm }: SliceLook, size: Vec2): Promise<ImageData | null> {
+    const gl = this.#gl;
+    const { sphere } = this.#case;
+    this.#slice = fitting(this.#slice, size) ?? createTarget(gl, size);
+    const maps = this.#takeUp(look, size, { ...sphere, center_in_patient });
+    this.#contours.write(contoursFields(look, maps, size, contours_mm), WHOLES);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.#slice.frame);
+    gl.viewport(0, 0, ...size);
+    this.#fill(this.#programs.slice);
+    return readTarget(gl, this.#slice);
+  }
+
   /** Hands over what all passes of a pane are given. */
-  #takeUp(look: Look, size: Vec2): Maps {
-    const { volume, field } = { volume: this.#volume, field: this.#field };
-    if (!volume || !field) throw new GlError("A picture was asked for before there was anything to draw.");
-    const overlay = this.#overlay?.grid ?? null;
+  #takeUp(look: Look, size: Vec2, sphere = this.#case.sphere): Maps {
+    const volume = made(this.#volume, "volume");
+    const field = made(this.#field, "field");
+    const layer = look.layer && this.#layers.get(look.layer.id);
+    const overlay = look.overlay && this.#layers.get(look.overlay.name);
     const { grid, borderBox } = field;
-    const maps: Maps = { ...this.#case, volume: volume.grid, field: grid, overlay, borderBox };
+    const texture = layer ?? volume;
+    const maps: Maps = {
+      ...this.#case,
+      sphere,
+      volume: texture.grid,
+      isLayer: texture === layer,
+      field: grid,
+      overlay: overlay?.grid ?? null,
+      borderBox,
+    };
     this.#picture.write(pictureFields(look, maps, size), WHOLES);
-    this.#bind(UNITS.volume, volume.texture);
+    this.#bind(UNITS.volume, texture.texture);
     this.#bind(UNITS.normals, field.normals);
-    if (this.#overlay) this.#bind(UNITS.overlay, this.#overlay.texture);
+    if (overlay) this.#bind(UNITS.overlay, overlay.texture);
     if (field.depths) {
       this.#bind(UNITS.field, field.depths[0]);
       this.#bind(UNITS.smoothed, field.depths[1]);
@@ -314,8 +332,7 @@ export class Painter {
   /** Draws the mesh into a depth buffer of `size`. */
   #drawDepths(depth_mm: number, size: Vec2): void {
     const gl = this.#gl;
-    const mesh = this.#mesh;
-    if (!mesh) throw new GlError("The mesh is not there yet.");
+    const mesh = made(this.#mesh, "mesh");
     this.#shrink(mesh.vertices, depth_mm);
     gl.activeTexture(gl.TEXTURE0 + UNITS.depths);
     this.#depths = fitting(this.#depths, size) ?? createDepthTarget(gl, size);
@@ -334,19 +351,22 @@ export class Painter {
   #shrink(vertices: Vertices, depth_mm: number): void {
     const field = this.#field;
     if (this.#positioned?.depth_mm === depth_mm && (!this.#shrinking || this.#positioned.by === field)) return;
-    if (!this.#shrinking || !field) throw new GlError("The mesh of another depth is there.");
-    const { table, rows, pieces } = this.#shrinking;
+    const { table, rows, pieces } = made(this.#shrinking, "paths");
     this.#paths.write(pathsFields(table, depth_mm), WHOLES);
     this.#bind(UNITS.rows, rows, this.#gl.TEXTURE_2D);
     this.#bind(UNITS.pieces, pieces, this.#gl.TEXTURE_2D);
     computePositions(this.#gl, this.#programs.shrink, vertices);
-    this.#positioned = { depth_mm, by: field };
+    this.#positioned = { depth_mm, by: made(field, "field") };
   }
 
   /** Shades each pixel once. */
   #shade(way: Drawn): void {
+    this.#fill(way === "mesh" ? this.#programs.reduce : this.#programs.trace);
+  }
+
+  #fill(program: WebGLProgram): void {
     const gl = this.#gl;
-    gl.useProgram(way === "mesh" ? this.#programs.reduce : this.#programs.trace);
+    gl.useProgram(program);
     gl.bindVertexArray(null);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
@@ -360,39 +380,4 @@ export class Painter {
   #coarseTarget(size: Vec2): Target {
     return (this.#coarse = fitting(this.#coarse, size) ?? createTarget(this.#gl, size));
   }
-}
-
-/** A size in other pixels; at least one. */
-const scaled = ([width, height]: Vec2, by: number): Vec2 => [
-  Math.max(1, Math.round(width * by)),
-  Math.max(1, Math.round(height * by)),
-];
-
-/** The target, if it has this size; one of another size is given back. */
-function fitting<T extends Target>(target: T | null, size: Vec2): T | null {
-  if (target?.size.every((side, axis) => side === size[axis])) return target;
-  target?.dispose();
-  return null;
-}
-
-/** Numbers as texels of `parts` numbers each, in lines of a table; what is missing of the last line is 0. */
-function inLines<T extends Uint16Array<ArrayBuffer> | Uint32Array<ArrayBuffer>>(
-  numbers: T,
-  parts: number,
-): { readonly texels: T; readonly size: Vec2 } {
-  const perLine = TABLE_WIDTH * parts;
-  const lines = Math.max(1, Math.ceil(numbers.length / perLine));
-  const texels = new (numbers.constructor as new (length: number) => T)(lines * perLine);
-  texels.set(numbers);
-  return { texels, size: [TABLE_WIDTH, lines] };
-}
-
-/** Bytes on the device that a case's textures take, at most. */
-export const textureBytes = (field_size: Vec3, volume_size: Vec3): number =>
-  8 * voxelCount(field_size) + 3 * voxelCount(volume_size);
-
-/** Whether blocks of these sizes fit a device's textures. */
-export function fits(gl: Gl, sizes: readonly Vec3[]): boolean {
-  const most = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE) as number;
-  return sizes.every((size) => size.every((side) => side <= most));
 }

@@ -1,6 +1,6 @@
 // How long frames take: JavaScript, and from its beginning until the device has drawn it.
 
-import type { Gl } from "./gl.ts";
+import { type Gl, finished } from "./gl.ts";
 
 /**
  * Of the last frames, the one in the middle by duration: the first ones, for which shaders are compiled, do not count
@@ -28,23 +28,13 @@ export class FrameTimer {
     remember(this.#script, performance.now() - begun);
     this.#frames += 1;
     if (this.#waits) return;
-    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    if (!fence) return;
-    gl.flush();
     this.#waits = true;
-    const look = (): void => {
-      const isOver = gl.isContextLost() || gl.clientWaitSync(fence, 0, 0) !== gl.TIMEOUT_EXPIRED;
-      if (!isOver) {
-        setTimeout(look, 1);
-        return;
-      }
-      gl.deleteSync(fence);
+    void finished(gl).then(() => {
       this.#waits = false;
       const frame_ms = performance.now() - begun;
       remember(this.#frame, frame_ms);
       hear(frame_ms);
-    };
-    setTimeout(look, 0);
+    });
   }
 
   get times(): FrameTimes {

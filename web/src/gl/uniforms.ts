@@ -26,7 +26,9 @@ export interface TexelGrid {
 export interface Maps {
   readonly volume: TexelGrid;
   readonly field: TexelGrid;
-  /** The map above the texture; null where there is none. */
+  /** Whether the volume is a layer, whose texels have a second part: whether they are defined. */
+  readonly isLayer: boolean;
+  /** The layer above the texture; null where there is none. */
   readonly overlay: TexelGrid | null;
   /**
    * The box around the border voxels' centres, in voxel coordinates of the field; null where the field is for light
@@ -44,8 +46,9 @@ export interface Maps {
   readonly spacing_mm: number;
 }
 
-/** How a map is coloured: see `render::layer`. */
+/** How a layer is coloured: see `render::layer`. */
 export interface OverlayLook {
+  readonly name: string;
   /** The values of the first and the last colour. */
   readonly window: readonly [number, number];
   /** What is at most this is transparent; null: nothing is that is defined. */
@@ -54,6 +57,8 @@ export interface OverlayLook {
   readonly color_row: number;
   /** Whether the threshold is one of magnitudes. */
   readonly is_diverging: boolean;
+  /** Whether a position has the value of its nearest voxel. */
+  readonly is_nearest: boolean;
 }
 
 /** What a pane shows. */
@@ -64,7 +69,9 @@ export interface Look extends View {
   readonly ambient: number;
   /** Row of the table of colours. */
   readonly color_row: number;
-  /** The map above the texture, which is drawn where its voxels are there. */
+  /** The layer in the place of the volume. */
+  readonly layer: { readonly id: string } | null;
+  /** The layer above the texture; both are drawn if their voxels are there. */
   readonly overlay: OverlayLook | null;
   /** Whether the head is mirrored at the plane between its hemispheres. */
   readonly isMirrored: boolean;
@@ -166,6 +173,7 @@ function overlayFields(look: OverlayLook | null, { overlay, field }: Maps): Fiel
     overlay_opacity: look.opacity,
     overlay_color_row: look.color_row,
     overlay_is_diverging: look.is_diverging ? 1 : 0,
+    overlay_is_nearest: look.is_nearest ? 1 : 0,
   };
 }
 
@@ -175,7 +183,7 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
   const projection = project(look, sphere, size);
   const patient_from_frame = patientFromFrame(look, maps, projection);
   const field_from_patient = inverse(field.patient_from_voxel);
-  const voxel_mm = Math.hypot(...[0, 1, 2].map((row) => field.patient_from_voxel[row]?.[0] ?? 0));
+  const voxel_mm = voxelMm(field);
   const depth = look.depth_mm / voxel_mm;
   const reach_mm = reachOf(look, maps) + CLIP_MARGIN * voxel_mm;
   const towards = towardsViewer(look.orientation);
@@ -213,12 +221,27 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
     slab_step: slab.length > 1 ? (slab[1] ?? 0) - (slab[0] ?? 0) : 0,
     clip_reach: reach_mm / voxel_mm,
     clip_piece: (PIECE_PIXELS * projection.mm_per_pixel) / (2 * reach_mm),
-    // Where there is light alone, nothing is known of the isosurface.
+    // With light alone, the isosurface is unknown.
     smooth_share: maps.borderBox ? smoothShare(depth) : 0,
     cuts: cutPlanes(maps, look.depth_mm),
+    volume_has_gaps: maps.isLayer ? 1 : 0,
     ...overlayFields(look.overlay, maps),
   };
 }
+
+/** The block `Contours` for a slice of `size` pixels. */
+export function contoursFields(look: Look, { field, sphere }: Maps, size: Vec2, depths_mm: readonly number[]): Fields {
+  const { mm_per_pixel } = project(look, sphere, size);
+  return {
+    levels: depths_mm.map((depth_mm) => depth_mm / mm_per_pixel),
+    count: depths_mm.length,
+    depth_px: (field.texelScale * voxelMm(field)) / mm_per_pixel,
+  };
+}
+
+/** The edge of a voxel of the depth field. */
+const voxelMm = ({ patient_from_voxel }: TexelGrid): number =>
+  Math.hypot(...[0, 1, 2].map((row) => patient_from_voxel[row]?.[0] ?? 0));
 
 /**
  * Where on a pane of `size` pixels anything of the envelope may be, in whole pixels; `top` counts from the top edge.

@@ -1,12 +1,18 @@
-// A case as the server tells of it.
+// A case as the server describes it.
 
-import type { MapsState } from "./maps.ts";
 import type { Affine, Vec3 } from "./space.ts";
 
 /** A DICOM window (PS3.3 C.11.2.1.2, LINEAR), in intensities. */
 export interface Window {
   readonly center: number;
   readonly width: number;
+}
+
+/** Least and greatest intensity, and the window that is shown first. */
+export interface Intensity {
+  readonly min: number;
+  readonly max: number;
+  readonly window: Window;
 }
 
 /** A sphere in the patient. */
@@ -31,6 +37,17 @@ export interface ProblemBody {
   readonly detail?: string;
 }
 
+/** A series among DICOM files. */
+export interface Series {
+  readonly number: number | null;
+  /** The kind of the sequence. */
+  readonly name: string;
+  /** Whether it can be a layer. */
+  readonly is_volume: boolean;
+  /** What names it in another upload. */
+  readonly token: string;
+}
+
 /** What is known of every case. */
 interface AnyCase {
   /** 32 hexadecimal digits. */
@@ -38,10 +55,16 @@ interface AnyCase {
   readonly name: string | null;
   /** RFC 3339. */
   readonly created_at: string;
-  /** The case of which it is a version, with another mask or other parameters. */
+  /** Whether it is never removed because of its age. */
+  readonly kept: boolean;
+  /** When the server will remove it because of its age; absent if it will not. */
+  readonly expires_at?: string;
+  /** The case that this is a version of, with another mask or other parameters. */
   readonly previous?: string;
   /** Its own versions. */
   readonly next?: readonly string[];
+  /** In the answer to an upload of DICOM: the series that were not chosen. */
+  readonly dicom?: { readonly others: readonly Series[] };
 }
 
 export interface WaitingCase extends AnyCase {
@@ -92,13 +115,11 @@ export interface ReadyCase extends AnyCase {
   /** What zoom 1 fits into a picture. */
   readonly envelope_sphere: Sphere;
   /** The plane between the hemispheres; absent where the case is older than its fitting. */
-  readonly midsagittal?: MirrorPlane;
+  readonly midsagittal?: MirrorPlane & { readonly doubtful?: boolean };
   /** The faces of the volume that cut the brain, their normals into the volume; absent if none does. */
   readonly cuts?: readonly MirrorPlane[];
-  readonly intensity: { readonly min: number; readonly max: number; readonly window: Window };
+  readonly intensity: Intensity;
   readonly quality?: Quality;
-  /** How far its maps are; absent in lists. */
-  readonly maps?: MapsState;
   /** `dicom`, where it was made of such files. */
   readonly links?: { readonly dicom?: string };
 }

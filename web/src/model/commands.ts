@@ -3,10 +3,10 @@
 import { facing, outwardAt, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn, zoomAt } from "./controls.ts";
-import { toggled } from "./maps.ts";
+import { firstOverlay, toggled } from "./maps.ts";
 import { mirrorPlane, reflected } from "./midsagittal.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import { type Layout, type ViewState, clampDepth, firstState, isHalved, presetWindow } from "./state.ts";
+import { type Layout, type ViewState, clampDepth, firstState, isHalved, presetWindow, textureOf } from "./state.ts";
 
 /** `size` is that of the pane, in pixels; `isStep`: Back undoes it. */
 export function changeOf(
@@ -27,9 +27,9 @@ export function changeOf(
     case "view":
       return { change: lookFrom(command.name), isStep: true };
     case "window":
-      return { change: { window: presetWindow(command.preset, shown) }, isStep: true };
+      return { change: { window: presetWindow(command.preset, textureOf(state, shown)) }, isStep: true };
     case "map":
-      return { change: { overlay: toggled(state.overlay, command.name) }, isStep: true };
+      return { change: { overlay: toggled(state.overlay, firstOverlay(command.name)) }, isStep: true };
     case "invert":
       return { change: invert(state), isStep: true };
     case "reset": {

@@ -1,8 +1,8 @@
 // From hands to changes of the state: pure, in pixels of a pane and what is written on keys.
 
 import { NAMED_VIEWS, VIEW_NAMES, type View, type ViewName, project } from "./camera.ts";
-import type { ReadyCase, Window } from "./case.ts";
-import { type MapName } from "./maps.ts";
+import type { Intensity, ReadyCase, Window } from "./case.ts";
+import type { MapName } from "./maps.ts";
 import { type Vec2, compose, turnAbout, unit } from "./space.ts";
 import {
   DEPTH_STEP_MM,
@@ -15,11 +15,12 @@ import {
   clamp,
   clampDepth,
   stepDepth,
+  textureOf,
 } from "./state.ts";
 
 export type Change = Partial<ViewState>;
 
-/** Where a drag upwards with the right button leads. */
+/** What an upward drag with the right button does to the window. */
 export const DRAG_DIRECTIONS = ["up-brighter", "up-darker"] as const;
 export type DragDirection = (typeof DRAG_DIRECTIONS)[number];
 
@@ -73,11 +74,15 @@ const WINDOW_DRAG_PIXELS = 400;
 
 /** A drag by `move` pixels: right is wider; up is brighter or darker, as is preferred. */
 export function dragWindow(state: ViewState, shown: ReadyCase, move: Vec2, drag: DragDirection): Change {
-  const perPixel = (shown.intensity.window.width - 1) / WINDOW_DRAG_PIXELS;
+  const texture = textureOf(state, shown);
+  const perPixel = (texture.intensity.window.width - 1) / WINDOW_DRAG_PIXELS;
   // A higher level is a darker picture.
   const level = (drag === "up-darker" ? -move[1] : move[1]) * perPixel;
   return {
-    window: boundWindow({ center: state.window.center + level, width: state.window.width + move[0] * perPixel }, shown),
+    window: boundWindow(
+      { center: state.window.center + level, width: state.window.width + move[0] * perPixel },
+      texture,
+    ),
   };
 }
 
@@ -85,9 +90,9 @@ export function dragWindow(state: ViewState, shown: ReadyCase, move: Vec2, drag:
  * The nearest window that is of use: its level within the intensities, from black to white a 500th of their range to
  * twice it.
  */
-export function boundWindow(window: Window, shown: ReadyCase): Window {
-  const { min, max } = shown.intensity;
-  const range = Math.max(max - min, shown.intensity.window.width - 1);
+export function boundWindow(window: Window, { intensity }: { readonly intensity: Intensity }): Window {
+  const { min, max } = intensity;
+  const range = Math.max(max - min, intensity.window.width - 1);
   return {
     center: clamp(window.center, min - range, max + range),
     width: clamp(window.width, 1 + range / 500, 1 + 2 * range),
@@ -174,7 +179,12 @@ export type ChangingCommand =
 
 /** What a key asks for. */
 export type Command =
-  ChangingCommand | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" };
+  | ChangingCommand
+  /** The next of the added layers, as grey texture or in colours. */
+  | { readonly kind: "grey" | "colours" }
+  /** The layers are hidden as long as a key is held; a line divides the picture without them from the one with them. */
+  | { readonly kind: "hold" | "release" | "swipe" }
+  | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" };
 
 /** A key, as a keyboard event has it. */
 export interface Key {
@@ -201,7 +211,11 @@ const PLAIN: Readonly<Record<string, Command>> = {
   "?": { kind: "help" },
   f: { kind: "timer" },
   o: { kind: "outline" },
-  b: { kind: "map", name: "blur" },
+  l: { kind: "grey" },
+  c: { kind: "colours" },
+  b: { kind: "hold" },
+  v: { kind: "swipe" },
+  u: { kind: "map", name: "blur" },
   a: { kind: "map", name: "asymmetry" },
   t: { kind: "map", name: "intensity-asymmetry" },
   s: { kind: "map", name: "sharpness" },

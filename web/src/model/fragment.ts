@@ -4,7 +4,7 @@
 import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
 import { type Change, boundWindow } from "./controls.ts";
-import { overlayText, readOverlay } from "./maps.ts";
+import { isLayerId, overlayText, readOverlay } from "./maps.ts";
 import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
 import {
   COLORMAPS,
@@ -56,9 +56,12 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   else say("q", list(state.orientation, 4), "");
   say("z", short(state.zoom, 3), "1");
   say("p", list(state.pan_mm, 1), "0,0");
-  say("w", windowText(state.window), windowText(first.window));
+  say("y", state.layer?.id ?? "", "");
+  // The first window of a layer is not known everywhere.
+  say("w", windowText(state.window), state.layer ? "" : windowText(first.window));
   say("m", state.colormap, first.colormap);
   say("b", state.overlay ? overlayText(state.overlay) : "", "");
+  say("e", state.swipe ? short(state.swipe.share, 2) : "", "");
   say("s", short(state.slab_mm, 1), "0");
   say("g", state.averages_shallow ? "1" : "0", "1");
   say("a", short(state.ambient, 2), short(first.ambient, 2));
@@ -86,8 +89,8 @@ export interface ReadState {
 /** Whether a number was left as it is when it was brought into its range, to a hundredth. */
 const isKept = (before: number, after: number): boolean => Math.abs(before - after) <= 0.0051;
 
-/** What a part's text changes in the state, each by its key; null where it cannot be read or had to be altered. */
-function readers(shown: ReadyCase): Readonly<Record<string, (text: string) => Reading>> {
+/** The changes of the state by each part of an address; null if its text is invalid or out of range. */
+function readers(shown: ReadyCase): Readonly<Record<string, (text: string, before: ViewState) => Reading>> {
   const { center_in_patient, radius_mm } = shown.envelope_sphere;
   const number = (text: string, low: number, high: number, change: (value: number) => Change): Reading => {
     const [value] = numbers(text, 1) ?? [];
@@ -114,10 +117,12 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string) => Re
       const kept: Vec2 = [clamp(pan[0], -PAN_LIMIT_MM, PAN_LIMIT_MM), clamp(pan[1], -PAN_LIMIT_MM, PAN_LIMIT_MM)];
       return { change: { pan_mm: kept }, isWhole: pan.every((value, axis) => isKept(value, kept[axis] ?? 0)) };
     },
-    w: (text) => {
+    y: (text) => (isLayerId(text) ? { change: { layer: { id: text } }, isWhole: true } : UNREAD),
+    w: (text, { layer }) => {
       const [center, width] = numbers(text, 2) ?? [];
       if (center === undefined || width === undefined || width < 1) return UNREAD;
-      const window = boundWindow({ center, width }, shown);
+      // The values of a layer are not known yet.
+      const window = layer ? { center, width } : boundWindow({ center, width }, shown);
       const tolerance = 1e-3 * width;
       const isWhole = Math.abs(window.center - center) <= tolerance && Math.abs(window.width - width) <= tolerance;
       return { change: { window }, isWhole };
@@ -127,6 +132,7 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string) => Re
       const read = readOverlay(text);
       return read ? { change: { overlay: read.overlay }, isWhole: read.isWhole } : UNREAD;
     },
+    e: (text) => number(text, 0, 1, (share) => ({ swipe: { share } })),
     s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
     g: (text) => word(text, ["0", "1"], (averages) => ({ averages_shallow: averages === "1" })),
     a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),
@@ -164,7 +170,7 @@ export function readState(rest: string, shown: ReadyCase, base: ViewState = firs
   for (const part of rest.split("&").filter((one) => one !== "")) {
     const at = part.indexOf("=");
     const key = part.slice(0, Math.max(at, 0));
-    const { change, isWhole } = (Object.hasOwn(byKey, key) && byKey[key]?.(part.slice(at + 1))) || UNREAD;
+    const { change, isWhole } = (Object.hasOwn(byKey, key) && byKey[key]?.(part.slice(at + 1), state)) || UNREAD;
     state = { ...state, ...change };
     if (!isWhole) unread.push(part);
   }

@@ -44,4 +44,8 @@ export class StateHistory {
   }
 }
 
-const isSame = (a: ViewState, b: ViewState | undefined): boolean => a === b || JSON.stringify(a) === JSON.stringify(b);
+/** What the server says of a layer is not of the state. */
+const textOf = (state: ViewState | undefined): string =>
+  JSON.stringify(state, (key, value: unknown) => (key === "intensity" || key === "about" ? undefined : value));
+
+const isSame = (a: ViewState, b: ViewState | undefined): boolean => a === b || textOf(a) === textOf(b);

@@ -1,16 +1,22 @@
-// The maps of the junction of grey and white matter that lie in colours over a picture: pure.
+// The maps of the junction of grey and white matter, and how layers lie in colours over a picture: pure.
+
+import type { Intensity } from "./case.ts";
 
 /** The maps, as the server names them, in the order of the page. */
 export const MAP_NAMES = ["blur", "asymmetry", "intensity-asymmetry", "sharpness", "junction"] as const;
 export type MapName = (typeof MAP_NAMES)[number];
 
-/** How the server shows a map if nothing else is asked for; a test compares this with its list of layers. */
+/** The colour maps of overlays, as the server names them; labels have their own. */
+export const OVERLAY_COLORMAPS = ["hot", "vermilion-yellow", "blue-orange", "viridis"] as const;
+export type OverlayColormap = (typeof OVERLAY_COLORMAPS)[number] | "labels";
+
+/** How the server shows a layer if nothing else is asked for; a test compares this with its list of layers. */
 export interface MapStyle {
   /** Empty where the values are shares. */
-  readonly unit: "z" | "1/mm" | "";
+  readonly unit: string;
   /** The values of the first and the last colour. */
   readonly window: readonly [number, number];
-  readonly colormap: "vermilion-yellow" | "blue-orange" | "viridis";
+  readonly colormap: OverlayColormap;
   /** What is at most this is transparent; null: all that is defined is shown. */
   readonly threshold: number | null;
 }
@@ -23,87 +29,145 @@ const styles: Readonly<Record<MapName, MapStyle>> = {
   sharpness: { unit: "1/mm", window: [0, 0.6], colormap: "viridis", threshold: null },
   junction: { unit: "", window: [0, 1], colormap: "viridis", threshold: null },
 };
-export const styleOf = (name: MapName): MapStyle => styles[name];
+export const isMap = (name: string): name is MapName => Object.hasOwn(styles, name);
+export const styleOfMap = (name: MapName): MapStyle => styles[name];
 
-/** Whether values count by their magnitude, so that both ends of the colours stand out. */
-export const isDiverging = (name: MapName): boolean => styles[name].colormap === "blue-orange";
-
-/** A map over the picture. */
-export interface MapOverlay {
-  readonly name: MapName;
-  /** Null where the map has none. */
+/** A layer in colours over the picture. */
+export interface LayerOverlay {
+  /** The name of a map, or the id of a layer that was added. */
+  readonly name: string;
+  /** Null if all that is defined is shown. */
   readonly threshold: number | null;
   /** 0 to 1. */
   readonly opacity: number;
+  /** The values of the first and the last colour, and the colours, if others are chosen. */
+  readonly window?: readonly [number, number];
+  readonly colormap?: OverlayColormap;
+  /** Of an added layer, once the server has described it. */
+  readonly about?: LayerWords & MapStyle;
 }
+
+/** What stands on a picture about a layer. */
+export interface LayerWords {
+  readonly title: string;
+  /** Where its place comes from: `registered`, or that it is not checked. */
+  readonly origin: string;
+}
+
+/** A layer as the grey texture of a picture, in the place of the intensities. */
+export interface GreyLayer {
+  readonly id: string;
+  /** Known once the server has described it. */
+  readonly intensity?: Intensity;
+  readonly about?: LayerWords;
+}
+
+/** How an overlay is shown. */
+export function styleOf({ name, about, window, colormap }: LayerOverlay): MapStyle {
+  const usual = about ?? (isMap(name) ? styles[name] : styles.junction);
+  return { ...usual, window: window ?? usual.window, colormap: colormap ?? usual.colormap };
+}
+
+/** Whether values count by their magnitude, so that both ends of the colours stand out. */
+export const isDiverging = ({ colormap }: Pick<MapStyle, "colormap">): boolean => colormap === "blue-orange";
 
 export const FIRST_OPACITY = 0.85;
 /** Of maps that have a threshold. */
 export const THRESHOLD_RANGE = [0, 6] as const;
 
 /** A map as it is first shown. */
-export const firstOverlay = (name: MapName): MapOverlay => ({
+export const firstOverlay = (name: MapName): LayerOverlay => ({
   name,
   threshold: styles[name].threshold,
   opacity: FIRST_OPACITY,
 });
 
-/** The map alone, or none where it is shown already. */
-export const toggled = (shown: MapOverlay | null, name: MapName): MapOverlay | null =>
-  shown?.name === name ? null : firstOverlay(name);
+/** The overlay alone, or none where its layer is shown already. */
+export const toggled = (shown: LayerOverlay | null, wanted: LayerOverlay): LayerOverlay | null =>
+  shown?.name === wanted.name ? null : wanted;
 
 /** The part of the window over which a map fades in above its threshold. */
 export const SOFT_PART = 0.1;
 
 /** How much a value of a map hides of what is below it, 0 to 1: `render::layer`. */
-export function shareOf({ name, threshold, opacity }: MapOverlay, value: number): number {
-  const [low, high] = styles[name].window;
+export function shareOf(overlay: LayerOverlay, value: number): number {
+  const { threshold, opacity } = overlay;
+  const style = styleOf(overlay);
+  const [low, high] = style.window;
   if (threshold === null) return opacity;
-  const size = isDiverging(name) ? Math.abs(value) : value;
+  const size = isDiverging(style) ? Math.abs(value) : value;
   const rise = Math.min(Math.max((size - threshold) / (SOFT_PART * (high - low)), 0), 1);
   return opacity * rise * rise * (3 - 2 * rise);
 }
 
 const hundredths = (value: number): number => Math.round(100 * value) / 100;
+/** Values of layers are of any size. */
+const short = (value: number): string => String(Number(value.toPrecision(4)));
 
-/** `blur`, or `blur,3,0.5`: threshold and opacity where they are not as at first. */
-export function overlayText({ name, threshold, opacity }: MapOverlay): string {
+/**
+ * `blur`, or `blur,3,0.5`: threshold and opacity where they are not as at first, then the window and the colours if
+ * others are chosen. Of an added layer both are always named; without a threshold its place is empty.
+ */
+export function overlayText({ name, threshold, opacity, window, colormap }: LayerOverlay): string {
+  const usual = isMap(name) ? firstOverlay(name) : null;
   const parts = [
     name,
-    threshold === styles[name].threshold || threshold === null ? "" : String(hundredths(threshold)),
-    opacity === FIRST_OPACITY ? "" : String(hundredths(opacity)),
+    threshold === null || threshold === usual?.threshold ? "" : short(threshold),
+    opacity === usual?.opacity ? "" : String(hundredths(opacity)),
+    ...(window ? window.map(short) : ["", ""]),
+    colormap ?? "",
   ];
   return parts.join(",").replace(/,+$/, "");
 }
 
-/** The overlay of such a text, and whether all of it was taken as it is; null where it names no map. */
-export function readOverlay(text: string): { readonly overlay: MapOverlay; readonly isWhole: boolean } | null {
-  const [word, threshold = "", opacity = "", ...rest] = text.split(",");
-  const name = MAP_NAMES.find((one) => one === word);
-  if (!name) return null;
-  const first = firstOverlay(name);
-  const within = (part: string, usual: number, [low, high]: readonly [number, number]): number => {
-    const value = part.trim() === "" ? NaN : Number(part);
-    return Number.isFinite(value) ? hundredths(Math.min(Math.max(value, low), high)) : usual;
+/** The id of a layer that was added. */
+export const isLayerId = (text: string): boolean => /^[0-9a-f]{32}$/.test(text);
+
+/** The overlay of such a text, and whether all of it was taken as it is; null where it names no layer. */
+export function readOverlay(text: string): { readonly overlay: LayerOverlay; readonly isWhole: boolean } | null {
+  const [name = "", threshold = "", opacity = "", low = "", high = "", colours = "", ...rest] = text.split(",");
+  if (!isMap(name) && !isLayerId(name)) return null;
+  const first = isMap(name) ? firstOverlay(name) : { name, threshold: null, opacity: FIRST_OPACITY };
+  const real = (part: string): number => (part.trim() === "" ? NaN : Number(part));
+  const within = (part: string, usual: number, [least, most]: readonly [number, number]): number => {
+    const value = real(part);
+    return Number.isFinite(value) ? hundredths(Math.min(Math.max(value, least), most)) : usual;
   };
-  const overlay = {
+  const wanted = real(threshold);
+  const ofLayer = Number.isFinite(wanted) ? wanted : null;
+  const ofMap = first.threshold === null ? null : within(threshold, first.threshold, THRESHOLD_RANGE);
+  const window: readonly [number, number] = [real(low), real(high)];
+  const hasWindow = window.every(Number.isFinite) && window[0] < window[1];
+  const colormap = OVERLAY_COLORMAPS.find((one) => one === colours);
+  const overlay: LayerOverlay = {
     name,
-    threshold: first.threshold === null ? null : within(threshold, first.threshold, THRESHOLD_RANGE),
+    threshold: isMap(name) ? ofMap : ofLayer,
     opacity: within(opacity, first.opacity, [0, 1]),
+    ...(hasWindow ? { window } : {}),
+    ...(colormap ? { colormap } : {}),
   };
   const isKept = (part: string, value: number | null): boolean =>
     part === "" || (value !== null && Math.abs(Number(part) - value) <= 0.0051);
-  const isWhole = rest.length === 0 && isKept(threshold, overlay.threshold) && isKept(opacity, overlay.opacity);
+  const isWhole =
+    rest.length === 0 &&
+    isKept(threshold, overlay.threshold) &&
+    isKept(opacity, overlay.opacity) &&
+    hasWindow === (low + high !== "") &&
+    (colormap ?? "") === colours;
   return { overlay, isWhole };
 }
 
-/** The keys of a picture with this map over it, as the server names them. */
-export function overlayPairs({ name, threshold, opacity }: MapOverlay): readonly (readonly [string, string])[] {
-  return [
+/** The keys of a picture with this layer over it, as the server names them. */
+export function overlayPairs(overlay: LayerOverlay): readonly (readonly [string, string])[] {
+  const { name, threshold, opacity, window, colormap } = overlay;
+  const pairs: readonly (readonly [string, string | null | undefined])[] = [
     ["overlay", name],
-    ...(threshold === null ? [] : ([["overlay_threshold", String(threshold)]] as const)),
+    ["overlay_threshold", threshold === null ? null : String(threshold)],
     ["overlay_opacity", String(opacity)],
+    ["overlay_window", window?.join()],
+    ["overlay_colormap", colormap],
   ];
+  return pairs.flatMap(([key, text]) => (text ? [[key, text] as const] : []));
 }
 
 /** A place that the server lists: see `candidates`. */
@@ -114,9 +178,3 @@ export interface Candidate {
   readonly score: number;
   readonly size_mm: number;
 }
-
-/** Where a case's maps stand. */
-export type MapsState =
-  | { readonly state: "ready" | "making" }
-  /** There are none, with the server's reason. */
-  | { readonly state: "undefined" | "off"; readonly reason?: string };

@@ -1,7 +1,7 @@
 // A brain mask as the server sends it, and its outlines in slices: pure.
 
 import type { Affine, Vec3 } from "./space.ts";
-import { WireError } from "./wire.ts";
+import { refuseUnless } from "./wire.ts";
 
 /** Voxels along the patient's axes: not 0 in the brain. */
 export interface MaskBlock {
@@ -15,15 +15,12 @@ const UINT8 = 2;
 
 /** Reads a NIfTI-1 file of eight bits along the patient's axes, as `GET …/mask` sends it. */
 export function decodeMask(bytes: ArrayBuffer): MaskBlock {
-  const refuse = (what: string): never => {
-    throw new WireError(`The server sent ${what} where a mask was due.`);
-  };
   const header = new DataView(bytes);
-  if (bytes.byteLength < HEADER_BYTES + 4 || header.getInt32(0, true) !== HEADER_BYTES) refuse("no NIfTI file");
+  refuseUnless(bytes.byteLength >= HEADER_BYTES + 4 && header.getInt32(0, true) === HEADER_BYTES, "mask");
   const [nx, ny, nz] = [42, 44, 46].map((at) => header.getInt16(at, true)) as [number, number, number];
   const offset = header.getFloat32(108, true);
-  if (header.getInt16(70, true) !== UINT8 || [nx, ny, nz].some((side) => side < 1)) refuse("another NIfTI file");
-  if (bytes.byteLength < offset + nx * ny * nz) refuse("a shortened NIfTI file");
+  refuseUnless(header.getInt16(70, true) === UINT8 && Math.min(nx, ny, nz) >= 1, "mask");
+  refuseUnless(bytes.byteLength >= offset + nx * ny * nz, "mask");
   // NIfTI counts to the right and to the front, the patient's space here to the left and to the back.
   const row = (index: number, sign: number): number[] =>
     [0, 1, 2, 3].map((column) => sign * header.getFloat32(280 + 16 * index + 4 * column, true));
@@ -31,7 +28,7 @@ export function decodeMask(bytes: ArrayBuffer): MaskBlock {
   const isSkew = [0, 1, 2].some((axis) =>
     [0, 1, 2].some((other) => other !== axis && Math.abs(patient_from_voxel[axis]?.[other] ?? 1) > 1e-4),
   );
-  if (isSkew) refuse("a turned NIfTI file");
+  refuseUnless(!isSkew, "mask");
   return { size: [nx, ny, nz], voxels: new Uint8Array(bytes, offset, nx * ny * nz), patient_from_voxel };
 }
 

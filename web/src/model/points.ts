@@ -39,6 +39,11 @@ export class Points {
     this.#volume = volume;
   }
 
+  /** The same points with the intensities of another block. */
+  within(volume: Sampler): Points {
+    return new Points(this.#case, this.#depths, volume);
+  }
+
   /** What is seen at a place of a pane of `size`, of which each half is a view beside the mirrored one; else null. */
   pick(state: ViewState, [x, y]: Vec2, pane: Vec2): Picked | null {
     const sphere = this.#case.envelope_sphere;

@@ -14,6 +14,28 @@ export interface Profile {
   readonly mirrored: readonly number[];
 }
 
+/** Depths and values; NaN where there is none. */
+export type Curve = readonly (readonly [number, number])[];
+
+/** What the server measures at a point, and on the way in through it. */
+export interface PointMeasured {
+  readonly junction_width: { readonly verdict: string; readonly mm?: number };
+  readonly samples: readonly {
+    readonly depth_mm: number | null;
+    /** The values of the layers, in their order. */
+    readonly layers?: readonly (number | null)[];
+  }[];
+}
+
+/** What the server measures at a point and at its mirrored one. */
+export interface Measured {
+  readonly own: PointMeasured;
+  readonly mirrored?: PointMeasured;
+  /** Why nothing is known of the junction. */
+  readonly maps_undefined?: string;
+  readonly layers?: readonly { readonly name: string; readonly unit: string; readonly labels?: readonly unknown[] }[];
+}
+
 /** Distance between the samples of a profile, in mm of depth. */
 export const PROFILE_STEP_MM = 0.25;
 

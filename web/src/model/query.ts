@@ -15,7 +15,8 @@ export const MESH_QUERY = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MES
 
 const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 
-function addColours(query: URLSearchParams, state: Pick<ViewState, "window" | "colormap" | "overlay">): void {
+function addColours(query: URLSearchParams, state: Pick<ViewState, "window" | "colormap" | "layer" | "overlay">): void {
+  if (state.layer) query.set("layer", state.layer.id);
   query.set("window", `${Number(state.window.center.toPrecision(12))},${Number(state.window.width.toPrecision(12))}`);
   if (state.colormap !== "grey") query.set("colormap", state.colormap);
   for (const [key, text] of state.overlay ? overlayPairs(state.overlay) : []) query.set(key, text);
@@ -30,6 +31,7 @@ export type RenderState = Pick<
   | "pan_mm"
   | "window"
   | "colormap"
+  | "layer"
   | "overlay"
   | "slab_mm"
   | "averages_shallow"

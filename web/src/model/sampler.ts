@@ -1,7 +1,7 @@
 // Values between voxel centres, as the shaders have them.
 
 import { inverted, transform, type Affine, type Vec3 } from "./space.ts";
-import { WireError, type Block } from "./wire.ts";
+import { refuseUnless, type Block } from "./wire.ts";
 
 /** A block of voxels that can be asked at any position of the patient. */
 export interface Sampler {
@@ -16,7 +16,7 @@ export interface Sampler {
 
 export function samplerOf({ size, voxels, scale, offset, patient_from_voxel }: Block): Sampler {
   const voxel_from_patient = inverted(patient_from_voxel);
-  if (!voxel_from_patient) throw new WireError("The server sent voxels of no extent.");
+  refuseUnless(voxel_from_patient !== null, "texture");
   const [nx, ny, nz] = size;
   const stored = (index: number): number => voxels[index] as number;
   const at = ([x, y, z]: Vec3): number => {

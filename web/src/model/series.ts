@@ -13,8 +13,8 @@ type Json = string | number | boolean | readonly Json[] | { readonly [key: strin
 /** A picture of a state, with what stands on it, as the server's interface takes it in JSON. */
 function pictureBody(state: RenderState, size: Vec2): Record<string, Json> {
   const query = renderQuery(state, size);
-  const lists = ["orientation", "pan", "window"];
-  const words = ["view", "colormap", "overlay", "renderer"];
+  const lists = ["orientation", "pan", "window", "overlay_window"];
+  const words = ["view", "colormap", "layer", "overlay", "overlay_colormap", "renderer"];
   const entries = [...query].map(([key, text]): [string, Json] => {
     if (lists.includes(key)) return [key, text.split(",").map(Number)];
     return [key, words.includes(key) ? text : Number(text)];

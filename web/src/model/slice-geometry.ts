@@ -38,10 +38,18 @@ export interface Placing {
 export const CENTRED: Placing = { zoom: 1, pan_mm: [0, 0] };
 
 function projection(view: SliceView, sphere: Sphere): Projection {
-  return project(cameraOf(view), sphere, view.size);
+  return project(sliceCamera(view), sphere, view.size);
 }
 
-const cameraOf = ({ plane, placing }: SliceView): View => ({ ...placing, orientation: NAMED_VIEWS[SEEN_FROM[plane]] });
+/** The point at which a slice's camera looks. */
+export const sliceCenter = ({ plane, position_mm }: SliceView, { center_in_patient }: Sphere): Vec3 =>
+  center_in_patient.map((one, axis) => (axis === PLANES[plane].axis ? position_mm : one)) as unknown as Vec3;
+
+/** From where a slice is seen. */
+export const sliceCamera = ({ plane, placing }: SliceView): View => ({
+  ...placing,
+  orientation: NAMED_VIEWS[SEEN_FROM[plane]],
+});
 
 /** A place or a move in the pane, as in the server's picture. */
 const unflipped = (view: SliceView, [x, y]: Vec2, middle: number): Vec2 =>
@@ -50,12 +58,12 @@ const unflipped = (view: SliceView, [x, y]: Vec2, middle: number): Vec2 =>
 /** Where a slice lies after a drag by `move` pixels. */
 export function movedSlice(view: SliceView, shown: ReadyCase, move: Vec2): Placing {
   const { zoom } = view.placing;
-  return { zoom, ...pan(cameraOf(view), shown, unflipped(view, move, 0), view.size) };
+  return { zoom, ...pan(sliceCamera(view), shown, unflipped(view, move, 0), view.size) };
 }
 
 /** Where it lies when it is enlarged by `factor` about a place of the pane. */
 export const zoomedSlice = (view: SliceView, shown: ReadyCase, factor: number, place: Vec2): Placing =>
-  zoomAt(cameraOf(view), shown, factor, unflipped(view, place, view.size[0] / 2), view.size);
+  zoomAt(sliceCamera(view), shown, factor, unflipped(view, place, view.size[0] / 2), view.size);
 
 /** The same of two fingers. */
 export function pinchedSlice(view: SliceView, shown: ReadyCase, { from, to }: Pinch): Placing {
@@ -63,7 +71,7 @@ export function pinchedSlice(view: SliceView, shown: ReadyCase, { from, to }: Pi
     unflipped(view, a, view.size[0] / 2),
     unflipped(view, b, view.size[0] / 2),
   ];
-  return pinch(cameraOf(view), shown, { from: both(from), to: both(to) }, view.size);
+  return pinch(sliceCamera(view), shown, { from: both(from), to: both(to) }, view.size);
 }
 
 /** How a picture of one placing is laid so that it shows another: scaled about its middle, then moved by pixels. */
@@ -97,17 +105,17 @@ export function slicePosition(view: SliceView, sphere: Sphere, [x, y]: Vec2): Ve
 
 export const sliceMmPerPixel = (view: SliceView, sphere: Sphere): number => projection(view, sphere).mm_per_pixel;
 
-/** The LPS coordinates along a patient axis that the working grid reaches over, on whole half millimetres. */
-export function reachOf(shown: ReadyCase, axis: 0 | 1 | 2): Vec2 {
-  const row = shown.grid.patient_from_voxel[axis] ?? [];
+/** The LPS coordinates along a patient axis that the volume reaches over, on whole half millimetres. */
+export function reachOf({ volume }: ReadyCase, axis: 0 | 1 | 2): Vec2 {
+  const row = volume.patient_from_voxel[axis] ?? [];
   const start = row[3] ?? 0;
-  const ends = shown.grid.size.map((count, column) => (row[column] ?? 0) * (count - 1));
+  const ends = volume.size.map((count, column) => (row[column] ?? 0) * (count - 1));
   const low = start + ends.reduce((sum, end) => sum + Math.min(end, 0), 0);
   const high = start + ends.reduce((sum, end) => sum + Math.max(end, 0), 0);
   return [Math.ceil(low * 2) / 2, Math.floor(high * 2) / 2];
 }
 
-/** The nearest position that the grid reaches. */
+/** The nearest position that the volume reaches. */
 export function withinReach(shown: ReadyCase, position: Vec3): Vec3 {
   return [
     clamp(position[0], ...reachOf(shown, 0)),

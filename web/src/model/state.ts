@@ -1,8 +1,8 @@
 // What is shown, as plain values: readonly data in, new data out.
 
 import { NAMED_VIEWS } from "./camera.ts";
-import type { ReadyCase, Window } from "./case.ts";
-import type { MapOverlay } from "./maps.ts";
+import type { Intensity, ReadyCase, Window } from "./case.ts";
+import type { GreyLayer, LayerOverlay } from "./maps.ts";
 import type { Quat, Vec2, Vec3 } from "./space.ts";
 
 /** The colour maps, as the server names them. */
@@ -25,6 +25,13 @@ export const hasSlices = ({ layout }: Pick<ViewState, "layout">): boolean => lay
 export const CONVENTIONS = ["radiological", "neurological"] as const;
 export type Convention = (typeof CONVENTIONS)[number];
 
+export interface Swipe {
+  /** From the left edge of each pane, of its width. */
+  readonly share: number;
+  /** The window of the side without layers. */
+  readonly window?: Window;
+}
+
 /** All that a picture depends on. */
 export interface ViewState {
   /** Below the envelope, 0 to the case's greatest depth. */
@@ -37,8 +44,12 @@ export interface ViewState {
   readonly pan_mm: Vec2;
   readonly window: Window;
   readonly colormap: Colormap;
-  /** The map in colours over the surface and the slices. */
-  readonly overlay: MapOverlay | null;
+  /** The layer in the place of the intensities; the window is then one of its values. */
+  readonly layer: GreyLayer | null;
+  /** The layer in colours over the surface and the slices. */
+  readonly overlay: LayerOverlay | null;
+  /** Where a line divides the picture without its layers from the picture with them; null: nowhere. */
+  readonly swipe: Swipe | null;
   /** Intensities are averaged over so much depth to either side. */
   readonly slab_mm: number;
   /** Whether they are averaged near the envelope although `slab_mm` is 0: see `slabOf`. */
@@ -75,7 +86,9 @@ export function firstState(shown: ReadyCase): ViewState {
     pan_mm: [0, 0],
     window: { center: shown.intensity.window.center, width: shown.intensity.window.width },
     colormap: "grey",
+    layer: null,
     overlay: null,
+    swipe: null,
     slab_mm: 0,
     averages_shallow: true,
     ambient: DEFAULT_AMBIENT,
@@ -92,6 +105,34 @@ export function clampDepth(depth_mm: number, shown: ReadyCase): number {
   const deepest = Math.floor(shown.max_depth_mm * 100) / 100;
   return Math.round(clamp(depth_mm || 0, 0, deepest) * 100) / 100;
 }
+
+/** The layers of a state, by name or id. */
+export const layersOf = ({ layer, overlay }: ViewState): readonly string[] =>
+  [layer?.id, overlay?.name].filter((name) => name !== undefined);
+
+/** The picture without its layers. */
+export const bareOf = (state: ViewState, window: Window): ViewState => ({
+  ...state,
+  window,
+  layer: null,
+  overlay: null,
+  swipe: null,
+});
+
+/** The parts of a picture, and from where to where they go, in shares of its width. */
+export function partsOf(state: ViewState): readonly (readonly [ViewState, readonly [number, number]])[] {
+  const { swipe, window } = state;
+  if (!swipe) return [[state, [0, 1]]];
+  return [
+    [bareOf(state, swipe.window ?? window), [0, swipe.share]],
+    [state, [swipe.share, 1]],
+  ];
+}
+
+/** What the values of a picture's texture are: of its layer, else of the case. */
+export const textureOf = (state: Pick<ViewState, "layer">, shown: ReadyCase): { readonly intensity: Intensity } => ({
+  intensity: state.layer?.intensity ?? shown.intensity,
+});
 
 /** The most outlines on a slice besides that of the cut. */
 export const MOST_OUTLINES = 7;
@@ -130,8 +171,8 @@ export const windowBetween = (black: number, white: number): Window => ({
 export const WINDOW_PRESETS = ["auto", "full", "brain", "narrow", "bright", "dark"] as const;
 export type WindowPreset = (typeof WINDOW_PRESETS)[number];
 
-export function presetWindow(preset: WindowPreset, shown: ReadyCase): Window {
-  const { min, max, window } = shown.intensity;
+export function presetWindow(preset: WindowPreset, { intensity }: { readonly intensity: Intensity }): Window {
+  const { min, max, window } = intensity;
   const [black, white] = windowEnds(window);
   const width = white - black;
   switch (preset) {

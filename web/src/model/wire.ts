@@ -16,12 +16,13 @@ export const triangleCount = (mesh: MeshSize): number => 2 * mesh.contour_count 
 /** An answer that is not what the interface promises. */
 export class WireError extends Error {}
 
-function refuseUnless(holds: boolean, what: string): asserts holds {
-  if (!holds) throw new WireError(`The server sent ${what}.`);
+/** Refuses a body that does not hold what it should: `what`, in one word. */
+export function refuseUnless(holds: boolean, what: string): asserts holds {
+  if (!holds) throw new WireError(`unreadable ${what}`);
 }
 
 const checkLength = (bytes: ArrayBuffer, expected: number, what: string): void =>
-  refuseUnless(bytes.byteLength === expected, `${what} of ${bytes.byteLength} bytes where ${expected} were due`);
+  refuseUnless(bytes.byteLength === expected, what);
 
 /** Vertices of one depth: x, y, z in LPS mm for each. */
 export function decodePositions(bytes: ArrayBuffer, mesh: MeshSize): Float32Array<ArrayBuffer> {
@@ -36,7 +37,7 @@ export function decodeTriangles(bytes: ArrayBuffer, mesh: MeshSize): Uint32Array
   const count = vertexCount(mesh);
   refuseUnless(
     triangles.every((vertex) => vertex < count),
-    "triangles of vertices that there are not",
+    "triangles",
   );
   return triangles;
 }
@@ -67,23 +68,23 @@ const PIECE_BYTES = 24;
 const MAGIC = 0x504f5349; // "ISOP"
 
 export function decodePaths(bytes: ArrayBuffer): PathsTable {
-  refuseUnless(bytes.byteLength >= PATHS_HEADER_BYTES, "paths without a header");
+  refuseUnless(bytes.byteLength >= PATHS_HEADER_BYTES, "paths");
   const header = new DataView(bytes, 0, PATHS_HEADER_BYTES);
   const whole = (offset: number): number => header.getUint32(offset, true);
   const real = (offset: number): number => header.getFloat32(offset, true);
-  refuseUnless(whole(0) === MAGIC, "something else where paths were due");
-  refuseUnless(header.getUint16(4, true) === 1, "paths of another version than this page knows");
+  refuseUnless(whole(0) === MAGIC, "paths");
+  refuseUnless(header.getUint16(4, true) === 1, "paths");
   const mesh = { contour_count: whole(8), points_per_contour: whole(12) };
   const [vertices, row_count, pieces] = [whole(16), whole(20), whole(24)];
-  refuseUnless(vertices === vertexCount(mesh) && row_count > 0, "paths of no mesh");
+  refuseUnless(vertices === vertexCount(mesh) && row_count > 0, "paths");
   const piecesAt = PATHS_HEADER_BYTES + 4 * (row_count + 1);
   const planesAt = piecesAt + PIECE_BYTES * pieces;
   checkLength(bytes, planesAt + 6 * row_count * vertices, "paths");
   const first_piece = new Uint32Array(bytes.slice(PATHS_HEADER_BYTES, piecesAt));
   const inOrder = first_piece.every((first, row) => first <= (first_piece[row + 1] ?? pieces));
-  refuseUnless(inOrder && first_piece[row_count] === pieces, "paths whose pieces are out of order");
+  refuseUnless(inOrder && first_piece[row_count] === pieces, "paths");
   const words = new Uint32Array(bytes.slice(piecesAt, planesAt));
-  refuseUnless(areByVertex(words, first_piece), "paths whose pieces are not in the order of their vertices");
+  refuseUnless(areByVertex(words, first_piece), "paths");
   return {
     mesh,
     origin_in_patient: [real(28), real(32), real(36)],
@@ -139,14 +140,14 @@ const MAX_SIDE = 4096;
 export function readLayout(headers: Headers): TextureLayout {
   const numbers = (name: string, count: number): number[] => {
     const list = (headers.get(`x-isocortex-${name}`) ?? "").split(",").map(Number);
-    refuseUnless(list.length === count && list.every(Number.isFinite), `no ${name} of a texture`);
+    refuseUnless(list.length === count && list.every(Number.isFinite), "texture");
     return list;
   };
   const [x = 0, y = 0, z = 0] = numbers("size", 3);
   const isSide = (side: number): boolean => Number.isInteger(side) && side >= 1 && side <= MAX_SIDE;
-  refuseUnless([x, y, z].every(isSide), "a texture of an impossible size");
+  refuseUnless([x, y, z].every(isSide), "texture");
   const format = headers.get("x-isocortex-format");
-  refuseUnless(format === "u8" || format === "u16" || format === "i16", "a texture of an unknown format");
+  refuseUnless(format === "u8" || format === "u16" || format === "i16", "texture");
   const affine = numbers("patient-from-voxel", 12);
   return {
     size: [x, y, z],
@@ -174,14 +175,14 @@ export function decodeVolume(
   bytes: ArrayBuffer,
   layout: TextureLayout,
 ): Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>> {
-  checkLength(bytes, byteLength(layout), "a volume");
-  refuseUnless(layout.format !== "i16", "a volume of signed numbers");
+  checkLength(bytes, byteLength(layout), "volume");
+  refuseUnless(layout.format !== "i16", "volume");
   return { ...layout, voxels: layout.format === "u8" ? new Uint8Array(bytes) : new Uint16Array(bytes) };
 }
 
 /** Depths in mm. */
 export function decodeDistance(bytes: ArrayBuffer, layout: TextureLayout): Block<Int16Array<ArrayBuffer>> {
   checkLength(bytes, byteLength(layout), "depths");
-  refuseUnless(layout.format === "i16", "depths of unsigned numbers");
+  refuseUnless(layout.format === "i16", "depths");
   return { ...layout, voxels: new Int16Array(bytes) };
 }

@@ -1,46 +1,69 @@
-// The maps over the pictures: a section of the panel, which is filled when it is first wanted, and what the panes draw.
+// The layers over the pictures, the maps among them: two sections of the panel, which are filled when they are first
+// wanted, and what the panes draw.
 
-import { section } from "./fields.ts";
-import type { CaseMaps } from "./case-maps.ts";
-import { later } from "./later.ts";
-import type { MapsSection } from "./maps-section.ts";
-import type { Actions } from "./actions.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
-import type { ReadyCase } from "../model/case.ts";
-import type { MapName } from "../model/maps.ts";
-import type { ViewState } from "../model/state.ts";
+import type { ReadyCase, Window } from "../model/case.ts";
+import {
+  type Layer,
+  type LayerList,
+  greyOf,
+  isAdded,
+  isReady,
+  nextOf,
+  overlayOf,
+  styleOfLayer,
+} from "../model/layers.ts";
+import { type LayerOverlay, isLayerId, isMap, toggled } from "../model/maps.ts";
+import { type ViewState, bareOf } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
+import type { Actions } from "./actions.ts";
+import type { CaseLayers } from "./case-layers.ts";
+import type { Comparison } from "./comparison.ts";
+import { section } from "./fields.ts";
+import { later } from "./later.ts";
+import type { LayersSection } from "./layers-section.ts";
+import type { MapsSection } from "./maps-section.ts";
+import type { OverlayControls } from "./overlay-controls.ts";
 
 export interface AidsListener {
   readonly actions: Actions;
   /** What can be drawn has changed. */
   redraw(): void;
+  announce(words: string): void;
   complain(problem: unknown): void;
 }
 
 interface Filled {
-  readonly maps: CaseMaps;
-  readonly section: MapsSection;
+  readonly layers: CaseLayers;
+  readonly maps: MapsSection;
+  readonly added: LayersSection;
+  readonly controls: OverlayControls;
+  readonly comparison: Comparison;
 }
 
 export class Aids {
-  readonly element = section(t("panel.maps"), true);
+  readonly elements = [section(t("panel.maps"), true), section(t("panel.layers"), true)] as const;
   readonly #shown: ReadyCase;
   readonly #listener: AidsListener;
   #filling: Promise<Filled> | null = null;
   #filled: Filled | null = null;
+  #list: LayerList | null = null;
   #state: ViewState | null = null;
+  /** The window that each texture was left with, by the id of its layer. */
+  readonly #windows = new Map<string, Window>();
   #isGone = false;
 
   constructor(shown: ReadyCase, listener: AidsListener) {
     this.#shown = shown;
     this.#listener = listener;
-    this.element.classList.add("maps");
-    this.element.querySelector(".group-body")?.append(h("p", { class: "quiet" }, "…"));
+    for (const [at, element] of this.elements.entries()) {
+      element.classList.add(at === 0 ? "maps" : "added");
+      element.querySelector(".group-body")?.append(h("p", { class: "quiet" }, "…"));
+    }
   }
 
-  /** Fills the section. */
+  /** Fills the sections, and lists the layers. */
   load(): Promise<Filled> {
     const filling = (this.#filling ??= this.#fill());
     // It is tried again when it is wanted again.
@@ -49,39 +72,164 @@ export class Aids {
   }
 
   show(state: ViewState): void {
-    const isNew = state.overlay?.name !== this.#state?.overlay?.name;
+    const before = this.#state;
     this.#state = state;
-    this.#filled?.section.show(state);
-    if (!state.overlay || !isNew) return;
-    const ask = async (): Promise<void> => (await this.load()).maps.ask();
+    this.#showFilled(state);
+    // The layer of an address is an id alone, also if it is shown already.
+    const isUnknown = state.layer !== null && !state.layer.intensity;
+    const isNew = isUnknown || state.overlay?.name !== before?.overlay?.name || state.layer?.id !== before?.layer?.id;
+    if (!isNew || !(state.overlay || state.layer)) return;
+    if (this.#list) return this.#settle();
+    const ask = async (): Promise<void> => (await this.load()).layers.ask();
     ask().catch((problem: unknown) => this.#listener.complain(problem));
   }
 
-  /** The state as it can be drawn by now: without a map that is not ready. */
+  /** The state as it is drawn: without what is hidden for now, and with the window beside a dividing line. */
   drawable(state: ViewState): ViewState {
-    return state.overlay && !this.#filled?.maps.isReady ? { ...state, overlay: null } : state;
+    const drawn = this.#known(state);
+    if (!drawn.layer && !drawn.overlay) return drawn.swipe ? { ...drawn, swipe: null } : drawn;
+    const window = drawn.layer ? (this.#windows.get("") ?? this.#shown.intensity.window) : drawn.window;
+    if (this.#filled?.comparison.isHidden) return bareOf(drawn, window);
+    return drawn.swipe ? { ...drawn, swipe: { ...drawn.swipe, window } } : drawn;
   }
 
-  async layer(name: MapName): Promise<Block> {
-    return (await this.load()).maps.layer(name);
+  /** Without a layer that is not ready, and with what is known of the others. */
+  #known(state: ViewState): ViewState {
+    if (!state.overlay && !state.layer) return state;
+    const overlay = state.overlay && this.#overlayOf(state.overlay);
+    const found = state.layer && this.#filled?.layers.ready(state.layer.id);
+    const grey = found && greyOf(found);
+    if (!state.layer) return { ...state, overlay };
+    if (found && grey) return { ...state, overlay, layer: { ...grey, ...aboutOf(found) } };
+    return { ...state, overlay, layer: null, window: this.#shown.intensity.window };
+  }
+
+  async voxels(name: string): Promise<Block> {
+    return (await this.load()).layers.voxels(name);
+  }
+
+  /** Shows the next of the added layers, or none after the last. */
+  next(how: "grey" | "colours"): void {
+    const state = this.#state;
+    const ready = this.#list?.layers.filter((layer) => isAdded(layer) && isReady(layer)) ?? [];
+    const usable = how === "grey" ? ready.filter((layer) => greyOf(layer)) : ready;
+    if (!state || usable.length === 0) return this.#listener.announce(t("layers.none-ready"));
+    const shown = how === "grey" ? state.layer?.id : state.overlay?.name;
+    const ids = usable.map(({ id }) => id);
+    const id = nextOf(ids, shown !== undefined && ids.includes(shown) ? shown : null);
+    if (how === "grey") this.grey(id);
+    else this.colours(id);
+  }
+
+  /** Hides the layers as long as a key is held, or divides the picture. */
+  compare(how: "hold" | "release" | "swipe"): void {
+    const comparison = this.#filled?.comparison;
+    if (how === "release") return comparison?.hide(false);
+    if (!comparison || !(this.#state?.layer || this.#state?.overlay))
+      return this.#listener.announce(t("layers.none-shown"));
+    if (how === "hold") comparison.hide(true);
+    else comparison.swipe();
+  }
+
+  /** Shows a layer that is ready as the texture; null: the case's own intensities. */
+  grey(id: string | null): void {
+    const state = this.#state;
+    const found = id === null ? null : this.#filled?.layers.ready(id);
+    const layer = (found && greyOf(found)) ?? null;
+    if (!state || (id !== null && !layer)) return;
+    this.#windows.set(state.layer?.id ?? "", state.window);
+    const window = this.#windows.get(id ?? "") ?? (layer ?? this.#shown).intensity.window;
+    this.#listener.actions.change({ layer, window }, true);
+  }
+
+  /** Shows a layer that is ready in colours, alone, or hides it again; null: none. */
+  colours(id: string | null): void {
+    const found = id === null ? null : this.#filled?.layers.ready(id);
+    if (!this.#state || (id !== null && !found)) return;
+    this.#listener.actions.change({ overlay: found ? toggled(this.#state.overlay, overlayOf(found)) : null }, true);
   }
 
   dispose(): void {
     this.#isGone = true;
-    this.#filled?.maps.dispose();
+    this.#filled?.layers.dispose();
+    this.#filled?.comparison.stop();
+  }
+
+  #overlayOf(overlay: LayerOverlay): LayerOverlay | null {
+    const found = this.#filled?.layers.ready(overlay.name);
+    if (!found) return null;
+    return isMap(overlay.name) ? overlay : { ...overlay, about: { ...styleOfLayer(found), ...aboutOf(found).about } };
+  }
+
+  #showFilled(state: ViewState): void {
+    if (!this.#filled) return;
+    const { maps, added, controls, comparison } = this.#filled;
+    for (const part of [maps, added, comparison]) part.show(state);
+    const slot = state.overlay && isLayerId(state.overlay.name) ? added.slot : maps.slot;
+    if (controls.element.parentElement !== slot) slot.append(controls.element);
+    // Before a layer is described, nobody knows its range.
+    controls.show(state.overlay && isMap(state.overlay.name) ? state.overlay : this.drawable(state).overlay);
+  }
+
+  /** Takes over what the list says of the layers of the state; those that are gone are not shown. */
+  #settle(): void {
+    const state = this.#state;
+    const list = this.#list;
+    if (!state || !list) return;
+    const isGone = (id: string | undefined): boolean =>
+      id !== undefined && isLayerId(id) && !list.layers.some((one) => one.id === id);
+    if (isGone(state.overlay?.name)) return this.#forget({ overlay: null });
+    const { window } = this.#shown.intensity;
+    if (isGone(state.layer?.id)) return this.#forget({ layer: null, window });
+    const found = state.layer && !state.layer.intensity && this.#filled?.layers.ready(state.layer.id);
+    const layer = found && greyOf(found);
+    if (!layer) return;
+    // An address that names a layer and no window means the layer's own.
+    const isUnsaid = state.window.center === window.center && state.window.width === window.width;
+    this.#listener.actions.change({ layer, ...(isUnsaid ? { window: layer.intensity.window } : {}) });
+  }
+
+  #forget(change: Partial<ViewState>): void {
+    this.#filled?.added.say(t("problem.no-such-layer"));
+    this.#listener.actions.change(change);
   }
 
   async #fill(): Promise<Filled> {
     const parts = await later();
-    const maps = new parts.CaseMaps(this.#shown.id, (now) => {
-      made.tell(now);
-      this.#listener.redraw();
+    const { actions } = this.#listener;
+    const layers = new parts.CaseLayers(this.#shown.id, (list) => this.#hear(list));
+    const maps = new parts.MapsSection(this.#shown, layers, actions);
+    const added = new parts.LayersSection(this.#shown, layers, {
+      grey: (id) => this.grey(id),
+      colours: (id) => this.colours(id),
+      announce: (words) => this.#listener.announce(words),
     });
-    const made = new parts.MapsSection(this.#shown, maps, this.#listener.actions);
-    this.#filled = { maps, section: made };
-    if (this.#isGone) maps.dispose();
-    this.element.querySelector(".group-body")?.replaceWith(made.element);
-    if (this.#state) made.show(this.#state);
+    const controls = new parts.OverlayControls(({ about: _, ...overlay }) => actions.change({ overlay }));
+    const comparison = new parts.Comparison(actions, () => this.#listener.redraw());
+    added.slot.before(comparison.element);
+    this.#filled = { layers, maps, added, controls, comparison };
+    if (this.#isGone) layers.dispose();
+    for (const [at, part] of [maps, added].entries())
+      this.elements[at]?.querySelector(".group-body")?.replaceWith(part.element);
+    if (this.#state) this.#showFilled(this.#state);
+    void layers.ask().catch((problem: unknown) => this.#listener.complain(problem));
     return this.#filled;
   }
+
+  #hear(list: LayerList): void {
+    this.#list = list;
+    const [map] = list.layers;
+    if (map) this.#filled?.maps.tell(map);
+    this.#filled?.maps.plot(list.junction_by_depth);
+    this.#filled?.added.tell(list);
+    if (this.#state) this.#showFilled(this.#state);
+    this.#settle();
+    this.#listener.redraw();
+  }
 }
+
+/** What stands on a picture about a layer that is ready. */
+const aboutOf = ({ name, origin, quality }: Layer) => {
+  const placed = origin ? t(`origin.${origin}`) : "";
+  return { about: { title: name, origin: quality === "review" ? t("origin.review", { origin: placed }) : placed } };
+};

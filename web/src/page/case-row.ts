@@ -1,10 +1,9 @@
 // A row of the list: one case.
 
-import { getPicture } from "../base/api.ts";
 import { caseFacts, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
-import { h, iconButton, setText } from "../base/dom.ts";
+import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
-import { decoded } from "../base/picture.ts";
+import { served } from "../base/picture.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import type { Case } from "../model/case.ts";
 import { qualityOf } from "../model/quality.ts";
@@ -56,8 +55,7 @@ export class Row {
     this.element.title = caseFacts(one);
     setText(this.#status, caseStatus(one));
     const version = versionOf(one);
-    setText(this.#version, version);
-    this.#version.hidden = version === "";
+    tell(this.#version, version);
     // There is room for one of them.
     this.#status.hidden = version !== "" && one.state === "ready";
     const quality = one.state === "ready" ? qualityOf(one) : null;
@@ -91,10 +89,9 @@ export class Row {
     if (this.#link.hasAttribute("aria-current")) event.preventDefault();
   }
 
-  /** Says why the case is pointed out; empty: it is not. */
+  /** Shows why the case is marked as new; empty: it is not. */
   flag(why: string): void {
-    setText(this.#fresh, why);
-    this.#fresh.hidden = why === "";
+    tell(this.#fresh, why);
   }
 
   mark(chosen: boolean): void {
@@ -107,9 +104,8 @@ export class Row {
     this.#thumbAsked = true;
     try {
       const state = { ...firstState(one), orientation: NAMED_VIEWS.left, way: "exact" } as const;
-      const image = await decoded(
-        await getPicture(`${one.id}/render?${renderQuery(state, [THUMB_PIXELS, THUMB_PIXELS])}`),
-      );
+      const path = `${one.id}/render?${renderQuery(state, [THUMB_PIXELS, THUMB_PIXELS])}`;
+      const image = await served({ path });
       image.alt = "";
       this.#thumb.replaceChildren(image);
     } catch {

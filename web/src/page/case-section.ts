@@ -1,6 +1,6 @@
 // What is known of the case and its mask, and what can be made of it: the mask's outline, its files, versions.
 
-import { getDicom, getFile, makeVersion } from "../base/api.ts";
+import { getCase, getDicom, getFile, keepCase, makeVersion } from "../base/api.ts";
 import { caseTitle, reasonWords, voxelWords } from "../base/case-words.ts";
 import { h, setText } from "../base/dom.ts";
 import { known, moment, number, t } from "../base/i18n.ts";
@@ -31,16 +31,27 @@ export class CaseSection {
   readonly #listener: CaseSectionListener;
   readonly #facts = h("dl", { class: "point case-facts" });
   readonly #note = h("p", { class: "quiet", role: "status" });
+  readonly #keep: HTMLInputElement;
   readonly #outline: HTMLInputElement;
   readonly #mask = h("input", { type: "file", id: "version-mask", accept: ".nii,.gz" });
   readonly #offset: HTMLInputElement;
   readonly #radius: HTMLInputElement;
   readonly #make: HTMLButtonElement;
   #block: MaskBlock | null = null;
+  /** What is known of its series. */
+  #series: readonly (readonly [string, string])[] = [];
+  /** As far as it is known whether it is kept. */
+  #age: Case;
+  #asked: Promise<Case> | null = null;
 
   constructor(shown: ReadyCase, listener: CaseSectionListener) {
-    this.#shown = shown;
+    this.#shown = this.#age = shown;
     this.#listener = listener;
+    this.#keep = h("input", {
+      type: "checkbox",
+      id: "keep-case",
+      change: () => void this.#tellAge(keepCase(shown.id, this.#keep.checked)),
+    });
     this.#outline = h("input", { type: "checkbox", id: "mask-outline", change: () => void this.#showOutline() });
     this.#offset = h("input", {
       type: "number",
@@ -62,11 +73,14 @@ export class CaseSection {
     const chosen = h("span", { class: "quiet" }, t("version.mask-hint"));
     this.#mask.addEventListener("change", () => setText(chosen, this.#mask.files?.[0]?.name ?? t("version.mask-hint")));
     this.#tellFacts();
+    // The list may know an earlier state of it.
+    void this.#tellAge(getCase(shown.id));
     this.element = h(
       "div",
       { class: "group-body" },
       this.#facts,
       ...(shown.links?.dicom ? [row(button(t("case.ask-series"), () => void this.#tellSeries()))] : []),
+      h("label", { class: "inline" }, this.#keep, t("case.keep")),
       h("label", { class: "inline" }, this.#outline, t("case.outline")),
       row(
         button(t("quality.look"), () => maskDialog(shown.id)),
@@ -93,7 +107,21 @@ export class CaseSection {
     );
   }
 
-  #tellFacts(extra: readonly (readonly [string, string])[] = []): void {
+  /** Whether it is kept, and until when it stays if it is not. */
+  async #tellAge(asked: Promise<Case>): Promise<void> {
+    this.#asked = asked;
+    try {
+      const now = await asked;
+      if (this.#asked === asked) this.#age = now;
+    } catch (problem) {
+      setText(this.#note, problemWords(problem));
+    }
+    if (this.#asked !== asked) return;
+    this.#keep.checked = this.#age.kept;
+    this.#tellFacts();
+  }
+
+  #tellFacts(): void {
     const { volume, envelope_ml, max_depth_mm, mask_kind } = this.#shown;
     const quality = qualityOf(this.#shown);
     const method = known(`method.${quality?.method ?? ""}`);
@@ -102,8 +130,9 @@ export class CaseSection {
     const facts: (readonly [string, string])[] = [
       [t("case.label"), caseTitle(this.#shown)],
       [t("case.uploaded"), moment(this.#shown.created_at)],
+      ...(this.#age.expires_at ? [[t("case.expires"), moment(this.#age.expires_at)] as const] : []),
       ...(volume.sequence ? [[t("case.sequence"), volume.sequence] as const] : []),
-      ...extra,
+      ...this.#series,
       [t("case.volume"), `${volume.size.map((side) => number(side)).join(" × ")}, ${voxelWords(this.#shown)}`],
       ...(missing > 0 ? [[t("case.interpolated"), number(missing)] as const] : []),
       [
@@ -128,7 +157,8 @@ export class CaseSection {
   async #tellSeries(): Promise<void> {
     try {
       const found = await getDicom(this.#shown.id);
-      this.#tellFacts(SERIES.filter((key) => found[key]).map((key) => [t(`case.${key}`), found[key] ?? ""]));
+      this.#series = SERIES.filter((key) => found[key]).map((key) => [t(`case.${key}`), found[key] ?? ""]);
+      this.#tellFacts();
       setText(this.#note, "");
     } catch (problem) {
       setText(this.#note, problemWords(problem));

@@ -3,13 +3,14 @@
 
 import { listCases, watchCase } from "../base/api.ts";
 import { caseFacts, caseTitle } from "../base/case-words.ts";
-import { h, setText } from "../base/dom.ts";
+import { h, status, tell } from "../base/dom.ts";
 import { spoken, t } from "../base/i18n.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
 import { qualityOf } from "../model/quality.ts";
 import { ROW_PIXELS, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { Row } from "./case-row.ts";
+import { choice } from "./fields.ts";
 
 const IDLE_MS = 8000;
 /** A browser opens six connections to a server; most of them are for pictures. */
@@ -74,7 +75,7 @@ export class CaseList {
   readonly #listener: CaseListListener;
   readonly #list = h("ul", { id: "case-list" });
   readonly #scroller = h("div", { class: "case-scroller", scroll: () => this.#stir() }, this.#list);
-  readonly #note = h("p", { id: "cases-note", class: "quiet", role: "status" }, t("cases.asking"));
+  readonly #note = status("cases-note");
   readonly #search: HTMLInputElement;
   readonly #order: HTMLSelectElement;
   readonly #rows = new Map<string, Row>();
@@ -106,11 +107,14 @@ export class CaseList {
       "aria-label": t("cases.search"),
       input: () => this.#fromTop(),
     });
-    this.#order = h(
-      "select",
-      { id: "case-order", "aria-label": t("order.title"), change: () => this.#fromTop() },
-      ...ORDERS.map((order) => h("option", { value: order }, t(`order.${order}`))),
+    this.#order = choice(
+      "case-order",
+      t("order.title"),
+      ORDERS,
+      (order) => t(`order.${order}`),
+      () => this.#fromTop(),
     );
+    this.#say(t("cases.asking"));
     const find = h("div", { class: "line" }, this.#search, this.#order);
     this.element = h("div", { class: "case-list-box" }, find, this.#note, this.#scroller);
     this.#list.addEventListener("keydown", (event) => this.#walk(event));
@@ -175,8 +179,7 @@ export class CaseList {
   }
 
   #say(words: string): void {
-    setText(this.#note, words);
-    this.#note.hidden = words === "";
+    tell(this.#note, words);
   }
 
   #merge(): void {

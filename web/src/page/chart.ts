@@ -2,9 +2,10 @@
 
 import { h, setText, svg } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
-import { type Profile, nearestSample, profileCsv } from "../model/profile.ts";
+import { type Curve, type Measured, type Profile, nearestSample, profileCsv } from "../model/profile.ts";
 import { paintSvg } from "../panes/paint-svg.ts";
 import { button, row } from "./fields.ts";
+import { type LayerCurves, layerCurves, widthWords } from "./measured.ts";
 import { captioned, saveFile } from "./picture-file.ts";
 
 const WIDTH = 268;
@@ -22,6 +23,9 @@ function shallowPart(profile: Profile): Profile {
     mirrored: profile.mirrored.slice(0, count),
   };
 }
+
+/** The colours of outlines that differ from those of the two sides. */
+const LAYER_COLOURS = ["outline-3", "outline-4", "outline-5", "outline-6"] as const;
 
 /** About `count` round numbers from `low` to `high`. */
 export function ticks(low: number, high: number, count: number): number[] {
@@ -59,6 +63,8 @@ export interface ProfileUses {
   caption(): Promise<readonly string[]>;
   /** How its files are called, without their endings. */
   readonly name: string;
+  /** What the server measured; null until it has. */
+  readonly measured: Measured | null;
 }
 
 /** The chart, what the pointer reads in it, its files and, for those who do not see it, its table. */
@@ -72,6 +78,16 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
     HEIGHT - MARGIN.bottom - ((value - low) / (high - low)) * (HEIGHT - MARGIN.top - MARGIN.bottom);
   const curve = (name: string, ys: readonly number[]): SVGElement =>
     svg("path", { class: `curve ${name}`, d: pathOf(shallow.depth_mm.map(x), ys.map(y)) });
+  const layers = uses.measured ? layerCurves(uses.measured, deepest) : [];
+  // Each layer has its own scale, as high as the picture.
+  const layerCurve = (side: string, points: Curve, [least, most]: LayerCurves["range"], at: number): SVGElement => {
+    const height = (value: number): number => y(low + ((value - least) / (most - least || 1)) * (high - low));
+    const lines = pathOf(
+      points.map(([depth]) => x(depth)),
+      points.map(([, value]) => height(value)),
+    );
+    return svg("path", { class: `curve layer ${side} ${LAYER_COLOURS[at % LAYER_COLOURS.length]}`, d: lines });
+  };
   const upright = (name: string, at: number): SVGElement =>
     svg("line", { class: name, x1: at, x2: at, y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom });
   const pointer = upright("pointer", 0);
@@ -96,6 +112,10 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
       t("profile.axis"),
     ),
     depth_mm <= deepest ? upright("here", x(depth_mm)) : null,
+    ...layers.flatMap(({ own, mirrored, range }, at) => [
+      layerCurve("other", mirrored, range, at),
+      layerCurve("own", own, range, at),
+    ]),
     curve("other", shallow.mirrored),
     curve("own", shallow.intensity),
     pointer,
@@ -113,8 +133,8 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
     for (const end of ["x1", "x2"]) pointer.setAttribute(end, String(x(depth)));
     pointer.setAttribute("visibility", "visible");
     const grey = (value = NaN): string => (Number.isFinite(value) ? intensity(value) : "–");
-    const [own, mirrored] = [grey(shallow.intensity[at]), grey(shallow.mirrored[at])];
-    setText(read, t("profile.read", { depth: number(depth, 2), own, mirrored }));
+    const both = t("profile.both", { own: grey(shallow.intensity[at]), mirrored: grey(shallow.mirrored[at]) });
+    setText(read, `${number(depth, 2)} mm: ${both}`);
   });
   picture.addEventListener("pointerleave", () => {
     pointer.setAttribute("visibility", "hidden");
@@ -126,44 +146,51 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
     { class: "legend" },
     h("span", { class: "own" }, t("profile.own")),
     h("span", { class: "other" }, t("profile.mirrored")),
+    ...layers.map(({ words }, at) =>
+      h("span", { class: "layer" }, h("i", { class: LAYER_COLOURS[at % LAYER_COLOURS.length] ?? "" }), words),
+    ),
   );
+  const width = uses.measured && widthWords(uses.measured);
   const files = row(
-    button(t("profile.png"), () => void savePicture(picture, uses)),
+    button(t("profile.png"), () => void savePicture(picture, layers, uses)),
     button(t("profile.csv"), () => saveTable(profile, uses)),
   );
-  return h("div", { class: "profile" }, picture, legend, read, files, tableOf(shallow));
+  const junction = width ? h("p", { class: "junction-width" }, `${t("point.width")}: ${width}`) : null;
+  return h("div", { class: "profile" }, junction, picture, legend, read, files, tableOf(shallow));
 }
 
-/** The height of the legend in a saved chart. */
+/** The height of a line of the legend in a saved chart. */
 const LEGEND_PIXELS = 20;
 
 /** Saves the chart at four times its size on the screen. */
-async function savePicture(chart: SVGSVGElement, { caption, name }: ProfileUses): Promise<void> {
+async function savePicture(
+  chart: SVGSVGElement,
+  layers: readonly LayerCurves[],
+  { caption, name }: ProfileUses,
+): Promise<void> {
   const { width, height } = chart.getBoundingClientRect();
   const page = getComputedStyle(document.body);
-  const frame = { width, height: height + LEGEND_PIXELS, ratio: 4, caption: await caption() };
+  const curves = [...chart.querySelectorAll(".curve:not(.layer)"), ...chart.querySelectorAll(".layer.own")];
+  const words = [t("profile.mirrored"), t("profile.own"), ...layers.map((layer) => layer.words)];
+  const frame = { width, height: height + words.length * LEGEND_PIXELS, ratio: 4, caption: await caption() };
   const png = await captioned(frame, (context) => {
     context.fillStyle = page.backgroundColor;
-    context.fillRect(0, 0, width, height + LEGEND_PIXELS);
+    context.fillRect(0, 0, width, frame.height);
     paintSvg(context, chart, [0, 0]);
     context.font = `12px ${page.fontFamily}`;
     context.textBaseline = "middle";
-    const legend = [
-      ["own", t("profile.own")],
-      ["other", t("profile.mirrored")],
-    ] as const;
-    for (const [at, [curve, words]] of legend.entries()) {
-      const line = chart.querySelector(`.curve.${curve}`);
-      const [left, middle] = [10 + (at * width) / 2, height + LEGEND_PIXELS / 2];
-      context.strokeStyle = line ? getComputedStyle(line).stroke : page.color;
+    for (const [at, curve] of curves.entries()) {
+      const middle = height + (at + 0.5) * LEGEND_PIXELS;
+      const { stroke, strokeDasharray } = getComputedStyle(curve);
+      context.strokeStyle = stroke;
       context.lineWidth = 2;
-      context.setLineDash(curve === "other" ? [5, 3] : []);
+      context.setLineDash(strokeDasharray === "none" ? [] : [5, 3]);
       context.beginPath();
-      context.moveTo(left, middle);
-      context.lineTo(left + 24, middle);
+      context.moveTo(10, middle);
+      context.lineTo(34, middle);
       context.stroke();
       context.fillStyle = page.color;
-      context.fillText(words, left + 30, middle);
+      context.fillText(words[at] ?? "", 40, middle);
     }
   });
   saveFile(png, `${name}-profile.png`);

@@ -2,9 +2,9 @@
 
 import type { ReadyCase } from "../model/case.ts";
 import { depthOfShare, shareOfDepth, ticksTo } from "../model/depth-scale.ts";
-import { DEPTH_STEP_MM, GOOD_DEPTHS_MM, clampDepth, stepDepth } from "../model/state.ts";
+import { DEPTH_STEP_MM, FINE_DEPTH_STEP_MM, GOOD_DEPTHS_MM, clampDepth, stepDepth } from "../model/state.ts";
 import { h, icon, iconButton, setValue } from "../base/dom.ts";
-import { number, t } from "../base/i18n.ts";
+import { number, numberUpTo, readNumber, t } from "../base/i18n.ts";
 import type { Actions } from "./actions.ts";
 
 /** The slider's own numbers: its places, not millimetres, for its two halves are of different scales. */
@@ -25,8 +25,7 @@ export class DepthBar {
   readonly #range: HTMLInputElement;
   readonly #number: HTMLInputElement;
   readonly #play: HTMLButtonElement;
-  /** What the number is to say. */
-  #depth = "";
+  #depth = 0;
   #isTyping = false;
   #playing: boolean | null = null;
 
@@ -53,33 +52,33 @@ export class DepthBar {
         if ((steps === undefined && ends === undefined) || event.ctrlKey || event.metaKey || event.altKey) return;
         event.preventDefault();
         event.stopPropagation();
-        take(ends ?? stepDepth(Number(this.#depth), steps ?? 0, DEPTH_STEP_MM));
+        take(ends ?? stepDepth(this.#depth, steps ?? 0, DEPTH_STEP_MM));
       },
     });
     this.#number = h("input", {
-      // "change", not "input": a number is not corrected while it is being typed.
-      type: "number",
+      // "change", not "input": a number is not corrected while it is being typed. A box for numbers alone would write
+      // them in the browser's language, not in the page's.
+      type: "text",
+      inputmode: "decimal",
       id: "depth-number",
-      min: 0,
-      max: deepest,
-      step: 0.1,
       "aria-label": t("depth.number"),
       input: () => (this.#isTyping = true),
       change: () => {
-        take(this.#number.valueAsNumber);
+        take(readNumber(this.#number.value));
         this.#leave();
       },
       keydown: (event: KeyboardEvent) => {
         if (event.key === "Enter") this.#number.blur();
+        const steps = { ArrowUp: 1, ArrowDown: -1 }[event.key];
+        if (steps === undefined) return;
+        event.preventDefault();
+        this.#isTyping = false;
+        take(stepDepth(this.#depth, steps, FINE_DEPTH_STEP_MM));
       },
       // An empty box has no change to tell of.
       blur: () => this.#leave(),
     });
-    this.#play = h("button", {
-      type: "button",
-      class: "icon-button play",
-      click: () => actions.command({ kind: "play" }),
-    });
+    this.#play = h("button", { class: "icon-button play", click: () => actions.command({ kind: "play" }) });
     const step = (steps: number): void => actions.command({ kind: "depth", steps, fine: false });
     this.element = h(
       "div",
@@ -97,8 +96,8 @@ export class DepthBar {
   show(depth_mm: number, playing: boolean): void {
     this.#range.setAttribute("aria-valuetext", `${number(depth_mm, 1)} mm`);
     setValue(this.#range, Math.round(PLACES * shareOfDepth(depth_mm, this.#deepest)));
-    this.#depth = String(Number(depth_mm.toFixed(2)));
-    if (!this.#isTyping) this.#number.value = this.#depth;
+    this.#depth = depth_mm;
+    if (!this.#isTyping) this.#leave();
     if (playing === this.#playing) return;
     this.#playing = playing;
     const label = t(playing ? "depth.pause" : "depth.play");
@@ -110,7 +109,7 @@ export class DepthBar {
   /** The box says the depth again: what was typed may be out of range, or no number. */
   #leave(): void {
     this.#isTyping = false;
-    this.#number.value = this.#depth;
+    this.#number.value = numberUpTo(this.#depth, 2);
   }
 
   /** The depths at which most sulci are cut across. */

@@ -2,7 +2,7 @@
 
 import { getPicture } from "../base/api.ts";
 import { h, iconButton } from "../base/dom.ts";
-import { type Key, number, t } from "../base/i18n.ts";
+import { number, t, wordsBetween } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
@@ -42,14 +42,14 @@ export const closing = (
   value: string,
   words: string,
   attributes: Record<string, string | boolean> = {},
-): HTMLButtonElement => h("button", { value, ...attributes }, words);
+): HTMLButtonElement => h("button", { type: "submit", value, ...attributes }, words);
 
-/** Whether a case is to be deleted; anything but the button that says so is a no. */
-export async function confirmDelete(title: string): Promise<boolean> {
+/** Whether something is to be deleted; anything but the button that says so is a no. */
+export async function confirmDelete(title: string, text: string): Promise<boolean> {
   const { closed } = open(
-    t("delete.title"),
+    title,
     "confirm-delete",
-    h("p", {}, t("delete.text", { title })),
+    h("p", {}, text),
     h(
       "div",
       { class: "row end" },
@@ -76,7 +76,39 @@ export async function confirmRename(title: string, name: string): Promise<boolea
   return (await closed) === "rename";
 }
 
-/** The token that the server wants; empty where none was typed. */
+/** Which of some volumes are to be added as layers: their numbers, from 0. */
+export async function offerLayers(titles: readonly string[]): Promise<readonly number[]> {
+  const boxes = titles.map(() => h("input", { type: "checkbox", checked: true }));
+  const { closed } = open(
+    t("offer.title"),
+    "offer",
+    h("p", { class: "quiet" }, t("offer.text")),
+    ...titles.map((title, at) => h("label", { class: "inline" }, boxes[at] ?? null, title)),
+    h("div", { class: "row end" }, closing("add", t("offer.add"), { class: "primary" }), closing("", t("offer.skip"))),
+  );
+  const isWanted = (await closed) === "add";
+  return titles.flatMap((_, at) => (isWanted && boxes[at]?.checked ? [at] : []));
+}
+
+/** Asks for a short text; empty if it is not to be changed. */
+export async function askText(title: string, label: string, value: string): Promise<string> {
+  const input = h("input", { type: "text", id: "text", maxlength: 64, autocomplete: "off", value });
+  const { closed } = open(
+    title,
+    "ask-text",
+    h("label", {}, label, input),
+    // The first one is what Enter does.
+    h(
+      "div",
+      { class: "row end" },
+      closing("enter", t("rename.enter"), { class: "primary" }),
+      closing("", t("delete.keep")),
+    ),
+  );
+  return (await closed) === "enter" ? input.value.trim() : "";
+}
+
+/** Asks for the token that the server requires; empty if none was typed. */
 export async function askToken(refused: boolean): Promise<string> {
   const input = h("input", { type: "password", autocomplete: "off", required: true, id: "token" });
   const { closed } = open(
@@ -90,53 +122,15 @@ export async function askToken(refused: boolean): Promise<string> {
   return input.value.trim();
 }
 
-const HELP: readonly (readonly [Key, readonly Key[]])[] = [
-  [
-    "help.mouse",
-    [
-      "help.drag",
-      "help.wheel",
-      "help.shift-drag",
-      "help.right-drag",
-      "help.alt-wheel",
-      "help.double-click",
-      "help.slice-click",
-      "help.slice-drags",
-      "help.slice-double",
-    ],
-  ],
-  ["help.touch", ["help.one-finger", "help.two-fingers", "help.double-tap"]],
-  [
-    "help.keys",
-    [
-      "help.key-depth",
-      "help.key-pages",
-      "help.key-turn",
-      "help.key-views",
-      "help.key-window",
-      "help.key-maps",
-      "help.key-zoom",
-      "help.key-play",
-      "help.key-mark",
-      "help.key-outline",
-      "help.key-undo",
-      "help.key-rest",
-    ],
-  ],
-];
-
 /** What hands and keys do, and what can be chosen about them. */
 export function helpDialog(preferences: Preferences, change: (change: Partial<Preferences>) => void): void {
-  // Each line is "what it is for: how".
-  const lines = (keys: readonly Key[]): HTMLElement =>
-    h(
-      "dl",
-      { class: "help-list" },
-      ...keys.flatMap((key) => {
-        const [how = "", what = ""] = t(key).split("|");
-        return [h("dt", {}, how), h("dd", {}, what)];
-      }),
-    );
+  // Each line is "how|what it is for"; what has no such parts is the title of those after it.
+  const sections: HTMLElement[] = [];
+  for (const words of wordsBetween("help.mouse", "help.choices")) {
+    const [how = "", what] = words.split("|");
+    if (what === undefined) sections.push(h("section", {}, h("h3", {}, how), h("dl", { class: "help-list" })));
+    else sections.at(-1)?.lastElementChild?.append(h("dt", {}, how), h("dd", {}, what));
+  }
   const wheel = h(
     "select",
     { id: "wheel", change: () => change({ wheel: WHEEL_USES.find((use) => use === wheel.value) ?? "zoom" }) },
@@ -157,11 +151,7 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
     t("help.title"),
     "help",
     h("p", {}, t("help.intro")),
-    h(
-      "div",
-      { class: "help-columns" },
-      ...HELP.map(([title, itsKeys]) => h("section", {}, h("h3", {}, t(title)), lines(itsKeys))),
-    ),
+    h("div", { class: "help-columns" }, ...sections),
     h("p", { class: "quiet" }, t("help.mirror")),
     h("p", { class: "quiet" }, t("help.slices")),
     h("p", { class: "quiet" }, t("help.zero")),
@@ -205,7 +195,7 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
     "server-picture",
     place,
     ...(isHalved(state) ? [h("p", { class: "quiet" }, t("server.half"))] : []),
-    h("div", { class: "line" }, field, h("button", { type: "button", click: () => void copy() }, t("server.copy"))),
+    h("div", { class: "line" }, field, h("button", { click: () => void copy() }, t("server.copy"))),
     said,
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })),
   );

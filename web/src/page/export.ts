@@ -1,13 +1,15 @@
-// What leaves the page: a picture of it, and its address. Each tells in words what became of it.
+// Exports: a picture of the page, and its address. Each returns a sentence about the result.
 
 import { viewName } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { type MapOverlay, styleOf } from "../model/maps.ts";
+import { type LayerOverlay, styleOf } from "../model/maps.ts";
 import { hasSlices, type ViewState } from "../model/state.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { depthWords, positionWords } from "../base/readout.ts";
+import { writer } from "../panes/map-bar.ts";
+import { overlayWords, titleWords } from "../panes/overlay.ts";
 import { type Placed, paintPanes } from "../panes/screenshot.ts";
 import type { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfacePane } from "../panes/surface-pane.ts";
@@ -27,28 +29,28 @@ export const fileStem = (shown: Pick<ReadyCase, "id">): string => `isocortex-${s
 
 /** What stands below every picture of a case: whose it is, how it is seen, what drew it and what it is not for. */
 export async function captionOf(shown: ReadyCase, state: ViewState): Promise<string[]> {
-  const { window, colormap, overlay, crosshair_mm } = state;
+  const { window, colormap, layer, overlay, crosshair_mm } = state;
   const parts = [
     depthWords(state),
     t(`view.${viewName(state.orientation) ?? "oblique"}`),
     t("caption.window", { center: intensity(window.center), width: intensity(window.width) }),
     ...(colormap === "grey" ? [] : [t(`colormap.${colormap}`)]),
-    ...(overlay ? [overlayWords(overlay)] : []),
+    ...(layer ? [t("caption.layer", { name: titleWords(layer.about) })] : []),
+    ...(overlay ? [aboveWords(overlay)] : []),
     ...(crosshair_mm ? [t("caption.point", { position: positionWords(crosshair_mm).replaceAll(" · ", " ") })] : []),
   ];
   return [caseIdentity(shown), parts.join(" · "), `${await programWords()} · ${t("notice.long")}`];
 }
 
-/** Which map lies over the picture, and how. */
-function overlayWords({ name, threshold, opacity }: MapOverlay): string {
-  const { unit, window } = styleOf(name);
-  const range = t("caption.map", {
-    name: t(`map.${name}`),
-    low: number(window[0], 1),
-    high: number(window[1], 1),
-    unit,
-  });
-  const above = threshold === null ? [] : [t("caption.threshold", { threshold: number(threshold, 1) })];
+/** Which layer lies over the picture, and how. */
+function aboveWords(overlay: LayerOverlay): string {
+  const { threshold, opacity } = overlay;
+  const { unit, window, colormap } = styleOf(overlay);
+  const written = writer(window);
+  const [low, high] = window.map(written);
+  const name = overlayWords(overlay);
+  const range = colormap === "labels" ? name : t("caption.map", { name, low: low ?? "", high: high ?? "", unit });
+  const above = threshold === null ? [] : [t("caption.threshold", { threshold: written(threshold) })];
   return [range.trim(), ...above, t("caption.opacity", { share: number(100 * opacity) })].join(", ");
 }
 
@@ -78,7 +80,7 @@ export async function savePicture(view: OnScreen, times: number): Promise<string
 /** Puts the same into the clipboard. */
 export async function copyPicture(view: OnScreen, times: number): Promise<string> {
   try {
-    // The picture is promised: a browser wants to hear of it while the click is fresh.
+    // A promise of the picture, because a browser accepts it only during the click.
     await navigator.clipboard.write([new ClipboardItem({ "image/png": pictureOf(view, times) })]);
     return t("export.picture-copied");
   } catch (error) {
@@ -87,7 +89,7 @@ export async function copyPicture(view: OnScreen, times: number): Promise<string
   }
 }
 
-/** Copies an address; where that is forbidden, it is told instead. */
+/** Copies an address; if the browser forbids this, the address is shown instead. */
 export async function copied(address: string): Promise<string> {
   try {
     await navigator.clipboard.writeText(address);

@@ -3,10 +3,14 @@
 export { askToken, confirmDelete, confirmRename, helpDialog, maskDialog, serverPictureDialog } from "./dialogs.ts";
 export { captionOf, copied, copyPicture, fileStem, savePicture } from "./export.ts";
 export { profileView } from "./chart.ts";
+export { measuredAt } from "./measured.ts";
 export { SlicePane } from "../panes/slices.ts";
 export { CaseSection } from "./case-section.ts";
-export { CaseMaps } from "./case-maps.ts";
+export { Comparison } from "./comparison.ts";
+export { CaseLayers } from "./case-layers.ts";
+export { LayersSection } from "./layers-section.ts";
 export { MapsSection } from "./maps-section.ts";
+export { OverlayControls } from "./overlay-controls.ts";
 export { SweepSection } from "./sweep-section.ts";
 export { UploadForm } from "./upload.ts";
 export { seriesDialog } from "./series.ts";

@@ -6,7 +6,7 @@ type Parts = typeof import("./later-parts.ts");
 
 let parts: Promise<Parts> | null = null;
 
-/** The parts; a `Problem` where they cannot be had: the server does not answer, or has those of another version. */
+/** The parts; a `Problem` if they cannot be loaded: the server does not answer, or has another version. */
 export function later(): Promise<Parts> {
   parts ??= import("./later-parts.ts").catch(() => {
     parts = null;

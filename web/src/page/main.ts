@@ -1,21 +1,22 @@
 // The page: the list of cases at one side, the chosen case in the middle, its controls at the other side.
 
 import { deleteCase, getCase, onReach, onTokenWanted } from "../base/api.ts";
+import { AcquiredSlices } from "./acquired.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { CaseList } from "./cases.ts";
 import { commandOf } from "../model/controls.ts";
-import { h, iconButton, setText } from "../base/dom.ts";
+import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { readAddress } from "../model/fragment.ts";
 import { LANGUAGES, isLanguage, learn, t } from "../base/i18n.ts";
-import { press } from "./fields.ts";
+import { choice, choiceOfButtons, press } from "./fields.ts";
 import { later } from "./later.ts";
 import { resizer } from "./resizer.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { qualityOf } from "../model/quality.ts";
 import { ViewMemory } from "../model/memory.ts";
-import { LAYOUTS } from "../model/state.ts";
+import { LAYOUTS, hasSlices } from "../model/state.ts";
 import { UploadSlot, hearDrops } from "./upload-slot.ts";
 import { Viewer } from "./viewer.ts";
 
@@ -24,14 +25,15 @@ let preferences = loadPreferences();
 /** How each case was left; kept while the page is open. */
 const memory = new ViewMemory();
 
-/** Up to this width the list lies over the picture, as in the style sheet. */
-const OVERLAID_PIXELS = 1080;
+/** Below this width the list lies over the picture, as in the style sheet. */
+const BESIDE_PIXELS = 700;
 
 /** Everything on the page, in one language. */
 class App {
   readonly #live = h("div", { class: "visually-hidden", id: "live", role: "status", "aria-live": "polite" });
   readonly #title = h("h2", { id: "case-title" });
   readonly #note = h("p", { id: "case-note", class: "stage-note", role: "status" });
+  readonly #acquired = new AcquiredSlices();
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
@@ -59,23 +61,20 @@ class App {
       this.#list.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
       await this.#list.refresh();
     });
-    this.#layouts = h(
-      "div",
-      { class: "layouts", role: "group", "aria-label": t("layout.label") },
-      ...LAYOUTS.map((layout) =>
-        h(
-          "button",
-          { type: "button", value: layout, "aria-pressed": "false", click: () => this.#setLayout(layout) },
-          t(`layout.${layout}`),
-        ),
-      ),
+    this.#layouts = choiceOfButtons(
+      t("layout.label"),
+      LAYOUTS,
+      (layout) => t(`layout.${layout}`),
+      (layout) => this.#viewer?.setLayout(layout),
     );
+    this.#layouts.className = "layouts";
     this.#stage = h(
       "section",
       { class: "stage", id: "stage", tabindex: -1, "aria-labelledby": "case-title" },
       this.#silence,
       this.#quality,
       this.#note,
+      this.#acquired.element,
     );
     this.#sidebar = h(
       "nav",
@@ -101,7 +100,8 @@ class App {
       this.#main,
       this.#live,
     );
-    document.body.replaceChildren(this.#root);
+    document.querySelector(".app")?.remove();
+    document.body.append(this.#root);
     // Where the window is narrow, the picture comes first.
     this.#showSidebar(window.innerWidth >= 1200);
     hearDrops(document.body, (files) => {
@@ -133,8 +133,7 @@ class App {
   }
 
   reach(reachable: boolean): void {
-    setText(this.#silence, reachable ? "" : t("problem.unreachable"));
-    this.#silence.hidden = reachable;
+    tell(this.#silence, reachable ? "" : t("problem.unreachable"));
     if (!reachable) return;
     void this.#list.refresh();
     this.#viewer?.again();
@@ -164,7 +163,6 @@ class App {
     const address = readAddress(location.hash);
     const isSame = address.kind === "case" && address.id === before?.shown.id;
     if (isSame && before === this.#viewer) before.restore(address.rest);
-    this.#pressLayout();
   }
 
   #show(chosen: Case | null, rest: string): void {
@@ -174,10 +172,10 @@ class App {
     // The label that a user gave, never an identity out of DICOM: the browser's history keeps titles.
     document.title = chosen ? `${caseIdentity(chosen)} · Isocortex` : "Isocortex";
     const ready = chosen?.state === "ready" ? chosen : null;
-    setText(this.#note, ready ? "" : chosen ? caseStatus(chosen) : `${this.#absence} ${t("case.choose")}`.trim());
-    this.#note.hidden = ready !== null;
+    tell(this.#note, ready ? "" : chosen ? caseStatus(chosen) : `${this.#absence} ${t("case.choose")}`.trim());
     this.#note.classList.toggle("bad", chosen?.state === "failed");
     this.#layouts.hidden = !ready;
+    void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
     if (ready?.id === this.#viewer?.shown.id) return;
     this.#leave();
     this.#showQuality(ready);
@@ -191,16 +189,19 @@ class App {
         this.#list.flag(one.id, t(wasThere ? "case.was-there" : "case.fresh"));
         void this.#list.refresh();
       },
+      laid: (state) => {
+        press(this.#layouts, state.layout);
+        Object.assign(document.body.dataset, { layout: state.layout, slices: hasSlices(state) });
+      },
       serverOnly,
       left: memory.of(ready),
     });
     this.#viewer = viewer;
     // Where the list lies over the picture, it has been chosen from.
-    if (window.innerWidth <= OVERLAID_PIXELS) this.#showSidebar(false);
+    if (window.innerWidth < BESIDE_PIXELS) this.#showSidebar(false);
     this.#stage.append(viewer.element);
     this.#main.append(viewer.panel.element);
     this.#showPanel(this.#isPanelShown);
-    this.#pressLayout();
     void viewer.load();
   }
 
@@ -213,29 +214,21 @@ class App {
     this.#quality.replaceChildren(
       h("strong", { class: "quality-badge", "data-verdict": quality.state }, t(`quality.${quality.state}`)),
       h("span", {}, t(`quality.${quality.state}.text`)),
-      h(
-        "button",
-        { type: "button", click: () => this.#open(({ maskDialog }) => maskDialog(ready.id)) },
-        t("quality.look"),
-      ),
+      h("button", { click: () => this.#open(({ maskDialog }) => maskDialog(ready.id)) }, t("quality.look")),
       h("ul", {}, ...reasonWords(quality).map((reason) => h("li", {}, reason))),
     );
   }
 
   #header(): HTMLElement {
-    const language = h(
-      "select",
-      {
-        id: "language",
-        "aria-label": t("language"),
-        change: () => {
-          if (isLanguage(language.value)) choose({ language: language.value });
-        },
-      },
-      ...Object.entries(LANGUAGES).map(([value, name]) =>
-        h("option", { value, lang: value, selected: value === preferences.language }, name),
-      ),
+    const language = choice(
+      "language",
+      t("language"),
+      Object.keys(LANGUAGES).filter(isLanguage),
+      (one) => LANGUAGES[one],
+      (one) => choose({ language: one }),
     );
+    language.value = preferences.language;
+    for (const option of language.options) option.lang = option.value;
     return h(
       "header",
       { class: "bar" },
@@ -259,15 +252,6 @@ class App {
     this.#fold.setAttribute("aria-expanded", String(shown));
   }
 
-  #setLayout(layout: (typeof LAYOUTS)[number]): void {
-    this.#viewer?.setLayout(layout);
-    this.#pressLayout();
-  }
-
-  #pressLayout(): void {
-    press(this.#layouts, this.#viewer?.state.layout ?? null);
-  }
-
   #showSidebar(shown: boolean): void {
     this.#sidebar.hidden = !shown;
     this.#main.classList.toggle("with-sidebar", shown);
@@ -287,8 +271,7 @@ class App {
   /** Opens what is fetched when it is first wanted. */
   #open(work: (parts: Awaited<ReturnType<typeof later>>) => void): void {
     later().then(work, (problem: unknown) => {
-      setText(this.#note, problemWords(problem));
-      this.#note.hidden = false;
+      tell(this.#note, problemWords(problem));
     });
   }
 
@@ -309,7 +292,8 @@ class App {
 
   async #remove(one: Case): Promise<void> {
     try {
-      if (!(await (await later()).confirmDelete(caseTitle(one)))) return;
+      if (!(await (await later()).confirmDelete(t("delete.title"), t("delete.text", { title: caseTitle(one) }))))
+        return;
       await deleteCase(one.id);
       memory.forget(one.id);
       if (this.#chosen?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
@@ -319,9 +303,13 @@ class App {
       // The button that had the focus is gone.
       if (document.activeElement === document.body) this.#stage.focus();
     } catch (problem) {
-      setText(this.#note, problemWords(problem));
-      this.#note.hidden = false;
+      tell(this.#note, problemWords(problem));
     }
+  }
+
+  /** What a key did while it was held is over. */
+  release(): void {
+    this.#viewer?.command({ kind: "release" });
   }
 
   /** A key that is no one else's. */
@@ -386,4 +374,5 @@ onTokenWanted(async (refused) => (await later()).askToken(refused));
 onReach((reachable) => app?.reach(reachable));
 window.addEventListener("popstate", () => void app?.addressChanged());
 window.addEventListener("keydown", (event) => app?.key(event));
+for (const name of ["keyup", "blur"]) window.addEventListener(name, () => app?.release());
 void build();

@@ -1,24 +1,18 @@
 // The section of the panel for the maps: which of them lies over the picture, how, and a list of places to look at.
 
-import { h, setText, setValue } from "../base/dom.ts";
+import { h, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { problemWords, sentence } from "../base/problem-words.ts";
+import { reasonIn } from "../base/case-words.ts";
+import { problemWords } from "../base/problem-words.ts";
 import { positionWords } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
-import {
-  type Candidate,
-  MAP_NAMES,
-  type MapName,
-  type MapOverlay,
-  type MapsState,
-  THRESHOLD_RANGE,
-  styleOf,
-} from "../model/maps.ts";
+import type { JunctionBand, Layer } from "../model/layers.ts";
+import { type Candidate, MAP_NAMES, type MapName, isMap } from "../model/maps.ts";
 import type { Layout, ViewState } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
-import type { CaseMaps } from "./case-maps.ts";
-import { button, line, press, row } from "./fields.ts";
+import type { CaseLayers } from "./case-layers.ts";
+import { button, choiceOfButtons, line, press, row } from "./fields.ts";
 
 /** What opens beside the surface when a place is gone to. */
 const BESIDE = ["slices", "mirror"] as const satisfies readonly Layout[];
@@ -26,112 +20,93 @@ const BESIDE = ["slices", "mirror"] as const satisfies readonly Layout[];
 export class MapsSection {
   readonly element: HTMLElement;
   readonly #shown: ReadyCase;
-  readonly #maps: CaseMaps;
+  readonly #layers: CaseLayers;
   readonly #actions: Actions;
   readonly #names: HTMLElement;
   readonly #about = h("p", { class: "quiet", hidden: true });
   readonly #status = h("p", { class: "quiet maps-status", role: "status", hidden: true });
-  readonly #threshold: HTMLInputElement;
-  readonly #thresholdText = h("span", { class: "value quiet", "aria-hidden": "true" });
-  readonly #thresholdLine: HTMLElement;
-  readonly #opacity: HTMLInputElement;
-  readonly #opacityText = h("span", { class: "value quiet", "aria-hidden": "true" });
-  readonly #opacityLine: HTMLElement;
+  /** Where the controls of an overlay stand. */
+  readonly slot = h("div", {});
   readonly #ask: HTMLButtonElement;
   readonly #warning = h("p", { class: "candidates-warning", hidden: true }, t("candidates.warning"));
   readonly #list = h("ol", { class: "candidates", hidden: true });
+  /** How much of the junction the cuts meet slantwise, by depth. */
+  readonly #slant = h("div", { class: "group-part slant", hidden: true });
+  #bands: readonly JunctionBand[] = [];
   #candidates: readonly Candidate[] = [];
   #state: ViewState | null = null;
 
-  constructor(shown: ReadyCase, maps: CaseMaps, actions: Actions) {
+  constructor(shown: ReadyCase, layers: CaseLayers, actions: Actions) {
     this.#shown = shown;
-    this.#maps = maps;
+    this.#layers = layers;
     this.#actions = actions;
-    this.#names = h(
-      "div",
-      { class: "buttons", role: "group", "aria-label": t("map.label") },
-      button(t("map.none"), () => actions.change({ overlay: null }, true), { value: "", "aria-pressed": "false" }),
-      ...MAP_NAMES.map((name) =>
-        button(t(`map.${name}`), () => this.#choose(name), { value: name, "aria-pressed": "false" }),
-      ),
+    this.#names = choiceOfButtons(
+      t("map.label"),
+      ["none", ...MAP_NAMES],
+      (name) => t(`map.${name}`),
+      (name) => this.#choose(name),
     );
-    this.#threshold = this.#slider("map-threshold", t("map.threshold"), THRESHOLD_RANGE, 0.1, (threshold) => ({
-      threshold,
-    }));
-    this.#opacity = this.#slider("map-opacity", t("map.opacity"), [0, 1], 0.05, (opacity) => ({ opacity }));
-    this.#thresholdLine = line(t("map.threshold"), this.#threshold, this.#thresholdText);
-    this.#opacityLine = line(t("map.opacity"), this.#opacity, this.#opacityText);
     this.#ask = button(t("candidates.ask"), () => void this.#askForCandidates());
     this.element = h(
       "div",
       { class: "group-body" },
       this.#names,
       this.#about,
-      this.#thresholdLine,
-      this.#opacityLine,
+      this.slot,
       row(this.#ask),
       this.#status,
       this.#warning,
       this.#list,
+      this.#slant,
     );
   }
 
   show(state: ViewState): void {
     this.#state = state;
     const { overlay } = state;
-    press(this.#names, overlay?.name ?? "");
-    this.#about.hidden = this.#opacityLine.hidden = overlay === null;
-    this.#thresholdLine.hidden = overlay === null || overlay.threshold === null;
+    press(this.#names, overlay?.name ?? "none");
+    this.#about.hidden = !overlay || !isMap(overlay.name);
     this.#mark();
-    if (!overlay) return;
-    setText(this.#about, t(`map.${overlay.name}.about`));
-    setValue(this.#opacity, overlay.opacity);
-    this.#write(this.#opacity, this.#opacityText, `${number(100 * overlay.opacity)} %`);
-    if (overlay.threshold === null) return;
-    setValue(this.#threshold, overlay.threshold);
-    this.#write(this.#threshold, this.#thresholdText, `${number(overlay.threshold, 1)} ${styleOf(overlay.name).unit}`);
+    this.#markBand(state.depth_mm);
+    if (overlay && isMap(overlay.name)) setText(this.#about, t(`map.${overlay.name}.about`));
   }
 
-  /** Says how far the maps are. */
-  tell(now: MapsState): void {
-    this.#say(now.state === "ready" ? "" : "reason" in now && now.reason ? reasonWords(now) : t(`maps.${now.state}`));
+  /** Shows the state of the maps, which is the same of all. */
+  tell({ state, reason = "", reason_code }: Pick<Layer, "state" | "reason" | "reason_code">): void {
+    const words =
+      state === "undefined"
+        ? t("maps.undefined", { reason: reasonIn(reason, reason_code) })
+        : t(state === "off" ? "maps.off" : "maps.making");
+    this.#say(state === "ready" ? "" : words);
+  }
+
+  /** Plots the share of the junction that the cuts meet slantwise, of the depths at which there is any. */
+  plot(bands: readonly JunctionBand[]): void {
+    this.#bands = bands.filter(({ places }) => places > 0);
+    this.#slant.hidden = this.#bands.length === 0;
+    const bars = this.#bands.map(({ from_mm, to_mm, slanted_share }) => {
+      const [depths, share] = [`${number(from_mm)} – ${number(to_mm)} mm`, `${number(100 * slanted_share)} %`];
+      const bar = h("meter", { value: slanted_share, "aria-label": `${depths}: ${share}` });
+      return line(depths, bar, h("span", { class: "value quiet", "aria-hidden": "true" }, share));
+    });
+    this.#slant.replaceChildren(h("p", { class: "quiet" }, t("map.slant")), ...bars);
+    if (this.#state) this.#markBand(this.#state.depth_mm);
+  }
+
+  /** Marks the bar of the depth that is shown. */
+  #markBand(depth_mm: number): void {
+    for (const [at, { from_mm, to_mm }] of this.#bands.entries())
+      this.#slant.children[at + 1]?.setAttribute("aria-current", String(from_mm <= depth_mm && depth_mm < to_mm));
   }
 
   #say(words: string): void {
-    setText(this.#status, words);
-    this.#status.hidden = words === "";
+    tell(this.#status, words);
   }
 
-  #write(input: HTMLInputElement, text: HTMLElement, words: string): void {
-    input.setAttribute("aria-valuetext", words);
-    setText(text, words);
-  }
-
-  /** Shows a map; one that is shown already stays. */
-  #choose(name: MapName): void {
-    if (this.#state?.overlay?.name !== name) this.#actions.command({ kind: "map", name });
-  }
-
-  #slider(
-    id: string,
-    label: string,
-    [min, max]: readonly [number, number],
-    step: number,
-    change: (value: number) => Partial<MapOverlay>,
-  ): HTMLInputElement {
-    const input = h("input", {
-      type: "range",
-      id,
-      min,
-      max,
-      step,
-      "aria-label": label,
-      input: () => {
-        const overlay = this.#state?.overlay;
-        if (overlay) this.#actions.change({ overlay: { ...overlay, ...change(input.valueAsNumber) } });
-      },
-    });
-    return input;
+  /** Shows a map, or none; one that is shown already stays. */
+  #choose(name: MapName | "none"): void {
+    if (name === "none") this.#actions.change({ overlay: null }, true);
+    else if (this.#state?.overlay?.name !== name) this.#actions.command({ kind: "map", name });
   }
 
   // -- Places to look at
@@ -140,8 +115,8 @@ export class MapsSection {
     this.#ask.disabled = true;
     this.#say(t("maps.asking"));
     try {
-      await this.#maps.ask();
-      if (this.#maps.isReady) this.#put(await this.#maps.candidates());
+      await this.#layers.ask();
+      if (this.#layers.ready("blur")) this.#put(await this.#layers.candidates());
     } catch (problem) {
       this.#say(problemWords(problem));
     }
@@ -184,7 +159,3 @@ export class MapsSection {
     }
   }
 }
-
-/** Why there are no maps. */
-const reasonWords = (now: MapsState & { readonly reason?: string }): string =>
-  t("maps.undefined", { reason: sentence(now.reason ?? "") });

@@ -1,6 +1,6 @@
 // The lines above the picture: what went wrong, who draws, and how far the loading is.
 
-import { h, iconButton, setText } from "../base/dom.ts";
+import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import type { Fallback, LoadProgress } from "../panes/surface.ts";
@@ -29,7 +29,7 @@ export class Notices {
 
   constructor(listener: NoticesListener) {
     const button = (name: string, words: string, click: () => void): HTMLButtonElement =>
-      h("button", { type: "button", class: name, click }, words);
+      h("button", { class: name, click }, words);
     this.#cancel = button("cancel-load", t("load.cancel"), () => listener.cancelLoad());
     this.#again = button("load-again", t("load.again"), () => listener.loadAgain());
     this.loading = h("div", { class: "loading-line", hidden: true }, this.#text, this.#bar, this.#cancel, this.#again);
@@ -44,13 +44,11 @@ export class Notices {
 
   /** Empty words: all is well. */
   trouble(words: string): void {
-    setText(this.#trouble, words);
-    this.#trouble.hidden = words === "";
+    tell(this.#trouble, words);
   }
 
   fallback(fallback: Fallback | null): void {
-    setText(this.#fallback, fallback ? t(`fallback.${fallback}`) : "");
-    this.#fallback.hidden = fallback === null;
+    tell(this.#fallback, fallback ? t(`fallback.${fallback}`) : "");
   }
 
   /** Names the parts of an address that could not be used. */

@@ -3,7 +3,8 @@
 
 import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
-import type { Profile } from "../model/profile.ts";
+import type { Measured, Profile } from "../model/profile.ts";
+import type { Vec3 } from "../model/space.ts";
 import { type Key, t } from "../base/i18n.ts";
 import type { OnScreen } from "./export.ts";
 import { section } from "./fields.ts";
@@ -12,18 +13,26 @@ import type { Sweep } from "./sweep.ts";
 
 type Parts = Awaited<ReturnType<typeof later>>;
 
+/** As far as rounding can move a point. */
+const BORDER_MM = 0.05;
+
 export interface OnDemandHost {
   readonly shown: ReadyCase;
   onScreen(): Omit<OnScreen, "shown">;
   goTo(depth_mm: number): void;
   made(one: Case, wasThere: boolean): void;
-  /** Says what became of a file. */
+  /** Reports the result for a file. */
   note(words: string): void;
+  /** The server has measured at the marked point. */
+  measured(): void;
   complain(problem: unknown): void;
 }
 
 export class OnDemand {
   readonly #host: OnDemandHost;
+  #point: Vec3 | null = null;
+  #measured: Measured | null = null;
+  #asked = new AbortController();
 
   constructor(host: OnDemandHost) {
     this.#host = host;
@@ -50,21 +59,46 @@ export class OnDemand {
     });
   }
 
-  /** Plots a profile; null where that cannot be done. */
-  async plot(profile: Profile): Promise<HTMLElement | null> {
+  /** Plots the profile of a point; null where that cannot be done. */
+  async plot(profile: Profile, point: Vec3): Promise<HTMLElement | null> {
     try {
-      const { captionOf, fileStem, profileView } = await later();
+      const { captionOf, fileStem, profileView, measuredAt } = await later();
+      if (point !== this.#point) this.#measure(point, measuredAt);
       const { shown } = this.#host;
       const { state } = this.#onScreen;
       return profileView(profile, state.depth_mm, {
         go: (depth_mm) => this.#host.goTo(depth_mm),
         caption: () => captionOf(shown, this.#onScreen.state),
         name: fileStem(shown),
+        measured: this.#measured,
       });
     } catch (problem) {
       this.#host.complain(problem);
       return null;
     }
+  }
+
+  /** Asks the server about a point, which is no longer asked about another one. */
+  #measure(point: Vec3, ask: Parts["measuredAt"]): void {
+    this.#point = point;
+    this.#measured = null;
+    this.dispose();
+    // Outside the envelope, and on its border, nothing is measured.
+    if (!(Number(this.#host.onScreen().surface.probe(point)?.depth_mm) > BORDER_MM)) return;
+    const { signal } = (this.#asked = new AbortController());
+    ask(this.#host.shown.id, point, signal).then(
+      (measured) => {
+        if (signal.aborted) return;
+        this.#measured = measured;
+        this.#host.measured();
+      },
+      // Without an answer the page's own curves stand alone.
+      () => {},
+    );
+  }
+
+  dispose(): void {
+    this.#asked.abort();
   }
 
   savePicture(times: number): void {
@@ -91,8 +125,8 @@ export class OnDemand {
 
   get #onScreen(): OnScreen {
     const view = this.#host.onScreen();
-    // A map that is being made is not on the screen.
-    return { ...view, state: { ...view.state, overlay: view.surface.overlay }, shown: this.#host.shown };
+    // A layer that is being fetched is not on the screen.
+    return { ...view, state: { ...view.state, ...view.surface.layers }, shown: this.#host.shown };
   }
 
   /** A section of the panel that is filled when it is first opened. */

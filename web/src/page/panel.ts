@@ -1,10 +1,10 @@
 // The visible controls: everything that hands and keys do can be done here as well.
 
 import { VIEW_NAMES, viewName } from "../model/camera.ts";
-import type { ReadyCase, Window } from "../model/case.ts";
+import type { Intensity, ReadyCase, Window } from "../model/case.ts";
 import type { StateHistory } from "../model/history.ts";
-import { ARROW_PIXELS, type Change, boundWindow } from "../model/controls.ts";
-import { h, iconButton, setText, setValue } from "../base/dom.ts";
+import { ARROW_PIXELS, boundWindow } from "../model/controls.ts";
+import { h, iconButton, setText, setValue, status } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import {
   COLORMAPS,
@@ -17,10 +17,23 @@ import {
   boundOutlines,
   clampDepth,
   presetWindow,
+  textureOf,
 } from "../model/state.ts";
 import { readDepths } from "../model/query.ts";
 import type { Actions } from "./actions.ts";
-import { button, line, press, row, section, tall } from "./fields.ts";
+import {
+  Slider,
+  button,
+  choice,
+  choiceOfButtons,
+  line,
+  press,
+  range as slider,
+  row,
+  section,
+  tall,
+  ticked,
+} from "./fields.ts";
 import { PointSection } from "./point-section.ts";
 
 /** How many times the screen's pixels a saved picture can have. */
@@ -28,7 +41,7 @@ const TIMES = [1, 2, 4] as const;
 
 /** Sections that others fill. */
 export interface PanelSections {
-  readonly maps: HTMLElement;
+  readonly aids: readonly HTMLElement[];
   readonly sweep: HTMLElement;
   readonly case: HTMLElement;
 }
@@ -40,13 +53,14 @@ export class Panel {
   readonly #actions: Actions;
   readonly #views: HTMLElement;
   readonly #presets: HTMLElement;
-  readonly #zoom: HTMLInputElement;
+  readonly #zoom: Slider;
   readonly #window: Readonly<Record<keyof Window, { range: HTMLInputElement; number: HTMLInputElement }>>;
   #windowShown: Window;
+  #texture: { readonly intensity: Intensity };
   readonly #colormap: HTMLSelectElement;
   readonly #way: HTMLSelectElement;
-  readonly #slab: HTMLInputElement;
-  readonly #light: HTMLInputElement;
+  readonly #slab: Slider;
+  readonly #light: Slider;
   readonly #convention: HTMLSelectElement;
   readonly #averages: HTMLInputElement;
   readonly #outlines: HTMLInputElement;
@@ -55,69 +69,56 @@ export class Panel {
   readonly point: PointSection;
   readonly #undo: HTMLButtonElement;
   readonly #redo: HTMLButtonElement;
-  readonly #zoomText = h("span", { class: "value quiet", "aria-hidden": "true" });
-  readonly #slabText = h("span", { class: "value quiet", "aria-hidden": "true" });
-  readonly #note = h("p", { class: "quiet", role: "status" });
+  readonly #note = status();
 
   constructor(shown: ReadyCase, actions: Actions, sections: PanelSections) {
     this.#shown = shown;
     this.#windowShown = shown.intensity.window;
+    this.#texture = shown;
     this.#actions = actions;
-    this.#views = h(
-      "div",
-      { class: "buttons" },
-      ...VIEW_NAMES.map((name) =>
-        button(t(`view.${name}`), () => actions.command({ kind: "view", name }), {
-          value: name,
-          "aria-pressed": "false",
-        }),
-      ),
+    this.#views = choiceOfButtons(
+      t("panel.view"),
+      VIEW_NAMES,
+      (name) => t(`view.${name}`),
+      (name) => actions.command({ kind: "view", name }),
     );
-    this.#zoom = this.#slider(
-      "zoom",
-      t("zoom.label"),
-      [Math.log2(ZOOM_RANGE[0]), Math.log2(ZOOM_RANGE[1]), 0.05],
-      (value) => ({ zoom: 2 ** value }),
+    this.#zoom = new Slider("zoom", t("zoom.label"), [...ZOOM_RANGE.map(Math.log2), 0.05], (value) =>
+      actions.change({ zoom: 2 ** value }),
     );
-    this.#presets = h(
-      "div",
-      { class: "buttons" },
-      ...WINDOW_PRESETS.map((preset) =>
-        button(t(`window.${preset}`), () => actions.command({ kind: "window", preset }), {
-          value: preset,
-          "aria-pressed": "false",
-        }),
-      ),
+    this.#presets = choiceOfButtons(
+      t("panel.window"),
+      WINDOW_PRESETS,
+      (preset) => t(`window.${preset}`),
+      (preset) => actions.command({ kind: "window", preset }),
     );
-    const { min, max } = shown.intensity;
-    const range = max - min || 1;
-    this.#window = {
-      center: this.#windowPart("center", [min + 0.5, max + 0.5]),
-      width: this.#windowPart("width", [1 + range / 500, 1 + range]),
-    };
-    this.#colormap = this.#choice(
+    this.#window = { center: this.#windowPart("center"), width: this.#windowPart("width") };
+    this.#rangeWindow();
+    this.#colormap = choice(
       "colormap",
       t("colormap.label"),
-      COLORMAPS.map((name) => [name, t(`colormap.${name}`)]),
-      (colormap) => ({ colormap }),
+      COLORMAPS,
+      (name) => t(`colormap.${name}`),
+      (colormap) => actions.change({ colormap }, true),
     );
-    this.#way = this.#choice(
+    this.#way = choice(
       "way",
       t("way.label"),
-      WAYS.map((name) => [name, t(`way.${name}`)]),
-      (way) => ({ way }),
+      WAYS,
+      (name) => t(`way.${name}`),
+      (way) => actions.change({ way }, true),
     );
-    this.#slab = this.#slider("slab", t("slab.label"), [0, Math.min(SLAB_LIMIT_MM, 5), 0.5], (slab_mm) => ({
-      slab_mm,
-    }));
-    this.#light = this.#slider("light", t("light.label"), [0, 1, 0.05], (share) => ({
-      ambient: Number((1 - share).toFixed(2)),
-    }));
-    this.#convention = this.#choice(
+    this.#slab = new Slider("slab", t("slab.label"), [0, Math.min(SLAB_LIMIT_MM, 5), 0.5], (slab_mm) =>
+      actions.change({ slab_mm }),
+    );
+    this.#light = new Slider("light", t("light.label"), [0, 1, 0.05], (share) =>
+      actions.change({ ambient: Number((1 - share).toFixed(2)) }),
+    );
+    this.#convention = choice(
       "convention",
       t("convention.label"),
-      CONVENTIONS.map((name) => [name, t(`convention.${name}`)]),
-      (convention) => ({ convention }),
+      CONVENTIONS,
+      (name) => t(`convention.${name}`),
+      (convention) => actions.change({ convention }, true),
     );
     this.#averages = h("input", {
       type: "checkbox",
@@ -135,11 +136,7 @@ export class Panel {
         actions.change({ outlines_mm: boundOutlines(depths, shown) }, true);
       },
     });
-    this.#times = h(
-      "select",
-      { id: "times", "aria-label": t("export.times") },
-      ...TIMES.map((times) => h("option", { value: times }, `${times}×`)),
-    );
+    this.#times = choice("times", t("export.times"), TIMES, (times) => `${times}×`);
     const times = (): number => Number(this.#times.value);
     this.#undo = iconButton("undo", t("undo"), () => actions.command({ kind: "undo" }));
     this.#redo = iconButton("redo", t("redo"), () => actions.command({ kind: "redo" }));
@@ -151,7 +148,7 @@ export class Panel {
         t("panel.view"),
         true,
         this.#views,
-        line(t("zoom.label"), this.#zoom, this.#zoomText),
+        this.#zoom.element,
         this.#pads(),
         row(
           button(t("reset"), () => actions.command({ kind: "reset" })),
@@ -171,15 +168,15 @@ export class Panel {
           button(t("invert"), () => actions.command({ kind: "invert" })),
         ),
       ),
-      sections.maps,
+      ...sections.aids,
       section(t("panel.point"), true, ...this.point.parts),
       section(
         t("panel.drawing"),
         false,
         line(t("way.label"), this.#way),
-        line(t("light.label"), this.#light),
-        line(t("slab.label"), this.#slab, this.#slabText),
-        h("label", { class: "inline" }, this.#averages, t("averages.label")),
+        this.#light.element,
+        this.#slab.element,
+        ticked(this.#averages, t("averages.label")),
         tall(t("convention.label"), this.#convention),
         line(t("outlines.label"), this.#outlines, h("span", { class: "quiet" }, "mm")),
       ),
@@ -203,31 +200,30 @@ export class Panel {
 
   show(state: ViewState): void {
     this.#windowShown = state.window;
+    const texture = textureOf(state, this.#shown);
+    if (texture.intensity !== this.#texture.intensity) {
+      this.#texture = texture;
+      this.#rangeWindow();
+    }
     press(this.#views, viewName(state.orientation));
     const same = (window: Window): boolean =>
       Math.abs(window.center - state.window.center) + Math.abs(window.width - state.window.width) <
       1e-3 * state.window.width;
     press(
       this.#presets,
-      WINDOW_PRESETS.find((preset) => same(boundWindow(presetWindow(preset, this.#shown), this.#shown))) ?? null,
+      WINDOW_PRESETS.find((preset) => same(boundWindow(presetWindow(preset, texture), texture))) ?? null,
     );
-    setValue(this.#zoom, Math.log2(state.zoom).toFixed(2));
-    const zoom = `${number(state.zoom * 100)} %`;
-    this.#zoom.setAttribute("aria-valuetext", zoom);
-    setText(this.#zoomText, zoom);
+    this.#zoom.show(Math.log2(state.zoom).toFixed(2), `${number(state.zoom * 100)} %`);
     for (const part of ["center", "width"] as const) {
       setValue(this.#window[part].range, state.window[part]);
       setValue(this.#window[part].number, windowNumber(state.window[part]));
     }
     setValue(this.#colormap, state.colormap);
     setValue(this.#way, state.way);
-    setValue(this.#slab, state.slab_mm);
-    const slab = `±${number(state.slab_mm, 1)} mm`;
-    this.#slab.setAttribute("aria-valuetext", slab);
-    setText(this.#slabText, slab);
+    this.#slab.show(state.slab_mm, `±${number(state.slab_mm, 1)} mm`);
     this.#averages.checked = state.averages_shallow;
     if (document.activeElement !== this.#outlines) this.#outlines.value = state.outlines_mm.join(", ");
-    setValue(this.#light, (1 - state.ambient).toFixed(2));
+    this.#light.show((1 - state.ambient).toFixed(2), `${number(100 * (1 - state.ambient))} %`);
     setValue(this.#convention, state.convention);
   }
 
@@ -241,62 +237,26 @@ export class Panel {
     setText(this.#note, words);
   }
 
-  #slider(
-    id: string,
-    label: string,
-    [min, max, step]: readonly [number, number, number],
-    change: (value: number) => Change,
-  ): HTMLInputElement {
-    const input = h("input", {
-      type: "range",
-      id,
-      min,
-      max,
-      step,
-      "aria-label": label,
-      input: () => this.#actions.change(change(input.valueAsNumber)),
-    });
-    return input;
+  /** The sliders of the window reach as far as the values of the texture. */
+  #rangeWindow(): void {
+    const { min, max } = this.#texture.intensity;
+    const range = max - min || 1;
+    const reach = { center: [min + 0.5, max + 0.5], width: [1 + range / 500, 1 + range] } as const;
+    for (const part of ["center", "width"] as const) {
+      const [low, high] = reach[part];
+      Object.assign(this.#window[part].range, { min: low, max: high, step: (high - low) / 500 });
+    }
   }
 
-  #choice<Value extends string>(
-    id: string,
-    label: string,
-    options: readonly (readonly [Value, string])[],
-    change: (value: Value) => Change,
-  ): HTMLSelectElement {
-    const select = h(
-      "select",
-      { id, "aria-label": label, change: () => this.#actions.change(change(select.value as Value), true) },
-      ...options.map(([value, words]) => h("option", { value }, words)),
-    );
-    return select;
-  }
-
-  #windowPart(
-    part: keyof Window,
-    [min, max]: readonly [number, number],
-  ): { range: HTMLInputElement; number: HTMLInputElement } {
+  #windowPart(part: keyof Window): { range: HTMLInputElement; number: HTMLInputElement } {
     const label = t(`window.${part}`);
-    let state: Window = this.#shown.intensity.window;
     const take = (input: HTMLInputElement): void => {
       const value = input.valueAsNumber;
-      const other = part === "center" ? "width" : "center";
-      state = { ...state, [other]: this.#window[other].range.valueAsNumber };
       if (Number.isFinite(value) && (part === "center" || value >= 1)) {
-        this.#actions.change({ window: boundWindow({ ...state, [part]: value }, this.#shown) });
+        this.#actions.change({ window: boundWindow({ ...this.#windowShown, [part]: value }, this.#texture) });
       }
     };
-    const step = (max - min) / 500;
-    const range = h("input", {
-      type: "range",
-      id: `window-${part}`,
-      min,
-      max,
-      step,
-      "aria-label": label,
-      input: () => take(range),
-    });
+    const range = slider(`window-${part}`, label, () => take(range));
     const field = h("input", {
       type: "number",
       id: `window-${part}-number`,

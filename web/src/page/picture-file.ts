@@ -1,4 +1,4 @@
-// Pictures and tables as files, whose names tell nothing of the patient.
+// Pictures and tables as files. Their names contain nothing about the patient.
 
 import { send } from "../base/api.ts";
 import { t } from "../base/i18n.ts";

@@ -5,7 +5,7 @@ import type { ReadyCase } from "../model/case.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec3 } from "../model/space.ts";
 import { intensity, number, t } from "../base/i18n.ts";
-import { positionWords, voxelAt } from "../base/readout.ts";
+import { depthAtWords, positionWords, voxelAt } from "../base/readout.ts";
 import type { Actions } from "./actions.ts";
 import { button, row } from "./fields.ts";
 
@@ -63,7 +63,7 @@ export class PointSection {
     if (table) table.open = isOpen;
   }
 
-  /** Says why no point was marked. */
+  /** Explains why no point was marked. */
   hint(words: string): void {
     setText(this.#hint, words);
     this.#hint.hidden = false;
@@ -77,7 +77,7 @@ export function pointWords(shown: ReadyCase, position: Vec3, known: Partial<Pick
   return {
     position: positionWords(position),
     voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
-    depth: depth_mm === undefined ? "–" : `${number(depth_mm, 1)} mm`,
+    depth: depth_mm === undefined ? "–" : depthAtWords(depth_mm),
     intensity: grey === undefined || grey === null || !Number.isFinite(grey) ? "–" : intensity(grey),
   };
 }

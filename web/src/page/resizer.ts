@@ -10,7 +10,7 @@ const STEP = 16;
 
 export const boundWidth = (width: number): number => Math.min(Math.max(Math.round(width), LEAST), MOST);
 
-/** `show` is told every width, `keep` those that stay. */
+/** `show` gets every width during a drag, `keep` the last one. */
 export function resizer(first: number, show: (width: number) => void, keep: (width: number) => void): HTMLElement {
   let width = boundWidth(first);
   const element = h("div", {

@@ -7,6 +7,7 @@ import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
+import { overlayWords, titleWords } from "../panes/overlay.ts";
 
 /** What is asked about places. */
 export interface Places {
@@ -15,19 +16,20 @@ export interface Places {
   probe(position: Vec3): Probed | null;
 }
 
-/** The marked point is told; without one, what is in the middle of the picture. */
+/** Describes the marked point; without one, the middle of the picture. */
 function spokenWords(state: ViewState, places: Places): string {
   const { crosshair_mm: marked } = state;
   const [width, height] = places.size();
   const position = marked ?? places.pick([width / 2, height / 2])?.position_in_patient ?? null;
   const view = t(`view.${viewName(state.orientation) ?? "oblique"}`);
-  const map = state.overlay ? `, ${t(`map.${state.overlay.name}`)}` : "";
-  const shown = `${t("depth.said", { depth: number(state.depth_mm, 1) })}, ${view}${map}.`;
+  const layers = [state.layer ? titleWords(state.layer.about) : "", state.overlay ? overlayWords(state.overlay) : ""];
+  const words = [t("depth.said", { depth: number(state.depth_mm, 1) }), view, ...layers.filter(Boolean)];
+  const shown = `${words.join(", ")}.`;
   if (!position) return shown;
   return `${shown} ${t(marked ? "said.point" : "said.middle", { place: placeWords(position, places) })}`;
 }
 
-/** What is said at once of a command; null where the rest says enough. */
+/** The words that announce a command at once; null if the description of the view is enough. */
 export function spokenCommand(command: ChangingCommand): string | null {
   if (command.kind === "view") return t(`view.${command.name}`);
   if (command.kind === "window") return t("window.said", { name: t(`window.${command.preset}`) });
@@ -36,7 +38,7 @@ export function spokenCommand(command: ChangingCommand): string | null {
 
 function placeWords(position: Vec3, places: Places): string {
   const probed = places.probe(position);
-  if (!probed || !Number.isFinite(probed.intensity)) return positionWords(position);
+  if (!probed || probed.depth_mm < 0 || !Number.isFinite(probed.intensity)) return positionWords(position);
   return t("said.place", {
     position: positionWords(position),
     depth: number(probed.depth_mm, 1),

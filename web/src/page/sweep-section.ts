@@ -4,7 +4,7 @@ import { h } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { SWEEP_SPEEDS, type SweepChoice, boundSweep } from "../model/sweep.ts";
-import { line } from "./fields.ts";
+import { choice, line, ticked } from "./fields.ts";
 
 export class SweepSection {
   readonly element: HTMLElement;
@@ -13,7 +13,7 @@ export class SweepSection {
   readonly #speed: HTMLSelectElement;
   readonly #turns: HTMLInputElement;
 
-  constructor(shown: ReadyCase, choice: SweepChoice, choose: (choice: SweepChoice) => void) {
+  constructor(shown: ReadyCase, first: SweepChoice, choose: (choice: SweepChoice) => void) {
     const take = (): void => {
       const wished = {
         from_mm: this.#from.valueAsNumber,
@@ -29,11 +29,7 @@ export class SweepSection {
       h("input", { type: "number", id, min: 0, step: 0.5, "aria-label": label, change: take });
     this.#from = end("sweep-from", t("sweep.from"));
     this.#to = end("sweep-to", t("sweep.to"));
-    this.#speed = h(
-      "select",
-      { id: "sweep-speed", "aria-label": t("sweep.speed"), change: take },
-      ...SWEEP_SPEEDS.map((speed) => h("option", { value: speed }, `${number(speed)} mm/s`)),
-    );
+    this.#speed = choice("sweep-speed", t("sweep.speed"), SWEEP_SPEEDS, (speed) => `${number(speed)} mm/s`, take);
     this.#turns = h("input", { type: "checkbox", id: "sweep-turns", change: take });
     this.element = h(
       "div",
@@ -46,9 +42,9 @@ export class SweepSection {
         h("span", { class: "quiet" }, "mm"),
       ),
       line(t("sweep.speed"), this.#speed),
-      h("label", { class: "inline" }, this.#turns, t("sweep.turns")),
+      ticked(this.#turns, t("sweep.turns")),
     );
-    this.#show(choice);
+    this.#show(first);
   }
 
   #show({ from_mm, to_mm, mm_per_s, turns }: SweepChoice): void {

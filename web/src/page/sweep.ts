@@ -10,7 +10,7 @@ export class Sweep {
   #timer = 0;
   #direction = 1;
 
-  /** `go` is given the depth of every step, from the one that `depth_mm` tells. */
+  /** `go` gets the depth of every step; the first one comes from `depth_mm`. */
   constructor(shown: ReadyCase, depth_mm: () => number, go: (depth_mm: number) => void) {
     this.#choice = wholeSweep(shown);
     this.#depth_mm = depth_mm;

@@ -1,6 +1,7 @@
 // Which of the chosen files is what: pure.
 
 import type { Key } from "../base/i18n.ts";
+import type { LayerKind } from "../model/layers.ts";
 
 /** What of a file is looked at. */
 interface Named {
@@ -14,6 +15,8 @@ export interface Sorted<F extends Named> {
   readonly mask: F | null;
   /** The files of a series. */
   readonly dicom: readonly F[];
+  /** Further volumes of the same head. */
+  readonly layers: readonly F[];
   /** Why these cannot be sent; null where they can. */
   readonly trouble: Key | null;
 }
@@ -31,23 +34,77 @@ export function sortFiles<F extends Named>(files: readonly F[], mask: F | null):
   const nifti = files.filter(isNifti);
   const zips = files.filter(isZip);
   const rest = files.filter((file) => !isNifti(file) && !isZip(file) && !isLitter(file));
-  const refused = (trouble: Key): Sorted<F> => ({ volume: null, mask, dicom: [], trouble });
+  const refused = (trouble: Key): Sorted<F> => ({ volume: null, mask, dicom: [], layers: [], trouble });
   if (files.length === 0) return refused("upload.nothing");
   if (nifti.length + zips.length === 0) {
     // A single file of another kind is sent as the volume: the server says what it is not.
-    if (rest.length === 1) return { volume: rest[0] ?? null, mask, dicom: [], trouble: null };
-    return rest.length > 0 ? { volume: null, mask, dicom: rest, trouble: null } : refused("upload.nothing");
+    if (rest.length === 1) return { volume: rest[0] ?? null, mask, dicom: [], layers: [], trouble: null };
+    return rest.length > 0 ? { volume: null, mask, dicom: rest, layers: [], trouble: null } : refused("upload.nothing");
   }
+  const several = zips.length === 0 && severalOf(nifti, mask);
+  if (several) return several;
   const most = mask ? 1 : 2;
   if (zips.length > 1 || nifti.length + zips.length > most) return refused("upload.too-many");
-  if (zips.length === 1) return { volume: zips[0] ?? null, mask: mask ?? nifti[0] ?? null, dicom: [], trouble: null };
-  if (nifti.length === 1) return { volume: nifti[0] ?? null, mask, dicom: [], trouble: null };
+  if (zips.length === 1)
+    return { volume: zips[0] ?? null, mask: mask ?? nifti[0] ?? null, dicom: [], layers: [], trouble: null };
+  if (nifti.length === 1) return { volume: nifti[0] ?? null, mask, dicom: [], layers: [], trouble: null };
   const [a, b] = nifti as [F, F];
   // The one that is called so; where both or none is, the smaller: a mask compresses well.
   const maskFirst = looksLikeMask(a) === looksLikeMask(b) ? a.size < b.size : looksLikeMask(a);
   return maskFirst
-    ? { volume: b, mask: a, dicom: [], trouble: null }
-    : { volume: a, mask: b, dicom: [], trouble: null };
+    ? { volume: b, mask: a, dicom: [], layers: [], trouble: null }
+    : { volume: a, mask: b, dicom: [], layers: [], trouble: null };
+}
+
+/**
+ * The T1 among several NIfTI files of one head, its mask, and the others, which can be its layers; null where there are
+ * none of these, or not one of them alone is called a T1.
+ */
+function severalOf<F extends Named>(nifti: readonly F[], mask: F | null): Sorted<F> | null {
+  const isT1 = (file: F): boolean => sequenceOf(file)?.name === "T1";
+  const [volume, another] = nifti.filter((file) => isT1(file) && !looksLikeMask(file));
+  const others = nifti.filter((file) => file !== volume);
+  const own = mask ? null : (others.find((file) => looksLikeMask(file) && sequenceOf(file)?.kind !== "labels") ?? null);
+  const layers = others.filter((file) => file !== own);
+  if (!volume || another || layers.length === 0 || (nifti.length === 2 && !layers.every(sequenceOf))) return null;
+  return { volume, mask: mask ?? own, dicom: [], layers, trouble: null };
+}
+
+/** The volumes of layers among files, each of them one file or all files of DICOM, and a text with names of labels. */
+export function sortLayers<F extends Named>(
+  files: readonly F[],
+): { readonly volumes: readonly (readonly F[])[]; readonly labels: F | null } {
+  const single = files.filter((file) => isNifti(file) || isZip(file));
+  const labels = files.find(({ name }) => /\.(txt|csv|ctab)$/i.test(name)) ?? null;
+  const rest = files.filter((file) => !single.includes(file) && file !== labels && !isLitter(file));
+  return { volumes: [...single.map((file) => [file]), ...(rest.length > 0 ? [rest] : [])], labels };
+}
+
+/** What the name of a file says of its volume: nothing that is in none of these lists goes on. */
+const SEQUENCES: readonly (readonly [RegExp, string, LayerKind])[] = [
+  [/label|seg|atlas|aparc|aseg|prediction|cluster/i, "labels", "labels"],
+  [/pet|fdg/i, "PET", "pet"],
+  [/(^|[^a-z])ct([^a-z]|$)/i, "CT", "ct"],
+  [/[zt]-?_?(map|stat)|spm[ft]|prob/i, "map", "map"],
+  [/flair/i, "FLAIR", "mr"],
+  [/t2/i, "T2", "mr"],
+  [/swi/i, "SWI", "mr"],
+  [/dir([^a-z]|$)/i, "DIR", "mr"],
+  [/t1|mprage/i, "T1", "mr"],
+];
+
+/** The sequence and the kind that a file's name tells, if it is a NIfTI: DICOM has both in its header. */
+export function sequenceOf(file: Named): { readonly name: string; readonly kind: LayerKind } | null {
+  const found = isNifti(file) ? SEQUENCES.find(([pattern]) => pattern.test(file.name)) : undefined;
+  return found ? { name: found[1], kind: found[2] } : null;
+}
+
+/** A name that no other has: the wanted one, or that with a number. */
+export function freeName(wanted: string, taken: readonly string[]): string {
+  for (let number = 1; ; number += 1) {
+    const name = number === 1 ? wanted : `${wanted} ${number}`;
+    if (!taken.includes(name)) return name;
+  }
 }
 
 /** A name that says what the file is, and nothing of the patient. */

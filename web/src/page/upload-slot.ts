@@ -37,7 +37,7 @@ export class UploadSlot {
     this.element.scrollIntoView({ block: "nearest" });
   }
 
-  /** The form in its place; null where it cannot be had, which is said. */
+  /** The form in its place; null, with a message, if it cannot be loaded. */
   #filled(): Promise<UploadForm | null> {
     return (this.#form ??= this.#fetched());
   }
@@ -56,7 +56,7 @@ export class UploadSlot {
   }
 }
 
-/** Hears files that are dropped anywhere on the page, the files of dropped folders among them. */
+/** Calls `hear` with files that are dropped anywhere on the page, including the files of dropped folders. */
 export function hearDrops(target: HTMLElement, hear: (files: readonly File[]) => void): void {
   const hasFiles = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
   target.addEventListener("dragover", (event) => {

@@ -1,17 +1,19 @@
 // The form that adds a case: files chosen or dropped, sent under fixed names.
 
-import { type UploadProgress, type Uploaded, uploadCase } from "../base/api.ts";
+import { type Uploaded, uploadCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
 import { h, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { caseTitle } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { confirmRename } from "./dialogs.ts";
-import { type Sorted, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
+import { confirmRename, offerLayers } from "./dialogs.ts";
+import { type Offer, sendLayer, wishOf } from "./layer-form.ts";
+import { Transfer } from "./transfer.ts";
+import { type Sorted, freeName, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
 
 /** What the form is in. */
 export interface UploadBox {
-  /** Says what became of the last upload; beside the form, which is closed by then. */
+  /** The result of the last upload; outside of the form, which is closed by then. */
   readonly done: HTMLElement;
   close(): void;
 }
@@ -22,11 +24,8 @@ export class UploadForm {
   readonly element: HTMLFormElement;
   readonly #chosen = h("p", { class: "chosen", role: "status" });
   readonly #names = h("p", { class: "chosen-names quiet", hidden: true });
-  readonly #sent = h("p", { class: "quiet sent", hidden: true });
   readonly #note = h("p", { id: "upload-note", role: "alert" });
-  readonly #bar = h("progress", { max: 1, value: 0, hidden: true, "aria-label": t("upload.progress") });
-  readonly #send: HTMLButtonElement;
-  readonly #cancel: HTMLButtonElement;
+  readonly #transfer = new Transfer(t("upload.send"));
   readonly #volume: HTMLInputElement;
   readonly #folder: HTMLInputElement;
   readonly #mask: HTMLInputElement;
@@ -34,7 +33,8 @@ export class UploadForm {
   readonly #radius = h("input", { type: "number", id: "upload-radius", min: 0, max: 50, step: 0.5, value: 10 });
   #files: readonly File[] = [];
   #maskFile: File | null = null;
-  #abort: AbortController | null = null;
+  /** What is being sent; what is chosen meanwhile is the next case. */
+  #sending: { readonly files: readonly File[]; readonly mask: File | null } | null = null;
 
   constructor(box: UploadBox, onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
     this.#box = box;
@@ -57,8 +57,6 @@ export class UploadForm {
       accept: ".nii,.gz",
       change: () => this.#takeMask(this.#mask.files?.[0] ?? null),
     });
-    this.#send = h("button", { type: "submit", class: "primary" }, t("upload.send"));
-    this.#cancel = h("button", { type: "button", hidden: true, click: () => this.#abort?.abort() }, t("upload.cancel"));
     const field = (label: string, input: HTMLElement, hint: string): HTMLElement =>
       h("label", {}, label, input, h("span", { class: "quiet" }, hint));
     const file = (label: string, input: HTMLElement, button: string, hint: string): HTMLElement =>
@@ -81,9 +79,7 @@ export class UploadForm {
       this.#names,
       field(t("upload.name"), this.#name, t("upload.name-hint")),
       field(t("upload.radius"), this.#radius, t("upload.radius-hint")),
-      h("div", { class: "row" }, this.#send, this.#cancel),
-      this.#bar,
-      this.#sent,
+      ...this.#transfer.parts,
       this.#note,
     );
   }
@@ -97,13 +93,25 @@ export class UploadForm {
   }
 
   #take(files: readonly File[]): void {
+    this.#beginNext();
     this.#files = files;
     this.#tell();
   }
 
   #takeMask(file: File | null): void {
+    this.#beginNext();
     this.#maskFile = file;
     this.#tell();
+  }
+
+  /** Empties the form for the next case, if the one in it is being sent. */
+  #beginNext(): void {
+    if (this.#isSending()) [this.#files, this.#maskFile, this.#name.value] = [[], null, ""];
+  }
+
+  /** Whether what is chosen is what is being sent. */
+  #isSending(): boolean {
+    return this.#sending?.files === this.#files && this.#sending.mask === this.#maskFile;
   }
 
   #tell(): void {
@@ -111,7 +119,9 @@ export class UploadForm {
     setText(this.#note, sorted.trouble ? t(sorted.trouble) : "");
     const size = (bytes: number): string => `${number(bytes / 1e6, 1)} MB`;
     // Shown here alone: a file's name may hold the patient's, and is never sent.
-    const named = [sorted.volume, sorted.mask].filter((file) => file !== null).map((file) => file.name);
+    const named = [sorted.volume, sorted.mask, ...sorted.layers]
+      .filter((file) => file !== null)
+      .map((file) => file.name);
     this.#names.hidden = named.length === 0;
     setText(this.#names, named.join("\n"));
     const parts = [
@@ -122,6 +132,7 @@ export class UploadForm {
           size: size(sorted.dicom.reduce((sum, file) => sum + file.size, 0)),
         }),
       sorted.mask && t("upload.chosen-mask", { size: size(sorted.mask.size) }),
+      sorted.layers.length > 0 && t("upload.chosen-others", { count: sorted.layers.length }),
     ].filter((part): part is string => typeof part === "string");
     setText(this.#chosen, parts.join(" · "));
   }
@@ -130,69 +141,96 @@ export class UploadForm {
     event.preventDefault();
     const sorted = sortFiles(this.#files, this.#maskFile);
     if (sorted.trouble) return setText(this.#note, t(sorted.trouble));
-    this.#abort = new AbortController();
-    this.#busy(true);
+    this.#sending = { files: this.#files, mask: this.#maskFile };
+    for (const line of [this.#note, this.#box.done]) setText(line, "");
     try {
-      const { created, wasThere } = await this.#sendAndName(sorted, this.#abort.signal);
-      this.element.reset();
-      this.#files = [];
-      this.#maskFile = null;
-      this.#tell();
-      setText(this.#box.done, t(wasThere ? "upload.was-there" : "upload.done", { title: caseTitle(created) }));
-      this.#box.close();
+      const { created, wasThere } = await this.#sendAndName(sorted);
+      const layers = await this.#sendLayers(created.id, offersOf(sorted, created));
+      if (this.#isSending()) this.#forget();
+      const words = t(wasThere ? "upload.was-there" : "upload.done", { title: caseTitle(created) });
+      setText(this.#box.done, [words, ...layers].join(" "));
       await this.#onCreated(created, wasThere);
     } catch (problem) {
-      setText(this.#note, this.#abort.signal.aborted ? t("upload.cancelled") : problemWords(problem));
+      setText(this.#note, this.#transfer.isCancelled ? t("upload.cancelled") : problemWords(problem));
     } finally {
-      this.#busy(false);
+      this.#sending = null;
     }
   }
 
+  /** Empties and closes the form. */
+  #forget(): void {
+    this.element.reset();
+    this.#files = [];
+    this.#maskFile = null;
+    this.#tell();
+    this.#box.close();
+  }
+
+  /** Adds those of the other volumes that are wanted as layers, one after the other; what became of them in words. */
+  async #sendLayers(id: string, offers: readonly Offer[]): Promise<readonly string[]> {
+    const wanted = offers.length > 0 ? await offerLayers(offers.map(({ title }) => title)) : [];
+    const words: string[] = [];
+    for (const [at, { title, files, wish }] of offers.entries()) {
+      if (!wanted.includes(at)) continue;
+      try {
+        await this.#transfer.run((signal, observe) => sendLayer(id, files, wish, null, [signal, observe()]));
+        words.push(t("offer.added", { name: title }));
+      } catch (problem) {
+        const why = this.#transfer.isCancelled ? t("upload.cancelled") : problemWords(problem);
+        words.push(t("offer.failed", { name: title, why }));
+      }
+    }
+    return words;
+  }
+
   /** Sends the files. A case that is there already keeps its label, unless another one is wanted. */
-  async #sendAndName(sorted: Sorted<File>, signal: AbortSignal): Promise<Uploaded> {
+  async #sendAndName(sorted: Sorted<File>): Promise<Uploaded> {
+    const [name, radius_mm] = [this.#name.value.trim(), this.#radius.valueAsNumber];
     const send = (keepsName: boolean): Promise<Uploaded> =>
-      uploadCase(this.#bodyOf(sorted, keepsName), signal, this.#teller());
+      this.#transfer.run((signal, observe) =>
+        uploadCase(bodyOf(sorted, { name, radius_mm, keepsName }), signal, observe()),
+      );
     const uploaded = await send(true);
-    const name = this.#name.value.trim();
     if (!uploaded.wasThere || name === "" || name === uploaded.created.name) return uploaded;
     return (await confirmRename(caseTitle(uploaded.created), name)) ? send(false) : uploaded;
   }
+}
 
-  /** Tells how much is sent, and when all will be. */
-  #teller(): (progress: UploadProgress) => void {
-    const begun = performance.now();
-    return ({ loaded, total }) => {
-      const share = total > 0 ? loaded / total : 0;
-      this.#bar.value = share;
-      const seconds = share > 0 ? ((performance.now() - begun) / 1000) * (1 / share - 1) : NaN;
-      const [sent, all] = [loaded, total].map((bytes) => number(bytes / 1e6, 1));
-      const words = t("upload.sent", { sent: sent ?? "", all: all ?? "", share: number(100 * share) });
-      const left = share < 1 && seconds >= 1 ? t("upload.left", { seconds: number(Math.ceil(seconds)) }) : "";
-      setText(this.#sent, share < 1 ? `${words}${left}` : t("upload.checking"));
-    };
-  }
+/** The volumes that came with a case and are not part of it. */
+function offersOf(sorted: Sorted<File>, { dicom }: Case): Offer[] {
+  const names: string[] = [];
+  const files = sorted.volume ? [sorted.volume] : sorted.dicom;
+  const others = dicom?.others.filter((series) => series.is_volume) ?? [];
+  return [
+    ...sorted.layers.map((file) => {
+      const wish = wishOf([file], {});
+      const name = freeName(wish.name ?? "MR", names);
+      names.push(name);
+      // Shown here alone, as above.
+      return { title: `${name} (${file.name})`, files: [file], wish: { ...wish, name } };
+    }),
+    ...others.map(({ name, number: place, token }) => ({
+      title: [name || "MR", place === null ? "" : t("offer.series", { number: place })].filter(Boolean).join(", "),
+      files,
+      wish: { series: token },
+    })),
+  ];
+}
 
-  #busy(busy: boolean): void {
-    this.#send.disabled = busy;
-    this.#cancel.hidden = !busy;
-    for (const element of [this.#bar, this.#sent]) element.hidden = !busy;
-    setText(this.#sent, "");
-    this.#bar.value = 0;
-    if (!busy) return;
-    for (const line of [this.#note, this.#box.done]) setText(line, "");
-  }
-
-  /** The multipart body. The files go under fixed names, for a file's own name may hold the patient's. */
-  #bodyOf(sorted: Sorted<File>, keepsName: boolean): FormData {
-    const parameters: { closing_radius_mm?: number; name?: string; keep_name?: boolean } = {};
-    if (Number.isFinite(this.#radius.valueAsNumber)) parameters.closing_radius_mm = this.#radius.valueAsNumber;
-    if (this.#name.value.trim()) parameters.name = this.#name.value.trim();
-    if (keepsName) parameters.keep_name = true;
-    const body = new FormData();
-    body.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
-    if (sorted.volume) body.append("volume", sorted.volume, uploadName("volume", sorted.volume.name));
-    sorted.dicom.forEach((file, index) => body.append("dicom", file, `${index + 1}.dcm`));
-    if (sorted.mask) body.append("mask", sorted.mask, uploadName("mask", sorted.mask.name));
-    return body;
-  }
+/** The multipart body. The files have fixed names, because a file's own name may contain the patient's. */
+function bodyOf(
+  sorted: Sorted<File>,
+  { name, radius_mm, keepsName }: { readonly name: string; readonly radius_mm: number; readonly keepsName: boolean },
+): FormData {
+  const parameters = {
+    ...(Number.isFinite(radius_mm) ? { closing_radius_mm: radius_mm } : {}),
+    ...(name ? { name } : {}),
+    ...(keepsName ? { keep_name: true } : {}),
+  };
+  const body = new FormData();
+  body.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
+  if (sorted.volume) body.append("volume", sorted.volume, uploadName("volume", sorted.volume.name));
+  sorted.dicom.forEach((file, index) => body.append("dicom", file, `${index + 1}.dcm`));
+  if (sorted.mask) body.append("mask", sorted.mask, uploadName("mask", sorted.mask.name));
+  return body;
 }

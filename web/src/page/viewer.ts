@@ -37,6 +37,8 @@ export interface ViewerHost {
   readonly knowsDepth: () => void;
   /** A version of the case was made, or was there. */
   readonly made: (one: Case, wasThere: boolean) => void;
+  /** The panes are laid out like this. */
+  readonly laid: (state: ViewState) => void;
   readonly serverOnly: boolean;
   /** The case as it was left. */
   readonly left: Left;
@@ -62,7 +64,7 @@ export class Viewer {
   #loadAbort = new AbortController();
   #state: ViewState;
   #picked: Picked | null = null;
-  /** Where a point was asked for too early. */
+  /** A double click before the surface was loaded. */
   #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
   #frame = 0;
   #moving = false;
@@ -96,17 +98,18 @@ export class Viewer {
     this.#onDemand = this.#makeOnDemand();
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
-    this.#aids = new Aids(shown, { actions, redraw, complain });
-    this.panel = new Panel(shown, actions, { maps: this.#aids.element, ...this.#onDemand.sections(this.#sweep) });
+    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain });
+    this.panel = new Panel(shown, actions, { aids: this.#aids.elements, ...this.#onDemand.sections(this.#sweep) });
     this.#slices = new SliceGroup(shown, {
       load: later,
       resized: redraw,
       move: (position, done) => this.#moveCross(position, done),
       window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
-      probe: (position) => this.#surface.probe(position),
+      surface: () => this.#surface,
       complain,
     });
-    this.#panes = h("div", { class: "panes" });
+    const swipe = ({ detail: share }: CustomEvent<number>): void => this.#change({ swipe: { share } });
+    this.#panes = h("div", { class: "panes", swipe });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
     if (!host.preferences().knows_depth) this.element.append(explanation(host.knowsDepth));
     this.element.append(this.#depthBar.element);
@@ -143,7 +146,6 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
-    // What may be asked for next.
     void this.#aids.load().catch(() => {});
     const wanted = this.#wanted;
     this.#wanted = null;
@@ -170,8 +172,7 @@ export class Viewer {
       case "play":
         return this.#sweep.isRunning ? this.#stopSweep() : this.#sweep.start();
       case "timer":
-        this.#timerShown = !this.#timerShown;
-        this.#surface.showTimer(this.#timerShown);
+        this.#surface.showTimer((this.#timerShown = !this.#timerShown));
         return this.#schedule();
       case "outline": {
         const hides = this.#slices.strip();
@@ -185,9 +186,15 @@ export class Viewer {
       case "help":
         return this.#host.help();
       case "undo":
-        return this.#goTo(this.#history.undo(this.#state), "undo");
       case "redo":
-        return this.#goTo(this.#history.redo(), "redo");
+        return this.#goTo(command.kind);
+      case "grey":
+      case "colours":
+        return this.#aids.next(command.kind);
+      case "hold":
+      case "release":
+      case "swipe":
+        return this.#aids.compare(command.kind);
     }
     if (command.kind === "depth" || command.kind === "reset") this.#stopSweep();
     if (command.kind === "reset") {
@@ -200,7 +207,7 @@ export class Viewer {
     if (words) this.#host.announce(words);
   }
 
-  /** The server answers again: what could not be had is asked for once more. */
+  /** Failed requests are repeated. */
   again(): void {
     this.#notices.trouble("");
     this.#schedule();
@@ -219,9 +226,8 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    for (const part of [this.#slices, this.#aids, this.#surface]) part.dispose();
-    this.element.remove();
-    this.panel.element.remove();
+    for (const part of [this.#slices, this.#aids, this.#surface, this.#onDemand]) part.dispose();
+    for (const { element } of [this, this.panel]) element.remove();
   }
 
   #makeOnDemand(): OnDemand {
@@ -231,6 +237,7 @@ export class Viewer {
       goTo: (depth_mm) => this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true),
       made: this.#host.made,
       note: (words) => this.panel.note(words),
+      measured: () => this.#showPoint(),
       complain: (problem) => this.#notices.complain(problem),
     });
   }
@@ -242,7 +249,7 @@ export class Viewer {
       change: (change) => this.#change(change),
       command: (command) => this.command(command),
       pick: (place) => this.#pick(place),
-      layer: (name) => this.#aids.layer(name),
+      layer: (name) => this.#aids.voxels(name),
       busy: (busy) => {
         this.#moving = busy;
         if (!busy) this.#schedule();
@@ -251,14 +258,12 @@ export class Viewer {
     });
   }
 
-  // -- The state and what shows it
-
-  /** Shows a state that was shown before; null: there is none. */
-  #goTo(state: ViewState | null, why: "undo" | "redo"): void {
-    if (!state) return this.#host.announce(t(why === "undo" ? "undo.none" : "redo.none"));
-    this.#take(state);
-    this.#address.replace();
-    this.#host.announce(t(why === "undo" ? "undo.done" : "redo.done"));
+  /** Shows the state before, or the one that was undone. */
+  #goTo(which: "undo" | "redo"): void {
+    const state = this.#history[which](this.#state);
+    if (state) this.#take(state);
+    if (state) this.#address.replace();
+    this.#host.announce(t(state ? `done.${which}` : `none.${which}`));
   }
 
   #take(state: ViewState): void {
@@ -284,9 +289,7 @@ export class Viewer {
     for (const controls of [this.panel, this.#aids]) controls.show(this.#state);
     this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
-    this.element.dataset.layout = this.#state.layout;
-    document.body.dataset.layout = this.#state.layout;
-    document.body.dataset.slices = String(hasSlices(this.#state));
+    this.#host.laid(this.#state);
     const isAll = Object.keys(change).length === 0;
     if (change.crosshair_mm !== undefined || change.depth_mm !== undefined || isAll) this.#showPoint();
     this.#schedule();
@@ -300,7 +303,7 @@ export class Viewer {
     this.#history.record(this.#state);
     this.panel.showHistory(this.#history);
     this.element.dataset.rested = "true";
-    const words = this.#speaker.say(this.#state, this.#surface);
+    const words = this.#speaker.say(this.#aids.drawable(this.#state), this.#surface);
     for (const pane of [this.#surface, this.#slices]) pane.describe(words);
   }
 
@@ -354,19 +357,16 @@ export class Viewer {
   #showPoint(): void {
     const position = this.#state.crosshair_mm;
     if (!position) return this.panel.point.show(null);
-    const probed = this.#picked ?? this.#surface.probe(position);
-    this.panel.point.show(pointWords(this.shown, position, probed));
+    this.panel.point.show(pointWords(this.shown, position, this.#picked ?? this.#surface.probe(position)));
     void this.#showProfile(position);
   }
 
   /** Plots intensity against depth below a position, where it is known by then and still the marked one. */
   async #showProfile(position: Vec3): Promise<void> {
     const profile = this.#surface.profile(position);
-    const plotted = profile && (await this.#onDemand.plot(profile));
+    const plotted = profile && (await this.#onDemand.plot(profile, position));
     if (!this.#disposed && this.#state.crosshair_mm === position) this.panel.point.plot(plotted);
   }
-
-  // -- What the controls ask for
 
   #actions(): Actions {
     return {

@@ -2,7 +2,7 @@
 
 import { send } from "../base/api.ts";
 import { COLOR_NAMES } from "../gl/colors.ts";
-import { SHADER_NAMES, type Equipment } from "../gl/gl.ts";
+import type { Equipment } from "../gl/gl.ts";
 import { MESH_PATHS, MESH_QUERY, PAGE_MESH } from "../model/query.ts";
 import type { LoadProgress } from "./surface.ts";
 import {
@@ -13,14 +13,14 @@ import {
   decodeTriangles,
   decodeVolume,
   readLayout,
+  refuseUnless,
   triangleCount,
   vertexCount,
-  WireError,
   type Block,
   type PathsTable,
 } from "../model/wire.ts";
 
-/** Every so manieth depth is enough for the light of the first picture. */
+/** The step of the depths that is fine enough for the light of the first picture. */
 export const COARSE_STEP = 4;
 
 /** Adds up the bytes of several requests. Until a request has answered it counts as many as it is thought to have. */
@@ -63,7 +63,7 @@ export class ByteCount {
   }
 }
 
-/** Where the assets of a case come from. */
+/** Fetches the assets of a case. */
 export class Assets {
   readonly #id: string;
   readonly #signal: AbortSignal;
@@ -77,13 +77,9 @@ export class Assets {
 
   /** What the page draws with, in any case. */
   async equipment(): Promise<Equipment> {
-    const sent = (await (await send("shaders.json", { signal: this.#signal })).json()) as {
-      readonly [Part in keyof Equipment]?: Partial<Record<string, unknown>>;
-    };
-    const hasAll = (part: keyof Equipment, names: readonly string[]): boolean =>
-      names.every((name) => typeof sent[part]?.[name] === "string");
-    if (!hasAll("shaders", SHADER_NAMES) || !hasAll("colors", COLOR_NAMES))
-      throw new WireError("The server sent other shaders than this page's.");
+    const sent = (await (await send("shaders.json", { signal: this.#signal })).json()) as Partial<Equipment>;
+    const hasColors = COLOR_NAMES.every((name) => typeof sent.colors?.[name] === "string");
+    refuseUnless(Boolean(sent.names && sent.shaders) && hasColors, "shaders");
     return sent as Equipment;
   }
 
@@ -107,14 +103,17 @@ export class Assets {
     const guess = 1000 * vertexCount(PAGE_MESH);
     const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}&${MESH_PATHS}`, guess);
     const table = decodePaths(bytes);
-    if (vertexCount(table.mesh) !== vertexCount(PAGE_MESH))
-      throw new WireError("The server sent the paths of another mesh.");
+    refuseUnless(vertexCount(table.mesh) === vertexCount(PAGE_MESH), "paths");
     return table;
   }
 
-  /** The intensities in 8 bits, for a first picture, or as they were acquired. */
-  async volume(bits: 8 | 16, guess: number): Promise<Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>> {
-    const { bytes, headers } = await this.#get(`volume?bits=${bits}`, guess);
+  /** The intensities in 8 bits, for a first picture, or as they were acquired: those around the brain, or all. */
+  async volume(
+    bits: 8 | 16,
+    guess: number,
+    extent: "envelope" | "whole" = "envelope",
+  ): Promise<Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>> {
+    const { bytes, headers } = await this.#get(`volume?bits=${bits}&extent=${extent}`, guess);
     return decodeVolume(bytes, readLayout(headers));
   }
 
@@ -154,7 +153,7 @@ async function readAll(response: Response, guess: number, hear: (bytes: number) 
     const { done, value } = await reader.read();
     if (done) break;
     if (length + value.length > room.length) {
-      if (length + value.length > most) throw new WireError("The server sent more than a page can hold.");
+      refuseUnless(length + value.length <= most, "length");
       const wider = new Uint8Array(Math.min(most, Math.max(2 * room.length, length + value.length)));
       wider.set(room.subarray(0, length));
       room = wider;

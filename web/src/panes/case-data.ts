@@ -5,9 +5,12 @@ import type { ReadyCase } from "../model/case.ts";
 import { voxelCount, type Block, type PathsTable } from "../model/wire.ts";
 import { patiently } from "../base/patience.ts";
 import type { Equipment } from "../gl/gl.ts";
-import type { FieldMaps } from "../gl/painter.ts";
+import type { FieldMaps } from "../gl/scene.ts";
 import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
 import type { LoadProgress } from "./surface.ts";
+
+/** The most bytes of a whole volume that the page holds; slices of a larger one are the server's. */
+const MOST_WHOLE_BYTES = 96 << 20;
 
 export type Voxels8Or16 = Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>;
 
@@ -18,16 +21,18 @@ export interface Fetched {
   positions: { readonly positions: Float32Array<ArrayBuffer>; readonly depth_mm: number } | null;
   paths: PathsTable | null;
   volume: Voxels8Or16 | null;
+  /** Whether the volume is all that was acquired. */
+  isWhole: boolean;
   field: FieldMaps | null;
 }
 
-/** Who hears of what has come. What takes long is waited for. */
+/** Gets the data as they arrive. `CaseData` waits for what takes long. */
 export interface DataListener {
   /** All of the first picture is here. */
   first(signal: AbortSignal): Promise<void>;
   positions(positions: Float32Array<ArrayBuffer>, depth_mm: number): void;
   paths(table: PathsTable): void;
-  volume(volume: Voxels8Or16, signal: AbortSignal): Promise<void>;
+  volume(volume: Voxels8Or16, isWhole: boolean, signal: AbortSignal): Promise<void>;
   field(maps: FieldMaps, signal: AbortSignal): Promise<void>;
   /** Everything is here. */
   whole(volume: Voxels8Or16, maps: FieldMaps): void;
@@ -40,6 +45,7 @@ export class CaseData {
     positions: null,
     paths: null,
     volume: null,
+    isWhole: false,
     field: null,
   };
   readonly #case: ReadyCase;
@@ -76,6 +82,17 @@ export class CaseData {
     if (draws && !this.hasFirst) await this.#loadFirst(assets, depth_mm, signal);
     count.enter("rest");
     await this.#loadRest(assets, draws, signal, () => count.enter("ready"));
+  }
+
+  /** Fetches all that was acquired, in the place of what lies around the brain; it is null if that is too much. */
+  async loadWhole(): Promise<Voxels8Or16 | null> {
+    const bytes = 2 * voxelCount(this.#case.volume.size);
+    if (bytes > MOST_WHOLE_BYTES) return null;
+    const assets = new Assets(this.#case.id, this.#gone, new ByteCount(() => {}));
+    const whole = await assets.volume(16, bytes, "whole");
+    Object.assign(this.fetched, { volume: whole, isWhole: true });
+    await this.#listener.volume(whole, true, this.#gone);
+    return whole;
   }
 
   async #loadFirst(assets: Assets, depth_mm: number, signal: AbortSignal): Promise<void> {
@@ -132,8 +149,8 @@ export class CaseData {
     };
     const volume = async (): Promise<Voxels8Or16> => {
       const whole = arrived(await assets.volume(16, 2 * voxels));
-      this.fetched.volume = whole;
-      await this.#listener.volume(whole, signal);
+      Object.assign(this.fetched, { volume: whole, isWhole: false });
+      await this.#listener.volume(whole, false, signal);
       return whole;
     };
     const maps = async (): Promise<FieldMaps> => {
@@ -150,7 +167,7 @@ export class CaseData {
   }
 }
 
-/** The light alone, from every so manieth depth. */
+/** Only the light, from depths at every `COARSE_STEP`th voxel. */
 function* coarseMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
   return { field, smoothed: null, gradients: yield* gradients(field.voxels, field.size, COARSE_STEP), borderBox: null };
 }

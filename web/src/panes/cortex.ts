@@ -3,30 +3,32 @@
 import type { ReadyCase } from "../model/case.ts";
 import { depthsOf } from "../model/isosurface.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
-import { type MapOverlay, isDiverging, styleOf } from "../model/maps.ts";
 import type { Profile } from "../model/profile.ts";
+import { pictureSize } from "../model/query.ts";
 import { samplerOf } from "../model/sampler.ts";
+import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { clampDepth, FIRST_DEPTH_MM, isHalved, slabOf, type ViewState, type Way } from "../model/state.ts";
+import { clampDepth, FIRST_DEPTH_MM, layersOf, type ViewState, type Way } from "../model/state.ts";
 import type { PathsTable } from "../model/wire.ts";
 import { Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
 import { troubleWords } from "../base/problem-words.ts";
-import { colorRow } from "../gl/colors.ts";
 import { TooLarge } from "../gl/gl.ts";
-import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/painter.ts";
-import type { Look, OverlayLook } from "../gl/uniforms.ts";
+import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/scene.ts";
 import { CaseData, type Voxels8Or16 } from "./case-data.ts";
 import { Device, fitsMemory } from "./device.ts";
+import { panesOf, slicePicture } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
-import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions, SurfaceStatus } from "./surface.ts";
+import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "./surface.ts";
 
 /** The most device pixels for a CSS pixel: where software draws, and where a device does. */
 const SOFTWARE_RATIO = 1;
 const DEVICE_RATIO = 2;
 /** So many pixels to a CSS pixel have soft edges in a picture that is saved. */
 const MOST_SOFT_RATIO = 2;
+/** The larger side of a slice. */
+const MOST_SLICE_PIXELS = 1600;
 
 /** See `surface.ts`. */
 export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
@@ -51,8 +53,11 @@ class Cortex implements Surface {
   #way: Exclude<Way, "auto">;
   /** Whether what the first picture needs did not come. */
   #gaveUp = false;
-  /** The map that is being fetched, or could not be had. */
-  #mapAsked: string | null = null;
+  /** The layers that are being fetched, or could not be fetched. */
+  readonly #asked = new Set<string>();
+  /** Whether slices are shown, which need the whole volume, and whether it was asked for. */
+  #hasSlices = false;
+  #wholeAsked = false;
   #trouble = "";
   #told = "";
 
@@ -68,7 +73,8 @@ class Cortex implements Surface {
         this.#paint();
       },
       paths: (table) => this.#onPaths(table),
-      volume: (volume, signal) => this.#bring((device) => device.bring((painter) => painter.setVolume(volume), signal)),
+      volume: (volume, isWhole, signal) =>
+        this.#bring((device) => device.bring((painter) => painter.setVolume(volume, isWhole), signal)),
       field: (maps, signal) => this.#bring((device) => device.bring((painter) => painter.setField(maps), signal)),
       whole: (volume, maps) => this.#onWhole(volume, maps),
     });
@@ -77,7 +83,7 @@ class Cortex implements Surface {
         // What was drawn here before is left standing until the first picture comes.
         this.#canvas.style.visibility = "hidden";
         this.#host.dataset.preview = String(!this.#data.hasFirst && !this.#isServed(state));
-        this.#options.onDrawn(state);
+        this.#options.onDrawn({ ...state, swipe: null });
       },
       trouble: (words) => this.#say(words),
     });
@@ -104,7 +110,8 @@ class Cortex implements Surface {
   }
 
   draw(state: ViewState, moving: boolean): void {
-    if (state.overlay?.name !== this.#state?.overlay?.name) this.#mapAsked = null;
+    // What failed is tried again when another layer has been chosen.
+    if (layersOf(state).join() !== (this.#state && layersOf(this.#state).join())) this.#asked.clear();
     this.#pace.stir(moving, state !== this.#state);
     this.#state = state;
     this.#moving = moving;
@@ -131,11 +138,30 @@ class Cortex implements Surface {
     this.#fitCanvas(Math.min(ratio, this.#device?.mostPixels(this.#cssSize()) ?? ratio));
     // Edges of many pixels need not be softened, and the depths of all of them would be large.
     const depths = ratio > MOST_SOFT_RATIO ? 1 : 2;
-    painter.draw(this.#panes(state), way, { ...FULL_QUALITY, depths });
+    painter.draw(this.#panesOf(this.#available(state)), way, { ...FULL_QUALITY, depths });
     // In the same task, for what is drawn is gone with the next frame.
     const picture = createImageBitmap(this.#canvas);
     this.#paint();
     return picture;
+  }
+
+  canSlice(state: ViewState): boolean {
+    return !this.#isServed(state) && this.#device?.painter?.canSlice === true && this.#available(state) === state;
+  }
+
+  async slice(state: ViewState, view: SliceView, contours_mm: readonly number[]): Promise<ImageData | null> {
+    this.#hasSlices = true;
+    void this.#bringWhole();
+    const painter = this.#isServed(state) ? null : this.#device?.painter;
+    if (painter) this.#bringLayers(state);
+    if (!painter || !this.canSlice(state)) return null;
+    const size = pictureSize(view.size, this.#ratio, MOST_SLICE_PIXELS);
+    try {
+      return await slicePicture(painter, state, view, this.#case, contours_mm, size);
+    } catch (error) {
+      this.#fail(error);
+      return null;
+    }
   }
 
   showTimer(shown: boolean): void {
@@ -176,6 +202,18 @@ class Cortex implements Surface {
     const depths = depthsOf(field, { ...field, voxels: smoothed ?? field.voxels });
     this.#points = new Points(this.#case, depths, samplerOf(volume));
     this.#schedule();
+    void this.#bringWhole();
+  }
+
+  /** Fetches all that was acquired once the surface has all that it needs. Without it, the server draws the slices. */
+  async #bringWhole(): Promise<void> {
+    if (this.#wholeAsked || !this.#hasSlices || !this.#points) return;
+    this.#wholeAsked = true;
+    const whole = await this.#data.loadWhole().catch(() => null);
+    if (!whole || this.#gone.signal.aborted) return;
+    this.#points = this.#points.within(samplerOf(whole));
+    this.#canvas.dataset.whole = "true";
+    this.#tell();
   }
 
   async #bring(work: (device: Device) => Promise<void>): Promise<void> {
@@ -209,13 +247,13 @@ class Cortex implements Surface {
     const [gl, painter] = [this.#device?.gl, this.#device?.painter];
     if (!gl || !painter) return;
     const quality = this.#pace.qualityOf(way);
-    const overlay = this.#overlayOf(state);
-    if (state.overlay && !overlay) void this.#bringMap(state.overlay);
-    const isWhole = overlay === state.overlay;
+    const drawn = this.#available(state);
+    const isWhole = drawn === state;
+    if (!isWhole) this.#bringLayers(state);
     const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === this.#pace.stillWay(state.depth_mm));
     const draw = (): void => {
       this.#fitCanvas();
-      painter.draw(this.#panes(state), way, quality);
+      painter.draw(this.#panesOf(drawn), way, quality);
     };
     try {
       this.#pace.time(gl, { way, quality, isLast }, draw, () => this.#showTimes());
@@ -230,8 +268,8 @@ class Cortex implements Surface {
     this.#canvas.dataset.frames = String(this.#pace.frames);
     this.#canvas.dataset.complete = String(this.#points !== null);
     this.#canvas.dataset.quality = isLast && isWhole ? "full" : "less";
-    if (this.#mapAsked === null) this.#say("");
-    this.#options.onDrawn(isWhole ? state : { ...state, overlay });
+    if (this.#asked.size === 0) this.#say("");
+    this.#options.onDrawn(drawn);
     this.#tell();
   }
 
@@ -250,40 +288,39 @@ class Cortex implements Surface {
     return painter.canDraw("mesh", state.depth_mm) ? "mesh" : null;
   }
 
-  /** Whether the server is to draw: for good, or as long as the page wants it so. */
+  /** Whether the server draws: permanently, or while the state asks for it. */
   #isServed(state: ViewState | null = this.#state): boolean {
     return this.#options.serverOnly || this.#gaveUp || this.#fallback !== null || state?.way === "server";
   }
 
-  #panes(state: ViewState): Pane[] {
-    const [width, height] = [this.#canvas.width, this.#canvas.height];
-    const shown = this.#overlayOf(state);
-    const overlay = shown && lookOf(shown);
-    const color_row = colorRow(state.colormap);
-    const look: Look = { ...state, overlay, slab_mm: slabOf(state), color_row, isMirrored: false };
-    if (!isHalved(state)) return [{ look, left: 0, size: [width, height] }];
-    const half = Math.floor(width / 2);
-    return [
-      { look, left: 0, size: [half, height] },
-      { look: { ...look, isMirrored: true }, left: width - half, size: [half, height] },
-    ];
+  #panesOf(state: ViewState): Pane[] {
+    return panesOf(state, [this.#canvas.width, this.#canvas.height]);
   }
 
-  /** The map over a picture that is drawn here and now: none until its voxels are there. */
-  #overlayOf({ overlay }: ViewState): MapOverlay | null {
-    return overlay && this.#device?.painter?.overlay === overlay.name ? overlay : null;
+  /** The state with those of its layers whose voxels are here; without its texture, with the case's own. */
+  #available(state: ViewState): ViewState {
+    const isHere = (name: string): boolean => this.#device?.painter?.hasLayer(name) ?? false;
+    if (layersOf(state).every(isHere)) return state;
+    const overlay = state.overlay && isHere(state.overlay.name) ? state.overlay : null;
+    if (!state.layer || isHere(state.layer.id)) return { ...state, overlay };
+    return { ...state, overlay, layer: null, window: this.#case.intensity.window };
   }
 
-  /** Fetches a map once, and draws with it. */
-  async #bringMap({ name }: MapOverlay): Promise<void> {
-    if (this.#mapAsked === name) return;
-    this.#mapAsked = name;
+  /** Fetches the voxels of layers, each once, and draws with them. */
+  #bringLayers(state: ViewState): void {
+    for (const name of layersOf(state)) {
+      if (this.#asked.has(name) || this.#device?.painter?.hasLayer(name)) continue;
+      this.#asked.add(name);
+      void this.#bringLayer(name);
+    }
+  }
+
+  async #bringLayer(name: string): Promise<void> {
     try {
       const layer = await this.#options.layer(name);
-      if (this.#mapAsked !== name) return;
-      await this.#bring((device) => device.bring((painter) => painter.setOverlay(name, layer), this.#gone.signal));
-      this.#mapAsked = null;
-      this.#schedule();
+      if (!this.#asked.has(name)) return;
+      await this.#bring((device) => device.bring((painter) => painter.setLayer(name, layer), this.#gone.signal));
+      this.#asked.delete(name);
     } catch (error) {
       this.#fail(error);
     }
@@ -344,7 +381,6 @@ class Cortex implements Surface {
     else if (!(error instanceof Problem)) this.#fallback ??= "failed";
     this.#say(error instanceof Problem ? troubleWords(error) : error instanceof Error ? error.message : "");
     this.#schedule();
-    this.#tell();
   }
 
   #say(trouble: string): void {
@@ -353,15 +389,11 @@ class Cortex implements Surface {
   }
 
   #tell(): void {
-    const status: SurfaceStatus = { way: this.#way, fallback: this.#fallback, trouble: this.#trouble };
+    const canSlice = this.#state !== null && this.canSlice(this.#state);
+    const status = { way: this.#way, fallback: this.#fallback, trouble: this.#trouble, canSlice };
     const told = JSON.stringify(status);
     if (told === this.#told) return;
     this.#told = told;
     this.#options.onStatus(status);
   }
-}
-
-function lookOf({ name, threshold, opacity }: MapOverlay): OverlayLook {
-  const { window, colormap } = styleOf(name);
-  return { window, threshold, opacity, color_row: colorRow(colormap), is_diverging: isDiverging(name) };
 }

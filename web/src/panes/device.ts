@@ -5,7 +5,8 @@ import { mirrorPlane } from "../model/midsagittal.ts";
 import { patiently } from "../base/patience.ts";
 import type { Vec2 } from "../model/space.ts";
 import type { Equipment, Gl } from "../gl/gl.ts";
-import { fits, Painter, textureBytes } from "../gl/painter.ts";
+import { Painter } from "../gl/painter.ts";
+import { fits, textureBytes } from "../gl/sizes.ts";
 import { withGradients, type Fetched } from "./case-data.ts";
 
 /** The most bytes on the device that a case may take. */
@@ -136,11 +137,11 @@ export class Device {
 }
 
 async function handOver(painter: Painter, fetched: Fetched, signal: AbortSignal): Promise<void> {
-  const { triangles, positions, paths, volume, field } = fetched;
+  const { triangles, positions, paths, volume, isWhole, field } = fetched;
   if (triangles) painter.setTriangles(triangles);
   if (positions) painter.setPositions(positions.positions, positions.depth_mm);
   if (paths) painter.setPaths(paths);
-  if (volume) await patiently(painter.setVolume(volume), signal);
+  if (volume) await patiently(painter.setVolume(volume, isWhole), signal);
   if (field) await patiently(painter.setField(field), signal);
 }
 

@@ -1,4 +1,4 @@
-// Pointers, wheel and touch on a pane, told as drags, pinches and clicks.
+// Pointers, wheel and touch on a pane, as drags, pinches and clicks.
 
 import type { Vec2 } from "../model/space.ts";
 import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";

@@ -1,9 +1,9 @@
 // The legend of a map over a picture: its name and unit, which value has which colour, and what is transparent.
 
 import { h, setText } from "../base/dom.ts";
-import { number, t } from "../base/i18n.ts";
-import { type MapOverlay, isDiverging, shareOf, styleOf } from "../model/maps.ts";
-import { COLOURS } from "./overlay.ts";
+import { number } from "../base/i18n.ts";
+import { type LayerOverlay, isDiverging, shareOf, styleOf } from "../model/maps.ts";
+import { COLOURS, overlayWords } from "./overlay.ts";
 
 const ROWS = 64;
 /** Colours from the first to the last value, as the server's. */
@@ -11,7 +11,15 @@ const MAP_COLOURS = {
   "vermilion-yellow": ["#d55e00", "#e2a121", "#f0e442"],
   "blue-orange": ["#56b4e9", "#a0a0a0", "#e69f00"],
   viridis: COLOURS.viridis,
+  hot: COLOURS.hot,
+  labels: [],
 };
+
+/** Writes numbers of a window with so many digits that its ends differ. */
+export function writer([low, high]: readonly [number, number]): (value: number) => string {
+  const places = Math.min(Math.max(Math.ceil(1 - Math.log10(high - low)), 0), 6);
+  return (value) => number(value, high - low < 50 ? Math.max(places, 1) : 0);
+}
 
 export class MapBar {
   readonly element: HTMLElement;
@@ -20,7 +28,7 @@ export class MapBar {
   readonly #canvas = h("canvas", { width: 1, height: ROWS, class: "ramp" });
   readonly #low = h("span", {});
   readonly #hidden = h("span", {});
-  #shown: MapOverlay | null = null;
+  #shown: LayerOverlay | null = null;
 
   constructor() {
     this.element = h(
@@ -34,19 +42,23 @@ export class MapBar {
     );
   }
 
-  show(overlay: MapOverlay | null): void {
+  show(overlay: LayerOverlay | null): void {
     if (overlay === this.#shown) return;
     this.#shown = overlay;
     this.element.hidden = overlay === null;
     if (!overlay) return;
-    const { unit, window, colormap } = styleOf(overlay.name);
+    const style = styleOf(overlay);
+    const { unit, window, colormap } = style;
     const { threshold } = overlay;
-    setText(this.#name, `${t(`map.${overlay.name}`)}${unit && `, ${unit}`}`);
-    setText(this.#high, number(window[1], 1));
-    setText(this.#low, number(window[0], 1));
+    setText(this.#name, `${overlayWords(overlay)}${unit && `, ${unit}`}`);
+    const written = writer(window);
+    setText(this.#high, written(window[1]));
+    setText(this.#low, written(window[0]));
     this.#hidden.hidden = threshold === null;
-    const size = isDiverging(overlay.name) ? `|${unit}|` : unit;
-    setText(this.#hidden, threshold === null ? "" : `${size} > ${number(threshold, 1)}`);
+    const size = isDiverging(style) ? `|${unit}|` : unit;
+    setText(this.#hidden, threshold === null ? "" : `${size} > ${written(threshold)}`.trim());
+    // Labels have the colours of their numbers.
+    for (const part of [this.#high, this.#low, this.#canvas]) part.hidden = colormap === "labels";
     const context = this.#canvas.getContext("2d");
     if (!context) return;
     const ramp = context.createLinearGradient(0, ROWS, 0, 0);

@@ -2,12 +2,12 @@
 // for.
 
 import type { Edges } from "../model/camera.ts";
-import type { Window } from "../model/case.ts";
-import { h, setText } from "../base/dom.ts";
+import { h, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { scaleBar } from "../base/readout.ts";
+import { type LayerOverlay, type LayerWords, isMap } from "../model/maps.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type Colormap, windowEnds } from "../model/state.ts";
+import { type Colormap, type Swipe, type ViewState, clamp, windowEnds } from "../model/state.ts";
 import { Cursor, type CursorKind } from "./cursor.ts";
 
 export const SIDES = ["left", "right", "top", "bottom"] as const;
@@ -23,6 +23,17 @@ export class Overlay {
   readonly #scaleText = h("span", { class: "scale-text" });
   readonly #cursor = new Cursor();
   readonly #twin = new Cursor();
+  readonly #divider = h("div", {
+    class: "divider",
+    hidden: true,
+    pointerdown: (event: PointerEvent) => {
+      event.stopPropagation();
+      this.#divider.setPointerCapture(event.pointerId);
+    },
+    pointermove: (event: PointerEvent) => {
+      if (this.#divider.hasPointerCapture(event.pointerId)) this.#drag(event);
+    },
+  });
 
   constructor(host: HTMLElement) {
     this.element = h(
@@ -35,8 +46,22 @@ export class Overlay {
       h("div", { class: "pane-head" }, h("div", { class: "pane-line" }, this.#title, this.#badge), this.#case),
       h("div", { class: "scale" }, this.#scaleText, this.#scaleLine),
       h("span", { class: "pane-notice" }, t("notice.short")),
+      this.#divider,
     );
     host.append(this.element);
+  }
+
+  /** Shows the line that divides a picture, at a share of its width; null: there is none. */
+  divide(swipe: Swipe | null): void {
+    this.#divider.hidden = !swipe;
+    if (swipe) this.#divider.style.left = `${100 * swipe.share}%`;
+  }
+
+  /** The line follows the pointer: the panes hear of it by an event. */
+  #drag({ clientX }: PointerEvent): void {
+    const { left, width } = this.element.getBoundingClientRect();
+    const detail = clamp((clientX - left) / width, 0, 1);
+    this.element.dispatchEvent(new CustomEvent("swipe", { bubbles: true, detail }));
   }
 
   letter(edges: Edges): void {
@@ -45,14 +70,12 @@ export class Overlay {
 
   title(words: string, badge = ""): void {
     setText(this.#title, words);
-    setText(this.#badge, badge);
-    this.#badge.hidden = badge === "";
+    tell(this.#badge, badge);
   }
 
   /** Names the case that is shown. */
   identity(words: string): void {
-    setText(this.#case, words);
-    this.#case.hidden = words === "";
+    tell(this.#case, words);
   }
 
   scale(mm_per_pixel: number, width: number): void {
@@ -81,24 +104,35 @@ export const COLOURS: Readonly<Record<Colormap, readonly string[]>> = {
   viridis: ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"],
 };
 
+/** A layer, and where its place comes from: `FLAIR, registered`. */
+export const titleWords = (about: LayerWords | undefined): string =>
+  about ? [about.title, about.origin].filter(Boolean).join(", ") : "";
+
+/** The same of what lies over a picture. */
+export const overlayWords = ({ name, about }: LayerOverlay): string =>
+  isMap(name) ? t(`map.${name}`) : titleWords(about);
+
 /** The bar that says which intensity has which colour. */
 export class ColourBar {
   readonly element: HTMLElement;
   readonly #canvas = h("canvas", { width: 1, height: 64, class: "ramp" });
+  readonly #title = h("span", { class: "layer-title", hidden: true });
   readonly #white = h("span", {});
   readonly #black = h("span", {});
   #shown = "";
 
   constructor() {
-    this.element = h("div", { class: "colour-bar", hidden: true }, this.#white, this.#canvas, this.#black);
+    this.element = h("div", { class: "colour-bar", hidden: true }, this.#title, this.#white, this.#canvas, this.#black);
   }
 
-  show(window: Window, colormap: Colormap): void {
+  show({ window, colormap, layer }: Pick<ViewState, "window" | "colormap" | "layer">): void {
     // What is painted anew costs as much as the picture on a slow device.
-    const wanted = `${window.center} ${window.width} ${colormap}`;
+    const title = layer ? titleWords(layer.about) : "";
+    const wanted = `${window.center} ${window.width} ${colormap} ${title}`;
     if (wanted === this.#shown) return;
     this.#shown = wanted;
     this.element.hidden = false;
+    tell(this.#title, title);
     // Both ends to the same place, about a hundredth of the width.
     const [black, white] = windowEnds(window);
     const places = Math.min(Math.max(2 - Math.round(Math.log10(white - black)), 0), 6);

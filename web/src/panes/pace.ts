@@ -2,7 +2,7 @@
 
 import { number, t } from "../base/i18n.ts";
 import type { Gl } from "../gl/gl.ts";
-import { type Drawn, FULL_QUALITY, type Quality } from "../gl/painter.ts";
+import { type Drawn, FULL_QUALITY, type Quality } from "../gl/scene.ts";
 import { FrameTimer } from "../gl/timer.ts";
 import { drawnStill } from "../model/state.ts";
 
@@ -32,7 +32,7 @@ export class Pace {
     this.#redraw = redraw;
   }
 
-  /** Hears whether a hand moves the picture, and whether it changes. */
+  /** Takes note of whether a hand moves the picture, and whether the picture changes. */
   stir(moving: boolean, changes: boolean): void {
     if (changes || moving) this.#resting = false;
     this.#moving = moving;

@@ -1,15 +1,14 @@
 // A surface that the server draws: pictures follow the state, small while it moves, full when it rests.
 
 import { mirrored } from "../model/camera.ts";
-import { getPicture } from "../base/api.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
-import { FollowingPicture, decoded } from "../base/picture.ts";
+import { FollowingPicture, served } from "../base/picture.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type ViewState, isHalved } from "../model/state.ts";
-import type { Surface, SurfaceOptions } from "./surface.ts";
+import type { Surface } from "./surface.ts";
 
 const FULL_PIXELS = 1024;
 const MOVING_PIXELS = 320;
@@ -22,14 +21,16 @@ interface Half {
   readonly picture: FollowingPicture<ViewState>;
 }
 
-export function createServerSurface(
-  host: HTMLElement,
-  shown: ReadyCase,
-  options: Omit<SurfaceOptions, "layer">,
-): Surface {
-  const complain = (problem: unknown): void => {
-    options.onStatus({ way: "server", fallback: null, trouble: troubleWords(problem) });
-  };
+export interface ServedListener {
+  /** A picture of the server is up, in front of the canvas. */
+  drawn(state: ViewState): void;
+  trouble(words: string): void;
+}
+
+export type ServedSurface = Pick<Surface, "draw" | "picture" | "dispose">;
+
+export function createServerSurface(host: HTMLElement, shown: ReadyCase, listener: ServedListener): ServedSurface {
+  const complain = (problem: unknown): void => listener.trouble(troubleWords(problem));
   const makeHalf = (side: "whole" | "other"): Half => {
     const box = document.createElement("div");
     box.className = `server-picture ${side}`;
@@ -38,9 +39,9 @@ export function createServerSurface(
       image.alt = "";
       box.replaceChildren(image);
       host.classList.toggle("halved", isHalved(state));
-      if (side === "whole") options.onDrawn(state);
+      if (side === "whole") listener.drawn(state);
     };
-    return { box, picture: new FollowingPicture<ViewState>({ put, complain }) };
+    return { box, picture: new FollowingPicture<ViewState>({ put, complain }, served) };
   };
   const whole = makeHalf("whole");
   const other = makeHalf("other");
@@ -51,7 +52,6 @@ export function createServerSurface(
     return pictureSize([host.clientWidth / halves, host.clientHeight], devicePixelRatio, most);
   };
   return {
-    load: async () => {},
     draw(state, moving) {
       const size = sizeFor(state, moving ? MOVING_PIXELS : FULL_PIXELS);
       whole.picture.show(path(state, size), state);
@@ -61,12 +61,9 @@ export function createServerSurface(
       other.picture.show(path({ ...state, ...across }, size), state);
       other.picture.again();
     },
-    pick: () => null,
-    profile: () => null,
-    probe: () => null,
     async picture(state, ratio) {
       const size = pictureSize([host.clientWidth / (isHalved(state) ? 2 : 1), host.clientHeight], ratio, MOST_PIXELS);
-      const fetched = async (view: ViewState): Promise<HTMLImageElement> => decoded(await getPicture(path(view, size)));
+      const fetched = async (view: ViewState): Promise<HTMLImageElement> => served({ path: path(view, size) });
       const across = mirrored(state, mirrorPlane(shown), shown.envelope_sphere);
       const halves = await Promise.all([
         fetched(state),
@@ -82,7 +79,6 @@ export function createServerSurface(
       if (right) context?.drawImage(right, -canvas.width, 0);
       return canvas;
     },
-    showTimer() {},
     dispose() {
       for (const { box, picture } of [whole, other]) {
         picture.stop();

@@ -4,16 +4,14 @@ import type { ReadyCase, Sphere } from "../model/case.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
-import { positionWords } from "../base/readout.ts";
-import { getPicture } from "../base/api.ts";
+import { depthAtWords, positionWords } from "../base/readout.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
-import { FollowingPicture, decoded } from "../base/picture.ts";
+import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
 import { wheelZoom } from "../model/controls.ts";
-import type { Probed } from "../model/points.ts";
 import {
   CENTRED,
   type Placing,
@@ -33,6 +31,7 @@ import {
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved } from "../model/state.ts";
 import type { Placed } from "./screenshot.ts";
+import type { Surface } from "./surface.ts";
 
 const MOST_PIXELS = 768;
 /** The larger side of a slice that is saved. */
@@ -41,6 +40,12 @@ const MOST_SAVED_PIXELS = 4096;
 const OUTLINE_COLOURS = 8;
 /** A step of the wheel and of the arrows, in mm. */
 const STEP_MM = 1;
+
+/** What a picture of a slice shows. */
+interface Seen {
+  readonly state: ViewState;
+  readonly view: SliceView;
+}
 
 /** Something that is drawn over a slice. */
 export interface SliceLayer {
@@ -54,7 +59,8 @@ export interface SliceListener {
   window(move: Vec2): void;
   /** A double click, or the button: as large as all panes, or not. */
   enlarge(plane: Plane): void;
-  probe(position_in_patient: Vec3): Probed | null;
+  /** Who knows the points, and draws slices in the page. */
+  surface(): Pick<Surface, "probe" | "canSlice" | "slice">;
   /** The cross is put here; `done` when the hand has left. */
   move(position_in_patient: Vec3, done: boolean): void;
   complain(problem: unknown): void;
@@ -66,7 +72,7 @@ export class SlicePane {
   readonly #shown: ReadyCase;
   readonly #listener: SliceListener;
   readonly #overlay: Overlay;
-  readonly #picture: FollowingPicture<{ state: ViewState; view: SliceView }>;
+  readonly #picture: FollowingPicture<Seen, HTMLElement>;
   readonly #image = h("div", { class: "slice-image" });
   /** The picture and what stands on it; the slider lies below. */
   readonly #frame = h("div", { class: "slice-view" }, this.#image);
@@ -80,6 +86,7 @@ export class SlicePane {
   #placing: Placing = CENTRED;
   #drawn: SliceView | null = null;
   #outlined = true;
+  #pointer: Vec2 | null = null;
 
   constructor(plane: Plane, shown: ReadyCase, listener: SliceListener) {
     this.plane = plane;
@@ -107,13 +114,16 @@ export class SlicePane {
     this.#words = h("p", { id: `slice-${plane}-words`, class: "visually-hidden" });
     this.element.setAttribute("aria-describedby", this.#words.id);
     this.element.append(this.#range, this.#words);
-    this.#picture = new FollowingPicture({
-      put: (image, { state, view }) => this.#put(image, state, view),
-      complain: (problem) => {
-        this.element.classList.toggle("troubled", problem !== null);
-        listener.complain(problem);
+    this.#picture = new FollowingPicture<Seen, HTMLElement>(
+      {
+        put: (image, { state, view }) => this.#put(image, state, view),
+        complain: (problem) => {
+          this.element.classList.toggle("troubled", problem !== null);
+          listener.complain(problem);
+        },
       },
-    });
+      (wish) => this.#load(wish),
+    );
     this.#listen();
   }
 
@@ -121,11 +131,29 @@ export class SlicePane {
   show(state: ViewState): void {
     this.#state = state;
     const view = this.#view(state);
-    this.#picture.show(this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS)), { state, view });
+    const path = this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS));
+    // The server is not asked for what follows a "#"; what it drew is drawn again once the page can, also divided.
+    this.#picture.show(`${path}#${state.swipe?.share},${this.#listener.surface().canSlice(state)}`, { state, view });
     this.#picture.again();
     setValue(this.#range, view.position_mm);
     // The convention and the cross are the page's own: they need no other picture.
     this.#write(state, view);
+    if (this.#pointer) this.#sayHovered();
+  }
+
+  /** The slice drawn by the page if it can, else by the server. */
+  async #load({ path, about: { state, view } }: Wish<Seen>): Promise<HTMLElement> {
+    const drawn = await this.#listener.surface().slice(state, view, this.#outlined ? outlinesOf(state) : []);
+    const label = t("slice.alt", {
+      plane: t(`plane.${this.plane}`),
+      position: number(view.position_mm, 1),
+      depth: number(state.depth_mm, 1),
+    });
+    if (!drawn) return Object.assign(await served({ path }), { alt: label });
+    const { width, height } = drawn;
+    const canvas = h("canvas", { width, height, role: "img", "aria-label": label });
+    canvas.getContext("2d")?.putImageData(drawn, 0, 0);
+    return canvas;
   }
 
   /** The slice as it lies in its pane, with so many pixels to a CSS pixel, for a screenshot. */
@@ -133,7 +161,7 @@ export class SlicePane {
     const state = this.#state;
     if (!state) return null;
     const size = pictureSize(this.#view(state).size, ratio, MOST_SAVED_PIXELS);
-    const picture = await decoded(await getPicture(this.#path(state, size)));
+    const picture = await served({ path: this.#path(state, size) });
     return { element: this.#frame, picture, isFlipped: isFlipped(this.plane, state.convention) };
   }
 
@@ -176,7 +204,7 @@ export class SlicePane {
     if (this.#state) this.show(this.#state);
   }
 
-  /** Says what is shown, for those who do not see it. */
+  /** Describes the slice for screen readers. */
   describe(words: string): void {
     setText(this.#words, `${this.#range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
   }
@@ -200,18 +228,16 @@ export class SlicePane {
     };
   }
 
-  #put(image: HTMLImageElement, state: ViewState, view: SliceView): void {
-    image.alt = t("slice.alt", {
-      plane: t(`plane.${this.plane}`),
-      position: number(view.position_mm, 1),
-      depth: number(state.depth_mm, 1),
-    });
+  #put(image: HTMLElement, state: ViewState, view: SliceView): void {
     this.#image.replaceChildren(image);
+    this.element.dataset.way = image instanceof HTMLImageElement ? "server" : "page";
     this.#drawn = view;
     this.element.dataset.position = String(view.position_mm);
     this.element.dataset.depth = String(state.depth_mm);
     this.element.dataset.overlay = state.overlay?.name ?? "";
+    this.element.dataset.layer = state.layer?.id ?? "";
     this.#mapBar.show(state.overlay);
+    this.#overlay.divide(image instanceof HTMLCanvasElement ? state.swipe : null);
     this.#write(this.#state ?? state, this.#view(this.#state ?? state));
   }
 
@@ -238,7 +264,7 @@ export class SlicePane {
     return slicePixel(view, this.#shown.envelope_sphere, reflected(state.crosshair_mm, mirrorPlane(this.#shown)));
   }
 
-  /** Says which outline is of which depth, where there are several. */
+  /** Lists the depths of the outlines with their colours, if there are several. */
   #explain(state: ViewState): void {
     const depths = outlinesOf(state);
     this.#legend.hidden = depths.length < 2 || !this.#outlined;
@@ -288,12 +314,18 @@ export class SlicePane {
 
   #hover(event: PointerEvent | null): void {
     const box = this.#frame.getBoundingClientRect();
-    const position = event && this.#positionAt([event.clientX - box.left, event.clientY - box.top]);
+    this.#pointer = event && [event.clientX - box.left, event.clientY - box.top];
+    this.#sayHovered();
+  }
+
+  /** Position, depth and intensity under the pointer, also if the slice moves below it. */
+  #sayHovered(): void {
+    const position = this.#pointer && this.#positionAt(this.#pointer);
     this.#hovered.hidden = !position;
     if (!position) return;
-    const probed = this.#listener.probe(position);
+    const probed = this.#listener.surface().probe(position);
     const known = probed
-      ? `  ${number(probed.depth_mm, 1)} mm  ${Number.isFinite(probed.intensity) ? intensity(probed.intensity) : "–"}`
+      ? `  ${depthAtWords(probed.depth_mm)}  ${Number.isFinite(probed.intensity) ? intensity(probed.intensity) : "–"}`
       : "";
     setText(this.#hovered, `${positionWords(position)}${known}`);
   }

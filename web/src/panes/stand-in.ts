@@ -3,22 +3,15 @@
 import type { ReadyCase } from "../model/case.ts";
 import type { ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
-import { createServerSurface } from "./server-surface.ts";
-import type { Surface } from "./surface.ts";
-
-export interface StandInListener {
-  /** A picture of the server is up, in front of the canvas. */
-  drawn(state: ViewState): void;
-  trouble(words: string): void;
-}
+import { type ServedListener, type ServedSurface, createServerSurface } from "./server-surface.ts";
 
 export class StandIn {
   readonly #canvas: HTMLCanvasElement;
   readonly #case: ReadyCase;
-  readonly #listener: StandInListener;
-  #server: { readonly surface: Surface; readonly box: HTMLElement } | null = null;
+  readonly #listener: ServedListener;
+  #server: { readonly surface: ServedSurface; readonly box: HTMLElement } | null = null;
 
-  constructor(canvas: HTMLCanvasElement, shown: ReadyCase, listener: StandInListener) {
+  constructor(canvas: HTMLCanvasElement, shown: ReadyCase, listener: ServedListener) {
     this.#canvas = canvas;
     this.#case = shown;
     this.#listener = listener;
@@ -40,14 +33,9 @@ export class StandIn {
     this.#server = null;
   }
 
-  #made(): { readonly surface: Surface; readonly box: HTMLElement } {
+  #made(): { readonly surface: ServedSurface; readonly box: HTMLElement } {
     const box = h("div", { class: "served" });
     this.#canvas.after(box);
-    const surface = createServerSurface(box, this.#case, {
-      serverOnly: true,
-      onStatus: ({ trouble }) => this.#listener.trouble(trouble),
-      onDrawn: (state) => this.#listener.drawn(state),
-    });
-    return { surface, box };
+    return { surface: createServerSurface(box, this.#case, this.#listener), box };
   }
 }

@@ -14,10 +14,10 @@ import {
   wheelZoom,
   zoomAt,
 } from "../model/controls.ts";
-import type { MapName, MapOverlay } from "../model/maps.ts";
 import { mirrorPlane, plainPlane, reflected } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
+import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
@@ -48,8 +48,8 @@ export interface SurfacePaneListener {
   change(change: Change): void;
   command(command: Command): void;
   pick(place: Vec2): void;
-  /** The voxels of a map. */
-  layer(name: MapName): Promise<Block>;
+  /** The voxels of a layer. */
+  layer(name: string): Promise<Block>;
   /** A hand rests on the pane, or has left it. */
   busy(busy: boolean): void;
   status(status: SurfaceStatus): void;
@@ -130,14 +130,23 @@ export class SurfacePane {
     return this.#surface.profile(position);
   }
 
-  /** Says what is shown, for those who do not see it. */
+  canSlice(state: ViewState): boolean {
+    return this.#surface.canSlice(state);
+  }
+
+  slice(state: ViewState, view: SliceView, contours_mm: readonly number[]): Promise<ImageData | null> {
+    return this.#surface.slice(state, view, contours_mm);
+  }
+
+  /** Describes the surface for screen readers. */
   describe(words: string): void {
     setText(this.#keys, `${words} ${t("surface.keys")}`);
   }
 
-  /** The map that is seen over the picture. */
-  get overlay(): MapOverlay | null {
-    return this.#drawn?.overlay ?? null;
+  /** The layers that are seen, which can be fewer than those of a state, and the window that belongs to them. */
+  get layers(): Pick<ViewState, "layer" | "overlay" | "window"> {
+    const { layer, overlay, window } = this.#drawn ?? { ...this.#listener.state(), layer: null, overlay: null };
+    return { layer, overlay, window };
   }
 
   /** Whether it is known where the surface is. */
@@ -146,7 +155,7 @@ export class SurfacePane {
   }
 
   picture(ratio: number): Promise<CanvasImageSource> {
-    return this.#surface.picture({ ...this.#listener.state(), overlay: this.overlay }, ratio);
+    return this.#surface.picture({ ...this.#listener.state(), ...this.layers, swipe: null }, ratio);
   }
 
   showTimer(shown: boolean): void {
@@ -168,6 +177,7 @@ export class SurfacePane {
     this.#overlay.letter(edgesOf(state.orientation));
     this.#overlay.title(titleOf(state, state.orientation));
     this.#overlay.scale(mm_per_pixel, width);
+    for (const overlay of [this.#overlay, this.#otherOverlay]) overlay.divide(state.swipe);
     this.#otherOverlay.element.hidden = !mirror;
     this.element.classList.toggle("halved", mirror);
     if (mirror) {
@@ -175,14 +185,16 @@ export class SurfacePane {
       this.#otherOverlay.letter({ ...edges, left: edges.right, right: edges.left });
       // Of the side that is seen, from however near to its name's direction.
       const { orientation } = mirrored(state, plainPlane(sphere), sphere);
-      this.#otherOverlay.title(titleOf(state, orientation), t("mirror.badge"));
+      const badge = this.#shown.midsagittal?.doubtful ? "mirror.badge.doubtful" : "mirror.badge";
+      this.#otherOverlay.title(titleOf(state, orientation), t(badge));
       this.#otherOverlay.scale(mm_per_pixel, width);
     }
-    this.#colourBar.show(state.window, state.colormap);
+    this.#colourBar.show(state);
     this.#mapBar.show(state.overlay);
     this.#cube.show(state.orientation);
     this.element.dataset.depth = String(state.depth_mm);
     this.element.dataset.overlay = state.overlay?.name ?? "";
+    this.element.dataset.layer = state.layer?.id ?? "";
     this.element.dataset.drawn = "true";
     this.#cross();
   }

@@ -3,8 +3,8 @@
 
 import type { ReadyCase } from "../model/case.ts";
 import type { Picked, Probed } from "../model/points.ts";
-import type { MapName } from "../model/maps.ts";
 import type { Profile } from "../model/profile.ts";
+import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { ViewState, Way } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
@@ -20,13 +20,15 @@ export interface LoadProgress {
 /** Why the server draws though the page was asked to: the page says it in words. */
 export type Fallback = "no-webgl2" | "context-lost" | "too-large" | "failed";
 
-/** What a surface tells of itself. */
+/** The state of a surface. */
 export interface SurfaceStatus {
   /** Who draws now; it differs from the state's way while that one is being fetched, or cannot be had. */
   readonly way: Exclude<Way, "auto">;
   readonly fallback: Fallback | null;
-  /** In words of the server, when a picture could not be had; empty otherwise. */
+  /** A message if a picture could not be loaded; empty otherwise. */
   readonly trouble: string;
+  /** Whether the page draws slices now. */
+  readonly canSlice: boolean;
 }
 
 export interface SurfaceOptions {
@@ -35,10 +37,10 @@ export interface SurfaceOptions {
    * (letters, scale, cursor) is never of another picture.
    */
   readonly onDrawn: (state: ViewState) => void;
-  /** Hears of every change, and once at first. */
+  /** Called at first and with every change. */
   readonly onStatus: (status: SurfaceStatus) => void;
-  /** The voxels of a map. */
-  readonly layer: (name: MapName) => Promise<Block>;
+  /** The voxels of a layer. */
+  readonly layer: (name: string) => Promise<Block>;
   /** Only the server draws (`?renderer=server`). */
   readonly serverOnly: boolean;
 }
@@ -62,6 +64,10 @@ export interface Surface {
   profile(position_in_patient: Vec3): Profile | null;
   /** The surface's depth and intensity at a position; null where nothing here knows (yet). */
   probe(position_in_patient: Vec3): Probed | null;
+  /** Whether the page draws slices of a state now. */
+  canSlice(state: ViewState): boolean;
+  /** A slice with contours, drawn by the page; null if the server has to draw it, perhaps only for now. */
+  slice(state: ViewState, view: SliceView, contours_mm: readonly number[]): Promise<ImageData | null>;
   /** A picture of the state as it stands in the pane, with so many pixels to a CSS pixel, for a screenshot. */
   picture(state: ViewState, ratio: number): Promise<CanvasImageSource>;
   /** Whether the frame timer stands on the picture. */

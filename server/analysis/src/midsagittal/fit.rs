@@ -19,6 +19,10 @@ const MODERATE: f64 = 0.3;
 const TURN_COST: f64 = 0.01;
 /// The prior cost of a shift, per squared voxel.
 const SHIFT_COST: f64 = 1e-6;
+/// The fraction of the surroundings of a point that must lie inside for it to count in the correlation.
+const LEAST_INSIDE: f32 = 0.95;
+/// The least variance of values, 0 to 1, for a correlation.
+const LEAST_VARIANCE: f64 = 1e-9;
 /// The greatest number of steps on one image, and the step, in tangents and voxels, at which the iteration ends.
 const MAX_STEPS: usize = 12;
 const LEAST_STEP: f64 = 3e-4;
@@ -144,13 +148,29 @@ impl Level {
         self.pose(best.map_or(Parameters::ZERO, |(_, pose)| pose))
     }
 
-    fn pose(&self, parameters: DVec3) -> Pose {
+    /// The correlation of the values of the points in `shape` with those at their mirror images in it, 0 to 1.
+    pub(super) fn correlation(&self, pose: Pose, shape: &Image) -> f64 {
+        let mirror = Mirror::new(self.parameters(pose));
+        let is_inside = |place: Vec3| shape.sample(place + self.centre).0 > LEAST_INSIDE;
+        let pairs = self.places.iter().filter_map(|&(place, here)| {
+            let image = mirror.image_of(place);
+            let (there, _) = self.image.sample(image + self.centre);
+            (is_inside(place) && is_inside(image)).then(|| [here, there].map(f64::from))
+        });
+        correlation(pairs)
+    }
+
+    fn pose(&self, parameters: Parameters) -> Pose {
         Pose(parameters * DVec3::new(1.0, 1.0, self.image.step_mm))
+    }
+
+    fn parameters(&self, pose: Pose) -> Parameters {
+        pose.0 / DVec3::new(1.0, 1.0, self.image.step_mm)
     }
 
     /// The pose after Gauss-Newton steps, damped so that each one reduces the cost (Levenberg, Marquardt).
     pub(super) fn refined(&self, pose: Pose) -> Pose {
-        let mut parameters = pose.0 / DVec3::new(1.0, 1.0, self.image.step_mm);
+        let mut parameters = self.parameters(pose);
         let mut cost = self.cost(parameters);
         let mut damping = 1e-3;
         for _ in 0..MAX_STEPS {
@@ -208,6 +228,25 @@ impl Level {
             slope: slope / count + weights * parameters,
             curvature: curvature * (1.0 / count) + DMat3::from_diagonal(weights),
         }
+    }
+}
+
+/// The correlation of pairs; 0 if it is negative, or if one side has a single value.
+fn correlation(pairs: impl Iterator<Item = [f64; 2]>) -> f64 {
+    let (mut count, mut sums, mut squares, mut products) = (0.0, [0.0; 2], [0.0; 2], 0.0);
+    for [a, b] in pairs {
+        count += 1.0;
+        sums = [sums[0] + a, sums[1] + b];
+        squares = [squares[0] + a * a, squares[1] + b * b];
+        products += a * b;
+    }
+    let [a, b] = sums.map(|sum| sum / count);
+    let scale = ((squares[0] / count - a * a) * (squares[1] / count - b * b)).sqrt();
+    // Also false for NaN, of no pairs.
+    if scale > LEAST_VARIANCE {
+        ((products / count - a * b) / scale).clamp(0.0, 1.0)
+    } else {
+        0.0
     }
 }
 

@@ -42,6 +42,15 @@ impl Image {
         image
     }
 
+    /// 1 inside an envelope, on the grid of [`Image::new`].
+    pub(super) fn shape(envelope: &Envelope) -> Self {
+        let mut image = Self::around(envelope);
+        image.fill(|position_in_patient| {
+            f32::from(u8::from(is_inside(envelope, position_in_patient)))
+        });
+        image
+    }
+
     /// An image of zeros around an envelope.
     fn around(envelope: &Envelope) -> Self {
         let grid = envelope.grid();

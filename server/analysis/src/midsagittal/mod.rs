@@ -63,6 +63,22 @@ impl MidsagittalPlane {
 /// "Computation of the Mid-Sagittal Plane in 3-D Brain Images", IEEE Trans. Med. Imaging 21, 2002 (robust against what
 /// has no counterpart).
 pub fn midsagittal_plane(envelope: &Envelope, volume: &Volume) -> MidsagittalPlane {
+    midsagittal_fit(envelope, volume).plane
+}
+
+/// The plane of [`midsagittal_plane`], and how alike the two sides are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MidsagittalFit {
+    /// The plane.
+    pub plane: MidsagittalPlane,
+    /// The correlation of the intensities inside the envelope with those at their mirror images, smoothed by about 3 mm,
+    /// 0 to 1.
+    pub correlation: f64,
+}
+
+/// As [`midsagittal_plane`], with its correlation.
+pub fn midsagittal_fit(envelope: &Envelope, volume: &Volume) -> MidsagittalFit {
+    let shape = Image::shape(envelope).smoothed().smoothed();
     let fine = Image::new(envelope, volume).smoothed().smoothed();
     let middle = fine.halved().smoothed();
     let coarse = middle.halved().smoothed();
@@ -71,13 +87,15 @@ pub fn midsagittal_plane(envelope: &Envelope, volume: &Volume) -> MidsagittalPla
     let [coarse, middle, fine] = [(coarse, 1), (middle, 1), (fine, 2)]
         .map(|(image, stride)| Level::new(image, stride, centroid));
     let begun = coarse.search();
-    let pose = [coarse, middle, fine]
-        .iter()
-        .fold(begun, |pose, level| level.refined(pose));
+    let levels = [&coarse, &middle, &fine];
+    let pose = levels.iter().fold(begun, |pose, level| level.refined(pose));
     let normal = pose.normal();
-    MidsagittalPlane {
-        normal,
-        offset_mm: normal.dot(centroid) + pose.shift_mm(),
+    MidsagittalFit {
+        plane: MidsagittalPlane {
+            normal,
+            offset_mm: normal.dot(centroid) + pose.shift_mm(),
+        },
+        correlation: fine.correlation(pose, &shape),
     }
 }
 

@@ -127,6 +127,20 @@ fn a_lesion_that_has_no_counterpart_hardly_moves_the_plane() {
 }
 
 #[test]
+fn the_correlation_is_high_for_a_head_that_is_its_own_mirror_image() {
+    let (envelope, volume) = Placed::new([8.0, -5.0], DVec3::ZERO).scan(2.0);
+    let found = midsagittal_fit(&envelope, &volume);
+    assert!(found.correlation > 0.95, "{found:?}");
+    let brain = phantom::ball(30.0);
+    let grid = brain.mask().grid().clone();
+    let (envelope, volume) = scan(grid, |index| {
+        500.0 * f64::from(u8::from(brain.mask().voxels()[index]))
+    });
+    let found = midsagittal_fit(&envelope, &volume);
+    assert!((0.0..=1.0).contains(&found.correlation), "{found:?}");
+}
+
+#[test]
 fn a_ball_gets_a_plane_through_its_centre_near_the_sagittal_one() {
     let brain = phantom::ball(30.0);
     let grid = brain.mask().grid().clone();

@@ -8,9 +8,7 @@ use super::region::{Cuts, Region};
 use super::search::Mark;
 use crate::block::{Block, depth_at};
 use crate::candidates::Scores;
-use crate::gradient::weighted_gradient;
-use crate::maps::compare;
-use crate::sharpness::sharpness;
+use crate::maps::{Measures, compare};
 use crate::{Head, MapParameters, TissueScale};
 
 /// The greatest distance of a point of the junction from the middle between grey and white.
@@ -276,11 +274,15 @@ impl Aided {
         (values, tissue): (&[f32], &TissueScale),
         parameters: &MapParameters,
     ) -> Self {
-        let weighted = weighted_gradient(block, values, parameters.slope(tissue));
-        let sharpness = sharpness(block, weighted, parameters.window_mm);
-        let comparison = compare(block, &sharpness, head.plane, parameters);
+        let sharpness = parameters.sharpness(block, values, tissue);
+        let measures = Measures {
+            sharpness: &sharpness,
+            detail: parameters.detail(block, values, &sharpness, tissue),
+        };
+        let mut comparison = compare(block, measures, head.plane, parameters);
         let junction = &sharpness.junction;
-        let blur = Scores::smoothed(block, junction, &comparison.blur, parameters.candidate_mm);
+        let map = &mut comparison.blur;
+        let blur = Scores::smoothed(block, junction, map, parameters.candidate_mm);
         let working_from_block =
             head.depth.grid().voxel_from_patient() * block.grid.patient_from_voxel();
         let points = junction.iter().zip(&blur.scores).map(|(&voxel, &blur)| {

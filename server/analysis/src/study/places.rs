@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::random::Random;
 use crate::Head;
 use crate::block::{Block, depth_at};
+use crate::slant::slope;
 
 /// The greatest distance of the tissue scale of a junction voxel from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.15;
@@ -18,6 +19,11 @@ const BOTTOM_FROM_MM: f32 = 12.0;
 const CROWN_TO_MM: f32 = 7.0;
 /// The greatest distance of a mesial place from the midsagittal plane, in mm.
 const MESIAL_MM: f64 = 12.0;
+/// The least distance of cortex from a ventricle, in mm: what is nearer borders on nuclei, not on cortex.
+const FROM_VENTRICLE_MM: f64 = 8.0;
+/// The least depth of a ventricle, in mm, and the intensity below which it is fluid, in tissue scale.
+const VENTRICLE_FROM_MM: f32 = 18.0;
+const FLUID_BELOW: f32 = -0.6;
 /// The fractions of places at the bottom of sulci, in walls and in crowns, and of frontal places.
 const KINDS: [f64; 3] = [0.5, 0.25, 0.25];
 const FRONTAL: f64 = 0.6;
@@ -123,6 +129,7 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
     };
     let (low, high) = (corner(0.0).min(corner(1.0)), corner(0.0).max(corner(1.0)));
     let size = high - low;
+    let ventricles = ventricles(head, block, values);
     let mut offers = Vec::new();
     for (index, &value) in values.iter().enumerate() {
         let voxel = block.grid.voxel(index);
@@ -140,8 +147,15 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
             .voxel_from_patient()
             .transform_point3(position);
         let depth_mm = depth_at(head.depth, in_working.as_vec3());
-        let is_steep = steepness(block, values, voxel) > 0.10;
+        // It is small in deep nuclei and noise.
+        let is_steep = slope(block, values, voxel).length() > 0.10;
         if !(4.0..DEEPEST_MM).contains(&depth_mm) || !is_steep {
+            continue;
+        }
+        let is_near_ventricle = ventricles
+            .iter()
+            .any(|fluid| fluid.distance_squared(position) < FROM_VENTRICLE_MM.powi(2));
+        if is_near_ventricle {
             continue;
         }
         let share = (position - low) / size;
@@ -168,15 +182,32 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
     offers
 }
 
-/// The gradient of the tissue scale over two voxels to either side, per voxel; it is small in deep nuclei and noise.
-fn steepness(block: &Block, values: &[f32], voxel: [usize; 3]) -> f32 {
-    let squared = |axis: usize| {
-        let at = |by: i64| {
-            let mut there = voxel;
-            there[axis] = (there[axis] as i64 + by) as usize;
-            values[block.grid.index(there)]
-        };
-        ((at(2) + at(1) - at(-1) - at(-2)) / 6.0).powi(2)
-    };
-    (squared(0) + squared(1) + squared(2)).sqrt()
+/// Every second voxel along each axis, in patient space, that is deep fluid among deep fluid.
+fn ventricles(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<DVec3> {
+    let working_from_patient = head.depth.grid().voxel_from_patient();
+    let is_fluid = |voxel: [usize; 3]| values[block.grid.index(voxel)] < FLUID_BELOW;
+    let inner = |axis: usize| (1..block.size[axis].saturating_sub(1)).step_by(2);
+    let mut found = Vec::new();
+    for (z, y) in inner(2).flat_map(|z| inner(1).map(move |y| (z, y))) {
+        for voxel in inner(0).map(|x| [x, y, z]) {
+            let has_fluid_around = || {
+                (0..3).all(|axis| {
+                    let (mut before, mut after) = (voxel, voxel);
+                    before[axis] -= 1;
+                    after[axis] += 1;
+                    is_fluid(before) && is_fluid(after)
+                })
+            };
+            if !is_fluid(voxel) || !has_fluid_around() {
+                continue;
+            }
+            let place = DVec3::from_array(voxel.map(|along| along as f64));
+            let position = block.grid.patient_from_voxel().transform_point3(place);
+            let in_working = working_from_patient.transform_point3(position).as_vec3();
+            if depth_at(head.depth, in_working) > VENTRICLE_FROM_MM {
+                found.push(position);
+            }
+        }
+    }
+    found
 }

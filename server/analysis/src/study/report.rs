@@ -175,7 +175,7 @@ impl Report {
                 "shams are at chance, within {} or, if they are few, two standard errors: {most:.3}",
                 criteria.most_leak
             ),
-            holds: Some(worst <= most),
+            holds: (trials().count() > 0).then_some(worst <= most),
             figures: format!("{} ({} shams)", text.join(", "), trials().count()),
         }
     }

@@ -23,11 +23,26 @@ pub struct StudyParameters {
     pub normals: usize,
     /// The seed of all random choices in a head. It must differ between heads, or they all get the same lesions.
     pub seed: u64,
+    /// The sign, the radius in mm and the effect of every lesion; `None` to draw them.
+    pub lesion: Option<(Sign, f64, Effect)>,
     /// The parameters of the maps.
     pub maps: MapParameters,
 }
 
 impl StudyParameters {
+    /// The same with one blur of this radius and strength, in mm, in place of all signs and sizes, and without shams.
+    pub fn with_blurs_alone(self, radius_mm: f64, blur_mm: f64) -> Self {
+        let effect = Effect {
+            blur_mm,
+            ..Effect::NONE
+        };
+        Self {
+            shams: 0,
+            lesion: Some((Sign::Blur, radius_mm, effect)),
+            ..self
+        }
+    }
+
     /// The same with a separate seed for a head with this name.
     pub fn for_head(self, name: &str) -> Self {
         // FNV-1a (Fowler, Noll and Vo).
@@ -46,6 +61,7 @@ impl StudyParameters {
         shams: 60,
         normals: 400,
         seed: 20_061_122,
+        lesion: None,
         maps: MapParameters::STANDARD,
     };
     /// A run of two minutes.
@@ -150,7 +166,7 @@ pub struct HeadResult {
     pub name: String,
     /// Whether parameters were tuned on this head.
     pub is_tuned: bool,
-    /// The trials: lesions, then shams.
+    /// The trials: lesions and shams, evenly mixed.
     pub trials: Vec<Trial>,
 }
 
@@ -169,8 +185,8 @@ pub fn run_head(
     let mut random = Random::new(parameters.seed ^ 0x5EED);
     let mut trials = Vec::new();
     for (number, place) in ground.places(count, parameters.seed).iter().enumerate() {
-        let is_sham = number >= parameters.lesions;
-        let (sign, lesion) = drawn(place.position_in_patient, is_sham, &mut random);
+        let is_sham = parameters.is_sham(number);
+        let (sign, lesion) = parameters.drawn(place.position_in_patient, is_sham, &mut random);
         let sightings = pristine.sightings(&ground, &lesion, &parameters.maps)?;
         let trial = Trial {
             sign,
@@ -192,40 +208,50 @@ pub fn run_head(
     Ok(trials)
 }
 
-/// A lesion at a place, with random sign, size and strengths.
-fn drawn(centre: DVec3, is_sham: bool, random: &mut Random) -> (Sign, Lesion) {
-    let sign = Sign::DRAWN[random.below(Sign::DRAWN.len())];
-    let radius_mm = RADII_MM[random.below(RADII_MM.len())];
-    let strengths = Effect {
-        blur_mm: BLURS_MM[random.below(BLURS_MM.len())],
-        thickening_mm: THICKENINGS_MM[random.below(THICKENINGS_MM.len())],
-        darkening: DARKENINGS[random.below(DARKENINGS.len())],
-    };
-    let seed = random.next();
-    let sign = if is_sham { Sign::Sham } else { sign };
-    let effect = match sign {
-        Sign::Blur => Effect {
-            blur_mm: strengths.blur_mm,
-            ..Effect::NONE
-        },
-        Sign::Thickening => Effect {
-            thickening_mm: strengths.thickening_mm,
-            ..Effect::NONE
-        },
-        Sign::Intensity => Effect {
-            darkening: strengths.darkening,
-            ..Effect::NONE
-        },
-        Sign::All => strengths,
-        Sign::Sham => Effect::NONE,
-    };
-    let lesion = Lesion {
-        centre_in_patient: centre,
-        radius_mm,
-        effect,
-        seed,
-    };
-    (sign, lesion)
+impl StudyParameters {
+    /// Whether a trial is a sham. Shams are spread evenly among the lesions: places are apart from each other, so the last ones drawn are
+    /// those that the first ones left over.
+    fn is_sham(&self, number: usize) -> bool {
+        let shams_before = |number: usize| number * self.shams / (self.lesions + self.shams);
+        shams_before(number + 1) > shams_before(number)
+    }
+
+    /// A lesion at a place, with random sign, size and strengths.
+    fn drawn(&self, centre: DVec3, is_sham: bool, random: &mut Random) -> (Sign, Lesion) {
+        let sign = Sign::DRAWN[random.below(Sign::DRAWN.len())];
+        let radius_mm = RADII_MM[random.below(RADII_MM.len())];
+        let strengths = Effect {
+            blur_mm: BLURS_MM[random.below(BLURS_MM.len())],
+            thickening_mm: THICKENINGS_MM[random.below(THICKENINGS_MM.len())],
+            darkening: DARKENINGS[random.below(DARKENINGS.len())],
+        };
+        let seed = random.next();
+        let (sign, radius_mm, strengths) = self.lesion.unwrap_or((sign, radius_mm, strengths));
+        let sign = if is_sham { Sign::Sham } else { sign };
+        let effect = match sign {
+            Sign::Blur => Effect {
+                blur_mm: strengths.blur_mm,
+                ..Effect::NONE
+            },
+            Sign::Thickening => Effect {
+                thickening_mm: strengths.thickening_mm,
+                ..Effect::NONE
+            },
+            Sign::Intensity => Effect {
+                darkening: strengths.darkening,
+                ..Effect::NONE
+            },
+            Sign::All => strengths,
+            Sign::Sham => Effect::NONE,
+        };
+        let lesion = Lesion {
+            centre_in_patient: centre,
+            radius_mm,
+            effect,
+            seed,
+        };
+        (sign, lesion)
+    }
 }
 
 /// A head without a lesion, with the scores of all observers.

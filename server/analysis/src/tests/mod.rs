@@ -2,5 +2,6 @@
 
 mod edges;
 mod heads;
+mod masses;
 pub(crate) mod phantom;
 mod real;

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use geometry::{Mask, Volume};
 use glam::DVec3;
 
 use super::phantom::{Scan, sample};
@@ -13,7 +14,7 @@ use crate::{MapKind, MapsUndefined};
 const CELL_MM: f64 = 5.0;
 
 /// The folder of real heads, from the variable `ISOCORTEX_TEST_DATA`; reports if there is none.
-fn data() -> Option<PathBuf> {
+pub(super) fn data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);
     if folder.join("colin27").is_dir() {
@@ -23,12 +24,19 @@ fn data() -> Option<PathBuf> {
     None
 }
 
+pub(super) fn read_volume(path: &Path) -> Volume {
+    let bytes = std::fs::read(path).expect("a file of the test data");
+    imaging::nifti::read_volume(&bytes, &imaging::Limits::default()).expect("a volume")
+}
+
+pub(super) fn read_mask(path: &Path) -> Mask {
+    let bytes = std::fs::read(path).expect("a file of the test data");
+    imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a mask")
+}
+
 fn scan(folder: &Path) -> Scan {
-    let read = |name| std::fs::read(folder.join(name)).expect("a file of the test data");
-    let limits = imaging::Limits::default();
-    let volume = imaging::nifti::read_volume(&read("t1.nii.gz"), &limits).expect("a volume");
-    let mask = imaging::nifti::read_mask(&read("mask_dura.nii.gz"), &limits).expect("a mask");
-    Scan::new(volume, &mask)
+    let volume = read_volume(&folder.join("t1.nii.gz"));
+    Scan::new(volume, &read_mask(&folder.join("mask_dura.nii.gz")))
 }
 
 /// The vertices of a surface in LPS mm, from a GIfTI file that has them first, in RAS, as zipped base 64.
@@ -138,10 +146,8 @@ fn sharpness_at_a_white_surface_goes_with_the_contrast_across_it() {
 #[test]
 fn a_scan_of_two_millimetres_gets_maps_or_a_reason() {
     let Some(data) = data() else { return };
-    let read = |name: &str| std::fs::read(data.join(name)).expect("a file of the test data");
-    let limits = imaging::Limits::default();
-    let volume = imaging::nifti::read_volume(&read("itk-kmeans/t1.nii.gz"), &limits).unwrap();
-    let mask = imaging::nifti::read_mask(&read("itk-kmeans/mask.nii.gz"), &limits).unwrap();
+    let volume = read_volume(&data.join("itk-kmeans/t1.nii.gz"));
+    let mask = read_mask(&data.join("itk-kmeans/mask.nii.gz"));
     // Slices of 3 mm.
     let refused = Scan::new(volume, &mask).maps();
     assert!(

@@ -32,8 +32,8 @@ pub const MESH_SIZES: [[usize; 2]; 10] = [
 
 /// The differences between pictures, pixel by pixel; several pairs of pictures add up.
 ///
-/// The difference of a pixel is that of its most different channel, in levels of 255. A pixel is covered if its alpha
-/// is not 0.
+/// The difference of a pixel is that of its most different channel, in levels of 255. A pixel counts as covered if at least
+/// half of it is: the colour of a smaller part is coarse where it was mixed with nothing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Agreement {
     /// Pixels that both pictures cover, by their difference in levels.
@@ -89,7 +89,7 @@ impl Agreement {
         let pairs = found.bytes().chunks_exact(length);
         for (index, (found, other)) in pairs.zip(judge.bytes().chunks_exact(length)).enumerate() {
             let colors = found.iter().zip(other).take(length - 1);
-            match (found[length - 1] > 0, other[length - 1] > 0) {
+            match (is_covered(found), is_covered(other)) {
                 (true, true) => {
                     let most = colors.map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
                     agreement.differences[usize::from(most)] += 1;
@@ -145,17 +145,17 @@ impl Agreement {
     }
 }
 
+/// Whether at least half of a pixel with alpha is covered.
+fn is_covered(pixel: &[u8]) -> bool {
+    pixel.last().is_some_and(|&alpha| alpha >= 128)
+}
+
 /// Whether some of the nine pixels around a pixel are covered and some are not; pixels outside the picture are not
 /// covered.
 fn is_at_edge(frame: &Frame, index: usize) -> bool {
     let width = frame.size().width();
     let [x, y] = [index as u32 % width, index as u32 / width];
-    let covered = |x: u32, y: u32| {
-        frame
-            .pixel(x, y)
-            .and_then(<[u8]>::last)
-            .is_some_and(|&alpha| alpha > 0)
-    };
+    let covered = |x: u32, y: u32| frame.pixel(x, y).is_some_and(is_covered);
     let mut around = (0..9).map(|step| {
         covered(
             (x + step % 3).wrapping_sub(1),

@@ -9,7 +9,7 @@ mod study;
 use std::path::Path;
 use std::process::ExitCode;
 
-use bench::{BenchError, Report, plots};
+use bench::{BenchError, Report, Table, plots};
 use clap::{Args, Parser, Subcommand};
 
 /// Repeat the experiments of the paper on this machine, and compare the pictures of the renderers
@@ -67,15 +67,13 @@ impl OutputArgs {
         let Some(directory) = &self.plot else {
             return Ok(());
         };
-        std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))
+        create(directory)
     }
 
     /// Prints a report and writes its plots.
     fn give(&self, report: &Report) -> Result<(), BenchError> {
         if let Some(directory) = &self.plot {
-            for (name, svg) in report.tables.iter().flat_map(plots) {
-                write(&directory.join(format!("{name}.svg")), svg.as_bytes())?;
-            }
+            write_plots(directory, &report.tables)?;
         }
         if self.json {
             println!("{:#}", report.json());
@@ -84,6 +82,19 @@ impl OutputArgs {
         }
         Ok(())
     }
+}
+
+/// Creates a directory if it is missing.
+fn create(directory: &Path) -> Result<(), BenchError> {
+    std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))
+}
+
+/// Writes the plots of tables as SVG files.
+fn write_plots(directory: &Path, tables: &[Table]) -> Result<(), BenchError> {
+    for (name, svg) in tables.iter().flat_map(plots) {
+        write(&directory.join(format!("{name}.svg")), svg.as_bytes())?;
+    }
+    Ok(())
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {

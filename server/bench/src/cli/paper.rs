@@ -1,13 +1,15 @@
 //! `isocortex-bench paper`.
 
-use bench::paper::{Experiment, Protocol};
+use std::path::{Path, PathBuf};
+
+use bench::paper::{Experiment, Protocol, pictures};
 use bench::quality::{Judgement, figure_7};
-use bench::{BenchError, Machine, PreparedHead, Report, StepCosts};
+use bench::{BenchError, Machine, PreparedHead, Report, StepCosts, Table};
 use clap::{Args, ValueEnum};
 use render::FrameSize;
 
 use super::head::HeadArgs;
-use super::{OutputArgs, progress};
+use super::{OutputArgs, create, progress, write, write_plots};
 
 /// Depth at which meshes are compared with the isosurface, in mm.
 const DEPTH_MM: f32 = 10.0;
@@ -47,6 +49,10 @@ pub(super) struct PaperArgs {
     /// Rough figures in seconds: short frame rates, one repetition.
     #[arg(long)]
     quick: bool,
+    /// Also draw the figures of the paper from this head, as PNG and SVG files, into this directory; it is created if
+    /// missing.
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
 }
 
 /// A renderer, on the CPU and on the graphics device.
@@ -71,6 +77,9 @@ impl Renderer {
 pub(super) fn run(args: &PaperArgs) -> Result<(), BenchError> {
     let protocol = args.protocol()?;
     args.output.check()?;
+    if let Some(directory) = &args.pictures {
+        create(directory)?;
+    }
     let head = args.head.read()?;
     progress(&format!("preparing {}", head.name));
     let prepare = || PreparedHead::prepare(&head, args.head.closing_radius_mm);
@@ -96,12 +105,25 @@ pub(super) fn run(args: &PaperArgs) -> Result<(), BenchError> {
         size: protocol.size,
     };
     tables.push(figure_7(&prepared, &judgement)?);
+    if let Some(directory) = &args.pictures {
+        draw(directory, &prepared, &tables)?;
+    }
     args.output.give(&Report {
         machine: Machine::this(),
         graphics: backends.graphics,
         head: args.head.facts(&head, &prepared),
         tables,
     })
+}
+
+/// Writes the pictures of the figures, and the plots of those that are plots.
+fn draw(directory: &Path, head: &PreparedHead, tables: &[Table]) -> Result<(), BenchError> {
+    write_plots(directory, tables)?;
+    for picture in pictures(head, &progress)? {
+        let path = directory.join(picture.name).with_extension("png");
+        write(&path, &picture.png)?;
+    }
+    Ok(())
 }
 
 impl PaperArgs {

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use analysis::study::{Criteria, Report, StudyParameters};
-use bench::BenchError;
 use bench::study::{StudyFolders, StudyHead};
+use bench::{BenchError, froc};
 use clap::Args;
 use serde_json::json;
 
@@ -28,6 +28,12 @@ pub(super) struct StudyArgs {
     /// Number of lesions and of shams in each head. [default: 60]
     #[arg(long, value_name = "N")]
     lesions: Option<usize>,
+    /// Make every lesion a blur of this radius in mm, in place of all signs and sizes; there are no shams.
+    #[arg(long, value_name = "MM", requires = "blur_mm", value_parser = length)]
+    radius_mm: Option<f64>,
+    /// The standard deviation of that blur, in mm.
+    #[arg(long, value_name = "MM", requires = "radius_mm", value_parser = length)]
+    blur_mm: Option<f64>,
     /// The seed of all random choices. [default: the seed of the study]
     #[arg(long)]
     seed: Option<u64>,
@@ -37,9 +43,23 @@ pub(super) struct StudyArgs {
     /// Also write each head with each of its lesions into this directory as NIfTI.
     #[arg(long, value_name = "DIR")]
     write: Option<PathBuf>,
+    /// Write the share of lesions found over the number of false marks into this directory as froc.svg.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
+}
+
+/// The radius or the blur of a lesion, in mm.
+fn length(text: &str) -> Result<f64, String> {
+    let length: f64 = text
+        .parse()
+        .map_err(|_| "write a number in mm".to_owned())?;
+    let is_of_a_lesion = (0.5..=20.0).contains(&length);
+    is_of_a_lesion
+        .then_some(length)
+        .ok_or("must be between 0.5 and 20 mm".to_owned())
 }
 
 fn head(text: &str) -> Result<StudyHead, String> {
@@ -73,14 +93,21 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     if let Some(count) = args.lesions {
         (parameters.lesions, parameters.shams) = (count, count);
     }
+    if let Some((radius_mm, blur_mm)) = args.radius_mm.zip(args.blur_mm) {
+        parameters = parameters.with_blurs_alone(radius_mm, blur_mm);
+    }
     parameters.seed = args.seed.unwrap_or(parameters.seed);
     let folders = StudyFolders {
         results: args.results.clone(),
         lesions: args.write.clone(),
     };
-    for folder in [Some(&folders.results), folders.lesions.as_ref()]
-        .into_iter()
-        .flatten()
+    for folder in [
+        Some(&folders.results),
+        folders.lesions.as_ref(),
+        args.plot.as_ref(),
+    ]
+    .into_iter()
+    .flatten()
     {
         std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
     }
@@ -96,6 +123,10 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
         .iter()
         .map(|head| head.trials(&parameters, &folders, &progress))
         .collect::<Result<Vec<_>, _>>()?;
+    if let Some(folder) = &args.plot {
+        let path = folder.join("froc.svg");
+        std::fs::write(&path, froc(&results)).map_err(|error| unwritable(&path, &error))?;
+    }
     let report = Report::new(parameters.seed, results);
     if args.json {
         let verdicts = report.verdicts(&Criteria::STANDARD);

@@ -4,9 +4,13 @@
 //! over one turn for voxel projection. A mesh derivation time is the mean over 50 meshes, from one voxel deep to 50.
 
 mod derivation;
+mod pictures;
 pub mod published;
 mod rates;
+mod sentences;
 mod setup;
+
+pub use pictures::{Picture, pictures};
 
 use render::{FrameSize, RenderBackend};
 
@@ -57,7 +61,7 @@ pub struct Experiment<'a> {
 }
 
 impl Experiment<'_> {
-    /// The steps of the setup; Tables 2 and 3; Figures 5 and 6.
+    /// The steps of the setup; Tables 2 and 3; Figures 5 and 6; sentences of the paper that state or imply a number.
     ///
     /// # Errors
     /// If a picture cannot be drawn or a mesh cannot be made.
@@ -66,13 +70,16 @@ impl Experiment<'_> {
         (self.progress)("Figure 6: mesh derivation times");
         let derivations = derivation::measure(self)?;
         let spins = rates::measure(self)?;
-        Ok(vec![
+        let mut tables = vec![
             steps,
             rates::table_2(self, &spins, &derivations),
             rates::table_3(self, &spins),
             rates::figure_5(self, &spins),
             derivation::figure_6(&derivations),
-        ])
+        ];
+        (self.progress)("contours, degenerate triangles, closest points, shells");
+        tables.extend(sentences::tables(self.head)?);
+        Ok(tables)
     }
 
     /// The backend that draws meshes in Table 2, if there is one.

@@ -1,14 +1,18 @@
 //! The child process, which reads the files.
 
-use std::io::{self, Read, Write as _};
+use std::io::{self, BufRead as _, Read, Seek as _, Write as _};
+use std::path::Path;
 use std::process::ExitCode;
 
 use imaging::Limits;
-use imaging::dicom::{DicomError, Options, SeriesName, convert};
+use imaging::dicom::{self, DicomError, Identity, Options, Purpose, SeriesName, convert, identify};
 use rustix::process::{Resource, Rlimit, Signal, setrlimit};
 
 use super::files::FilesBelow;
-use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
+use super::message::{
+    FileOrder, HeadersOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder,
+    StoredOutcome, StoredTask, Summary, VOLUME,
+};
 use case::{Failure, FailureKind};
 
 /// The limit for the size of a request.
@@ -33,13 +37,31 @@ pub fn run() -> ExitCode {
 }
 
 fn carry_out() -> io::Result<()> {
-    let mut order = Vec::new();
-    io::stdin().take(MAX_ORDER_BYTES).read_to_end(&mut order)?;
-    let order: Order = serde_json::from_slice(&order)?;
-    limit_this_process(&order)?;
-    let outcome = match read(&order) {
+    let mut orders = io::BufReader::new(io::stdin());
+    match read_order(&mut orders)? {
+        Some(Order::Series(order)) => read_series(&order),
+        Some(Order::Headers(order)) => read_headers(&order, &mut orders),
+        Some(Order::Stored(order)) => read_stored(&order),
+        None => Err(io::ErrorKind::UnexpectedEof.into()),
+    }
+}
+
+/// The next order; `None` at the end of the input.
+fn read_order<T: serde::de::DeserializeOwned>(
+    orders: &mut impl io::BufRead,
+) -> io::Result<Option<T>> {
+    let mut line = Vec::new();
+    let read = orders.take(MAX_ORDER_BYTES).read_until(b'\n', &mut line)?;
+    Ok((read > 0)
+        .then(|| serde_json::from_slice(&line))
+        .transpose()?)
+}
+
+fn read_series(order: &SeriesOrder) -> io::Result<()> {
+    limit_this_process(order.max_voxels as u64, order.seconds)?;
+    let outcome = match read(order) {
         Ok((volume, summary)) => {
-            write_volume(&order, &volume)?;
+            write_volume(order, &volume)?;
             Outcome::Read(summary)
         }
         Err(error) => Outcome::Refused(refusal(&error)),
@@ -47,15 +69,113 @@ fn carry_out() -> io::Result<()> {
     std::fs::write(order.output.join(OUTCOME), serde_json::to_vec(&outcome)?)
 }
 
-fn write_volume(order: &Order, volume: &[u8]) -> io::Result<()> {
+/// Answers until the parent closes the input.
+fn read_headers(order: &HeadersOrder, orders: &mut impl io::BufRead) -> io::Result<()> {
+    limit_this_process(0, order.seconds)?;
+    while let Some(file) = read_order::<FileOrder>(orders)? {
+        let stated = match read_header(&file, order.max_file_bytes) {
+            Ok(identity) => Stated::Read(identity),
+            Err(error) => Stated::Refused(refusal(&error)),
+        };
+        let mut answer = vec![b'\n'];
+        serde_json::to_writer(&mut answer, &stated)?;
+        answer.push(b'\n');
+        let mut output = io::stdout().lock();
+        output.write_all(&answer)?;
+        output.flush()?;
+    }
+    Ok(())
+}
+
+fn read_header(order: &FileOrder, most: u64) -> Result<Identity, DicomError> {
+    let file = read_file(&order.file, order.start, most)?;
+    let identity = identify(&file)?;
+    if let Some(output) = &order.output {
+        let room = usize::try_from(order.start).unwrap_or(0);
+        let without = dicom::deidentified_file(&file)?;
+        let written = [vec![0; room], without].concat();
+        std::fs::write(output, written).map_err(unreadable)?;
+    }
+    Ok(identity)
+}
+
+fn unreadable(error: io::Error) -> DicomError {
+    DicomError::Unreadable {
+        what: error.kind().to_string(),
+    }
+}
+
+fn read_file(path: &Path, start: u64, most: u64) -> Result<Vec<u8>, DicomError> {
+    let mut file = std::fs::File::open(path).map_err(unreadable)?;
+    file.seek(io::SeekFrom::Start(start)).map_err(unreadable)?;
+    let mut bytes = Vec::new();
+    let read = file.take(most + 1).read_to_end(&mut bytes);
+    if read.map_err(unreadable)? as u64 > most {
+        return Err(DicomError::TooManyBytes { limit: most });
+    }
+    Ok(bytes)
+}
+
+fn read_stored(order: &StoredOrder) -> io::Result<()> {
+    limit_this_process(0, order.seconds)?;
+    let outcome = match stored(order) {
+        Ok(outcome) => outcome,
+        Err(error) => StoredOutcome::Refused(refusal(&error)),
+    };
+    std::fs::write(order.output.join(OUTCOME), serde_json::to_vec(&outcome)?)
+}
+
+fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
+    let read = |number: usize| {
+        let path = order.input.join(number.to_string());
+        read_file(&path, 0, order.max_file_bytes)
+    };
+    let write = |number: usize, bytes: &[u8]| {
+        std::fs::write(order.output.join(number.to_string()), bytes).map_err(unreadable)
+    };
+    match &order.task {
+        StoredTask::Metadata => {
+            let each = (0..order.count).map(|number| dicom::metadata(&read(number)?));
+            Ok(StoredOutcome::Metadata(each.collect::<Result<_, _>>()?))
+        }
+        StoredTask::Files(accepted) => {
+            let each = (0..order.count).map(|number| {
+                let file = read(number)?;
+                let is_accepted = |syntax: &String| {
+                    let mut accepted = accepted.iter();
+                    accepted.any(|accepted| accepted == "*" || accepted == syntax)
+                };
+                let syntax = dicom::stored_syntax(&file)?.filter(is_accepted);
+                if syntax.is_none() {
+                    write(number, &dicom::explicit_file(&file)?)?;
+                }
+                Ok(syntax)
+            });
+            Ok(StoredOutcome::Files(
+                each.collect::<Result<_, DicomError>>()?,
+            ))
+        }
+        StoredTask::Frames(numbers) => {
+            let frames = dicom::frames(&read(0)?, numbers)?;
+            for (number, frame) in frames.iter().enumerate() {
+                if let Some(frame) = frame {
+                    write(number, frame)?;
+                }
+            }
+            let exist = frames.iter().map(Option::is_some);
+            Ok(StoredOutcome::Frames(exist.collect()))
+        }
+    }
+}
+
+fn write_volume(order: &SeriesOrder, volume: &[u8]) -> io::Result<()> {
     let mut file = std::fs::File::create_new(order.output.join(VOLUME))?;
     io::copy(&mut io::repeat(0).take(order.room), &mut file)?;
     file.write_all(volume)
 }
 
 /// From here on, the kernel ends this process if it exceeds its limits or if its parent ends.
-fn limit_this_process(order: &Order) -> io::Result<()> {
-    let voxels = order.max_voxels as u64;
+fn limit_this_process(voxels: u64, seconds: u64) -> io::Result<()> {
     let at_most = |resource, most: u64| {
         let limit = Rlimit {
             current: Some(most),
@@ -67,7 +187,7 @@ fn limit_this_process(order: &Order) -> io::Result<()> {
         Resource::As,
         BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels)),
     )?;
-    at_most(Resource::Cpu, order.seconds)?;
+    at_most(Resource::Cpu, seconds)?;
     at_most(Resource::Nofile, OPEN_FILES)?;
     at_most(
         Resource::Fsize,
@@ -79,11 +199,15 @@ fn limit_this_process(order: &Order) -> io::Result<()> {
     Ok(())
 }
 
-fn read(order: &Order) -> Result<(Vec<u8>, Summary), DicomError> {
+fn read(order: &SeriesOrder) -> Result<(Vec<u8>, Summary), DicomError> {
     let mut files = FilesBelow::open(&order.input, order.input_start, order.max_input_bytes)?;
     let options = Options {
         series: order.series.as_deref().and_then(SeriesName::parse),
         allow_gaps: order.allow_gaps,
+        purpose: match order.is_layer {
+            true => Purpose::Layer,
+            false => Purpose::Case,
+        },
     };
     let limits = Limits {
         max_voxels: order.max_voxels,
@@ -93,6 +217,7 @@ fn read(order: &Order) -> Result<(Vec<u8>, Summary), DicomError> {
     let summary = Summary {
         attributes: converted.attributes,
         series: converted.series,
+        is_t1: converted.is_t1,
         others: converted.others,
         ignored_files: converted.ignored_files,
     };
@@ -116,18 +241,7 @@ mod tests {
     #[test]
     #[ignore = "it is started by the test below, for its limits last as long as its process"]
     fn limited() {
-        let order = Order {
-            input: "/".into(),
-            input_start: 0,
-            output: "/".into(),
-            room: 0,
-            series: None,
-            allow_gaps: false,
-            max_voxels: 1000,
-            max_input_bytes: 1000,
-            seconds: 60,
-        };
-        limit_this_process(&order).unwrap();
+        limit_this_process(1000, 60).unwrap();
         let mut hog: Vec<u8> = Vec::new();
         assert!(hog.try_reserve_exact(2 << 30).is_err());
         let open: Vec<_> = (0..OPEN_FILES)

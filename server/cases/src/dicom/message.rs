@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, SeriesSummary};
+use imaging::dicom::{Attributes, Identity, SeriesSummary};
 use serde::{Deserialize, Serialize};
 
 use case::Failure;
@@ -13,9 +13,93 @@ pub(super) const VOLUME: &str = "volume.nii.gz";
 /// The file of the [`Outcome`].
 pub(super) const OUTCOME: &str = "outcome.json";
 
-/// A request, on the standard input of the child, because other users can see a command line.
+/// A request, the first line on the standard input of the child, because other users can see a command line.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Order {
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(super) enum Order {
+    /// Make a volume of a series.
+    Series(SeriesOrder),
+    /// Read the headers of files. A [`FileOrder`] for each follows on a line of its own, and a [`Stated`] answers it on
+    /// the standard output.
+    Headers(HeadersOrder),
+    /// Read stored files for a client that retrieves them.
+    Stored(StoredOrder),
+}
+
+/// What to read of stored files.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StoredOrder {
+    /// A directory with files named by their numbers from 0.
+    pub(super) input: PathBuf,
+    pub(super) count: usize,
+    /// An empty directory.
+    pub(super) output: PathBuf,
+    pub(super) task: StoredTask,
+    /// The limit for a file.
+    pub(super) max_file_bytes: u64,
+    /// The limit for CPU time.
+    pub(super) seconds: u64,
+}
+
+/// What to read.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(super) enum StoredTask {
+    /// The attributes of each file.
+    Metadata,
+    /// The transfer syntax of each file. One that is not in the list is written to the output in Explicit VR Little
+    /// Endian; `*` in the list stands for all.
+    Files(Vec<String>),
+    /// Frames of the only file, by their numbers from 0, each written to the output under its place in the list.
+    Frames(Vec<usize>),
+}
+
+/// What was read of stored files.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(super) enum StoredOutcome {
+    Metadata(Vec<serde_json::Value>),
+    /// The transfer syntax of each file, if it remains as it is stored.
+    Files(Vec<Option<String>>),
+    /// Whether each frame exists.
+    Frames(Vec<bool>),
+    Refused(Failure),
+}
+
+/// Which headers to read.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct HeadersOrder {
+    /// The limit for a file.
+    pub(super) max_file_bytes: u64,
+    /// The limit for CPU time.
+    pub(super) seconds: u64,
+}
+
+/// A file whose header to read.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FileOrder {
+    pub(super) file: PathBuf,
+    /// The offset of the bytes in the file.
+    pub(super) start: u64,
+    /// Where to write the file without the identity of the patient, after as many zero bytes; `None` to write nothing.
+    pub(super) output: Option<PathBuf>,
+}
+
+/// The answer about a file.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(super) enum Stated {
+    Read(Identity),
+    Refused(Failure),
+}
+
+/// Which series to read.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SeriesOrder {
     /// A file, or a directory of files.
     pub(super) input: PathBuf,
     /// The offset of the bytes in a single file.
@@ -26,6 +110,7 @@ pub(super) struct Order {
     pub(super) room: u64,
     pub(super) series: Option<String>,
     pub(super) allow_gaps: bool,
+    pub(super) is_layer: bool,
     pub(super) max_voxels: usize,
     /// The limit for the unpacked bytes of all files.
     pub(super) max_input_bytes: u64,
@@ -33,7 +118,7 @@ pub(super) struct Order {
     pub(super) seconds: u64,
 }
 
-/// The outcome of a request.
+/// The outcome of a request for a series.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub(super) enum Outcome {
@@ -47,6 +132,7 @@ pub(super) enum Outcome {
 pub(super) struct Summary {
     pub(super) attributes: Attributes,
     pub(super) series: SeriesSummary,
+    pub(super) is_t1: bool,
     pub(super) others: Vec<SeriesSummary>,
     pub(super) ignored_files: usize,
 }

@@ -7,8 +7,10 @@
 
 mod child;
 mod files;
+mod headers;
 mod message;
 mod reader;
+mod stored;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,8 +23,11 @@ use tempfile::TempDir;
 use self::message::VOLUME;
 
 pub use self::child::run as run_child;
+pub use self::headers::{HeaderReader, InstanceIdentity};
 pub use self::reader::{DicomReader, Program};
-pub use imaging::dicom::{Attributes, Options, SeriesName, SeriesSummary};
+pub use self::stored::StoredFiles;
+pub(crate) use self::stored::copy_objects;
+pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
 
 /// The subcommand of the child.
 pub const SUBCOMMAND: &str = "read-dicom";
@@ -71,10 +76,13 @@ pub struct Choice {
     pub series: SeriesView,
     /// The other series of the upload.
     pub others: Vec<SeriesView>,
-    /// The number of files that are not MR or CT images.
+    /// The number of files that are not MR, CT or PET images.
     pub ignored_files: usize,
     /// Numbers (from 1) of the missing slices that are interpolated because of `allow_gaps`.
     pub interpolated_slices: Vec<usize>,
+    /// Whether names or timing indicate that the chosen series is T1-weighted.
+    #[serde(skip)]
+    pub is_t1: bool,
 }
 
 /// A series, without the identity of the patient.
@@ -83,10 +91,17 @@ pub struct Choice {
 pub struct SeriesView {
     /// The scanner's number of the series.
     pub number: Option<i64>,
-    /// `MR` or `CT`.
+    /// `MR`, `CT` or `PT`.
     pub modality: String,
+    /// The kind of the sequence, as far as its header tells: `T1`, `FLAIR`, `T2`, `PET`, `CT` and so on.
+    pub name: String,
+    /// The unit of its values, if the header states it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
     /// Pixels of a row, rows, and slices.
     pub size: [usize; 3],
+    /// Whether it could be a volume, and so a layer: enough slices, no localizer, no mosaic.
+    pub is_volume: bool,
     /// The token for `series`.
     pub token: String,
 }
@@ -96,7 +111,10 @@ impl From<SeriesSummary> for SeriesView {
         Self {
             number: summary.number,
             modality: summary.modality,
+            name: summary.name,
+            unit: summary.unit,
             size: summary.size,
+            is_volume: summary.is_volume,
             token: summary.token,
         }
     }

@@ -8,17 +8,17 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use imaging::Limits;
-use imaging::dicom::{Attributes, Options, SeriesSummary};
+use imaging::dicom::{Attributes, Options, Purpose, SeriesSummary};
 use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 use tokio::process::{Child, Command};
 
-use super::message::{OUTCOME, Order, Outcome, Summary, VOLUME};
+use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
 use crate::error::Error;
-use crate::limit::ConcurrencyLimit;
+use crate::fair::{Client, FairLimit};
 use case::{Failure, FailureKind};
 
 /// The time limit for a series. The largest ones take seconds.
@@ -46,7 +46,7 @@ impl Program {
         Self(Some((program, arguments)))
     }
 
-    fn command(&self) -> io::Result<Command> {
+    pub(super) fn command(&self) -> io::Result<Command> {
         Ok(match &self.0 {
             Some((program, arguments)) => {
                 let mut command = Command::new(program);
@@ -67,9 +67,9 @@ impl Program {
 pub struct DicomReader {
     program: Program,
     limits: Limits,
-    max_input_bytes: u64,
-    longest: Duration,
-    limit: ConcurrencyLimit,
+    pub(super) max_input_bytes: u64,
+    pub(super) longest: Duration,
+    pub(super) limit: FairLimit,
 }
 
 impl DicomReader {
@@ -80,7 +80,7 @@ impl DicomReader {
             limits,
             max_input_bytes,
             longest: LONGEST,
-            limit: ConcurrencyLimit::new(at_a_time(), WAITING),
+            limit: FairLimit::new(at_a_time(), WAITING),
         }
     }
 
@@ -90,20 +90,34 @@ impl DicomReader {
         Self { longest, ..self }
     }
 
-    /// Reads a series.
-    ///
-    /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.
+    /// Reads a series for this program itself; as [`DicomReader::read_for`].
     ///
     /// # Errors
-    /// A [`Failure`] that states what is wrong with the files, or how the child died; [`Error::Busy`] if too many
-    /// wait; [`Error::Internal`], logged, if the child cannot be started.
+    /// As [`DicomReader::read_for`].
     pub async fn read(
         &self,
         input: Input<'_>,
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
-        let _turn = self.limit.turn().await?;
+        self.read_for(None, input, options, scratch).await
+    }
+
+    /// Reads a series for a client. If many wait, the clients take turns.
+    ///
+    /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.
+    ///
+    /// # Errors
+    /// A [`Failure`] that states what is wrong with the files, or how the child died; [`Error::Busy`] if too many
+    /// wait; [`Error::Internal`], logged, if the child cannot be started.
+    pub async fn read_for(
+        &self,
+        client: Client,
+        input: Input<'_>,
+        options: &Options,
+        scratch: &Path,
+    ) -> Result<Reading, Error> {
+        let _turn = self.limit.turn(client).await?;
         self.read_now(input, options, scratch).await
     }
 
@@ -121,28 +135,32 @@ impl DicomReader {
             .prefix("dicom-")
             .tempdir_in(scratch)
             .map_err(cannot_run)?;
-        let order = Order {
+        let order = SeriesOrder {
             input: std::path::absolute(input).map_err(cannot_run)?,
             input_start,
             output: std::path::absolute(output.path()).map_err(cannot_run)?,
             room: Spooled::START,
             series: options.series.as_ref().map(|name| name.as_str().to_owned()),
             allow_gaps: options.allow_gaps,
+            is_layer: options.purpose == Purpose::Layer,
             max_voxels: self.limits.max_voxels,
             max_input_bytes: self.max_input_bytes,
             seconds: self.longest.as_secs().max(1),
         };
-        let status = self.run(&order).await.map_err(cannot_run)?;
-        let Some(status) = status else {
-            return Err(too_slow(self.longest).into());
-        };
+        let status = self.run(&Order::Series(order)).await?;
         let limits = self.limits;
         let reading = tokio::task::spawn_blocking(move || take(status, output, &limits));
         Ok(reading.await.map_err(|_| Error::Internal)??)
     }
 
+    /// Runs the child.
+    pub(super) async fn run(&self, order: &Order) -> Result<ExitStatus, Error> {
+        let status = self.run_within(order).await.map_err(cannot_run)?;
+        status.ok_or_else(|| too_slow(self.longest).into())
+    }
+
     /// Runs the child; `None` if it exceeds the time limit.
-    async fn run(&self, order: &Order) -> io::Result<Option<ExitStatus>> {
+    async fn run_within(&self, order: &Order) -> io::Result<Option<ExitStatus>> {
         let mut child: Child = self
             .program
             .command()?
@@ -168,12 +186,12 @@ impl DicomReader {
 }
 
 /// As many as there are CPUs, so that a slow series does not block the others.
-fn at_a_time() -> usize {
+pub(super) fn at_a_time() -> usize {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     processors.clamp(2, MOST_AT_A_TIME)
 }
 
-fn cannot_run(error: io::Error) -> Error {
+pub(super) fn cannot_run(error: io::Error) -> Error {
     tracing::error!(kind = %error.kind(), "cannot start the process that reads DICOM files");
     Error::Internal
 }
@@ -189,7 +207,7 @@ fn too_slow(longest: Duration) -> Failure {
 }
 
 /// The process ended before it was done.
-fn died() -> Failure {
+pub(super) fn died() -> Failure {
     Failure::unusable(
         "dicom-reader-died",
         "the DICOM files could not be read: the process that reads them ended, because they are damaged or need more memory \
@@ -216,12 +234,16 @@ fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<Reading,
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
-    let bytes = read_bounded(path, MAX_OUTCOME_BYTES)?;
+    read_json_of(path, MAX_OUTCOME_BYTES)
+}
+
+pub(super) fn read_json_of<T: DeserializeOwned>(path: &Path, most: u64) -> Result<T, Failure> {
+    let bytes = read_bounded(path, most)?;
     serde_json::from_slice(&bytes).map_err(|_| died())
 }
 
 /// Whether the child left one regular file, not too large.
-fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
+pub(super) fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
     let file = std::fs::symlink_metadata(path).map_err(|_| died())?;
     let is_sound = file.is_file() && file.nlink() == 1;
     if is_sound && (Spooled::START..=largest).contains(&file.len()) {
@@ -230,7 +252,7 @@ fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
     Err(died())
 }
 
-fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
+pub(super) fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(|_| died())?;
     file.take(largest + 1)
@@ -243,7 +265,7 @@ fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
 }
 
 /// A failure that may be passed on: short, without control characters, of a suitable kind.
-fn checked_failure(failure: Failure) -> Failure {
+pub(super) fn checked_failure(failure: Failure) -> Failure {
     let [name, detail] = MAX_TEXT;
     let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     let fits = failure.name.len() <= name
@@ -264,6 +286,7 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
     let Summary {
         attributes,
         series,
+        is_t1,
         others,
         ignored_files,
     } = summary;
@@ -279,6 +302,7 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
             others: others.into_iter().map(Into::into).collect(),
             ignored_files,
             interpolated_slices: attributes.interpolated_slices,
+            is_t1,
         },
         attributes: stored.into(),
     })
@@ -286,7 +310,11 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
 
 fn is_plain(series: &SeriesSummary) -> bool {
     let is_word = |text: &str| text.len() <= 8 && text.chars().all(|c| c.is_ascii_alphanumeric());
-    is_word(&series.modality) && is_word(&series.token)
+    let is_unit = |unit: &String| unit.len() <= 16 && unit.chars().all(|c| c.is_ascii_graphic());
+    is_word(&series.modality)
+        && is_word(&series.token)
+        && is_word(&series.name)
+        && series.unit.as_ref().is_none_or(is_unit)
 }
 
 fn are_texts(attributes: &Attributes) -> bool {
@@ -369,7 +397,7 @@ mod tests {
             refused("dicom-mosaic", "fine"),
             "{}".to_owned(),
             "not json".to_owned(),
-            r#"{"read":{"attributes":{"attributes":[],"instances":[],"interpolated_slices":[]},"series":{"number":1,"modality":"MR","size":[1,1,1],"token":"0"},"others":[],"ignored_files":0}}"#.to_owned(),
+            r#"{"read":{"attributes":{"attributes":[],"instances":[],"interpolated_slices":[]},"series":{"number":1,"modality":"MR","name":"T1","size":[1,1,1],"is_volume":true,"token":"0"},"others":[],"ignored_files":0}}"#.to_owned(),
         ] {
             let error = read_by(&saying(&outcome), PLENTY).await;
             assert_eq!(name(error), "dicom-reader-died", "{outcome}");

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use case::{MaskSource, ObjectKind};
 use imaging::Limits;
 use pipeline::testing::{phantom, upload as phantom_upload};
-use pipeline::{Derived, HeadLimits, Pipeline};
+use pipeline::{HeadLimits, Pipeline};
 use storage::Store;
 use storage::testing::{assert_nothing_left_over, files_below};
 use tempfile::TempDir;
@@ -35,7 +35,9 @@ async fn setup() -> Setup {
     let directory = tempfile::tempdir().unwrap();
     let options = Options {
         location: directory.path().into(),
+        preparation_threads: 2,
         makes_maps: false,
+        max_layers: 20,
         store: storage::Options {
             // A worker that looks for work is not idle.
             poll: Duration::from_secs(60),
@@ -50,6 +52,7 @@ async fn setup() -> Setup {
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         dicom_program: Program::default(),
         max_dicom_bytes: 1 << 20,
+        deidentify: false,
     };
     let was_read = Arc::new(Mutex::new(Vec::new()));
     let (noted, pipeline) = (Arc::clone(&was_read), Pipeline::default());
@@ -59,8 +62,7 @@ async fn setup() -> Setup {
             let was_read = input.read.is_some();
             noted.lock().unwrap().push(was_read);
             assert_eq!(was_read, input.source.volume.is_empty());
-            let prepared = pipeline.prepare_read(input, parameters, limits, observe, cancelled);
-            prepared.map(Derived::of)
+            pipeline.derive(input, parameters, limits, observe, cancelled)
         }),
     };
     let store = Store::open_with(directory.path(), options.store.clone());
@@ -233,6 +235,23 @@ async fn a_version_is_read_once_more_and_not_twice() {
     assert!(matches!(gone.await, Err(Error::NoSuchCase)));
     workers.shut_down(GRACE).await;
     assert_eq!(setup.was_read(), [true, true]);
+}
+
+#[tokio::test]
+async fn files_in_memory_are_read_once_though_their_mask_must_be_settled() {
+    let setup = setup().await;
+    let library = setup.cases.library.clone();
+    let workers = Workers::start(library.clone(), 1);
+    setup.until_idle().await;
+    let source = Source {
+        mask: None,
+        ..phantom_upload(&phantom())
+    };
+    let submitted = library.submit(source, Parameters::default()).await.unwrap();
+    assert_eq!(submitted.case.parameters.mask, MaskSource::Pruning);
+    settled_state(&library, &submitted.case.id).await;
+    assert_eq!(setup.was_read(), [true], "what was read to settle the mask");
+    workers.shut_down(GRACE).await;
 }
 
 #[tokio::test]

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use case::{CandidateFacts, CaseId, MapName};
+use case::{CandidateFacts, CaseId, JunctionBandFacts, MapName};
 use geometry::Grid;
 use glam::DAffine3;
 use pipeline::maps::{CaseMaps, map_unit};
@@ -26,12 +26,15 @@ pub struct LoadedMaps {
     layers: Vec<(MapName, Arc<Layer>)>,
     /// The most blurred places, the highest value first.
     pub candidates: Vec<CandidateFacts>,
+    /// How slantwise isosurfaces meet the junction, from the surface inwards.
+    pub junction_by_depth: Vec<JunctionBandFacts>,
 }
 
 impl LoadedMaps {
     /// Takes over the maps of a case; the keys of their layers derive from `key`.
     pub fn new(key: u128, mut maps: CaseMaps) -> Self {
         let candidates = std::mem::take(&mut maps.candidates);
+        let junction_by_depth = std::mem::take(&mut maps.junction_by_depth);
         let grid = maps.map(MapName::Blur).grid().clone();
         let layers = maps.into_named().map(|(name, map)| {
             let scale = map.scale();
@@ -49,6 +52,7 @@ impl LoadedMaps {
             layers: layers.collect(),
             grid,
             candidates,
+            junction_by_depth,
         }
     }
 

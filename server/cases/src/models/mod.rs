@@ -3,6 +3,7 @@
 mod model;
 #[cfg(test)]
 mod tests;
+mod whole;
 
 use std::fmt;
 use std::sync::Arc;
@@ -19,6 +20,7 @@ use crate::cache;
 use crate::library::Library;
 
 pub use self::model::{PathKind, PathsError, WarmModel};
+pub use self::whole::WholeVolumes;
 
 /// How long a model is used before the rows are checked for a deletion of its case by another process.
 const TRUST_FOR: Duration = Duration::from_secs(2);

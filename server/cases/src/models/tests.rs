@@ -150,6 +150,53 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
     }
 }
 
+/// The file of the whole volume of the only case.
+fn whole_file(ready: &Ready) -> Option<std::path::PathBuf> {
+    let folder = ready.directory.path().join("objects/whole-volume");
+    files_below(&folder).pop()
+}
+
+#[tokio::test]
+async fn a_lost_whole_volume_comes_from_the_source_and_the_case_is_not_prepared_again() {
+    let ready = ready().await;
+    let acquired = phantom().volume;
+    let whole = async || ready.library.whole_volume(&ready.id).await.unwrap();
+    assert!(whole().await.as_ref() == Some(&acquired));
+    assert!(ready.model().await.model().volume().voxels().len() < acquired.voxels().len());
+    // A case from an earlier version has none.
+    std::fs::remove_file(whole_file(&ready).unwrap()).unwrap();
+    assert!(whole().await.as_ref() == Some(&acquired));
+    ready.damage("whole-volume");
+    assert!(whole().await.as_ref() == Some(&acquired));
+    assert_eq!(ready.library.store().counters().rebuilds, 0);
+    assert!(whole_file(&ready).is_some(), "it is stored again");
+    // The source is not needed as long as the object is there.
+    ready.damage("source-volume");
+    assert!(whole().await.as_ref() == Some(&acquired));
+    ready.damage("whole-volume");
+    assert!(whole().await.is_none());
+    let case = ready.library.store().case(&ready.id).await.unwrap();
+    assert_eq!(case.unwrap().failure.unwrap().name, "source-damaged");
+}
+
+#[tokio::test]
+async fn whole_volumes_are_kept_within_their_budget_until_the_case_is_forgotten() {
+    let ready = ready().await;
+    let bytes = 2 * phantom().volume.voxels().len() as u64;
+    let volumes = WholeVolumes::new(ready.library.clone(), 2 * bytes);
+    let first = volumes.get(&ready.id).await.unwrap().unwrap();
+    assert_eq!(volumes.bytes(), bytes);
+    assert!(Arc::ptr_eq(
+        &first,
+        &volumes.get(&ready.id).await.unwrap().unwrap()
+    ));
+    volumes.forget(&ready.id);
+    assert_eq!(volumes.bytes(), 0);
+    let tight = WholeVolumes::new(ready.library.clone(), bytes - 1);
+    assert!(tight.get(&ready.id).await.unwrap().is_some());
+    assert_eq!(tight.bytes(), 0);
+}
+
 #[tokio::test]
 async fn a_deleted_case_has_no_model() {
     let ready = ready().await;

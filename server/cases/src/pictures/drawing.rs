@@ -4,10 +4,9 @@ use case::CaseFacts;
 use geometry::ShrunkMesh;
 use render::choice::Renderer;
 use render::gpu::KeyedModel;
-use render::{
-    KeyedLayers, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted,
-};
+use render::{Hits, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted};
 
+use super::PictureLayers;
 use super::graphics::Graphics;
 use super::request::CheckedPicture;
 use crate::error::Error;
@@ -44,7 +43,7 @@ impl CheckedPicture {
         &self,
         case: KeyedModel,
         facts: &CaseFacts,
-        layers: KeyedLayers,
+        layers: PictureLayers,
         backend: RenderBackend,
         shrink: impl AsyncFnOnce(f32) -> Result<ShrunkMesh, Error>,
     ) -> Result<PictureJob, Error> {
@@ -59,9 +58,9 @@ impl CheckedPicture {
         Ok(PictureJob {
             job: RenderJob {
                 case,
-                request: self.of_case(facts),
+                request: self.of_case(facts, &layers),
                 mesh,
-                layers,
+                layers: layers.keyed,
             },
             asked: self.asked.renderer,
             backend,
@@ -77,7 +76,7 @@ impl CheckedPicture {
 pub async fn warm_job(
     warm: &WarmModel,
     picture: &CheckedPicture,
-    layers: KeyedLayers,
+    layers: PictureLayers,
     backend: RenderBackend,
 ) -> Result<PictureJob, Error> {
     let shrink = async |depth_mm| {
@@ -117,6 +116,23 @@ impl PictureJob {
             }
             Err(other) => Err(other.into()),
         }
+    }
+
+    /// Finds what each pixel shows in a turn, and with which backend. If a graphics device fails, the CPU does it with the
+    /// same renderer.
+    ///
+    /// # Errors
+    /// As [`PictureJob::draw`].
+    pub async fn hits(self, turn: &Turn) -> Result<(Hits, RenderBackend), Error> {
+        let find = move || match self.backend.hits(&self.job) {
+            Err(RenderError::Gpu(error)) => {
+                tracing::warn!(%error, "the graphics device failed; the CPU finds these positions");
+                let backend = RenderBackend::choose(self.asked, None);
+                Ok((backend.hits(&self.job)?, backend))
+            }
+            found => Ok((found?, self.backend)),
+        };
+        turn.run(find).await?
     }
 
     /// `None` if the CPU draws. If the future is dropped before the device begins, it never does.

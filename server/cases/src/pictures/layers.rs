@@ -1,24 +1,137 @@
 //! The layers of a picture, and their display.
 
+use std::fmt;
 use std::sync::Arc;
 
-use case::{CaseId, MapName};
-use render::{ColorMap, KeyedLayers, OverlayParameters, OverlayStyle, Window};
+use case::{CaseId, Layer, LayerFacts, LayerKind, MapName};
+use pipeline::maps::MAPS_FORMAT;
+use render::{ColorMap, KeyedLayer, KeyedLayers, OverlayParameters, OverlayStyle, Window};
+use serde::{Deserialize, Serialize};
 
 use super::Numbers;
 use crate::error::Error;
 use crate::library::{Library, LoadedMaps, MapsState};
 
-/// The default opacity of an overlay.
-const DEFAULT_OPACITY: f64 = 0.85;
+/// The default opacity of a map over the texture.
+const OPACITY_OF_MAPS: f64 = 0.85;
+
+/// The default opacity of labels and of acquired volumes over the texture.
+const OPACITY_OF_OTHERS: f64 = 0.6;
+
+/// The version of the drawing of layers; part of the entity tags of everything that shows them.
+const LAYERS_FORMAT: u32 = 1;
+
+/// The name of a map, or the name or id of a layer of the case.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String")]
+pub struct LayerRef(String);
+
+impl TryFrom<String> for LayerRef {
+    type Error = &'static str;
+
+    fn try_from(name: String) -> Result<Self, &'static str> {
+        if name.is_empty() || name.chars().count() > 64 || name.chars().any(char::is_control) {
+            return Err("the name of a layer has 1 to 64 characters");
+        }
+        Ok(Self(name))
+    }
+}
+
+impl std::str::FromStr for LayerRef {
+    type Err = &'static str;
+
+    fn from_str(name: &str) -> Result<Self, &'static str> {
+        name.to_owned().try_into()
+    }
+}
+
+impl From<MapName> for LayerRef {
+    fn from(name: MapName) -> Self {
+        Self(name.name().to_owned())
+    }
+}
+
+impl fmt::Display for LayerRef {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl LayerRef {
+    /// The layer among those of a case.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchLayer`].
+    pub fn of(&self, layers: &[Layer]) -> Result<ChosenLayer, Error> {
+        if let Some(name) = MapName::from_name(&self.0) {
+            return Ok(ChosenLayer::Map(name));
+        }
+        let is_meant = |layer: &&Layer| layer.name == self.0 || layer.id.to_string() == self.0;
+        let found = layers.iter().find(is_meant).ok_or(Error::NoSuchLayer)?;
+        Ok(ChosenLayer::Layer(Arc::new(found.clone())))
+    }
+}
+
+/// A layer of a case.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ChosenLayer {
+    /// A map, computed from the case itself.
+    Map(MapName),
+    /// A layer that was uploaded.
+    Layer(Arc<Layer>),
+}
+
+impl ChosenLayer {
+    /// Its default display.
+    ///
+    /// # Errors
+    /// [`Error::LayerNotReady`], or the failure of a failed layer.
+    pub fn style(&self) -> Result<LayerStyle, Error> {
+        Ok(match self {
+            Self::Map(name) => LayerStyle::of(*name),
+            Self::Layer(layer) => LayerStyle::of_layer(layer.parameters.kind, ready(layer)?),
+        })
+    }
+
+    /// Distinguishes answers with different versions of it.
+    pub fn version(&self) -> String {
+        match self {
+            Self::Map(_) => format!("maps {MAPS_FORMAT}"),
+            Self::Layer(layer) => format!("layer {LAYERS_FORMAT} {} {}", layer.id, layer.name),
+        }
+    }
+
+    async fn load(&self, library: &Library, id: &CaseId) -> Result<KeyedLayer, Error> {
+        match self {
+            Self::Map(name) => Ok(maps_of(library, id).await?.keyed(*name)),
+            Self::Layer(layer) => library.layer(layer).await,
+        }
+    }
+
+    fn is_labels(&self) -> bool {
+        matches!(self, Self::Layer(layer) if layer.parameters.kind == LayerKind::Labels)
+    }
+}
+
+/// The facts of a layer that is ready.
+///
+/// # Errors
+/// [`Error::LayerNotReady`], or the failure of a failed layer.
+pub fn ready(layer: &Layer) -> Result<&LayerFacts, Error> {
+    match (layer.state, &layer.facts, &layer.failure) {
+        (case::CaseState::Ready, Some(facts), _) => Ok(facts),
+        (_, _, Some(failure)) => Err(failure.clone().into()),
+        _ => Err(Error::LayerNotReady),
+    }
+}
 
 /// The layers of a picture, from the keys of a request.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct LayerChoice {
     /// The layer to show in grey instead of the intensities.
-    pub layer: Option<MapName>,
+    pub layer: Option<LayerRef>,
     /// The layer to show in colours over the texture.
-    pub overlay: Option<MapName>,
+    pub overlay: Option<LayerRef>,
     /// The values of the first and last colour of the overlay.
     pub overlay_window: Option<Numbers<2>>,
     /// The colours of the overlay.
@@ -29,9 +142,9 @@ pub struct LayerChoice {
     pub overlay_opacity: Option<f64>,
 }
 
-/// The default display of a map.
+/// The default display of a layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapStyle {
+pub struct LayerStyle {
     /// The values of the first and the last colour, or of black and white.
     pub window: [f64; 2],
     /// Its colours.
@@ -42,7 +155,7 @@ pub struct MapStyle {
     pub opacity: f64,
 }
 
-impl MapStyle {
+impl LayerStyle {
     /// The default for a map: one-sided for `blur`, diverging with a transparent middle for comparisons of the sides.
     pub fn of(name: MapName) -> Self {
         let (window, colormap, threshold) = match name {
@@ -57,7 +170,31 @@ impl MapStyle {
             window,
             colormap,
             threshold,
-            opacity: DEFAULT_OPACITY,
+            opacity: OPACITY_OF_MAPS,
+        }
+    }
+
+    /// The default for an uploaded layer.
+    pub fn of_layer(kind: LayerKind, facts: &LayerFacts) -> Self {
+        let [low, _] = facts.window;
+        let (colormap, threshold, opacity) = match kind {
+            LayerKind::Mr | LayerKind::Ct | LayerKind::Pet => {
+                (ColorMap::Hot, None, OPACITY_OF_OTHERS)
+            }
+            LayerKind::Map if low < 0.0 => (ColorMap::BlueOrange, Some(0.0), OPACITY_OF_MAPS),
+            LayerKind::Map => (ColorMap::VermilionYellow, Some(0.0), OPACITY_OF_MAPS),
+            LayerKind::Labels => (ColorMap::Labels, None, OPACITY_OF_OTHERS),
+        };
+        // Each label has the colour of its number.
+        let window = match kind {
+            LayerKind::Labels => [0.0, 255.0],
+            _ => facts.window,
+        };
+        Self {
+            window,
+            colormap,
+            threshold,
+            opacity,
         }
     }
 }
@@ -84,55 +221,145 @@ impl LayerChoice {
                 return Err(Error::out_of_range(key, "needs `overlay`"));
             }
         }
-        self.style().map(drop)
+        // Any style will do: each value is checked by itself.
+        self.styled(LayerStyle::of(MapName::Blur)).map(drop)
     }
 
-    /// The display of the overlay.
-    fn style(&self) -> Result<Option<(MapName, OverlayStyle)>, Error> {
-        let Some(name) = self.overlay else {
-            return Ok(None);
-        };
-        let usual = MapStyle::of(name);
-        let parameters = OverlayParameters {
+    /// A style with the requested values.
+    fn styled(&self, usual: LayerStyle) -> Result<OverlayStyle, Error> {
+        Ok(OverlayStyle::new(OverlayParameters {
             window: self
                 .overlay_window
                 .map_or(usual.window, |Numbers(ends)| ends),
             colormap: self.overlay_colormap.unwrap_or(usual.colormap),
             threshold: self.overlay_threshold.or(usual.threshold),
             opacity: self.overlay_opacity.unwrap_or(usual.opacity),
+        })?)
+    }
+
+    /// The layers of a case that are meant. The store is only asked if they are not maps.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchLayer`], [`Error::Parameter`] if labels cannot be shown so, or an error of the store.
+    pub async fn of_case(&self, library: &Library, id: &CaseId) -> Result<ChosenLayers, Error> {
+        let refs = [&self.layer, &self.overlay];
+        let are_maps = refs
+            .into_iter()
+            .flatten()
+            .all(|name| MapName::from_name(&name.0).is_some());
+        let layers = match are_maps {
+            true => Vec::new(),
+            false => library.store().layers(id).await?,
         };
-        Ok(Some((name, OverlayStyle::new(parameters)?)))
+        self.among(&layers)
     }
 
-    /// The window of the texture: from the layer, or `window` if the intensities of the case are shown.
-    pub fn window_or(&self, window: Window) -> Window {
-        self.layer.map_or(window, |name| {
-            let [black, white] = MapStyle::of(name).window.map(|end| end as f32);
-            Window::between(black, white)
-        })
-    }
-
-    /// The layers themselves.
+    /// The layers that are meant.
     ///
     /// # Errors
-    /// As [`LayerChoice::check`].
-    pub fn of_maps(&self, maps: &LoadedMaps) -> Result<KeyedLayers, Error> {
-        Ok(KeyedLayers {
-            base: self.layer.map(|name| maps.keyed(name)),
-            overlay: self.style()?.map(|(name, style)| (maps.keyed(name), style)),
-        })
-    }
-
-    /// The layers of a ready case; if none is requested, the store is not accessed.
-    ///
-    /// # Errors
-    /// [`Error::LayerNotReady`], [`Error::MapsUndefined`], or an error of the store.
-    pub async fn of_case(&self, library: &Library, id: &CaseId) -> Result<KeyedLayers, Error> {
-        if !self.is_any() {
-            return Ok(KeyedLayers::default());
+    /// As [`LayerChoice::of_case`].
+    pub fn among(&self, layers: &[Layer]) -> Result<ChosenLayers, Error> {
+        let chosen =
+            |name: &Option<LayerRef>| name.as_ref().map(|name| name.of(layers)).transpose();
+        let (base, overlay) = (chosen(&self.layer)?, chosen(&self.overlay)?);
+        if base.as_ref().is_some_and(ChosenLayer::is_labels) {
+            let detail = "names a label map, which can only be shown as `overlay`";
+            return Err(Error::out_of_range("layer", detail));
         }
-        self.of_maps(&*maps_of(library, id).await?)
+        if overlay.as_ref().is_some_and(ChosenLayer::is_labels) && self.overlay_window.is_some() {
+            let detail = "is not accepted for a label map, whose labels have their own colours";
+            return Err(Error::out_of_range("overlay_window", detail));
+        }
+        Ok(ChosenLayers {
+            asked: self.clone(),
+            base,
+            overlay,
+        })
     }
+}
+
+/// The layers of a picture, found in a case.
+#[derive(Debug, Clone, Default)]
+pub struct ChosenLayers {
+    asked: LayerChoice,
+    base: Option<ChosenLayer>,
+    overlay: Option<ChosenLayer>,
+}
+
+impl ChosenLayers {
+    /// Distinguishes pictures with different versions of layers; `None` without layers.
+    pub fn version(&self) -> Option<String> {
+        let all = [&self.base, &self.overlay].into_iter().flatten();
+        let versions: Vec<_> = all.map(ChosenLayer::version).collect();
+        (!versions.is_empty()).then(|| versions.join(", "))
+    }
+
+    /// Whether one of them is a map.
+    pub fn has_maps(&self) -> bool {
+        let all = [&self.base, &self.overlay].into_iter().flatten();
+        all.into_iter()
+            .any(|layer| matches!(layer, ChosenLayer::Map(_)))
+    }
+
+    /// The layers themselves; without any, the store is not accessed.
+    ///
+    /// # Errors
+    /// [`Error::LayerNotReady`], [`Error::MapsUndefined`], the failure of a failed layer, or an error of the store.
+    pub async fn load(&self, library: &Library, id: &CaseId) -> Result<PictureLayers, Error> {
+        let load = async |chosen: &Option<ChosenLayer>| match chosen {
+            Some(layer) => Ok(Some(layer.load(library, id).await?)),
+            None => Ok::<_, Error>(None),
+        };
+        let base = load(&self.base).await?;
+        let overlay = load(&self.overlay).await?;
+        self.with(base, overlay)
+    }
+
+    /// The layers of a case whose maps are loaded.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchLayer`] if one is not a map.
+    pub fn of_maps(&self, maps: &LoadedMaps) -> Result<PictureLayers, Error> {
+        let keyed = |chosen: &Option<ChosenLayer>| match chosen {
+            Some(ChosenLayer::Map(name)) => Ok(Some(maps.keyed(*name))),
+            Some(ChosenLayer::Layer(_)) => Err(Error::NoSuchLayer),
+            None => Ok(None),
+        };
+        let (base, overlay) = (keyed(&self.base)?, keyed(&self.overlay)?);
+        self.with(base, overlay)
+    }
+
+    fn with(
+        &self,
+        base: Option<KeyedLayer>,
+        overlay: Option<KeyedLayer>,
+    ) -> Result<PictureLayers, Error> {
+        let style =
+            |chosen: &Option<ChosenLayer>| chosen.as_ref().map(ChosenLayer::style).transpose();
+        let overlay_style = style(&self.overlay)?
+            .map(|usual| self.asked.styled(usual))
+            .transpose()?;
+        let window = style(&self.base)?.map(|style| {
+            let [black, white] = style.window.map(|end| end as f32);
+            Window::between(black, white)
+        });
+        Ok(PictureLayers {
+            keyed: KeyedLayers {
+                base,
+                overlay: overlay.zip(overlay_style),
+            },
+            window,
+        })
+    }
+}
+
+/// The layers of a picture, loaded.
+#[derive(Debug, Clone, Default)]
+pub struct PictureLayers {
+    /// The layers.
+    pub keyed: KeyedLayers,
+    /// The default window of the texture, if that is a layer.
+    pub window: Option<Window>,
 }
 
 /// The maps of a ready case.
@@ -168,24 +395,22 @@ pub const MAPS_OFF: &str = "this server computes no maps, because `limits.maps` 
 mod tests {
     use super::*;
 
+    fn named(name: MapName) -> Option<LayerRef> {
+        Some(name.into())
+    }
+
     #[test]
     fn every_map_has_a_style_that_is_accepted() {
         for name in MapName::ALL {
             let choice = LayerChoice {
-                overlay: Some(name),
+                overlay: named(name),
                 ..LayerChoice::default()
             };
             choice.check().unwrap();
-            let [low, high] = MapStyle::of(name).window;
-            let window = LayerChoice {
-                layer: Some(name),
-                ..LayerChoice::default()
-            }
-            .window_or(Window::between(0.0, 1.0));
-            assert_eq!(
-                window.ramp().map(|end| end as f32),
-                [low as f32, high as f32]
-            );
+            let chosen = choice.among(&[]).unwrap();
+            assert_eq!(chosen.overlay, Some(ChosenLayer::Map(name)));
+            assert_eq!(chosen.version(), Some(format!("maps {MAPS_FORMAT}")));
+            choice.styled(LayerStyle::of(name)).unwrap();
         }
     }
 
@@ -193,42 +418,42 @@ mod tests {
     fn what_belongs_to_no_overlay_or_is_out_of_its_range_is_named() {
         let none = LayerChoice::default();
         let blur = LayerChoice {
-            overlay: Some(MapName::Blur),
-            ..none
+            overlay: named(MapName::Blur),
+            ..none.clone()
         };
         let wrong = [
             (
                 LayerChoice {
                     overlay_opacity: Some(0.5),
-                    ..none
+                    ..none.clone()
                 },
                 "overlay_opacity",
             ),
             (
                 LayerChoice {
                     overlay_threshold: Some(2.0),
-                    ..none
+                    ..none.clone()
                 },
                 "overlay_threshold",
             ),
             (
                 LayerChoice {
                     overlay_window: Some(Numbers([3.0, 2.0])),
-                    ..blur
+                    ..blur.clone()
                 },
                 "overlay_window",
             ),
             (
                 LayerChoice {
                     overlay_opacity: Some(1.5),
-                    ..blur
+                    ..blur.clone()
                 },
                 "overlay_opacity",
             ),
             (
                 LayerChoice {
                     overlay_threshold: Some(1e12),
-                    ..blur
+                    ..blur.clone()
                 },
                 "overlay_threshold",
             ),

@@ -12,7 +12,10 @@ pub use self::depth::{DepthMm, ShownDepth};
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for, warm_job};
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
-pub use self::layers::{LayerChoice, MAPS_OFF, MapStyle, maps_of};
+pub use self::layers::{
+    ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, PictureLayers, maps_of,
+    ready,
+};
 pub use self::numbers::{NumberList, Numbers};
 pub use self::request::{
     CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_annotation,

@@ -1,6 +1,6 @@
 //! The request for a picture, shared by HTTP and the command line.
 
-use case::{CaseFacts, MapName};
+use case::CaseFacts;
 use geometry::{DeformableModel, MeshSize};
 use render::choice::Renderer;
 use render::{
@@ -10,7 +10,7 @@ use render::{
 use serde::{Deserialize, Serialize};
 
 use super::depth::DepthMm;
-use super::{LayerChoice, Numbers};
+use super::{LayerChoice, LayerRef, Numbers, PictureLayers};
 use crate::error::Error;
 use crate::models::PathKind;
 
@@ -124,16 +124,18 @@ pub struct PictureRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,
-    /// A map of the junction of grey and white matter to show instead of the intensities; `window` then refers to its
-    /// values.
+    /// The layer to show instead of the intensities: the name of a map, or the name or id of an uploaded layer.
+    /// `window` then refers to its values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", param(inline))]
-    pub layer: Option<MapName>,
-    /// A map of the junction of grey and white matter to show in colours over the grey texture. Undefined parts are
-    /// transparent.
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "FLAIR"))]
+    pub layer: Option<LayerRef>,
+    /// The layer to show in colours over the grey texture: the name of a map, or the name or id of an uploaded layer.
+    /// Undefined parts are transparent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", param(inline))]
-    pub overlay: Option<MapName>,
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "blur"))]
+    pub overlay: Option<LayerRef>,
     /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
@@ -227,11 +229,25 @@ impl PictureRequest {
         Ok(camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?)
     }
 
+    /// The same picture after `step` of `steps` steps of a full turn around its vertical axis.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for an invalid view.
+    pub fn turned(&self, step: u32, steps: u32) -> Result<Self, Error> {
+        let angle = std::f64::consts::TAU * f64::from(step) / f64::from(steps);
+        let orientation = glam::DQuat::from_rotation_y(angle) * self.camera()?.orientation();
+        Ok(Self {
+            view: None,
+            orientation: Some(Numbers(orientation.to_array())),
+            ..self.clone()
+        })
+    }
+
     /// The requested layers.
     pub fn layers(&self) -> LayerChoice {
         LayerChoice {
-            layer: self.layer,
-            overlay: self.overlay,
+            layer: self.layer.clone(),
+            overlay: self.overlay.clone(),
             overlay_window: self.overlay_window,
             overlay_colormap: self.overlay_colormap,
             overlay_threshold: self.overlay_threshold,
@@ -264,10 +280,10 @@ pub struct CheckedPicture {
 }
 
 impl CheckedPicture {
-    /// The request to the renderer for a case.
-    pub fn of_case(&self, facts: &CaseFacts) -> RenderRequest {
+    /// The request to the renderer for a case, with its layers.
+    pub fn of_case(&self, facts: &CaseFacts, layers: &PictureLayers) -> RenderRequest {
         let depth_mm = self.depth.shown_in(facts).mm.into();
-        let usual = || self.asked.layers().window_or(window_of(facts));
+        let usual = || layers.window.unwrap_or_else(|| window_of(facts));
         self.request
             .shown(depth_mm, self.window.unwrap_or_else(usual))
     }

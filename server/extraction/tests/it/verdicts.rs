@@ -149,6 +149,32 @@ fn masks_of_other_heads_and_moved_ones_are_doubted_and_right_ones_are_not() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
+#[test]
+fn a_ragged_mask_that_fits_is_ok_without_a_network_and_beside_its_place_it_is_not() {
+    let (Some(volume), Some(mask)) = (volume_of("colin27", "ch2"), mask_of("colin27", "ch2bet"))
+    else {
+        return;
+    };
+    let no_network = OnceCell::from(None);
+    let verdict_at = |offset_mm: DVec3| {
+        let shift = DAffine3::from_translation(offset_mm);
+        let mask = moved(&mask, volume.grid(), shift);
+        let judgement = judged(&volume, &mask, &no_network);
+        row(
+            "colin27",
+            &format!("ch2bet at {offset_mm}"),
+            judgement.as_ref(),
+        );
+        judgement.map(|judgement| judgement.verdict)
+    };
+    assert_eq!(verdict_at(DVec3::ZERO), Some(Verdict::Ok));
+    for along in DVec3::AXES {
+        for mm in [-10.0, 10.0] {
+            assert_eq!(verdict_at(along * mm), Some(Verdict::Review));
+        }
+    }
+}
+
 /// A volume without what lies within `mm` of a brain's bounds at a face.
 fn cut(volume: &Volume, brain: &BrainMask, face: usize, mm: f64) -> Volume {
     let grid = volume.grid();

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::sequences::SEQUENCES;
 
 /// Attributes that describe the pixels and their position.
-const TECHNICAL: [Tag; 44] = [
+const TECHNICAL: [Tag; 52] = [
     tags::SPECIFIC_CHARACTER_SET,
     tags::IMAGE_TYPE,
     tags::SOP_CLASS_UID,
@@ -53,6 +53,14 @@ const TECHNICAL: [Tag; 44] = [
     tags::RESCALE_INTERCEPT,
     tags::RESCALE_SLOPE,
     tags::PATIENT_ID,
+    tags::CORRECTED_IMAGE,
+    tags::RADIOPHARMACEUTICAL_INFORMATION_SEQUENCE,
+    tags::RADIOPHARMACEUTICAL_START_TIME,
+    tags::RADIOPHARMACEUTICAL_START_DATE_TIME,
+    tags::RADIONUCLIDE_TOTAL_DOSE,
+    tags::RADIONUCLIDE_HALF_LIFE,
+    tags::UNITS,
+    tags::DECAY_CORRECTION,
 ];
 
 /// Attributes that are stored with a case, by keyword (PS3.6).
@@ -145,11 +153,16 @@ pub struct Instance {
     pub frame: Option<usize>,
 }
 
+/// The tags and keywords of the attributes that are stored with a case.
+pub(super) fn kept_tags() -> impl Iterator<Item = (Tag, &'static str)> {
+    KEPT.into_iter()
+}
+
 /// The values of the stored attributes.
 pub(super) fn kept(object: &InMemDicomObject) -> Vec<(String, String)> {
     KEPT.iter()
         .filter_map(|&(tag, keyword)| {
-            let value = super::header::text(object, tag)?;
+            let value = super::numbers::text(object, tag)?;
             let fits = !value.is_empty() && value.len() <= MAX_TEXT_BYTES;
             fits.then(|| (keyword.to_owned(), value))
         })

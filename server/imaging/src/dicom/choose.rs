@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::DicomError;
-use super::header::{Hints, Image};
+use super::header::{Hints, Image, Modality};
+use super::pet;
 use super::series::SeriesSummary;
 
 /// The fewest slices of a volume.
@@ -11,6 +12,16 @@ pub(super) const FEWEST_SLICES: usize = 3;
 
 /// A three-dimensional acquisition of a head has at least this many slices.
 const SLICES_OF_A_HEAD: usize = 60;
+
+/// What a series is read for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Purpose {
+    /// The volume of a case: a T1 is preferred.
+    #[default]
+    Case,
+    /// A further volume of the same head, of any kind.
+    Layer,
+}
 
 /// Names a series: by its instance UID, its number, or its token.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -57,9 +68,44 @@ impl Series {
         SeriesSummary {
             number: first.series_number,
             modality: first.modality.name().to_owned(),
+            name: self.name().to_owned(),
+            unit: self.unit().map(|(unit, _)| unit.to_owned()),
             size: [columns, rows, self.slices()],
+            is_volume: self.could_be_a_volume(),
             token: digest[..8].to_owned(),
         }
+    }
+
+    /// Whether names or timing indicate a T1-weighted image.
+    pub(super) fn is_t1(&self) -> bool {
+        is_t1(&self.images[0].hints)
+    }
+
+    /// The unit of the values, if the header states it, and the factor that they must be multiplied by.
+    pub(super) fn unit(&self) -> Option<(&'static str, f64)> {
+        match self.images[0].modality {
+            Modality::Mr => None,
+            Modality::Ct => Some(("HU", 1.0)),
+            Modality::Pt => {
+                let headers: Option<Vec<_>> =
+                    self.images.iter().map(|image| image.pet.as_ref()).collect();
+                pet::unit_of(&headers?)
+            }
+        }
+    }
+
+    /// The kind of the sequence, as far as its header tells.
+    fn name(&self) -> &'static str {
+        let first = &self.images[0];
+        match first.modality {
+            Modality::Ct => "CT",
+            Modality::Pt => "PET",
+            Modality::Mr => kind_of(&first.hints),
+        }
+    }
+
+    pub(super) fn is_pet(&self) -> bool {
+        self.images[0].modality == Modality::Pt
     }
 
     fn slices(&self) -> usize {
@@ -107,11 +153,12 @@ pub(super) fn group(images: Vec<Image>) -> Vec<Series> {
 
 /// The series with the given name, or the one chosen without a name, and the others.
 ///
-/// Without a name this is the only three-dimensional T1-like series; if none is T1-like, the only three-dimensional
-/// series; if there is none either, the only series.
+/// Without a name this is, for a case, the only three-dimensional T1-like series that is no PET; if none is T1-like,
+/// the only three-dimensional series; if there is none either, the only series. For a layer it is the only series.
 pub(super) fn choose(
     mut all: Vec<Series>,
     name: Option<&SeriesName>,
+    purpose: Purpose,
 ) -> Result<(Series, Vec<SeriesSummary>), DicomError> {
     let summaries = |all: &[Series]| all.iter().map(Series::summary).collect();
     let chosen = match name {
@@ -127,7 +174,7 @@ pub(super) fn choose(
             }
         }
         None if all.len() == 1 => 0,
-        None => meant(&all)?,
+        None => meant(&all, purpose)?,
     };
     let chosen = all.remove(chosen);
     Ok((chosen, summaries(&all)))
@@ -137,7 +184,7 @@ fn indices(all: &[Series], holds: impl Fn(&Series) -> bool) -> Vec<usize> {
     (0..all.len()).filter(|&index| holds(&all[index])).collect()
 }
 
-fn meant(all: &[Series]) -> Result<usize, DicomError> {
+fn meant(all: &[Series], purpose: Purpose) -> Result<usize, DicomError> {
     let volumes = indices(all, Series::could_be_a_volume);
     if volumes.is_empty() {
         return Err(DicomError::NoVolume {
@@ -149,9 +196,13 @@ fn meant(all: &[Series]) -> Result<usize, DicomError> {
         kept.collect()
     };
     let mut candidates = volumes;
-    let preferences: [&dyn Fn(&Series) -> bool; 2] =
-        [&Series::is_3d, &|series| is_t1(&series.images[0].hints)];
-    for prefers in preferences {
+    let of_case: [&dyn Fn(&Series) -> bool; 3] =
+        [&|series| !series.is_pet(), &Series::is_3d, &Series::is_t1];
+    let preferences = match purpose {
+        Purpose::Case => &of_case[..],
+        Purpose::Layer => &[],
+    };
+    for &prefers in preferences {
         let preferred = narrowed(&candidates, prefers);
         if !preferred.is_empty() {
             candidates = preferred;
@@ -168,38 +219,42 @@ fn meant(all: &[Series]) -> Result<usize, DicomError> {
     }
 }
 
+/// Words of the names of T1-weighted series.
+pub(super) const T1_WORDS: [&str; 12] = [
+    "t1", "mprage", "mp-rage", "mp2rage", "spgr", "bravo", "tfl", "tfe", "vibe", "flash", "ffe",
+    "ir-fspgr",
+];
+
+/// Words of the names of other series.
+pub(super) const OTHER_WORDS: [&str; 22] = [
+    "t2",
+    "flair",
+    "dwi",
+    "dti",
+    "diff",
+    "adc",
+    "swi",
+    "swan",
+    "tof",
+    "angio",
+    "mra",
+    "phase",
+    "field",
+    "asl",
+    "perf",
+    "bold",
+    "epi",
+    "localizer",
+    "scout",
+    "pd_",
+    "ciss",
+    "mip",
+];
+
 /// Whether names or timing indicate a T1-weighted image.
 fn is_t1(hints: &Hints) -> bool {
-    const T1: [&str; 12] = [
-        "t1", "mprage", "mp-rage", "mp2rage", "spgr", "bravo", "tfl", "tfe", "vibe", "flash",
-        "ffe", "ir-fspgr",
-    ];
-    const OTHERS: [&str; 22] = [
-        "t2",
-        "flair",
-        "dwi",
-        "dti",
-        "diff",
-        "adc",
-        "swi",
-        "swan",
-        "tof",
-        "angio",
-        "mra",
-        "phase",
-        "field",
-        "asl",
-        "perf",
-        "bold",
-        "epi",
-        "localizer",
-        "scout",
-        "pd_",
-        "ciss",
-        "mip",
-    ];
     let named = |words: &[&str]| words.iter().any(|word| hints.names.contains(word));
-    if named(&OTHERS) {
+    if named(&OTHER_WORDS) {
         return false;
     }
     let short = |time: Option<f64>, limit| time.is_some_and(|time| time > 0.0 && time < limit);
@@ -207,7 +262,28 @@ fn is_t1(hints: &Hints) -> bool {
         .inversion_ms
         .is_some_and(|time| (300.0..1400.0).contains(&time));
     let timed = short(hints.echo_ms, 12.0) && (short(hints.repetition_ms, 60.0) || inverted);
-    named(&T1) || timed
+    named(&T1_WORDS) || timed
+}
+
+/// The kind of an MR sequence, from the names that the scanner and its user gave it.
+fn kind_of(hints: &Hints) -> &'static str {
+    const KINDS: [(&str, &[&str]); 8] = [
+        ("FLAIR", &["flair"]),
+        ("DWI", &["dwi", "dti", "diff", "adc"]),
+        ("SWI", &["swi", "swan"]),
+        ("TOF", &["tof", "angio", "mra"]),
+        ("ASL", &["asl", "perf"]),
+        ("EPI", &["bold", "ep2d", "epi_"]),
+        ("T2", &["t2", "ciss"]),
+        ("PD", &["pd_"]),
+    ];
+    let named = |words: &[&str]| words.iter().any(|word| hints.names.contains(word));
+    let found = KINDS.iter().find(|(_, words)| named(words));
+    match found {
+        Some((kind, _)) => kind,
+        None if is_t1(hints) => "T1",
+        None => "MR",
+    }
 }
 
 #[cfg(test)]
@@ -233,6 +309,16 @@ mod tests {
         assert!(!is_t1(&hints("t2_space_flair", [5000.0, 390.0, 1800.0])));
         assert!(!is_t1(&hints("ax", [3000.0, 90.0, 0.0])));
         assert!(!is_t1(&hints("tof_3d", [22.0, 3.4, 0.0])));
+    }
+
+    #[test]
+    fn a_sequence_is_called_by_its_kind() {
+        let kind = |names| kind_of(&hints(names, [0.0; 3]));
+        assert_eq!(kind("t2_space_flair sag"), "FLAIR");
+        assert_eq!(kind("ax t2 tse"), "T2");
+        assert_eq!(kind("t1_mprage"), "T1");
+        assert_eq!(kind("ep2d_diff_mddw"), "DWI");
+        assert_eq!(kind("series"), "MR");
     }
 
     #[test]

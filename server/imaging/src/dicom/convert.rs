@@ -3,7 +3,7 @@
 use geometry::{Grid, Rescale};
 
 use super::attributes::{kept, wanted};
-use super::choose::{Series, choose, group};
+use super::choose::{Purpose, Series, choose, group};
 use super::header::{Image, parse, read_image};
 use super::pixels::for_each_frame;
 use super::scan::scan;
@@ -41,6 +41,8 @@ pub struct Options {
     pub series: Option<SeriesName>,
     /// Whether to interpolate single missing slices.
     pub allow_gaps: bool,
+    /// What the series is read for.
+    pub purpose: Purpose,
 }
 
 /// A series as a volume.
@@ -53,9 +55,11 @@ pub struct Converted {
     pub attributes: Attributes,
     /// The chosen series.
     pub series: SeriesSummary,
+    /// Whether names or timing indicate that it is T1-weighted.
+    pub is_t1: bool,
     /// The other series.
     pub others: Vec<SeriesSummary>,
-    /// Number of files that are not MR or CT images.
+    /// Number of files that are not MR, CT or PET images.
     pub ignored_files: usize,
 }
 
@@ -72,13 +76,19 @@ pub fn convert(
     limits: &Limits,
 ) -> Result<Converted, DicomError> {
     let (images, ignored_files) = read_images(files)?;
-    let (series, others) = choose(group(images), options.series.as_ref())?;
+    let (series, others) = choose(group(images), options.series.as_ref(), options.purpose)?;
+    if series.is_pet() && options.purpose == Purpose::Case {
+        return Err(DicomError::Unsupported {
+            what: "a PET series as a case: upload the T1, and the PET as a layer of it",
+        });
+    }
     let (nifti, attributes) = read_series(files, &series, options.allow_gaps, limits)
         .map_err(|error| error.of_series(series.summary(), &others))?;
     Ok(Converted {
         nifti,
         attributes,
         series: series.summary(),
+        is_t1: series.is_t1(),
         others,
         ignored_files,
     })
@@ -95,8 +105,10 @@ fn read_series(
     let stack = stack(series, allow_gaps)?;
     check_limits(&stack, limits)?;
     let grid = Grid::new(stack.size, stack.patient_from_voxel)?;
-    let rescale = common_rescale(series)?;
-    let mut samples = read_samples(files, series, &stack, rescale.is_none())?;
+    let factor = series.unit().map_or(1.0, |(_, factor)| factor);
+    let rescale = common_rescale(series, factor)?;
+    let rescaled = rescale.is_none().then_some(factor);
+    let mut samples = read_samples(files, series, &stack, rescaled)?;
     let interpolated_slices = fill_gaps(&mut samples, &stack, rescale.is_some());
     let unscaled = Rescale {
         slope: 1.0,
@@ -165,8 +177,8 @@ fn check_limits(stack: &Stack, limits: &Limits) -> Result<(), DicomError> {
     Ok(())
 }
 
-/// Slope and intercept if all slices share them.
-fn common_rescale(series: &Series) -> Result<Option<Rescale>, DicomError> {
+/// Slope and intercept, times the factor, if all slices share them.
+fn common_rescale(series: &Series, factor: f64) -> Result<Option<Rescale>, DicomError> {
     let frames = || {
         series
             .images
@@ -187,17 +199,18 @@ fn common_rescale(series: &Series) -> Result<Option<Rescale>, DicomError> {
     };
     let all_same = frames().all(|frame| frame.rescale == first);
     Ok(all_same.then_some(Rescale {
-        slope: first[0] as f32,
-        intercept: first[1] as f32,
+        slope: (factor * first[0]) as f32,
+        intercept: (factor * first[1]) as f32,
     }))
 }
 
-/// All samples in the order of the stack, stored or rescaled. Single precision represents 16 bits exactly.
+/// All samples in the order of the stack, stored, or rescaled and multiplied by a factor. Single precision represents
+/// 16 bits exactly.
 fn read_samples(
     files: &mut dyn Files,
     series: &Series,
     stack: &Stack,
-    rescaled: bool,
+    rescaled: Option<f64>,
 ) -> Result<Vec<f32>, DicomError> {
     let plane = stack.size[0] * stack.size[1];
     let mut samples = zeros(plane * stack.size[2])?;
@@ -216,8 +229,8 @@ fn read_samples(
                 return;
             };
             let [slope, intercept] = match rescaled {
-                true => header.rescale,
-                false => [1.0, 0.0],
+                Some(factor) => header.rescale.map(|number| factor * number),
+                None => [1.0, 0.0],
             };
             let samples = &mut samples[place * plane..(place + 1) * plane];
             for (sample, &value) in samples.iter_mut().zip(values) {

@@ -18,8 +18,8 @@ pub enum DicomError {
         /// Number of files.
         files: usize,
     },
-    /// There are DICOM files, but no MR or CT images.
-    #[error("none of the {files} DICOM files is an MR or CT image")]
+    /// There are DICOM files, but no MR, CT or PET images.
+    #[error("none of the {files} DICOM files is an MR, CT or PET image")]
     NoImages {
         /// Number of DICOM files.
         files: usize,
@@ -75,7 +75,7 @@ pub enum DicomError {
     #[error("{series}: {reason}{}", other_series(others))]
     OfSeries {
         /// The selected series.
-        series: SeriesSummary,
+        series: Box<SeriesSummary>,
         /// All other series.
         others: Vec<SeriesSummary>,
         /// Why it makes no volume.
@@ -247,7 +247,7 @@ impl DicomError {
             return self;
         }
         Self::OfSeries {
-            series,
+            series: Box::new(series),
             others: others.to_vec(),
             reason: Box::new(self),
         }

@@ -7,6 +7,8 @@ use dicom_transfer_syntax_registry::entries;
 use glam::DVec3;
 
 use super::DicomError;
+use super::numbers::{integer, real, reals, text};
+use super::pet::Pet;
 use super::scan::Scanned;
 use super::syntax::{Encoding, Packing};
 
@@ -31,6 +33,8 @@ pub(super) struct Image {
     pub(super) series_number: Option<i64>,
     pub(super) modality: Modality,
     pub(super) hints: Hints,
+    /// Units and dose, if it is a PET.
+    pub(super) pet: Option<Pet>,
     /// An error here matters only if the series is chosen.
     pub(super) format: Result<PixelFormat, DicomError>,
     pub(super) packing: Packing,
@@ -50,6 +54,7 @@ impl Image {
 pub(super) enum Modality {
     Mr,
     Ct,
+    Pt,
 }
 
 impl Modality {
@@ -57,6 +62,7 @@ impl Modality {
         match self {
             Self::Mr => "MR",
             Self::Ct => "CT",
+            Self::Pt => "PT",
         }
     }
 }
@@ -113,11 +119,22 @@ pub(super) const DIFFERENCES: [&str; 5] = [
     "image type",
 ];
 
-/// MR and CT, classic, Enhanced and legacy-converted (PS3.4 B.5).
+/// The classes of MR and CT images, classic, Enhanced and legacy-converted (PS3.4 B.5).
+pub const IMAGE_CLASSES: [&str; 6] = [
+    "1.2.840.10008.5.1.4.1.1.4",
+    "1.2.840.10008.5.1.4.1.1.4.1",
+    "1.2.840.10008.5.1.4.1.1.4.4",
+    "1.2.840.10008.5.1.4.1.1.2",
+    "1.2.840.10008.5.1.4.1.1.2.1",
+    "1.2.840.10008.5.1.4.1.1.2.2",
+];
+
+/// MR, CT and PET, classic, Enhanced and legacy-converted (PS3.4 B.5).
 fn modality_of(sop_class_uid: &str) -> Option<Modality> {
     match sop_class_uid.strip_prefix("1.2.840.10008.5.1.4.1.1.")? {
         "4" | "4.1" | "4.4" => Some(Modality::Mr),
         "2" | "2.1" | "2.2" => Some(Modality::Ct),
+        "128" | "128.1" | "130" => Some(Modality::Pt),
         _ => None,
     }
 }
@@ -136,7 +153,7 @@ pub(super) fn parse(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
     })
 }
 
-/// The image in a file; `None` if it is not an MR or CT image.
+/// The image in a file; `None` if it is not an MR, CT or PET image.
 pub(super) fn read_image(
     file: usize,
     bytes: &[u8],
@@ -164,34 +181,12 @@ pub(super) fn read_image(
         series_number: integer(&object, tags::SERIES_NUMBER),
         modality,
         hints: hints(&object),
+        pet: (modality == Modality::Pt).then(|| Pet::read(&object)),
         format: pixel_format(&object, scanned.syntax.encoding),
         packing: scanned.syntax.packing,
         mosaic: image_type(&object).split('\\').any(|word| word == "MOSAIC"),
         frames: frames(&object),
     }))
-}
-
-/// An attribute's text, without padding.
-pub(super) fn text(object: &InMemDicomObject, tag: Tag) -> Option<String> {
-    let value = object.get(tag)?.to_str().ok()?;
-    let text = value.trim_matches(['\0', ' ']);
-    Some(text.chars().filter(|c| !c.is_control()).collect())
-}
-
-fn reals(object: &InMemDicomObject, tag: Tag) -> Option<Vec<f64>> {
-    let values = object.get(tag)?.to_multi_float64().ok()?;
-    values
-        .iter()
-        .all(|value| value.is_finite())
-        .then_some(values)
-}
-
-fn real(object: &InMemDicomObject, tag: Tag) -> Option<f64> {
-    reals(object, tag)?.first().copied()
-}
-
-fn integer(object: &InMemDicomObject, tag: Tag) -> Option<i64> {
-    object.get(tag)?.to_int().ok()
 }
 
 fn image_type(object: &InMemDicomObject) -> String {
@@ -214,7 +209,10 @@ fn hints(object: &InMemDicomObject) -> Hints {
         is_secondary: types
             .split('\\')
             .any(|word| secondary.contains(&word.trim())),
-        names: format!("{} {types}", names.join(" ")).to_lowercase(),
+        // A protocol for epilepsy is not echo-planar.
+        names: format!("{} {types}", names.join(" "))
+            .to_lowercase()
+            .replace("epilep", ""),
         repetition_ms: real(object, tags::REPETITION_TIME),
         echo_ms: real(object, tags::ECHO_TIME),
         inversion_ms: real(object, tags::INVERSION_TIME),

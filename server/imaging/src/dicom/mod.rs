@@ -1,6 +1,6 @@
 //! From a series of DICOM images to a volume.
 //!
-//! Supported are MR and CT images with one slice per file, and Enhanced (multi-frame) MR and CT, including
+//! Supported are MR, CT and PET images with one slice per file, and Enhanced (multi-frame) ones, including
 //! legacy-converted ones. Files are recognised by content, with or without the preamble of Part 10, and grouped by
 //! series. [`convert`] chooses the three-dimensional T1-like series, or the named one, and lists the others. Slices are
 //! sorted by their position along the normal, never by name or number, and placed by Image Position and Image
@@ -19,11 +19,17 @@
 mod attributes;
 mod choose;
 mod convert;
+mod deidentify;
 mod error;
+mod frames;
 mod header;
+mod identity;
 mod jpeg_2000;
 mod jpeg_lossless;
 mod jpeg_ls;
+mod json;
+mod numbers;
+mod pet;
 mod pixels;
 mod rle;
 mod scan;
@@ -31,9 +37,16 @@ mod sequences;
 mod series;
 mod stack;
 mod syntax;
+pub mod write;
 
 pub use attributes::{Attributes, Instance};
-pub use choose::SeriesName;
+pub use choose::{Purpose, SeriesName};
 pub use convert::{Converted, Files, Options, convert};
+pub use deidentify::{deidentified_file, replaced_uid};
 pub use error::DicomError;
+pub use frames::{explicit_file, frames, stored_syntax};
+pub use header::IMAGE_CLASSES;
+pub use identity::{Identity, identify};
+pub use json::{Attribute, attribute, element, metadata};
 pub use series::SeriesSummary;
+pub use syntax::TRANSFER_SYNTAXES;

@@ -20,16 +20,39 @@ pub(super) fn for_each_frame(
         frames: frames.len(),
     };
     for (number, frame) in frames.iter().enumerate() {
-        let samples = source.decode(number).map_err(|refusal| match refusal {
-            Refusal::Unsupported(what) => DicomError::Unsupported { what },
-            Refusal::Damaged(what) => DicomError::Pixels {
-                instance: frame.instance,
-                what,
-            },
-        })?;
+        let samples = source
+            .decode(number)
+            .map_err(|refusal| refusal.of(frame.instance))?;
         take(number, frame, &samples);
     }
     Ok(())
+}
+
+/// The number of frames of an image, and the samples of some of them as they are stored, in little endian. `None` for a
+/// frame that it does not have.
+pub(super) fn stored_samples(
+    image: &Image,
+    pixels: &PixelBytes,
+    frames: &[usize],
+) -> Result<Vec<Option<Vec<u8>>>, DicomError> {
+    let format = image.format.as_ref().map_err(Clone::clone)?;
+    let all = image.frames.as_ref().map_err(Clone::clone)?;
+    let source = Source {
+        format,
+        packing: image.packing,
+        pixels,
+        frames: all.len(),
+    };
+    let samples = |&number: &usize| {
+        let Some(frame) = all.get(number) else {
+            return Ok(None);
+        };
+        let samples = source
+            .decode(number)
+            .map_err(|refusal| refusal.of(frame.instance))?;
+        Ok(Some(Stored::of(format).bytes(&samples, format)))
+    };
+    frames.iter().map(samples).collect()
 }
 
 /// The pixels of an image.
@@ -43,6 +66,15 @@ struct Source<'a> {
 enum Refusal {
     Unsupported(&'static str),
     Damaged(&'static str),
+}
+
+impl Refusal {
+    fn of(self, instance: i64) -> DicomError {
+        match self {
+            Self::Unsupported(what) => DicomError::Unsupported { what },
+            Self::Damaged(what) => DicomError::Pixels { instance, what },
+        }
+    }
 }
 
 impl From<&'static str> for Refusal {
@@ -167,6 +199,19 @@ impl Stored {
         }
     }
 
+    /// Values as stored samples, in little endian.
+    fn bytes(self, samples: &[i32], format: &PixelFormat) -> Vec<u8> {
+        let stored = samples
+            .iter()
+            .map(|&value| (value as u32) << self.below >> self.above);
+        match format.bits_allocated {
+            8 => stored.map(|sample| sample as u8).collect(),
+            _ => stored
+                .flat_map(|sample| (sample as u16).to_le_bytes())
+                .collect(),
+        }
+    }
+
     /// The value of a sample. Bits above the high bit, such as old overlays, are dropped.
     fn value(self, raw: u16) -> i32 {
         let high = u32::from(raw) << self.above;
@@ -217,6 +262,21 @@ mod tests {
         assert_eq!(of(12, 15, false, 0x1230), 0x123);
         assert_eq!(of(16, 15, true, 0x8000), -32768);
         assert_eq!(of(16, 15, false, 0xFFFF), 65535);
+    }
+
+    #[test]
+    fn values_are_stored_again_as_they_were() {
+        for (bits, high, signed, raw) in [
+            (12, 11, false, 0x123),
+            (12, 11, true, 0x0FFF),
+            (12, 15, false, 0x1230),
+            (16, 15, true, 0x8000),
+        ] {
+            let format = format(bits, high, signed);
+            let stored = Stored::of(&format);
+            let bytes = stored.bytes(&[stored.value(raw)], &format);
+            assert_eq!(bytes, raw.to_le_bytes(), "{bits} {high}");
+        }
     }
 
     #[test]

@@ -28,6 +28,34 @@ const ITEM_END: Tag = Tag(0xFFFE, 0xE00D);
 const SEQUENCE_END: Tag = Tag(0xFFFE, 0xE0DD);
 const UNDEFINED: u32 = u32::MAX;
 
+/// Which elements are kept.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Wanted<'a> {
+    /// Those with these tags, which are sorted.
+    These(&'a [Tag]),
+    /// Those of the standard, without binary values.
+    Texts,
+    /// All.
+    All,
+}
+
+impl Wanted<'_> {
+    fn wants(self, tag: Tag) -> bool {
+        match self {
+            Self::These(tags) => tags.binary_search(&tag).is_ok(),
+            // Private groups are odd. Curves and overlays are pixels of a kind.
+            Self::Texts => tag.0.is_multiple_of(2) && !(0x5000..0x6100).contains(&tag.0),
+            Self::All => true,
+        }
+    }
+
+    /// Whether a value of this representation is dropped.
+    fn drops(self, vr: Option<[u8; 2]>) -> bool {
+        let is_binary = |vr: [u8; 2]| vr[0] == b'O' || vr == *b"UN";
+        matches!(self, Self::Texts) && vr.is_some_and(is_binary)
+    }
+}
+
 /// A file with a sound structure.
 pub(crate) struct Scanned<'a> {
     pub(crate) syntax: Syntax,
@@ -76,7 +104,15 @@ impl Scanned<'_> {
 /// # Errors
 /// If a length exceeds the file or its sequence, or sequences are nested too deeply.
 pub(crate) fn scan<'a>(file: &'a [u8], wanted: &[Tag]) -> Result<Scanned<'a>, DicomError> {
-    let (syntax, start) = read_meta(file)?;
+    scan_for(file, Wanted::These(wanted))
+}
+
+/// As [`scan`].
+///
+/// # Errors
+/// As [`scan`].
+pub(crate) fn scan_for<'a>(file: &'a [u8], wanted: Wanted) -> Result<Scanned<'a>, DicomError> {
+    let Meta { syntax, start, .. } = read_meta(file)?;
     let rest = &file[start..];
     let dataset = if syntax.deflated {
         Cow::Owned(inflate(rest)?)
@@ -99,8 +135,31 @@ pub(crate) fn scan<'a>(file: &'a [u8], wanted: &[Tag]) -> Result<Scanned<'a>, Di
     })
 }
 
-/// Skips the preamble and the file meta information; returns the transfer syntax and the start of the data set.
-fn read_meta(file: &[u8]) -> Result<(Syntax, usize), DicomError> {
+/// The transfer syntax that a file states; `None` if it is a bare data set without file meta information.
+///
+/// # Errors
+/// If the file meta information is damaged.
+pub(crate) fn stated_syntax(file: &[u8]) -> Result<Option<String>, DicomError> {
+    let meta = read_meta(file)?;
+    let is_file = file.get(128..132) == Some(b"DICM");
+    let stated = meta.stated.filter(|_| is_file);
+    Ok(stated.and_then(|uid| {
+        let text = std::str::from_utf8(uid).ok()?;
+        Some(text.trim_end_matches(['\0', ' ']).to_owned())
+    }))
+}
+
+/// What comes before a data set.
+struct Meta<'a> {
+    syntax: Syntax,
+    /// The UID of the transfer syntax.
+    stated: Option<&'a [u8]>,
+    /// The start of the data set.
+    start: usize,
+}
+
+/// Skips the preamble and the file meta information.
+fn read_meta(file: &[u8]) -> Result<Meta<'_>, DicomError> {
     let mut at = if file.get(128..132) == Some(b"DICM") {
         132
     } else {
@@ -115,12 +174,19 @@ fn read_meta(file: &[u8]) -> Result<(Syntax, usize), DicomError> {
         let element = reader.element(at, file.len())?;
         let value = element.value_range(file.len())?;
         if element.tag == tags::TRANSFER_SYNTAX_UID {
-            stated = Some(Syntax::from_uid(&file[value.clone()]));
+            stated = Some(&file[value.clone()]);
         }
         at = value.end;
     }
-    let syntax = stated.unwrap_or_else(|| Syntax::native(guess(&file[at..])));
-    Ok((syntax, at))
+    let syntax = match stated {
+        Some(uid) => Syntax::from_uid(uid),
+        None => Syntax::native(guess(&file[at..])),
+    };
+    Ok(Meta {
+        syntax,
+        stated,
+        start: at,
+    })
 }
 
 /// The encoding of a data set without file meta information, from its first element.
@@ -267,7 +333,7 @@ fn is_long(vr: [u8; 2]) -> bool {
 struct Walk<'a> {
     bytes: &'a [u8],
     encoding: Encoding,
-    wanted: &'a [Tag],
+    wanted: Wanted<'a>,
     header: Vec<u8>,
 }
 
@@ -280,7 +346,7 @@ impl Walk<'_> {
     }
 
     fn wants(&self, tag: Tag) -> bool {
-        self.wanted.binary_search(&tag).is_ok()
+        self.wanted.wants(tag)
     }
 
     /// Walks up to the pixels, or to the end.
@@ -322,6 +388,7 @@ impl Walk<'_> {
         if self.header.len() > MAX_HEADER_BYTES {
             return Err(damaged("its header is too large"));
         }
+        let keep = keep && !self.wanted.drops(element.vr);
         match (
             element.is_sequence() || self.is_known_sequence(&element),
             keep,

@@ -4,7 +4,7 @@ use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 
 /// Sequences that are read. Sorted, for binary search.
-pub(super) const SEQUENCES: [Tag; 9] = [
+pub(super) const SEQUENCES: [Tag; 10] = [
     tags::MR_ECHO_SEQUENCE,
     tags::FRAME_CONTENT_SEQUENCE,
     tags::PLANE_POSITION_SEQUENCE,
@@ -12,6 +12,7 @@ pub(super) const SEQUENCES: [Tag; 9] = [
     tags::MODALITY_LUT_SEQUENCE,
     tags::PIXEL_MEASURES_SEQUENCE,
     tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
+    tags::RADIOPHARMACEUTICAL_INFORMATION_SEQUENCE,
     tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE,
     tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE,
 ];

@@ -10,10 +10,17 @@ use serde::{Deserialize, Serialize};
 pub struct SeriesSummary {
     /// The series number.
     pub number: Option<i64>,
-    /// `MR` or `CT`.
+    /// `MR`, `CT` or `PT`.
     pub modality: String,
+    /// The kind of the sequence, as far as its header tells: `T1`, `FLAIR`, `T2`, `PET`, `CT` and so on.
+    pub name: String,
+    /// The unit of its values, if the header states it: `HU`, `SUV`, `Bq/ml`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
     /// Columns, rows and slices.
     pub size: [usize; 3],
+    /// Whether it could be a volume: enough slices, no localizer, no mosaic.
+    pub is_volume: bool,
     /// Eight hexadecimal digits that name the series: the first four bytes of the BLAKE3 digest of its instance UID.
     pub token: String,
 }
@@ -28,7 +35,18 @@ impl fmt::Display for SeriesSummary {
         write!(
             formatter,
             " ({}, {columns} × {rows} × {slices}, token {})",
-            self.modality, self.token
+            self.words(),
+            self.token
         )
+    }
+}
+
+impl SeriesSummary {
+    /// Modality and kind: `MR FLAIR`; `CT`.
+    fn words(&self) -> String {
+        match self.name.as_str() {
+            "" | "MR" | "CT" | "PET" => self.modality.clone(),
+            name => format!("{} {name}", self.modality),
+        }
     }
 }

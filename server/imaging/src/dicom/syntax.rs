@@ -1,5 +1,21 @@
 //! Transfer syntaxes.
 
+/// The UIDs of the transfer syntaxes that can be read, the plainest first.
+pub const TRANSFER_SYNTAXES: [&str; 12] = [
+    "1.2.840.10008.1.2.1",
+    "1.2.840.10008.1.2",
+    "1.2.840.10008.1.2.2",
+    "1.2.840.10008.1.2.1.99",
+    "1.2.840.10008.1.2.5",
+    "1.2.840.10008.1.2.4.70",
+    "1.2.840.10008.1.2.4.57",
+    "1.2.840.10008.1.2.4.80",
+    "1.2.840.10008.1.2.4.90",
+    "1.2.840.10008.1.2.4.81",
+    "1.2.840.10008.1.2.4.91",
+    "1.2.840.10008.1.2.4.50",
+];
+
 /// How the elements of a data set are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Encoding {
@@ -71,6 +87,19 @@ impl Syntax {
             }
             _ if rest.starts_with(".4.10") => Self::packed(Packing::Unsupported("a video")),
             _ => Self::packed(Packing::Unsupported("this transfer syntax")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_listed_syntax_is_read() {
+        for uid in TRANSFER_SYNTAXES {
+            let syntax = Syntax::from_uid(uid.as_bytes());
+            assert!(!matches!(syntax.packing, Packing::Unsupported(_)), "{uid}");
         }
     }
 }

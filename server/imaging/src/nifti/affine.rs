@@ -52,6 +52,15 @@ impl Placement {
         Ok(DAffine3::from_scale(DVec3::splat(scale)) * lps_from_ras() * ras_from_voxel)
     }
 
+    /// Whether the form that places the voxels has the code of the scanner's space.
+    pub(crate) fn is_in_scanner_space(&self) -> bool {
+        const SCANNER: i32 = 1;
+        match self.sform_code {
+            1.. => self.sform_code == SCANNER,
+            _ => self.qform_code == SCANNER,
+        }
+    }
+
     fn millimetres_per_unit(&self) -> Result<f64, ImagingError> {
         match self.units & 7 {
             0 | 2 => Ok(1.0),

@@ -18,6 +18,7 @@ mod mask;
 mod range;
 mod source;
 mod stored;
+mod values;
 mod write;
 
 pub(crate) use header::{LONGEST_HEADER, looks_like_header};
@@ -25,5 +26,6 @@ pub(crate) use source::GZIP_MAGIC;
 
 pub use mask::read_mask;
 pub use stored::{read_grid, read_volume};
+pub use values::{Values, is_in_scanner_space, read_values};
 pub(crate) use write::write_samples;
 pub use write::{write_depth_map, write_mask, write_numbers, write_volume};

@@ -355,7 +355,7 @@ fn a_series_that_makes_no_volume_is_named_and_the_others_are_listed() {
     let (kind, text) = refused(&slices);
     assert_eq!(kind, "dicom-slices-missing");
     assert!(
-        text.starts_with("series 4 (MR, 6 × 5 × 11, token "),
+        text.starts_with("series 4 (MR T1, 6 × 5 × 11, token "),
         "{text}"
     );
     assert!(!text.contains("also hold"), "{text}");
@@ -364,11 +364,14 @@ fn a_series_that_makes_no_volume_is_named_and_the_others_are_listed() {
     let (kind, text) = refused(&slices);
     assert_eq!(kind, "dicom-slices-missing");
     assert!(
-        text.starts_with("series 4 (MR, 6 × 5 × 11, token "),
+        text.starts_with("series 4 (MR T1, 6 × 5 × 11, token "),
         "{text}"
     );
     let others = text.split("; the files also hold ").nth(1).unwrap();
-    assert!(others.contains("series 2 (MR, 6 × 5 × 9, token "), "{text}");
+    assert!(
+        others.contains("series 2 (MR FLAIR, 6 × 5 × 9, token "),
+        "{text}"
+    );
     assert!(others.contains("series 9 (MR, 6 × 5 × 3, token "), "{text}");
 }
 
@@ -378,7 +381,10 @@ fn where_several_series_could_be_meant_they_are_listed_and_one_can_be_named() {
     slices.extend(another(7, "t1_mprage again", 5));
     let (kind, text) = refused(&slices);
     assert_eq!(kind, "dicom-several-series");
-    assert!(text.contains("series 4 (MR, 6 × 5 × 6, token "), "{text}");
+    assert!(
+        text.contains("series 4 (MR T1, 6 × 5 × 6, token "),
+        "{text}"
+    );
     let token = text.rsplit("token ").next().unwrap().trim_end_matches(')');
     // The beginning of BLAKE3("1.2.3.17"), which no other version of the program or of Rust may change.
     assert_eq!(token, "5e0a7c27");

@@ -6,6 +6,7 @@ mod dicom;
 mod hostile;
 mod masks;
 mod oracle;
+mod pet;
 mod placement;
 mod real_heads;
 mod real_series;

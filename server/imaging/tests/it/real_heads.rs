@@ -116,6 +116,6 @@ fn another_reader_finds_the_same_colin() {
             .voxels()
             .iter()
             .copied()
-            .eq(raw.iter().map(|&byte| byte.into()))
+            .eq(raw.iter().map(|&byte| u16::from(byte)))
     );
 }

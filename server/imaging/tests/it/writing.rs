@@ -123,7 +123,7 @@ fn another_reader_accepts_what_is_written() {
         }
         assert_eq!(
             f64::from(header.srow_x[0]),
-            (-grid.patient_from_voxel().matrix3.x_axis.x as f32).into()
+            f64::from(-grid.patient_from_voxel().matrix3.x_axis.x as f32)
         );
     }
 }

@@ -33,6 +33,8 @@ pub(super) struct CheckStoreArgs {
 struct Findings {
     lost_sources: BTreeSet<CaseId>,
     to_rebuild: BTreeSet<CaseId>,
+    /// The number of images from a PACS, and of results for one.
+    lost_for_pacs: usize,
     unreferenced: Vec<ObjectName>,
 }
 
@@ -41,6 +43,8 @@ impl Findings {
         let (what, id, name) = match finding {
             Finding::Missing(id, name) => ("missing", id, name),
             Finding::Damaged(id, name) => ("damaged", id, name),
+            Finding::MissingForPacs(name) => return self.add_lost("missing", name),
+            Finding::DamagedForPacs(name) => return self.add_lost("damaged", name),
             Finding::Unreferenced(name) => {
                 println!("unreferenced: {name}");
                 return self.unreferenced.push(name);
@@ -53,10 +57,16 @@ impl Findings {
         };
     }
 
+    /// An image from a PACS, or a result for one: only its sender has it again.
+    fn add_lost(&mut self, what: &str, name: ObjectName) {
+        println!("{what}: {name}");
+        self.lost_for_pacs += 1;
+    }
+
     /// The number of cases and objects with a problem.
     fn count(&self) -> usize {
         let cases: BTreeSet<_> = self.lost_sources.union(&self.to_rebuild).collect();
-        cases.len() + self.unreferenced.len()
+        cases.len() + self.lost_for_pacs + self.unreferenced.len()
     }
 
     /// Rebuilds cases and removes unreferenced objects.
@@ -105,7 +115,9 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
             count => {
                 let hint = match args.repair {
                     false => "run the command with `--repair`",
-                    true => "upload the volumes of these cases again, or delete the cases",
+                    true => {
+                        "upload the volumes of these cases again, or delete the cases; send images from a PACS again, and make results again"
+                    }
                 };
                 let message = format!("{count} cases or objects have a problem; {hint}");
                 Err(CliError::new(ExitStatus::InputOutput, message))

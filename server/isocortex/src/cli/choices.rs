@@ -1,6 +1,6 @@
 //! The values of options on the command line, each with a description for `--help`.
 
-use case::{MapName, MaskKind, MaskSource};
+use case::{LayerKind, MaskKind, MaskSource};
 use cases::models::PathKind;
 use cases::pictures::GpuUse;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -136,32 +136,25 @@ pub(super) fn colormap() -> impl TypedValueParser<Value = ColorMap> {
             "blue-orange",
             "Sky blue through grey to orange, for overlays of two signs",
         ),
+        (ColorMap::Labels, "labels", "Colours in turn, for labels"),
     ])
 }
 
-/// A map of the junction of grey and white matter.
-pub(super) fn map() -> impl TypedValueParser<Value = MapName> {
+/// What a layer is.
+pub(super) fn layer_kind() -> impl TypedValueParser<Value = LayerKind> {
     one_of(&[
+        (LayerKind::Mr, "mr", "Intensities of an MR sequence"),
+        (LayerKind::Ct, "ct", "Hounsfield units of a CT"),
+        (LayerKind::Pet, "pet", "Uptake in a PET"),
         (
-            MapName::Blur,
-            "blur",
-            "How much less sharp it is than around it and on the other side",
-        ),
-        (MapName::Sharpness, "sharpness", "How sharp it is, per mm"),
-        (
-            MapName::Asymmetry,
-            "asymmetry",
-            "How much sharper it is than on the other side",
+            LayerKind::Map,
+            "map",
+            "Numbers that another program computed",
         ),
         (
-            MapName::IntensityAsymmetry,
-            "intensity-asymmetry",
-            "How much brighter it is than on the other side",
-        ),
-        (
-            MapName::Junction,
-            "junction",
-            "The density of voxels between grey and white matter",
+            LayerKind::Labels,
+            "labels",
+            "Whole numbers that name regions; 0 is none",
         ),
     ])
 }
@@ -214,8 +207,8 @@ mod tests {
         for map in ColorMap::ALL {
             assert_eq!(read(colormap(), map.name()), Some(map));
         }
-        for map in MapName::ALL {
-            assert_eq!(read(super::map(), map.name()), Some(map));
+        for kind in LayerKind::ALL {
+            assert_eq!(read(layer_kind(), kind.name()), Some(kind));
         }
         assert_eq!(read(super::view(), "above"), None);
     }

@@ -58,6 +58,9 @@ impl StoreArgs {
 pub(super) struct CommonArgs {
     #[command(flatten)]
     pub(super) store: StoreArgs,
+    /// The age in days at which ready and failed cases are removed, unless they are kept. [default: none is removed]
+    #[arg(long, value_name = "DAYS", env = "ISOCORTEX_KEEP_DAYS")]
+    pub(super) keep_days: Option<u64>,
     /// The number of cases to prepare at a time. [default: 1]
     #[arg(long, value_name = "N", env = "ISOCORTEX_WORKERS")]
     pub(super) workers: Option<usize>,
@@ -76,6 +79,7 @@ impl CommonArgs {
     /// The configuration from file, environment and command line.
     pub(super) fn config(&self) -> Result<Config, CliError> {
         let mut config = self.store.config()?;
+        set_some(&mut config.storage.keep_days, self.keep_days.as_ref());
         set(&mut config.prepare.workers, self.workers.as_ref());
         set_some(&mut config.prepare.network, self.network.as_ref());
         set(&mut config.log_format, self.log_format.as_ref());

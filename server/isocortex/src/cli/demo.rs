@@ -27,8 +27,8 @@ const PHANTOM_SPACING_MM: f64 = 1.0;
 /// Prepare and serve a sample head, and print the address to open
 ///
 /// The head is ISOCORTEX_DEMO_VOLUME (with the mask ISOCORTEX_DEMO_MASK), otherwise Colin27 from the Debian package
-/// mricron-data if it is installed, otherwise a synthetic head. Without --data, everything is removed when the demo
-/// ends.
+/// mricron-data if it is installed, otherwise a synthetic head. The network extracts the brain of Colin27; without its
+/// weights, the ragged mask from the package is used. Without --data, everything is removed when the demo ends.
 #[derive(Debug, Args)]
 pub(super) struct DemoArgs {
     /// The directory of the store; by default a temporary one.
@@ -93,12 +93,12 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
     let made = temporary.as_ref().map(|made| made.path().to_owned());
     let config = args.serve(args.data.clone().or(made)).config()?;
     logs::start(config.log_format, &config.log);
-    let sample = sample(args)?;
     super::block_on(async {
         let server = match Server::start(&config).await {
             Err(_) if args.listen.is_none() => Server::start(&on_any_port(config)).await?,
             started => started?,
         };
+        let sample = sample(args, server.state.cases.library.has_network())?;
         let parameters = Parameters {
             name: Some(sample.name),
             ..Parameters::default()
@@ -131,14 +131,14 @@ fn temporary_directory() -> Result<tempfile::TempDir, CliError> {
     })
 }
 
-fn sample(args: &DemoArgs) -> Result<Sample, CliError> {
+fn sample(args: &DemoArgs, has_network: bool) -> Result<Sample, CliError> {
     if let Some(volume) = &args.volume {
         println!("The demo shows {}.", volume.display());
         return from_files("Demo", volume, args.mask.as_deref());
     }
     if let Some([volume, mask]) = colin27() {
         println!("The demo shows Colin27, a real head (Debian's mricron-data).");
-        return from_files("Colin27", volume, Some(mask));
+        return from_files("Colin27", volume, (!has_network).then_some(mask));
     }
     println!(
         "No real head was found, so the demo shows a synthetic one. For a real head, install the Debian package mricron-data, \

@@ -5,14 +5,18 @@ mod check_store;
 mod choices;
 mod common;
 mod demo;
+mod layers;
 mod migrate_store;
 mod prepare;
 mod progress;
+mod remove_expired;
 mod render;
 mod serve;
 mod status;
 mod work;
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -21,7 +25,11 @@ use clap::{Args, Parser, Subcommand};
 use self::status::{CliError, ExitStatus};
 use case::{MaskKind, MaskSource, Parameters};
 use cases::dicom::SeriesName;
+use imaging::START_BYTES;
 use pipeline::{Extractor, Pipeline};
+
+/// The limit for unpacked DICOM files, in bytes.
+const MAX_DICOM_BYTES: u64 = 16 << 30;
 
 /// The end of `--help`, before the notice.
 const EXAMPLES: &str = "\
@@ -31,6 +39,7 @@ Examples:
   isocortex serve --workers 0 --database postgres://isocortex@db/isocortex --objects s3://heads
   isocortex work --database postgres://isocortex@db/isocortex --objects s3://heads
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
+  isocortex prepare head.nii.gz --layer flair.nii.gz --data /srv/isocortex
   isocortex prepare dicom-folder --mask brain.nii.gz --series 3
   isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
 
@@ -66,6 +75,8 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Read everything in a store, and report or repair what is wrong.
     CheckStore(check_store::CheckStoreArgs),
+    /// Remove the cases that are older than a number of days, or list them.
+    RemoveExpired(remove_expired::RemoveExpiredArgs),
     /// Copy every case of a store into another one.
     MigrateStore(migrate_store::MigrateStoreArgs),
     /// Prepare a volume into the store, or into one file.
@@ -152,8 +163,12 @@ fn series_name(text: &str) -> Result<SeriesName, &'static str> {
 /// Runs the command and returns its exit status.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    if matches!(cli.command, Command::ReadDicom) {
-        return cases::dicom::run_child();
+    match cli.command {
+        Command::ReadDicom => return cases::dicom::run_child(),
+        Command::Serve(_) | Command::Work(_) | Command::Demo(_) => {
+            crate::allocator::return_large_blocks();
+        }
+        _ => {}
     }
     match run(cli.command) {
         Ok(()) => ExitCode::SUCCESS,
@@ -169,6 +184,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Serve(args) => serve::run(&args),
         Command::Work(args) => work::run(&args),
         Command::CheckStore(args) => check_store::run(&args),
+        Command::RemoveExpired(args) => remove_expired::run(&args),
         Command::MigrateStore(args) => migrate_store::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
@@ -198,6 +214,19 @@ fn block_on<T>(work: impl Future<Output = Result<T, CliError>>) -> Result<T, Cli
         .build()
         .map_err(|error| CliError::new(ExitStatus::Internal, error))?;
     runtime.block_on(work)
+}
+
+/// The first bytes of an input, which identify it; empty for a folder.
+fn head_of(input: &Path) -> Result<Vec<u8>, CliError> {
+    let mut head = Vec::new();
+    if input.is_dir() {
+        return Ok(head);
+    }
+    let read = File::open(input).and_then(|file| file.take(START_BYTES).read_to_end(&mut head));
+    read.map(|_| head).map_err(|error| {
+        let message = format!("{} cannot be read: {error}", input.display());
+        CliError::new(ExitStatus::NoInput, message)
+    })
 }
 
 fn read_input(path: &Path) -> Result<bytes::Bytes, CliError> {

@@ -1,29 +1,24 @@
 //! `isocortex prepare`.
 
-use std::fs::File;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::Args;
-use imaging::{Format, sniff};
+use imaging::sniff;
 
+use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
-use super::{VolumeOptions, case_file, check_output, read_input, write_output};
-use case::{CaseFacts, CaseId, CaseState, Parameters};
+use super::{
+    MAX_DICOM_BYTES, VolumeOptions, case_file, check_output, head_of, read_input, write_output,
+};
+use case::{CaseFacts, CaseId, CaseState, Parameters, PlaneFacts};
 use cases::Library;
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
 use pipeline::{Limits, Pipeline, Prepared, Source};
 use storage::Store;
-
-/// The limit for unpacked DICOM files, in bytes.
-const MAX_DICOM_BYTES: u64 = 16 << 30;
-
-/// The number of bytes that identify the kind of a file.
-const SNIFFED_BYTES: u64 = 64 << 10;
 
 /// The time for the worker to finish.
 const GRACE: Duration = Duration::from_secs(5);
@@ -47,6 +42,8 @@ pub(super) struct PrepareArgs {
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
+    #[command(flatten)]
+    layers: LayerOptions,
 }
 
 /// Prepares a volume.
@@ -55,7 +52,12 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let source = super::block_on(source(&args.volume, &args.options))?;
     let parameters = args.options.parameters(args.name.clone())?;
     let pipeline = args.options.pipeline()?;
+    let layers = args.layers.layers()?;
     match &args.output {
+        Some(_) if !layers.is_empty() => Err(CliError::new(
+            ExitStatus::Usage,
+            "--layer needs a store: omit --output",
+        )),
         Some(output) => {
             let prepared = prepare_here(&source, &parameters, &pipeline)?;
             write_output(output, &case_file::write(prepared)?)
@@ -64,7 +66,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
             super::keep_files_private();
             let data = args.data.clone();
             let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
-            super::block_on(into_store(&data, (source, parameters), pipeline))
+            super::block_on(into_store(&data, (source, parameters), layers, pipeline))
         }
     }
 }
@@ -72,9 +74,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
 /// Reads the files of an input. DICOM files, recognised by content, become a volume.
 pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Source, CliError> {
     let mask = options.mask.as_deref().map(read_input).transpose()?;
-    let is_dicom =
-        volume.is_dir() || matches!(sniff(&head_of(volume)?), Format::Zip | Format::Dicom);
-    if !is_dicom {
+    if !volume.is_dir() && !sniff(&head_of(volume)?).may_be_dicom() {
         return Ok(Source {
             volume: read_input(volume)?,
             mask,
@@ -84,6 +84,7 @@ pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Sou
     let chosen = Options {
         series: options.series.clone(),
         allow_gaps: options.allow_gaps,
+        ..Options::default()
     };
     let reader = DicomReader::new(Program::default(), Limits::default(), MAX_DICOM_BYTES);
     let scratch = std::env::temp_dir();
@@ -99,19 +100,6 @@ pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Sou
 
 fn internal(error: std::io::Error) -> CliError {
     CliError::new(ExitStatus::Internal, error)
-}
-
-/// The first bytes of an input, which identify it; empty for a folder.
-pub(super) fn head_of(input: &Path) -> Result<Vec<u8>, CliError> {
-    let mut head = Vec::new();
-    if input.is_dir() {
-        return Ok(head);
-    }
-    let read = File::open(input).and_then(|file| file.take(SNIFFED_BYTES).read_to_end(&mut head));
-    read.map(|_| head).map_err(|error| {
-        let message = format!("{} cannot be read: {error}", input.display());
-        CliError::new(ExitStatus::NoInput, message)
-    })
 }
 
 /// Reports the chosen series.
@@ -146,8 +134,14 @@ pub(super) fn prepare_here(
     Ok(prepared)
 }
 
-/// Reports doubts about the mask on standard error.
+/// Reports doubts about the mask and about the plane between the hemispheres on standard error.
 fn warn_of_doubts(facts: &CaseFacts) {
+    if let Some(plane) = facts.midsagittal.filter(PlaneFacts::is_doubtful) {
+        let correlation = plane.correlation.unwrap_or_default();
+        eprintln!(
+            "isocortex: the two sides of the head correlate by only {correlation:.2}; the plane of the mirror view may be wrong"
+        );
+    }
     if let Some(quality) = &facts.quality {
         for reason in &quality.reasons {
             eprintln!("isocortex: {}: {reason}", quality.state.name());
@@ -158,21 +152,27 @@ fn warn_of_doubts(facts: &CaseFacts) {
 async fn into_store(
     data: &Path,
     (source, parameters): (Source, Parameters),
+    layers: Vec<LayerFile>,
     pipeline: Pipeline,
 ) -> Result<(), CliError> {
     let store = Store::open(data).await?;
     let library = Library::new(store.clone(), pipeline.into(), Limits::default());
+    let workers = Workers::start(library.clone(), 1);
     let submitted = library.submit(source, parameters).await?;
-    let workers = Workers::start(library, 1);
-    let ready = wait_until_ready(&store, &submitted.case.id).await;
+    let id = submitted.case.id;
+    let prepare = async {
+        wait_until_ready(&store, &id).await?;
+        add_layers(&store, &id, layers).await
+    };
+    let prepared = prepare.await;
     workers.shut_down(GRACE).await;
-    ready?;
-    if let Some(case) = store.case(&submitted.case.id).await?
+    prepared?;
+    if let Some(case) = store.case(&id).await?
         && let Some(facts) = &case.facts
     {
         warn_of_doubts(facts);
     }
-    println!("{}", submitted.case.id);
+    println!("{id}");
     Ok(())
 }
 

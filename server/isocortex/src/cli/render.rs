@@ -2,23 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
-use case::{CaseId, MapName};
+use case::CaseId;
 use cases::models::{Models, PathKind};
 use cases::pictures::{
-    CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, Numbers, PictureJob,
-    PictureRequest, backend_for, encode, warm_job,
+    CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, LayerRef, Numbers,
+    PictureJob, PictureLayers, PictureRequest, backend_for, encode, warm_job,
 };
 use cases::{ConcurrencyLimit, Error, Library, Preparation};
 use clap::Args;
 use pipeline::Limits;
 use render::choice::Renderer;
-use render::{Background, ColorMap, KeyedLayers, NamedView};
+use render::{Background, ColorMap, NamedView};
 use storage::Store;
 
 use super::case_file::{self, LocalCase};
-use super::prepare::{head_of, prepare_here, source};
+use super::prepare::{prepare_here, source};
 use super::status::{CliError, ExitStatus};
-use super::{VolumeOptions, check_output, choices, read_input, write_output};
+use super::{VolumeOptions, check_output, choices, head_of, read_input, write_output};
 use crate::config::Config;
 
 /// Draw the cut of a case, a volume or a prepared file as PNG
@@ -105,13 +105,14 @@ struct PictureArgs {
     /// Write the label, day and short id of the case, depth, window, scale, directions and the notice into the picture.
     #[arg(long)]
     annotate: bool,
-    /// A map of the junction of grey and white matter to show instead of the intensities.
-    #[arg(long, value_parser = choices::map())]
-    layer: Option<MapName>,
-    /// A map of the junction of grey and white matter to show in colours over the texture.
-    #[arg(long, value_parser = choices::map())]
-    overlay: Option<MapName>,
-    /// The values of the first and last colour of the overlay. [default: from the map]
+    /// The layer to show instead of the intensities: a map (blur, sharpness, asymmetry, intensity-asymmetry, junction),
+    /// or the name or id of a layer of the case.
+    #[arg(long, value_name = "NAME")]
+    layer: Option<LayerRef>,
+    /// The layer to show in colours over the texture: a map, or the name or id of a layer of the case.
+    #[arg(long, value_name = "NAME")]
+    overlay: Option<LayerRef>,
+    /// The values of the first and last colour of the overlay. [default: from the layer]
     #[arg(
         long,
         value_name = "LOW,HIGH",
@@ -119,10 +120,10 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     overlay_window: Option<Numbers<2>>,
-    /// The colours of the overlay. [default: from the map]
+    /// The colours of the overlay. [default: from the layer]
     #[arg(long, value_parser = choices::colormap(), requires = "overlay")]
     overlay_colormap: Option<ColorMap>,
-    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. [default: from the map]
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. [default: from the layer]
     #[arg(
         long,
         value_name = "VALUE",
@@ -130,7 +131,7 @@ struct PictureArgs {
         allow_hyphen_values = true
     )]
     overlay_threshold: Option<f64>,
-    /// The opacity of the overlay, 0 to 1. [default: from the map]
+    /// The opacity of the overlay, 0 to 1. [default: from the layer]
     #[arg(long, value_name = "SHARE", requires = "overlay")]
     overlay_opacity: Option<f64>,
 }
@@ -155,8 +156,8 @@ impl PictureArgs {
             points: self.points,
             paths: self.paths,
             annotate: self.annotate,
-            layer: self.layer,
-            overlay: self.overlay,
+            layer: self.layer.clone(),
+            overlay: self.overlay.clone(),
             overlay_window: self.overlay_window,
             overlay_colormap: self.overlay_colormap,
             overlay_threshold: self.overlay_threshold,
@@ -221,11 +222,11 @@ async fn of_case(
             "the store has no ready case with this id",
         )
     })?;
-    let layers = if choice.is_any() {
-        choice.of_maps(&*library.maps_now(&id).await?.found()?)?
-    } else {
-        KeyedLayers::default()
-    };
+    let chosen = choice.of_case(&library, &id).await?;
+    if chosen.has_maps() {
+        library.maps_now(&id).await?;
+    }
+    let layers = chosen.load(&library, &id).await?;
     let backend = backend_for(picture.asked.renderer, graphics).await;
     let job = warm_job(&model, picture, layers, backend).await?;
     let case = library.store().case(&id).await?;
@@ -264,9 +265,9 @@ async fn of_file(
     };
     let choice = picture.asked.layers();
     let layers = if choice.is_any() {
-        choice.of_maps(&case.maps()?)?
+        choice.among(&[])?.of_maps(&case.maps()?)?
     } else {
-        KeyedLayers::default()
+        PictureLayers::default()
     };
     let backend = backend_for(picture.asked.renderer, graphics).await;
     let shrink = async |depth_mm| {

@@ -13,10 +13,11 @@ use super::status::{CliError, ExitStatus};
 use crate::config::{Config, Secret};
 use crate::logs;
 use crate::start;
+use cases::arrivals::ArrivalReader;
 use cases::jobs::Workers;
 use cases::pictures::GpuUse;
-use service::app::app;
-use service::listen;
+use http_support::listen;
+use pacs::{Background, dimse};
 use service::state::AppState;
 
 /// The variable for the token. There is no flag, because everyone on a machine can see command lines.
@@ -82,7 +83,11 @@ pub(super) struct Server {
     pub(super) state: AppState,
     pub(super) address: SocketAddr,
     workers: Workers,
+    arrivals: ArrivalReader,
+    background: Background,
     serving: tokio::task::JoinHandle<()>,
+    /// The listener for C-STORE, if there is one.
+    dimse: Option<tokio::task::JoinHandle<()>>,
     grace: Duration,
 }
 
@@ -90,23 +95,34 @@ impl Server {
     /// Opens the store, binds the address, and starts workers and the server.
     pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
         let state = start::open(config).await?;
-        let taken = |error| {
-            let message = format!("cannot listen on {}: {error}", config.http.listen);
-            CliError::new(ExitStatus::Unavailable, message)
-        };
-        let listener = TcpListener::bind(config.http.listen).await.map_err(taken)?;
-        let address = listener.local_addr().map_err(taken)?;
+        let pacs = start::pacs(config, &state.cases)?;
+        let (listener, address) = bind(config.http.listen).await?;
         let workers = Workers::start(state.cases.library.clone(), config.prepare.workers);
         let limits = config.connection_limits();
+        let grace = limits.shutdown_grace;
+        let dimse = match config.pacs.dimse()? {
+            Some((listen, options)) => {
+                let (listener, address) = bind(listen).await?;
+                tracing::info!(%address, "listening for C-STORE");
+                let stop = state.stopping().begun();
+                let serving = dimse::serve(listener, pacs.clone(), options, stop, grace);
+                Some(tokio::spawn(serving))
+            }
+            None => None,
+        };
         let stop = stop_of(state.clone());
-        let serving = tokio::spawn(listen::serve(listener, app(state.clone()), limits, stop));
+        let router = start::router(&state, &pacs);
+        let serving = tokio::spawn(listen::serve(listener, router, limits, stop));
         tracing::info!(%address, "listening");
         Ok(Self {
+            arrivals: ArrivalReader::start(state.cases.clone(), config.pacs.arrivals()),
+            background: Background::start(pacs),
             state,
             address,
             workers,
             serving,
-            grace: limits.shutdown_grace,
+            dimse,
+            grace,
         })
     }
 
@@ -115,10 +131,28 @@ impl Server {
         if let Err(error) = self.serving.await {
             tracing::error!(%error, "the listener failed");
         }
+        if let Some(dimse) = self.dimse
+            && let Err(error) = dimse.await
+        {
+            tracing::error!(%error, "the listener for C-STORE failed");
+        }
+        self.background.shut_down(self.grace).await;
+        self.arrivals.shut_down(self.grace).await;
         self.workers.shut_down(self.grace).await;
         self.state.cases.store().close().await;
         tracing::info!("stopped");
     }
+}
+
+/// A listener, and its address.
+async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), CliError> {
+    let taken = |error| {
+        let message = format!("cannot listen on {listen}: {error}");
+        CliError::new(ExitStatus::Unavailable, message)
+    };
+    let listener = TcpListener::bind(listen).await.map_err(taken)?;
+    let address = listener.local_addr().map_err(taken)?;
+    Ok((listener, address))
 }
 
 /// Resolves at Ctrl-C or SIGTERM, after ending endless answers.

@@ -108,11 +108,12 @@ impl From<Error> for CliError {
     fn from(error: Error) -> Self {
         let status = match &error {
             Error::Parameter { .. } => ExitStatus::Usage,
-            Error::NoSuchCase => ExitStatus::NoInput,
+            Error::NoSuchCase | Error::NoSuchLayer => ExitStatus::NoInput,
+            Error::TooManyLayers { .. } | Error::LayerNameTaken => ExitStatus::BadInput,
             Error::Failure(failure) => return failure.clone().into(),
             Error::NotReady { .. } | Error::LayerNotReady | Error::Busy => ExitStatus::Unavailable,
             Error::Geometry(_) | Error::MapsUndefined { .. } => ExitStatus::BadInput,
-            Error::Store(_) => ExitStatus::InputOutput,
+            Error::Store(_) | Error::StorageFailed(_) => ExitStatus::InputOutput,
             Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
         };
         Self::new(status, error)

@@ -1,6 +1,7 @@
 //! The configuration: a TOML file with a section for each concern, overridden by the environment, overridden by the
 //! command line.
 
+mod pacs;
 mod renamed;
 mod sections;
 
@@ -10,20 +11,21 @@ use std::time::Duration;
 
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
+use http_support::auth::{Access, BadToken};
+use http_support::listen::ConnectionLimits;
+use http_support::pace::LeastRate;
 use pipeline::HeadLimits;
 use serde::Deserialize;
-use service::auth::{Access, BadToken};
-use service::listen::ConnectionLimits;
-use service::pace::LeastRate;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 
 use crate::logs::LogFormat;
 
+pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::renamed::RenamedKey;
 pub use self::sections::{DEFAULT_LISTEN, Http, Limits, MapsUse, Prepare, Render, Secret, Storage};
 
 /// The limit for unpacked DICOM files, relative to the limit for an upload.
-const DICOM_UNPACKING: u64 = 4;
+pub(crate) const DICOM_UNPACKING: u64 = 4;
 
 /// All settings with their defaults. The keys of the file are the names of the fields.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -37,6 +39,8 @@ pub struct Config {
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
+    /// Images from a PACS.
+    pub pacs: Pacs,
     /// Preparation of cases.
     pub prepare: Prepare,
     /// Rendering.
@@ -58,6 +62,7 @@ impl Default for Config {
             log: "info".to_owned(),
             http: Http::default(),
             limits: Limits::default(),
+            pacs: Pacs::default(),
             prepare: Prepare::default(),
             render: Render::default(),
             storage: Storage::default(),
@@ -114,6 +119,28 @@ pub enum ConfigError {
         /// The reason.
         source: BadAddress,
     },
+    /// A node of the PACS is invalid.
+    #[error("the node `{name}` in `pacs.nodes` is invalid: {source}")]
+    Node {
+        /// Its name.
+        name: String,
+        /// The reason.
+        source: ::pacs::node::BadNode,
+    },
+    /// The credentials of a node are incomplete, or of two kinds.
+    #[error("the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them")]
+    NodeCredentials {
+        /// Its name.
+        name: String,
+    },
+    /// Two nodes have one name.
+    #[error("two nodes in `pacs.nodes` have the same name")]
+    SameNode,
+    /// An application entity title is invalid.
+    #[error(
+        "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without spaces and backslashes"
+    )]
+    Aet,
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
     Zero {
@@ -182,6 +209,10 @@ impl Config {
                 "limits.max_queued_cases",
                 self.limits.max_queued_cases as u64,
             ),
+            (
+                "limits.preparation_threads",
+                self.limits.preparation_threads as u64,
+            ),
             ("prepare.max_secs", self.prepare.max_secs),
             ("render.threads", self.render.threads as u64),
             (
@@ -203,8 +234,10 @@ impl Config {
             ("http.answer_timeout_secs", self.http.answer_timeout_secs),
             ("http.upload_idle_secs", self.http.upload_idle_secs),
             ("http.upload_timeout_secs", self.http.upload_timeout_secs),
+            ("storage.keep_days", self.storage.keep_days.unwrap_or(1)),
         ];
-        match counts.into_iter().find(|&(_, value)| value == 0) {
+        let mut counts = counts.into_iter().chain(self.pacs.counts());
+        match counts.find(|&(_, value)| value == 0) {
             Some((key, _)) => Err(ConfigError::Zero { key }),
             None => Ok(()),
         }
@@ -245,6 +278,7 @@ impl Config {
                 queue_limit: self.limits.max_queued_cases,
                 min_free_bytes: self.storage.min_free_bytes,
                 longest_preparation: Duration::from_secs(self.prepare.max_secs),
+                keep: self.storage.keep_days.map(days),
                 ..storage::Options::default()
             },
             network: self.prepare.network.clone(),
@@ -260,7 +294,9 @@ impl Config {
             render_threads: self.render.threads,
             max_queued_renders: self.limits.max_queued_renders,
             model_cache_bytes: self.render.model_cache_bytes,
+            preparation_threads: self.limits.preparation_threads,
             makes_maps: self.limits.maps == MapsUse::On,
+            max_layers: self.limits.max_layers,
             graphics: GraphicsOptions {
                 use_of: self.render.gpu,
                 at_a_time: self.render.threads,
@@ -268,6 +304,7 @@ impl Config {
             },
             dicom_program: self.dicom_program.clone(),
             max_dicom_bytes: self.limits.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
+            deidentify: self.pacs.deidentify,
         })
     }
 
@@ -285,6 +322,10 @@ impl Config {
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }
+}
+
+fn days(count: u64) -> Duration {
+    Duration::from_secs(count.saturating_mul(24 * 3600))
 }
 
 /// Reads a file that only its owner may read; `what` names it in the log.
@@ -382,6 +423,17 @@ mod tests {
         let error = parsed("gpu = \"off\"\n[render]\ngpu = \"auto\"").unwrap_err();
         assert!(matches!(error, ConfigError::Twice { .. }));
         assert!(error.to_string().contains("[render]"), "{error}");
+    }
+
+    #[test]
+    fn cases_are_kept_for_ever_unless_days_are_set_and_never_for_none() {
+        let keep = |text: &str| parsed(text).unwrap().cases().unwrap().store.keep;
+        assert_eq!(keep(""), None);
+        let two_days = Some(Duration::from_secs(172_800));
+        assert_eq!(keep("[storage]\nkeep_days = 2"), two_days);
+        let none = parsed("[storage]\nkeep_days = 0").unwrap();
+        let error = none.check().unwrap_err().to_string();
+        assert!(error.contains("`storage.keep_days`"), "{error}");
     }
 
     #[test]

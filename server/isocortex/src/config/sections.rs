@@ -66,7 +66,12 @@ impl Default for Http {
     }
 }
 
-/// `[limits]`: limits on uploads and queues.
+/// The number of CPU cores.
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// `[limits]`: limits on uploads, preparations and queues.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
@@ -84,10 +89,14 @@ pub struct Limits {
     pub max_field_mm: f64,
     /// The greatest ratio of two edges of a voxel.
     pub max_voxel_ratio: f64,
+    /// Threads of a preparation; by default, one for each CPU core.
+    pub preparation_threads: usize,
     /// Cases that may wait to be prepared.
     pub max_queued_cases: usize,
     /// Pictures, meshes and checks of uploads that may wait.
     pub max_queued_renders: usize,
+    /// Layers of a case.
+    pub max_layers: usize,
     /// Whether to compute the maps of the junction of grey and white matter.
     pub maps: MapsUse,
 }
@@ -114,8 +123,10 @@ impl Default for Limits {
             min_field_mm: head.field_mm[0],
             max_field_mm: head.field_mm[1],
             max_voxel_ratio: head.max_ratio,
+            preparation_threads: cores(),
             max_queued_cases: 64,
             max_queued_renders: 64,
+            max_layers: 20,
             maps: MapsUse::default(),
         }
     }
@@ -160,7 +171,7 @@ pub struct Render {
 impl Default for Render {
     fn default() -> Self {
         Self {
-            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            threads: cores(),
             gpu: GpuUse::default(),
             gpu_case_bytes: 1 << 30,
             model_cache_bytes: 512 << 20,
@@ -180,6 +191,8 @@ pub struct Storage {
     pub database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: `s3://bucket/prefix` or `file:///folder`.
     pub objects: Option<String>,
+    /// The age in days at which ready and failed cases are removed, unless they are kept; by default none is.
+    pub keep_days: Option<u64>,
     /// Free bytes on the disk of the store below which `/readyz` reports a full disk.
     pub min_free_bytes: u64,
 }
@@ -191,6 +204,7 @@ impl Default for Storage {
             database: None,
             database_password_file: None,
             objects: None,
+            keep_days: None,
             min_free_bytes: 64 << 20,
         }
     }

@@ -1,7 +1,7 @@
 //! The maps of a case, or the reason why it has none.
 
 use analysis::{MapKind, StoredMap};
-use case::CandidateFacts;
+use case::{CandidateFacts, JunctionBandFacts};
 use serde::{Deserialize, Serialize};
 
 use super::bytes::Reader;
@@ -18,6 +18,8 @@ struct ObjectHead {
     undefined: Option<String>,
     #[serde(default)]
     candidates: Vec<CandidateFacts>,
+    #[serde(default)]
+    junction_by_depth: Vec<JunctionBandFacts>,
 }
 
 /// The payload of maps, or of the reason for none.
@@ -28,6 +30,9 @@ pub fn encode_maps(maps: &MapsOrReason) -> Vec<u8> {
         candidates: maps
             .as_ref()
             .map_or_else(|_| Vec::new(), |maps| maps.candidates.clone()),
+        junction_by_depth: maps
+            .as_ref()
+            .map_or_else(|_| Vec::new(), |maps| maps.junction_by_depth.clone()),
     };
     let head = serde_json::to_vec(&head).expect("numbers and names");
     let mut bytes = Vec::new();
@@ -65,5 +70,6 @@ pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
     Some(Ok(CaseMaps {
         maps,
         candidates: head.candidates,
+        junction_by_depth: head.junction_by_depth,
     }))
 }

@@ -6,10 +6,10 @@ use super::GpuSurface;
 use super::job::Call;
 use crate::FrameSize;
 
-/// How far the isosurface may be outside of the ball that is smaller by its depth, in working voxels: see `uniforms`.
+/// How far the isosurface may lie outside the bounding ball shrunk by its depth, in working voxels: see `uniforms`.
 const BALL_MARGIN: f64 = 4.0;
 
-/// Pixels around what is drawn that count as well.
+/// The margin around the drawn pixels, in pixels.
 const MARGIN: f64 = 2.0;
 
 /// A block of pixels.
@@ -20,7 +20,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// The pixels that a picture may cover: those around its vertices, or around the ball that its isosurface lies in.
+    /// The pixels that a picture may cover: those around its vertices, or around the ball that contains its isosurface.
     pub(super) fn around(call: &Call<'_>) -> Self {
         let projection = call.request.projection(&call.scene);
         let frame_from_patient = projection.frame_from_patient();
@@ -45,10 +45,10 @@ impl Block {
         }
     }
 
-    /// The pixels of a picture between two places and some around them; none where a place is not a number.
+    /// The pixels of a picture between two positions, with a margin; none if a position is not a number.
     fn between(low: DVec2, high: DVec2, size: FrameSize) -> Self {
         let last = DVec2::new(f64::from(size.width()), f64::from(size.height()));
-        // A conversion of what is not a number gives 0.
+        // NaN would be converted to 0.
         let pixel = |place: DVec2| {
             place
                 .clamp(DVec2::ZERO, last)

@@ -15,7 +15,7 @@ use super::reduce::{reduced, reduced_size, reduction};
 use super::texels::Texels;
 use crate::Scene;
 
-/// Bytes uploaded at once: the driver keeps a copy of them until they are on the device.
+/// The number of bytes to upload at once: the driver keeps a copy of them until the device has them.
 const UPLOAD_BYTES: usize = 32 << 20;
 
 /// Bytes of a voxel of the working grid on the device: its depth, gradient and smoothed depth.

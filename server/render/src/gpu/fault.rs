@@ -1,4 +1,4 @@
-//! Faults that tests ask for.
+//! Faults that tests simulate.
 
 /// A simulated fault of a graphics device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

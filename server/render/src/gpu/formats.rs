@@ -1,15 +1,15 @@
-//! The formats of the pictures that are drawn into.
+//! The formats of render targets.
 
 use wgpu::TextureFormat;
 
-/// Colours, times how much of the pixel is covered: alpha.
+/// Colours, multiplied by alpha, the covered fraction of the pixel.
 pub(super) const COLOR: TextureFormat = TextureFormat::Rgba8Unorm;
 
-/// Heights in mm; far below every height where nothing is.
+/// Heights in mm; the background is far below every height.
 pub(super) const HEIGHT: TextureFormat = TextureFormat::R32Float;
 
-/// Samples of a pixel of the mesh's depth buffer, where they are offered: `SAMPLES` in `multisampled.wgsl`.
+/// Samples per pixel of the depth buffer of a mesh, if the device offers them: `SAMPLES` in `multisampled.wgsl`.
 pub(super) const SAMPLES: u32 = 4;
 
-/// What is nearer to the viewer.
+/// The nearer fragment wins.
 pub(super) const DEPTH: TextureFormat = TextureFormat::Depth32Float;

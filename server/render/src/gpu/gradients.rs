@@ -1,9 +1,9 @@
-//! The direction of depth at voxel centres.
+//! The gradient of the depth at voxel centres.
 
 use geometry::DepthField;
 use rayon::prelude::*;
 
-/// Central differences of a field, per voxel, in 1/127: what [`DepthField::gradient`] interpolates.
+/// Central differences of a field, per voxel, in 1/127: the values that [`DepthField::gradient`] interpolates.
 ///
 /// The fourth byte is 0. On the faces of the grid, where a neighbour is missing, the gradient is 0.
 pub(super) fn gradients(field: &DepthField) -> Vec<[i8; 4]> {

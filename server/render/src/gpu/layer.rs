@@ -21,13 +21,15 @@ pub(super) struct LayerTexture {
     pub(super) scale: f32,
     pub(super) offset: f32,
     pub(super) voxel_from_case: DAffine3,
+    /// Whether a position has the value of its nearest voxel.
+    pub(super) is_nearest: bool,
 }
 
 /// Bytes of a layer on the device.
 pub(super) fn layer_bytes(layer: &Layer) -> u64 {
     let voxels: u64 = layer.size().iter().map(|&side| side as u64).product();
     match layer.values() {
-        LayerValues::Codes { .. } => 2 * voxels,
+        LayerValues::Codes { .. } | LayerValues::Labels { .. } => 2 * voxels,
         LayerValues::Numbers(_) => 4 * voxels,
     }
 }
@@ -47,10 +49,9 @@ impl LayerTexture {
         }
         let (view, scale, offset) = match layer.values() {
             LayerValues::Codes { codes, least, step } => {
-                let pairs: Vec<[u8; 2]> = codes.iter().map(|&code| code_pair(code)).collect();
-                let view = filled(open, TextureFormat::Rg8Unorm, size, &pairs);
-                (view, 255.0 * step, least - step)
+                (of_codes(open, size, codes), 255.0 * step, least - step)
             }
+            LayerValues::Labels { codes, .. } => (of_codes(open, size, codes), 255.0, 0.0),
             LayerValues::Numbers(numbers) => {
                 let [least, length] = range(numbers);
                 let pair = |&number: &f32| match number.is_nan() {
@@ -68,6 +69,7 @@ impl LayerTexture {
             scale,
             offset,
             voxel_from_case: layer.voxel_from_case(),
+            is_nearest: layer.has_labels(),
         })
     }
 
@@ -77,12 +79,16 @@ impl LayerTexture {
     }
 }
 
+fn of_codes(open: &OpenDevice, size: [usize; 3], codes: &[u8]) -> TextureView {
+    let pairs: Vec<[u8; 2]> = codes.iter().map(|&code| code_pair(code)).collect();
+    filled(open, TextureFormat::Rg8Unorm, size, &pairs)
+}
+
 fn code_pair(code: u8) -> [u8; 2] {
     [code, if code > 0 { 255 } else { 0 }]
 }
 
-/// The least of the numbers that are defined, and how far they reach from there: the texels of half precision are most
-/// exact in 0 to 1.
+/// The least defined number and the range above it: half-precision texels are most exact from 0 to 1.
 fn range(numbers: &[f32]) -> [f32; 2] {
     let defined = numbers.iter().filter(|number| !number.is_nan());
     let (least, most) = defined.fold(

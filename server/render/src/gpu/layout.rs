@@ -50,7 +50,8 @@ pub(super) struct Picture {
     pub(super) overlay_color_row: u32,
     pub(super) overlay_is_diverging: u32,
     pub(super) volume_has_gaps: u32,
-    pub(super) _padding_of_overlay: [u32; 3],
+    pub(super) overlay_is_nearest: u32,
+    pub(super) _padding_of_overlay: [u32; 2],
 }
 
 /// Twin of `Paths` in `shrink.wgsl`.

@@ -14,15 +14,15 @@ use super::shaders;
 /// The kind of a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Pass {
-    /// The mesh's depth alone, several samples a pixel.
+    /// Only the depth of the mesh, with several samples per pixel.
     MeshDepth,
-    /// The mesh's colours from its depth; alpha is how much of the pixel is covered.
+    /// The colours of the mesh, from its depth; alpha is the covered fraction of the pixel.
     MeshResolved,
-    /// The mesh's colours, its facets one by one: where there is one sample a pixel.
+    /// The colours of the mesh, drawn facet by facet, with one sample per pixel.
     MeshShaded,
     /// The height of the mesh in mm.
     MeshHeight,
-    /// The isosurface's colours.
+    /// The colours of the isosurface.
     TraceShaded,
     /// The height of the isosurface in mm.
     TraceHeight,
@@ -38,7 +38,7 @@ impl Pass {
         Self::TraceHeight,
     ];
 
-    /// Whether triangles of a mesh are drawn, and not one over the whole picture.
+    /// Whether the triangles of a mesh are drawn, rather than one triangle over the whole picture.
     fn draws_facets(self) -> bool {
         matches!(self, Self::MeshDepth | Self::MeshShaded | Self::MeshHeight)
     }
@@ -117,7 +117,7 @@ impl Pipelines {
         }
     }
 
-    /// The layout of what [`Pipelines::bind_case`] binds.
+    /// The layout of the bindings of [`Pipelines::bind_case`].
     #[cfg(test)]
     pub(super) fn case_layout(&self) -> &BindGroupLayout {
         &self.case_layout
@@ -235,7 +235,7 @@ fn pipeline(
         Pass::MeshHeight | Pass::TraceHeight => [Some(HEIGHT.into())],
         _ => [Some(COLOR.into())],
     };
-    // Facets are seen from both sides: where a shrunk mesh folds, some are turned round.
+    // Facets are visible from both sides: where a shrunk mesh folds, some are reversed.
     let is_multisampled = pass == Pass::MeshDepth && open.is_multisampled;
     open.device
         .create_render_pipeline(&wgpu::RenderPipelineDescriptor {

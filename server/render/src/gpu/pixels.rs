@@ -3,7 +3,7 @@
 use super::target::MISS;
 use crate::{Frame, FrameSize, PixelFormat};
 
-/// A frame of rows of red, green, blue and alpha, the colours times alpha, each with padding at its end.
+/// A frame from rows of red, green, blue and alpha, premultiplied, each with padding at its end.
 pub(super) fn frame<'a>(
     size: FrameSize,
     format: PixelFormat,
@@ -34,7 +34,7 @@ pub(super) fn frame<'a>(
     Frame::new(size, format, bytes)
 }
 
-/// Undoes the multiplication of a colour by alpha.
+/// A colour channel without its multiplication by alpha.
 fn straight(color: u8, alpha: u8) -> u8 {
     match alpha {
         0 => 0,
@@ -43,7 +43,7 @@ fn straight(color: u8, alpha: u8) -> u8 {
     }
 }
 
-/// Heights in mm of rows of single-precision numbers; −∞ where there is nothing.
+/// Heights in mm from rows of single-precision numbers; −∞ for the background.
 pub(super) fn heights<'a>(size: FrameSize, rows: impl Iterator<Item = &'a [u8]>) -> Vec<f32> {
     rows.flat_map(|row| {
         let (heights, _) = row.as_chunks::<4>();

@@ -26,7 +26,7 @@ pub struct GpuOptions {
     pub queue: usize,
     /// Bytes of the textures of cases on each device.
     pub case_bytes: u64,
-    /// The longest side of a 3-D texture, where it is to be less than the adapter's own limit.
+    /// The longest side of a 3-D texture, if it must be less than the limit of the adapter.
     pub max_side_3d: Option<u32>,
 }
 
@@ -60,7 +60,7 @@ enum Task {
     Break(Fault),
 }
 
-/// A future of a queued picture. The picture is not drawn if the ticket is dropped before its turn.
+/// The future of a queued picture. If it is dropped before its turn, the picture is not drawn.
 #[derive(Debug)]
 pub struct GpuTicket<T>(oneshot::Receiver<Result<T, GpuError>>);
 
@@ -132,7 +132,8 @@ impl GpuPool {
         self.begin_draw(job)?.wait()
     }
 
-    /// Finds what each pixel of [`GpuPool::draw`] shows and waits for it; at a mesh's edges without in-between pixels.
+    /// Finds the point that each pixel of [`GpuPool::draw`] shows, and waits for it. The edges of a mesh are not
+    /// antialiased.
     ///
     /// # Errors
     /// As [`GpuPool::draw`].
@@ -145,17 +146,17 @@ impl GpuPool {
     /// Queues a picture without waiting.
     ///
     /// # Errors
-    /// [`GpuError::Busy`] when too many wait.
+    /// [`GpuError::Busy`] if too many pictures wait.
     pub fn begin_draw(&self, job: GpuJob) -> Result<GpuTicket<RenderedFrame>, GpuError> {
         let (reply, answer) = oneshot::channel();
         self.enqueue(Task::Frame(job, reply))?;
         Ok(GpuTicket(answer))
     }
 
-    /// Breaks a device, for tests: the next picture meets the fault.
+    /// Simulates a fault, for tests: the next picture encounters it.
     ///
     /// # Errors
-    /// [`GpuError::Busy`] when too many pictures wait.
+    /// [`GpuError::Busy`] if too many pictures wait.
     #[cfg(any(test, feature = "faults"))]
     pub fn break_device(&self, fault: Fault) -> Result<(), GpuError> {
         self.enqueue(Task::Break(fault))
@@ -172,7 +173,7 @@ impl GpuPool {
 
 impl Drop for GpuPool {
     fn drop(&mut self) {
-        // The threads end when the queue does.
+        // The threads end when the queue is closed.
         self.tasks = None;
         for thread in self.threads.drain(..) {
             // A thread that panicked has ended.
@@ -181,7 +182,7 @@ impl Drop for GpuPool {
     }
 }
 
-/// Runs a thread: opens its device, reports that, and draws until the queue ends.
+/// Runs a thread: opens its device, reports whether that succeeded, and draws until the queue is closed.
 fn work(
     adapter: Adapter,
     limits: GpuLimits,
@@ -191,7 +192,7 @@ fn work(
     let mut worker = match GpuWorker::new(adapter, limits) {
         Ok(worker) => worker,
         Err(error) => {
-            // Nobody listens if another thread failed before.
+            // Nobody receives this if another thread has failed.
             let _ = opened.send(Err(error));
             return;
         }

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-/// How many voxels along x, y and z become one, so that no side is longer than `max_side` and all of them, at two
-/// bytes, fit `max_bytes`; `[1, 1, 1]` when everything fits as it is.
+/// The number of voxels along x, y and z that become one, so that no side is longer than `max_side` and all voxels, of
+/// two bytes, fit into `max_bytes`; `[1, 1, 1]` if the volume fits unchanged.
 pub(super) fn reduction(size: [usize; 3], max_side: usize, max_bytes: u64) -> [usize; 3] {
     let mut factors = size.map(|side| side.div_ceil(max_side));
     loop {

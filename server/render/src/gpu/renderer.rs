@@ -31,18 +31,18 @@ const KEPT_PIXELS: usize = 2 << 20;
 /// The memory for layers is this fraction of the memory for cases.
 const LAYERS_PART: u64 = 4;
 
-/// How many kinds and sizes of pictures have their textures kept.
+/// The number of kinds and sizes of pictures whose textures are kept.
 const KEPT_TARGETS: usize = 4;
 
-/// How many sizes of meshes have their triangles kept.
+/// The number of mesh sizes whose triangles are kept.
 const KEPT_MESHES: usize = 8;
 
 /// Limits of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct GpuLimits {
-    /// Bytes of the textures of all cases together; those of layers have a quarter as much beside them.
+    /// Bytes for the textures of all cases together; layers have a quarter of this in addition.
     pub(super) case_bytes: u64,
-    /// The longest side of a 3-D texture, where it is to be less than the device's.
+    /// The longest side of a 3-D texture, if it must be less than the limit of the device.
     pub(super) max_side_3d: Option<u32>,
 }
 
@@ -118,7 +118,7 @@ impl GpuRenderer {
         })
     }
 
-    /// Finds what each pixel shows.
+    /// Finds the point that each pixel shows.
     pub(super) fn hits(&mut self, job: &GpuJob) -> Result<Hits, GpuError> {
         let call = job.call();
         let surface = surface_of(&call);
@@ -130,8 +130,8 @@ impl GpuRenderer {
         Ok(Hits::new(projection, heights_mm))
     }
 
-    /// Heights of what each pixel shows above the plane through the target's centre, in mm; −∞ where there is nothing.
-    /// A mesh is taken as it is.
+    /// The height of each pixel's point above the plane through the centre of the target, in mm; −∞ for the background. A
+    /// mesh is not smoothed.
     pub(super) fn heights(&mut self, call: &Call<'_>) -> Result<Vec<f32>, GpuError> {
         let size = call.request.parameters().size;
         self.run(call, Output::Height, |target, open| {
@@ -192,7 +192,7 @@ impl GpuRenderer {
         result
     }
 
-    /// Draws the triangles of a mesh, or one over the whole picture.
+    /// Draws the triangles of a mesh, or one triangle over the whole picture.
     fn fill(&self, render: &mut RenderPass<'_>, pass: Pass, triangles: Option<&Buffer>) {
         render.set_pipeline(self.pipelines.get(pass));
         match (triangles, &self.vertices) {
@@ -205,7 +205,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Writes the uniforms of a picture and binds its textures, which are on the device.
+    /// Writes the uniforms of a picture and binds its textures, which the device has already.
     pub(super) fn bind(&mut self, call: &Call<'_>) -> Result<BindGroup, GpuError> {
         let layers = LayerTextures {
             base: self.layer(call.layers.base.as_ref())?,
@@ -321,7 +321,7 @@ impl GpuRenderer {
     }
 }
 
-/// The surface to draw: near the envelope, the mesh without terraces.
+/// The surface to draw: near the envelope, a mesh without terraces.
 fn surface_of<'a>(call: &Call<'a>) -> Cow<'a, GpuSurface> {
     match call.surface {
         GpuSurface::Mesh { size, mesh } => match settled(mesh, &call.scene) {
@@ -332,7 +332,7 @@ fn surface_of<'a>(call: &Call<'a>) -> Cow<'a, GpuSurface> {
     }
 }
 
-/// The pass that draws without a depth buffer of several samples a pixel.
+/// The pass that draws without a depth buffer of several samples per pixel.
 fn one_pass(surface: Surface, output: Output) -> Pass {
     match (surface, output) {
         (Surface::Mesh, Output::Color) => Pass::MeshShaded,
@@ -342,7 +342,7 @@ fn one_pass(surface: Surface, output: Output) -> Pass {
     }
 }
 
-/// The colour maps, one a row.
+/// The colour maps, one per row.
 fn colors(open: &OpenDevice) -> TextureView {
     let texels: Vec<[u8; 4]> = ColorMap::ALL
         .into_iter()

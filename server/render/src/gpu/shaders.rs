@@ -1,4 +1,4 @@
-//! The shaders' text, put together from the files of the folder `shaders/`.
+//! The source of the shaders, assembled from the files of the folder `shaders/`.
 
 macro_rules! wgsl {
     ($($name:literal),+) => {
@@ -6,7 +6,7 @@ macro_rules! wgsl {
     };
 }
 
-/// The same after all that shades a point of a surface.
+/// The source from these files, after everything that shades a point of a surface.
 macro_rules! shaded {
     ($($name:literal),+) => {
         wgsl!("picture", "trilinear", "gradient", "window", "colormap", "overlay", "light", "shade", $($name),+)
@@ -19,7 +19,7 @@ pub(super) const MESH: &str = shaded!("mesh");
 /// The mesh's vertices from the table of all depths: `shrunk_vertex`. The page draws with them.
 pub(super) const SHRINK: &str = wgsl!("picture", "trilinear", "gradient", "shrink");
 
-/// The same beside the entry points of [`MESH`], for a test to draw with.
+/// The same with the entry points of [`MESH`], for tests.
 #[cfg(test)]
 pub(super) const SHRUNK_MESH: &str = shaded!("mesh", "shrink");
 
@@ -31,6 +31,9 @@ pub(super) const RESOLVE: &str = shaded!("sight", "resolve", "multisampled");
 
 /// The mesh from a depth buffer of the pane's own size or twice that: `screen_vertex`, `mesh_reduced`. The page draws with it.
 pub(super) const REDUCE: &str = shaded!("sight", "resolve", "enlarged");
+
+/// A slice: `screen_vertex`, `slice_shaded`. The page draws with it; [`draw_slice`](crate::draw_slice) is its twin.
+pub(super) const SLICE: &str = shaded!("sight", "slice");
 
 /// A stage of a shader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,14 +51,14 @@ pub struct PageShader {
     pub file: &'static str,
     /// WGSL.
     pub source: &'static str,
-    /// Which stage of it.
+    /// The stage.
     pub stage: PageStage,
-    /// The function that begins the stage.
+    /// The entry point of the stage.
     pub entry_point: &'static str,
 }
 
-/// All that the page draws with.
-pub const PAGE_SHADERS: [PageShader; 5] = {
+/// All stages that the page draws with.
+pub const PAGE_SHADERS: [PageShader; 6] = {
     use PageStage::{Fragment, Vertex};
     [
         page_shader("mesh.vert.glsl", MESH, Vertex, "mesh_vertex"),
@@ -63,6 +66,7 @@ pub const PAGE_SHADERS: [PageShader; 5] = {
         page_shader("reduce.frag.glsl", REDUCE, Fragment, "mesh_reduced"),
         page_shader("screen.vert.glsl", TRACE, Vertex, "screen_vertex"),
         page_shader("trace.frag.glsl", TRACE, Fragment, "trace_shaded"),
+        page_shader("slice.frag.glsl", SLICE, Fragment, "slice_shaded"),
     ]
 };
 

@@ -18,13 +18,13 @@ use crate::FrameSize;
 /// Below every height: `MISS` in `trace.wgsl`.
 pub(super) const MISS: f32 = -1e30;
 
-/// Both formats that are read back have four bytes a pixel.
+/// Both formats that are read back have four bytes per pixel.
 const PIXEL_BYTES: u32 = 4;
 
-/// The time limit for a picture. A driver that exceeds it hangs.
+/// The time limit for a picture. A driver that exceeds it counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A surface and the size and kind of its picture.
+/// A surface, with the size and kind of its picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Plan {
     pub(super) size: FrameSize,
@@ -64,9 +64,9 @@ pub(super) struct Target {
 enum Depth {
     /// None is needed.
     None,
-    /// One sample a pixel, beside the picture.
+    /// One sample per pixel, filled together with the picture.
     Plain(TextureView),
-    /// Several, filled before the picture is.
+    /// Several samples per pixel, filled before the picture.
     Multisampled { view: TextureView, bound: BindGroup },
 }
 
@@ -122,7 +122,7 @@ impl Target {
         }
     }
 
-    /// The depth buffer of several samples a pixel, to be read; `None` if the picture needs none.
+    /// The depth buffer of several samples per pixel, for reading; `None` if the picture needs none.
     pub(super) fn multisampled_depth(&self) -> Option<&BindGroup> {
         match &self.depth {
             Depth::Multisampled { bound, .. } => Some(bound),
@@ -130,7 +130,7 @@ impl Target {
         }
     }
 
-    /// Begins the depth buffer of several samples a pixel: nothing is near.
+    /// Clears the depth buffer of several samples per pixel.
     pub(super) fn begin_depth<'a>(&self, encoder: &'a mut CommandEncoder) -> RenderPass<'a> {
         let depth = match &self.depth {
             Depth::Multisampled { view, .. } => Some(cleared_depth(view, StoreOp::Store)),
@@ -139,7 +139,7 @@ impl Target {
         begin(encoder, &[], depth)
     }
 
-    /// Begins a picture of nothing but background.
+    /// Begins a picture, which shows only the background.
     pub(super) fn begin_picture<'a>(&self, encoder: &'a mut CommandEncoder) -> RenderPass<'a> {
         let background = match self.plan.output {
             Output::Color => Color::TRANSPARENT,
@@ -164,7 +164,7 @@ impl Target {
         begin(encoder, &[Some(picture)], depth)
     }
 
-    /// Copies the finished picture to where it can be read.
+    /// Copies the finished picture into the buffer that can be read.
     pub(super) fn copy_out(&self, encoder: &mut CommandEncoder) {
         encoder.copy_texture_to_buffer(
             self.texture.as_image_copy(),
@@ -180,7 +180,7 @@ impl Target {
         );
     }
 
-    /// Waits for the picture and reads it: `read` gets its rows, each with padding behind its pixels.
+    /// Waits for the picture and reads it: `read` gets its rows, each with padding after its pixels.
     pub(super) fn read<T>(
         &self,
         open: &OpenDevice,
@@ -190,7 +190,7 @@ impl Target {
         let (sender, receiver) = mpsc::channel();
         self.readback
             .map_async(wgpu::MapMode::Read, .., move |result| {
-                // After a hang, nobody waits.
+                // After a time-out, nobody receives this.
                 let _ = sender.send(result);
             });
         let waited = open.device.poll(wgpu::PollType::Wait {

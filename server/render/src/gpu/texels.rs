@@ -6,7 +6,7 @@ use geometry::DepthField;
 use half::f16;
 use wgpu::TextureFormat;
 
-/// Sixteen bits of a texture that is filtered between its texels.
+/// A format of 16 bits that can be filtered between texels.
 ///
 /// Whole numbers, which are exact, if the device can filter them. Otherwise half-precision numbers, which every device
 /// can filter: then depths beyond 16 voxels are off by up to 1/128 voxel, and intensities are exact up to 2,048.
@@ -18,7 +18,7 @@ pub(super) enum Texels {
     Half,
 }
 
-/// Stored intensities are divided by this, so that the greatest are half-precision numbers.
+/// Stored intensities are divided by this, so that the greatest fit into half precision.
 const HALF_SCALE: f32 = 32.0;
 
 impl Texels {
@@ -36,7 +36,7 @@ impl Texels {
         }
     }
 
-    /// Stored intensity of a texel of 1.
+    /// The stored intensity of a texel of 1.
     pub(super) fn stored_scale(self) -> f32 {
         match self {
             Self::Whole => f32::from(u16::MAX),
@@ -44,7 +44,7 @@ impl Texels {
         }
     }
 
-    /// Depth, in voxels, of a texel of 1.
+    /// The depth, in voxels, of a texel of 1.
     pub(super) fn depth_scale(self) -> f32 {
         match self {
             Self::Whole => f32::from(i16::MAX) / DepthField::STEPS_PER_VOXEL,

@@ -12,19 +12,19 @@ use crate::rays::single;
 use crate::shade::{slab_offsets, texture_rescale};
 use crate::{ColorMap, RenderRequest, Scene};
 
-/// How far the isosurface may be outside of the ball and the box that are smaller by its depth, in voxels.
+/// How far the isosurface may lie outside the bounding ball and box shrunk by its depth, in voxels.
 ///
-/// A point of it has a voxel at least as deep within one voxel along each axis. Within a voxel of that voxel's depth,
-/// the box's face is left; the ball's, within a voxel more, for the border voxel beside a line from the centre. The
-/// smoothed field is less than a voxel off.
+/// Near each of its points, at most one voxel away along each axis, is a voxel at least as deep. That voxel is at least
+/// its own depth inside the box, but for one voxel, and inside the ball, but for one voxel more, because the border
+/// voxel lies beside the line from the centre. The smoothed field differs by less than a voxel.
 const BOX_MARGIN: f64 = 2.01;
 const BALL_MARGIN: f64 = 4.0;
 
-/// How far the mesh may be outside of the ball around the envelope, in voxels.
+/// How far the mesh may lie outside the ball around the envelope, in voxels.
 const CLIP_MARGIN: f64 = 4.0;
 
-/// How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: a face seen at a steep
-/// angle.
+/// The greatest difference of depth, in pixels, between the samples of one piece of the surface in a pixel: a face at a
+/// steep angle.
 const PIECE_PIXELS: f64 = 8.0;
 
 /// The layers of a picture, on the device.
@@ -112,12 +112,13 @@ pub(super) fn picture(
         overlay_color_row: style.map_or(0, |style| color_row(style.parameters().colormap)),
         overlay_is_diverging: u32::from(ramp.is_some_and(|ramp| ramp.is_diverging)),
         volume_has_gaps: u32::from(base.is_some()),
-        _padding_of_overlay: [0; 3],
+        overlay_is_nearest: u32::from(overlay.is_some_and(|overlay| overlay.is_nearest)),
+        _padding_of_overlay: [0; 2],
         clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
     }
 }
 
-/// The planes behind which the isosurface is unknown; nothing is behind a plane of zeros.
+/// The planes beyond which the isosurface is unknown; nothing is beyond a plane of zeros.
 fn cuts(scene: &Scene<'_>, depth_mm: f64) -> [CutPlane; MOST_CUTS] {
     let planes = cut_planes(scene.field, depth_mm);
     std::array::from_fn(|index| planes.get(index).copied().unwrap_or_default())
@@ -127,7 +128,7 @@ fn cuts(scene: &Scene<'_>, depth_mm: f64) -> [CutPlane; MOST_CUTS] {
 fn volume_from_field(scene: &Scene<'_>, maps: &CaseMaps) -> DAffine3 {
     let native_from_field =
         scene.volume.grid().voxel_from_patient() * scene.field.grid().patient_from_voxel();
-    // The centre of a block of n voxels is (n − 1)/2 voxels after the centre of its first.
+    // The centre of a block of n voxels is (n − 1)/2 voxels after the centre of its first voxel.
     let block = DVec3::from(maps.reduction.map(|voxels| voxels as f64));
     let texel_from_native = DAffine3::from_scale(block.recip())
         * DAffine3::from_translation((DVec3::ONE - block) / 2.0);

@@ -14,10 +14,10 @@ pub(super) struct GpuWorker {
     limits: GpuLimits,
     renderer: Option<GpuRenderer>,
     reopened: u64,
-    /// Attempts for which memory exhaustion is simulated.
+    /// The number of attempts for which exhausted memory is simulated.
     #[cfg(any(test, feature = "faults"))]
     shortages: u32,
-    /// Whether the next attempt is to panic.
+    /// Whether the next attempt must panic.
     #[cfg(any(test, feature = "faults"))]
     panics: bool,
 }
@@ -38,13 +38,14 @@ impl GpuWorker {
         })
     }
 
-    /// How often the device was opened again.
+    /// The number of times that the device was opened again.
     #[cfg(test)]
     pub(super) fn reopened(&self) -> u64 {
         self.reopened
     }
 
-    /// Draws. If the device is lost, draws again on a new one; without memory, draws again with everything else freed.
+    /// Draws. If the device is lost, draws again on a new one; if memory is exhausted, frees everything else and draws
+    /// again.
     pub(super) fn attempt<T>(
         &mut self,
         mut draw: impl FnMut(&mut GpuRenderer) -> Result<T, GpuError>,
@@ -63,7 +64,7 @@ impl GpuWorker {
         result
     }
 
-    /// Breaks the device.
+    /// Simulates a fault of the device.
     #[cfg(any(test, feature = "faults"))]
     pub(super) fn meet(&mut self, fault: super::fault::Fault) {
         match (fault, &self.renderer) {
@@ -74,7 +75,7 @@ impl GpuWorker {
         }
     }
 
-    /// Panics, or lets the driver report that there is no memory, if a test asked for it.
+    /// Panics, or lets the driver report exhausted memory, if a test requested it.
     #[cfg(any(test, feature = "faults"))]
     fn fail_on_request(&mut self) {
         assert!(!std::mem::take(&mut self.panics), "a fault for a test");
@@ -95,7 +96,7 @@ impl GpuWorker {
         }
     }
 
-    /// The device, opened again if there is none. Its adapter may be gone too, so it is searched again.
+    /// The device, opened again if there is none. The adapter may be gone too, so it is searched again.
     fn renderer(&mut self) -> Result<&mut GpuRenderer, GpuError> {
         let renderer = match self.renderer.take() {
             Some(renderer) => renderer,

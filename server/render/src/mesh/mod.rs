@@ -13,6 +13,7 @@ use crate::isosurface::Isosurface;
 use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::settle::settled;
+use crate::silhouette::Silhouette;
 use crate::surface::{self, Surface, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene, Wanted};
 use raster::Heights;
@@ -93,6 +94,10 @@ impl Surface for DrawnMesh<'_> {
             heights.resolve(row, self.piece, points);
             self.isosurface.face(&self.rays, first + row, points);
         }
+    }
+
+    fn silhouette(&self) -> Option<Silhouette<'_>> {
+        None
     }
 }
 

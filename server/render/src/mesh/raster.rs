@@ -41,7 +41,7 @@ impl Heights {
             points.heights.copy_from_slice(heights);
             return;
         }
-        points.quarters.resize(self.width, 0);
+        points.coverage.resize(self.width, 0.0);
         let mut lines = heights.chunks_exact(self.width);
         if let (Some(a), Some(b), Some(c), Some(d)) =
             (lines.next(), lines.next(), lines.next(), lines.next())
@@ -50,7 +50,7 @@ impl Heights {
                 [a, b, c, d],
                 piece,
                 &mut points.heights,
-                &mut points.quarters,
+                &mut points.coverage,
             );
         }
     }
@@ -184,13 +184,13 @@ impl Floors {
     }
 }
 
-/// For each pixel the mean of its four samples that are within `piece` of the nearest, and how many show anything.
+/// For each pixel the mean of its four samples that are within `piece` of the nearest, and which share of them shows anything.
 #[multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
-fn resolve(samples: [&[f32]; 4], piece: f32, heights: &mut [f32], quarters: &mut [u8]) {
+fn resolve(samples: [&[f32]; 4], piece: f32, heights: &mut [f32], coverage: &mut [f32]) {
     let [a, b, c, d] = samples;
     let width = heights.len();
     let (a, b, c, d) = (&a[..width], &b[..width], &c[..width], &d[..width]);
-    let quarters = &mut quarters[..width];
+    let coverage = &mut coverage[..width];
     for column in 0..width {
         let samples = [a[column], b[column], c[column], d[column]];
         let nearest = greater(
@@ -198,16 +198,24 @@ fn resolve(samples: [&[f32]; 4], piece: f32, heights: &mut [f32], quarters: &mut
             greater(samples[2], samples[3]),
         );
         let least = nearest - piece;
-        let (mut sum, mut count, mut covered) = (0.0, 0.0, 0);
+        let (mut sum, mut count, mut covered) = (0.0, 0.0, 0.0);
         for sample in samples {
             let is_near = (sample >= least) & (sample > f32::NEG_INFINITY);
             sum += if is_near { sample } else { 0.0 };
             count += if is_near { 1.0 } else { 0.0 };
-            covered += i32::from(sample > f32::NEG_INFINITY);
+            covered += if sample > f32::NEG_INFINITY {
+                0.25
+            } else {
+                0.0
+            };
         }
         let mean = sum / greater(count, 1.0);
-        heights[column] = if covered > 0 { mean } else { f32::NEG_INFINITY };
-        quarters[column] = covered as u8;
+        heights[column] = if covered > 0.0 {
+            mean
+        } else {
+            f32::NEG_INFINITY
+        };
+        coverage[column] = covered;
     }
 }
 

@@ -49,11 +49,27 @@ impl<'a, T: Copy + Into<f32>> Sampler<'a, T> {
         inside(0) & inside(1) & inside(2)
     }
 
-    /// The value at a position in voxel coordinates.
+    /// The value at a position in voxel coordinates; `None` outside.
+    #[inline(always)]
+    pub(crate) fn value_at(&self, position: [f32; 3]) -> Option<f32> {
+        self.contains(position).then(|| self.at(position))
+    }
+
+    /// The value at a position in voxel coordinates; outside, that of the nearest point.
     #[inline(always)]
     pub(crate) fn at(&self, position: [f32; 3]) -> f32 {
         let (corner, fractions) = self.cell(position);
         trilinear(self.corners(corner), fractions)
+    }
+
+    /// The value of the voxel nearest to a position in voxel coordinates.
+    #[inline(always)]
+    pub(crate) fn nearest(&self, position: [f32; 3]) -> f32 {
+        let step = |axis: usize| {
+            let place = position[axis].clamp(0.0, self.last[axis]);
+            (place + 0.5) as usize * self.strides[axis]
+        };
+        self.values[step(0) + step(1) + step(2)].into()
     }
 
     /// The cell of eight voxels that a position in voxel coordinates lies in, as its first voxel, and where in it, 0 to

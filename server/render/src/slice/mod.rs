@@ -6,7 +6,7 @@ mod tests;
 
 use std::str::FromStr;
 
-use geometry::BoundingSphere;
+use geometry::{BoundingSphere, Volume};
 use rayon::prelude::*;
 
 use crate::error::checked;
@@ -22,6 +22,26 @@ pub(crate) use contour::color as contour_color;
 /// The largest number of contours in a picture.
 pub const MAX_CONTOURS: usize = 16;
 
+/// On which side of axial and coronal slices the patient's left is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub enum SliceConvention {
+    /// At the right: axial slices are seen from below, coronal ones from the front.
+    #[default]
+    Radiological,
+    /// At the left: axial slices are seen from above, coronal ones from behind.
+    Neurological,
+}
+
+impl SliceConvention {
+    /// Whether it is the default.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Across which patient axis a slice lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -29,9 +49,9 @@ pub const MAX_CONTOURS: usize = 16;
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "openapi", schema(as = Plane))]
 pub enum SlicePlane {
-    /// Seen from below: anterior up, the patient's left at the right of the picture.
+    /// Anterior up; in the radiological convention the patient's left at the right of the picture.
     Axial,
-    /// Facing the patient: superior up, the patient's left at the right of the picture.
+    /// Superior up; in the radiological convention the patient's left at the right of the picture.
     Coronal,
     /// Seen from the left: superior up, anterior at the left of the picture.
     Sagittal,
@@ -65,11 +85,14 @@ impl SlicePlane {
     }
 
     /// The direction from which a slice is seen.
-    fn view(self) -> NamedView {
-        match self {
-            Self::Axial => NamedView::Inferior,
-            Self::Coronal => NamedView::Anterior,
-            Self::Sagittal => NamedView::Left,
+    fn view(self, convention: SliceConvention) -> NamedView {
+        use SliceConvention::{Neurological, Radiological};
+        match (self, convention) {
+            (Self::Axial, Radiological) => NamedView::Inferior,
+            (Self::Axial, Neurological) => NamedView::Superior,
+            (Self::Coronal, Radiological) => NamedView::Anterior,
+            (Self::Coronal, Neurological) => NamedView::Posterior,
+            (Self::Sagittal, _) => NamedView::Left,
         }
     }
 }
@@ -93,6 +116,8 @@ impl FromStr for SlicePlane {
 pub struct SliceParameters {
     /// The orientation of the slice.
     pub plane: SlicePlane,
+    /// On which side the patient's left is.
+    pub convention: SliceConvention,
     /// The LPS coordinate in mm across the plane (S of an axial slice, P of a coronal, L of a sagittal one).
     pub position_mm: f64,
     /// Depths of the isosurfaces whose contours are drawn, each 0 to 1000 mm, at most [`MAX_CONTOURS`].
@@ -110,10 +135,11 @@ pub struct SliceParameters {
 }
 
 impl SliceParameters {
-    /// The slice at `position_mm`, grey, without contours, 512 × 512 pixels.
+    /// The slice at `position_mm`, radiological, grey, without contours, 512 × 512 pixels.
     pub fn new(plane: SlicePlane, position_mm: f64, window: Window) -> Self {
         Self {
             plane,
+            convention: SliceConvention::default(),
             position_mm,
             depths_mm: Vec::new(),
             zoom: 1.0,
@@ -155,7 +181,7 @@ impl SliceRequest {
         for &depth_mm in &parameters.depths_mm {
             checked("depth_mm", depth_mm, 0.0..=1000.0, "within 0 to 1000")?;
         }
-        let camera = Camera::named(parameters.plane.view())
+        let camera = Camera::named(parameters.plane.view(parameters.convention))
             .with_zoom(parameters.zoom)?
             .with_pan_mm(parameters.pan_mm)?;
         Ok(Self { parameters, camera })
@@ -165,7 +191,9 @@ impl SliceRequest {
     #[must_use]
     pub fn shown(self, plane: SlicePlane, position_mm: f64, window: Window) -> Self {
         Self {
-            camera: self.camera.turned_to(plane.view()),
+            camera: self
+                .camera
+                .turned_to(plane.view(self.parameters.convention)),
             parameters: SliceParameters {
                 plane,
                 position_mm: position_mm.clamp(-1e4, 1e4),
@@ -226,6 +254,32 @@ pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
     let contours = Contours::new(scene.field, &projection, &parameters.depths_mm);
     let bytes = slice.rows(|column, row, color| contours.over(column, row, color));
     Frame::new(size, PixelFormat::Rgb8, bytes)
+}
+
+/// Draws a slice through a volume alone, for which there is no model yet: without contours, as [`draw_slice`] otherwise.
+///
+/// A camera of zoom 1 shows `bounds`.
+pub fn draw_acquired_slice(
+    volume: &Volume,
+    bounds: &BoundingSphere,
+    request: &SliceRequest,
+) -> Frame {
+    let parameters = request.parameters();
+    let projection = request.projection(bounds);
+    let slice = Slice {
+        texture: Texture::of_volume(volume),
+        rays: Rays::through_voxels(&projection, volume.grid().voxel_from_patient(), 1.0),
+        request,
+        rescale: volume.rescale(),
+        colors: parameters.colormap.table(),
+        overlay: None,
+    };
+    if parameters.colormap.is_grey() {
+        let bytes = slice.rows(|_, _, [grey, ..]| [grey]);
+        return Frame::new(parameters.size, PixelFormat::Grey8, bytes);
+    }
+    let bytes = slice.rows(|_, _, color| color);
+    Frame::new(parameters.size, PixelFormat::Rgb8, bytes)
 }
 
 /// What the pixels of a slice show.

@@ -9,17 +9,23 @@ use super::*;
 fn draw(plane: SlicePlane, depths_mm: Vec<f64>) -> Frame {
     draw_shape(
         |position| position.length() <= 25.0,
-        (plane, 0.0),
-        depths_mm,
+        SliceParameters {
+            depths_mm,
+            ..parameters(plane, 0.0)
+        },
     )
 }
 
+/// A slice of 160 pixels along each side.
+fn parameters(plane: SlicePlane, position_mm: f64) -> SliceParameters {
+    SliceParameters {
+        size: FrameSize::new(160, 160).unwrap(),
+        ..SliceParameters::new(plane, position_mm, Window::between(0.0, 255.0))
+    }
+}
+
 /// A shape at 1 mm, and a volume around it, bright where the patient's left is.
-fn draw_shape(
-    is_inside: impl Fn(DVec3) -> bool,
-    (plane, position_mm): (SlicePlane, f64),
-    depths_mm: Vec<f64>,
-) -> Frame {
+fn draw_shape(is_inside: impl Fn(DVec3) -> bool, parameters: SliceParameters) -> Frame {
     let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
     let envelope = phantom::envelope(&grid, is_inside);
     // Brighter to the left (+100), to posterior (+40) and to superior (+20).
@@ -38,21 +44,62 @@ fn draw_shape(
         },
         ..Scene::from(&model)
     };
-    let parameters = SliceParameters {
-        depths_mm,
-        size: FrameSize::new(160, 160).unwrap(),
-        ..SliceParameters::new(plane, position_mm, Window::between(0.0, 255.0))
-    };
     draw_slice(&scene, &SliceRequest::new(parameters).unwrap())
 }
 
 #[test]
-fn slices_lie_as_radiologists_want_them() {
+fn a_slice_without_a_model_is_that_with_one_without_contours() {
+    let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
+    let envelope = phantom::envelope(&grid, |position| position.length() <= 25.0);
+    let volume = phantom::volume(grid, |position| {
+        (100.0 + position.x + 2.0 * position.y - position.z) as u16
+    });
+    let bounds = BoundingSphere::of_grid(volume.grid());
+    let model = phantom::model(volume.clone(), envelope).model;
+    for (plane, colormap) in [
+        (SlicePlane::Axial, ColorMap::Grey),
+        (SlicePlane::Coronal, ColorMap::Hot),
+        (SlicePlane::Sagittal, ColorMap::Grey),
+    ] {
+        let request = SliceRequest::new(SliceParameters {
+            colormap,
+            ..parameters(plane, 3.0)
+        })
+        .unwrap();
+        let scene = Scene {
+            volume: &volume,
+            bounds,
+            ..Scene::from(&model)
+        };
+        let acquired = draw_acquired_slice(&volume, &bounds, &request);
+        assert_eq!(acquired, draw_slice(&scene, &request), "{plane:?}");
+    }
+}
+
+/// The grey levels at upper left, upper right, lower left and lower right.
+fn corners(frame: &Frame) -> [u8; 4] {
+    assert_eq!(frame.format(), PixelFormat::Grey8);
+    [(60, 60), (100, 60), (60, 100), (100, 100)].map(|(x, y)| frame.pixel(x, y).unwrap()[0])
+}
+
+#[test]
+fn in_the_neurological_convention_left_is_at_the_left() {
+    let is_inside = |position: DVec3| position.length() <= 25.0;
     let corners = |plane| {
-        let frame = draw(plane, Vec::new());
-        assert_eq!(frame.format(), PixelFormat::Grey8);
-        [(60, 60), (100, 60), (60, 100), (100, 100)].map(|(x, y)| frame.pixel(x, y).unwrap()[0])
+        let parameters = SliceParameters {
+            convention: SliceConvention::Neurological,
+            ..parameters(plane, 0.0)
+        };
+        corners(&draw_shape(is_inside, parameters))
     };
+    assert_eq!(corners(SlicePlane::Axial), [110, 10, 150, 50]);
+    assert_eq!(corners(SlicePlane::Coronal), [130, 30, 110, 10]);
+    assert_eq!(corners(SlicePlane::Sagittal), [30, 70, 10, 50]);
+}
+
+#[test]
+fn slices_lie_as_radiologists_want_them() {
+    let corners = |plane| corners(&draw(plane, Vec::new()));
     // Anterior up, the patient's left at the right.
     assert_eq!(corners(SlicePlane::Axial), [10, 110, 50, 150]);
     assert_eq!(corners(SlicePlane::Coronal), [30, 130, 10, 110]);
@@ -91,7 +138,11 @@ fn contours_are_where_the_depth_is() {
 fn a_flat_piece_on_a_level_is_outlined_and_not_filled() {
     // 10 mm above the cube's bottom the depth is 10 mm throughout, but for 10 mm along its sides.
     let cube = |position: DVec3| position.abs().max_element() <= 25.0;
-    let frame = draw_shape(cube, (SlicePlane::Axial, -15.0), vec![10.0]);
+    let parameters = SliceParameters {
+        depths_mm: vec![10.0],
+        ..parameters(SlicePlane::Axial, -15.0)
+    };
+    let frame = draw_shape(cube, parameters);
     let is_colored = |x: u32, y: u32| {
         let pixel = frame.pixel(x, y).unwrap();
         pixel.iter().max().unwrap() - pixel.iter().min().unwrap() > 60

@@ -21,7 +21,8 @@ use pixels::Pixels;
 /// Draws the isosurface {depth = D}: a byte per pixel for grey colour maps (two with a transparent background),
 /// otherwise three (four).
 ///
-/// A pixel beside the isosurface, or at a point of it outside the volume, is background.
+/// A pixel beside the isosurface, or at a point of it outside the volume, is background; one at its edge is mixed with the
+/// background by the share that the isosurface covers.
 pub fn draw_splat(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
     let projection = request.projection(scene);
     surface::draw(

@@ -7,6 +7,7 @@ use super::nodes::Nodes;
 use crate::isosurface::Isosurface;
 use crate::points::{Point, PointRow};
 use crate::rays::{Ray, Rays};
+use crate::silhouette::Silhouette;
 use crate::surface::Surface;
 
 /// The greatest difference between the heights of four nodes between which the surface is as flat as
@@ -70,6 +71,10 @@ impl Surface for Pixels<'_> {
         for (row, points) in rows.iter_mut().enumerate() {
             self.find_row(first + row, points);
         }
+    }
+
+    fn silhouette(&self) -> Option<Silhouette<'_>> {
+        Some(Silhouette::new(&self.isosurface, &self.rays, self.bottom))
     }
 }
 

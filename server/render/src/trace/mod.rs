@@ -12,11 +12,12 @@ use crate::isosurface::Isosurface;
 use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::seeds::{Lattice, Seeds};
-use crate::surface::{self, Surface, Wanted, working_rays};
+use crate::silhouette::Silhouette;
+use crate::surface::{self, Surface, Wanted, bottom, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
 use march::{Sight, first_hits};
 
-/// Draws the isosurface {depth = D} exactly; pixels have the formats of [`crate::draw_splat`].
+/// Draws the isosurface {depth = D} exactly; pixels have the formats and soft edges of [`crate::draw_splat`].
 pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
     let projection = request.projection(scene);
     surface::draw(
@@ -64,6 +65,7 @@ struct Traced<'a> {
     starts: Vec<f32>,
     /// The height below which they meet nothing.
     ends: Vec<f32>,
+    bottom: f32,
 }
 
 impl<'a> Traced<'a> {
@@ -79,6 +81,7 @@ impl<'a> Traced<'a> {
                 .collect(),
             starts: seeds.starts_in_cells(),
             ends: seeds.ends_in_cells(),
+            bottom: bottom(scene),
         }
     }
 
@@ -116,5 +119,9 @@ impl Surface for Traced<'_> {
         for (row, points) in rows.iter_mut().enumerate() {
             self.isosurface.face(&self.rays, first + row, points);
         }
+    }
+
+    fn silhouette(&self) -> Option<Silhouette<'_>> {
+        Some(Silhouette::new(&self.isosurface, &self.rays, self.bottom))
     }
 }

@@ -6,12 +6,14 @@ use bytes::Bytes;
 use geometry::MeshSize;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
-use crate::negotiate::Coding;
-use crate::problem::AppError;
-use case::{CaseId, MapName};
+use case::{CaseId, LayerId, MapName};
 use cases::models::PathKind;
 use cases::{Cases, ConcurrencyLimit};
+use http_support::negotiate::Coding;
+use http_support::problem::AppError;
 
 /// The fewest entries that the cache makes room for in its books.
 const EXPECTED_BODIES: usize = 64;
@@ -19,16 +21,35 @@ const EXPECTED_BODIES: usize = 64;
 /// The content of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum BodyKind {
-    /// The texture of the volume, with this number of bits.
-    Volume(u8),
+    /// A texture of the volume, with this number of bits.
+    Volume(u8, Extent),
     /// The distance texture, every n-th voxel.
     Distance(usize),
     /// The triangles of a mesh.
     Triangles(MeshSize),
-    /// A layer's texture.
+    /// The texture of a map.
     Layer(MapName),
+    /// The texture of an added layer.
+    AddedLayer(LayerId),
     /// Every depth of a mesh.
     Paths(MeshSize, PathKind),
+}
+
+/// The part of the acquired volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Extent {
+    /// Cropped to the envelope.
+    #[default]
+    Envelope,
+    /// All of it.
+    Whole,
+}
+
+impl Extent {
+    pub(super) fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// The key of a body.

@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::query::{ApiQuery, Asked, CasePath};
-use crate::conditional::{Format, Question};
-use crate::negotiate::media_type;
-use crate::problem::{AppError, Problem};
 use case::CandidateFacts;
 use cases::library::MapsState;
-use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of};
+use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready};
 use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
+use http_support::conditional::{Format, Question};
+use http_support::negotiate::media_type;
+use http_support::problem::{AppError, Problem};
 use pipeline::maps::MAPS_FORMAT;
 
 const JSON: &str = "application/json";
@@ -185,15 +185,25 @@ pub async fn get_profile(
         request: &request,
     };
     let has_maps = maps.is_ok();
+    let layers = cases.layers(&id).await?;
+    let ready: Vec<_> = layers.iter().filter(|layer| ready(layer).is_ok()).collect();
+    let versions: Vec<_> = ready
+        .iter()
+        .map(|layer| format!("{} {}", layer.id, layer.name))
+        .collect();
     let format = Format::of(kind)
-        .variant(format!("{kind} {MAPS_FORMAT} {has_maps}"))
+        .variant(format!("{kind} {MAPS_FORMAT} {has_maps} {versions:?}"))
         .revalidated();
     let work = async |_| {
         let model = cases.model(&id).await?;
         let position = DVec3::from_array(query.position.0);
+        let mut layers = Vec::with_capacity(ready.len());
+        for layer in ready {
+            layers.push(cases.library.sampled(layer).await?);
+        }
         let find = move || {
             let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
-            profile(&model, maps, position)
+            profile(&model, maps, &layers, position)
         };
         let found = cases.queue.run(find).await??;
         let body = match kind {
@@ -205,11 +215,20 @@ pub async fn get_profile(
     question.answer(&cases, format, work).await
 }
 
+/// A text as a field of CSV (RFC 4180).
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('"', "\"\""))
+}
+
 /// A row for each sample; undefined values are empty.
 fn csv(profile: &Profile) -> String {
     let mut text = "point,distance_mm,left_mm,posterior_mm,superior_mm,depth_mm,intensity,blur,sharpness,asymmetry,\
-                    intensity_asymmetry,junction\r\n"
+                    intensity_asymmetry,junction"
         .to_owned();
+    for layer in &profile.layers {
+        let _ = write!(text, ",{}", quoted(&layer.name));
+    }
+    text.push_str("\r\n");
     let points = [
         ("own", Some(&profile.own)),
         ("mirrored", profile.mirrored.as_ref()),
@@ -221,7 +240,7 @@ fn csv(profile: &Profile) -> String {
         for sample in samples {
             let [x, y, z] = sample.position_in_patient;
             let _ = write!(text, "{name},{},{x},{y},{z}", sample.distance_mm);
-            for value in [
+            let own = [
                 sample.depth_mm,
                 sample.intensity,
                 sample.blur,
@@ -229,7 +248,8 @@ fn csv(profile: &Profile) -> String {
                 sample.asymmetry,
                 sample.intensity_asymmetry,
                 sample.junction,
-            ] {
+            ];
+            for value in own.into_iter().chain(sample.layers.iter().copied()) {
                 text.push(',');
                 if let Some(value) = value {
                     let _ = write!(text, "{value}");

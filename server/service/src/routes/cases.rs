@@ -1,6 +1,8 @@
 //! Cases: list, get, delete.
 
+use axum::body::Bytes;
 use axum::extract::State;
+use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
 use cases::{Cases, Error};
@@ -10,11 +12,12 @@ use utoipa::{IntoParams, ToSchema};
 use super::fresh::fresh_json;
 use super::layers::MapsView;
 use super::query::{ApiQuery, Asked, CasePath, NoQuery};
-use crate::problem::{AppError, Problem};
+use super::sent::json_body;
 use case::Quality;
 use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, MaskKind};
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
+use http_support::problem::{AppError, Problem};
 use storage::Cursor;
 
 /// The largest number of cases on a page.
@@ -34,6 +37,11 @@ pub struct CaseView {
     state: CaseState,
     /// When it was uploaded (RFC 3339).
     created_at: String,
+    /// Whether it is never removed because of its age.
+    kept: bool,
+    /// When the server will remove it because of its age (RFC 3339); absent if it will not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expires_at: Option<String>,
     /// Radius of the ball that closes the brain mask, in mm.
     closing_radius_mm: f64,
     /// What the mask contains: `brain`, or `envelope`, which is not closed.
@@ -166,6 +174,14 @@ pub struct PlaneView {
     normal: [f64; 3],
     /// Its distance from the origin of patient space, along the normal.
     offset_mm: f64,
+    /// The correlation of the intensities in the head with those at their mirror images, 0 to 1; absent for cases from an
+    /// earlier version.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    correlation: Option<f64>,
+    /// Whether the correlation is below 0.5: the plane may be wrong. Absent without a correlation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    doubtful: Option<bool>,
 }
 
 /// Intensities and how to show them.
@@ -225,6 +241,8 @@ pub struct Links {
     quality: String,
     /// Slices: append `/axial`, `/coronal` or `/sagittal`.
     slices: String,
+    /// Slices through what was acquired, also while the case is not ready: append `/axial`, `/coronal` or `/sagittal`.
+    acquired: String,
     /// Its layers: maps of the junction of grey and white matter.
     layers: String,
     /// Places where that junction is less sharp than in its surroundings and on the other side.
@@ -252,6 +270,7 @@ impl Links {
             envelope: below("envelope"),
             quality: below("quality"),
             slices: below("slices"),
+            acquired: below("acquired"),
             layers: below("layers"),
             candidates: below("candidates"),
             profile: below("profile"),
@@ -286,6 +305,8 @@ impl From<Case> for CaseView {
             next: case.next,
             state: case.state,
             created_at: case.created_at.to_string(),
+            kept: case.kept,
+            expires_at: case.expires_at.map(|time| time.to_string()),
             progress: case.progress.map(|progress| ProgressView {
                 stage: progress.stage.name(),
                 fraction: progress.fraction,
@@ -331,6 +352,8 @@ impl From<CaseFacts> for ReadyView {
             midsagittal: facts.midsagittal.map(|plane| PlaneView {
                 normal: plane.normal,
                 offset_mm: plane.offset_mm,
+                correlation: plane.correlation,
+                doubtful: plane.correlation.map(|_| plane.is_doubtful()),
             }),
             intensity: IntensityView {
                 min: facts.intensity_min,
@@ -439,11 +462,53 @@ pub async fn get_case(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let mut view = CaseView::from(cases.case(&id).await?);
+    Ok(fresh_json(StatusCode::OK, &view_of(&cases, &id).await?))
+}
+
+/// A case with the state of its maps.
+async fn view_of(cases: &Cases, id: &CaseId) -> Result<CaseView, AppError> {
+    let mut view = CaseView::from(cases.case(id).await?);
     if let Some(ready) = &mut view.ready {
-        ready.maps = Some(MapsView::from(&cases.library.maps(&id).await?));
+        ready.maps = Some(MapsView::from(&cases.library.maps(id).await?));
     }
-    Ok(fresh_json(StatusCode::OK, &view))
+    Ok(view)
+}
+
+/// What to change about a case.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CasePatch {
+    /// Whether to keep it, whatever its age.
+    kept: bool,
+}
+
+/// Keep a case
+///
+/// A kept case is never removed because of its age, even if the server removes others (`storage.keep_days`). It can
+/// still be deleted. A version of the case is a case of its own.
+#[utoipa::path(
+    patch, path = "/v1/cases/{id}", tag = "cases",
+    params(("id" = String, Path, description = "The case")),
+    request_body = CasePatch,
+    responses(
+        (status = 200, description = "The case as it is now", body = CaseView),
+        (status = 400, description = "The body is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn patch_case(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+    body: Result<Bytes, BytesRejection>,
+) -> Result<Response, AppError> {
+    cases.case(&id).await?;
+    let patch: CasePatch = json_body(body)?;
+    if !cases.store().keep(&id, patch.kept).await? {
+        return Err(Error::NoSuchCase.into());
+    }
+    Ok(fresh_json(StatusCode::OK, &view_of(&cases, &id).await?))
 }
 
 /// Delete a case and everything computed from it

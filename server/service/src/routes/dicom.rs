@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 
 use super::fresh::fresh_json;
 use super::query::{ApiQuery, CasePath, NoQuery};
-use crate::problem::{AppError, Problem};
+use http_support::problem::{AppError, Problem};
 
 /// Attributes of the DICOM files of a volume. This is patient data.
 #[derive(Debug, Clone, Serialize, ToSchema)]

@@ -12,8 +12,8 @@ use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, NoQuery};
-use crate::problem::{AppError, Problem};
 use crate::state::Stopping;
+use http_support::problem::{AppError, Problem};
 use storage::Watch;
 
 /// A comment is sent after this time without an event, so that no proxy closes the connection.
@@ -39,8 +39,15 @@ pub async fn get_events(
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
-    let events = events(cases.store().subscribe(&id)).take_until(stopping.begun());
-    let mut response = Sse::new(events)
+    Ok(stream_of(events(cases.store().subscribe(&id)), stopping))
+}
+
+/// The answer with events, until they end or the server stops.
+pub(super) fn stream_of(
+    events: impl Stream<Item = Result<Event, Infallible>> + Send + 'static,
+    stopping: Stopping,
+) -> Response {
+    let mut response = Sse::new(events.take_until(stopping.begun()))
         .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
         .into_response();
     // Tells nginx, the usual proxy, to pass each event on at once.
@@ -48,7 +55,7 @@ pub async fn get_events(
         HeaderName::from_static("x-accel-buffering"),
         HeaderValue::from_static("no"),
     );
-    Ok(response)
+    response
 }
 
 /// Events until the case is ready, has failed, or is deleted.

@@ -2,13 +2,13 @@
 
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{Components, Content, OpenApi, Ref, ResponseBuilder};
+use utoipa::openapi::{Components, Content, OpenApi, Ref, RefOr, ResponseBuilder};
 
 /// The name of the scheme in the description.
 const BEARER: &str = "bearer";
 
 /// Describes the bearer token, and the answers that any guarded route may give.
-pub(super) fn describe(api: &mut OpenApi) {
+pub(crate) fn describe(api: &mut OpenApi) {
     let scheme = HttpBuilder::new()
         .scheme(HttpAuthScheme::Bearer)
         .description(Some("Required if the server has a token."))
@@ -17,16 +17,29 @@ pub(super) fn describe(api: &mut OpenApi) {
         .get_or_insert_with(Components::default)
         .add_security_scheme(BEARER, SecurityScheme::Http(scheme));
     for (path, item) in &mut api.paths.paths {
-        let shows_a_case = path.contains("{id}/") && !path.ends_with("/events");
         let reads = [&mut item.get, &mut item.head];
         for operation in reads.into_iter().flatten() {
             guard(operation);
-            if shows_a_case {
+            if path.contains("{id}/") && is_negotiated(operation) {
                 add(operation, "406", "No accepted media type is available");
             }
         }
-        let writes = [&mut item.put, &mut item.post, &mut item.delete];
+        let writes = [
+            &mut item.put,
+            &mut item.post,
+            &mut item.patch,
+            &mut item.delete,
+        ];
         writes.into_iter().flatten().for_each(guard);
+    }
+}
+
+/// Whether the answer has a media type that a client may not accept. JSON and events are sent to all.
+fn is_negotiated(operation: &Operation) -> bool {
+    match operation.responses.responses.get("200") {
+        Some(RefOr::T(answer)) => (answer.content.keys())
+            .any(|kind| !["application/json", "text/event-stream"].contains(&kind.as_str())),
+        _ => false,
     }
 }
 

@@ -10,9 +10,9 @@ use utoipa::ToSchema;
 
 use super::fresh::fresh_json;
 use super::query::{ApiQuery, NoQuery};
-use crate::metrics::Metrics;
-use crate::problem::{AppError, Problem};
 use cases::pictures::GraphicsState;
+use http_support::metrics::Metrics;
+use http_support::problem::{AppError, Problem};
 
 /// The media type of OpenMetrics.
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -49,7 +49,7 @@ pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
 #[utoipa::path(get, path = "/readyz", tag = "service", responses(
     (status = 200, description = "The store is reachable and has room", body = Health),
     (status = 503, description = "The store is unreachable", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "The disk is full: cases can be viewed, but not uploaded", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "The disk is full or failed: cases can be viewed, but not uploaded", body = Problem, content_type = "application/problem+json"),
 ))]
 pub async fn readyz(
     State(cases): State<Cases>,
@@ -57,9 +57,9 @@ pub async fn readyz(
 ) -> Result<Response, AppError> {
     cases.store().check().await.map_err(|error| {
         tracing::warn!(%error, "the store is not ready");
-        match error.is_full() {
-            true => Error::StorageFull,
-            false => Error::Unavailable,
+        match Error::from(error) {
+            unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
+            _ => Error::Unavailable,
         }
     })?;
     Ok(fresh_json(StatusCode::OK, &Health { status: "ok" }))

@@ -1,112 +1,54 @@
-//! The layers of a case, at present its maps: as a list, as voxels and as NIfTI.
+//! The layers of a case: its maps and the volumes that were added, as a list, as voxels and as NIfTI.
 
-use std::sync::Arc;
+mod events;
+mod view;
+mod voxels;
 
+use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
-use axum::http::{HeaderMap, StatusCode, header};
-use axum::response::Response;
-use bytes::Bytes;
-use serde::Serialize;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse as _, Response};
+use case::{JunctionBandFacts, Layer, MapName};
+use cases::library::MapsState;
+use cases::pictures::LayerRef;
+use cases::{Cases, Error};
+use serde::{Deserialize, Serialize};
+use storage::LayerChange;
 use utoipa::ToSchema;
 
-use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::fresh::fresh_json;
 use super::query::{ApiQuery, CasePath, NoQuery};
-use super::textures::{MEDIA_TYPE, layout};
-use crate::conditional::{self, Content, Format, Question};
-use crate::negotiate::{GZIP, media_type};
-use crate::problem::{AppError, Problem};
-use crate::wire;
-use case::MapName;
-use cases::library::{LoadedMaps, MapsState};
-use cases::pictures::{MAPS_OFF, MapStyle, maps_of};
-use cases::{Cases, Error};
-use pipeline::maps::{MAPS_FORMAT, map_unit};
-use render::{ColorMap, LayerValues};
+use super::sent::json_body;
+use http_support::problem::{AppError, Problem};
+
+pub use self::events::{__path_get_layer_events, get_layer_events};
+pub use self::view::{LayerGrid, LayerState, LayerView, MapsStateName, MapsView};
+pub use self::voxels::{
+    __path_get_layer_nifti, __path_get_layer_volume, get_layer_nifti, get_layer_volume,
+};
 
 /// The layers of a case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct LayerList {
-    /// The layers that `layer` and `overlay` can show in pictures.
+    /// The layers that `layer` and `overlay` can show in pictures: the maps, then the added layers in their order.
     layers: Vec<LayerView>,
-}
-
-/// A layer of a case.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-#[schema(as = Layer)]
-pub struct LayerView {
-    /// The name for `layer`, `overlay` and addresses.
-    name: MapName,
-    /// `map`: computed from the case itself.
-    kind: &'static str,
-    /// The unit of its values: `1/mm`, `z`, or empty.
-    unit: &'static str,
-    /// `ready`, `making`, `undefined` or `off`.
-    state: MapsStateName,
-    /// The reason why it is undefined or off.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    reason: Option<String>,
-    /// The default values of the first and the last colour.
-    window: [f64; 2],
-    /// Its default colours.
-    colormap: ColorMap,
-    /// The default threshold: values up to this are transparent; for diverging colours, magnitudes. Absent if every
-    /// value is shown.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    threshold: Option<f64>,
-    /// The default opacity.
-    opacity: f64,
-    /// The version of the maps.
-    format: u32,
-}
-
-/// The state of the maps of a case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum MapsStateName {
-    /// They are available.
-    Ready,
-    /// They are being computed; try again in a moment.
-    Making,
-    /// They are undefined for this head.
-    Undefined,
-    /// This server computes none.
-    Off,
-}
-
-/// The state of the maps of a case, and the reason if there are none.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-#[schema(as = MapsState)]
-pub struct MapsView {
-    /// `ready`, `making`, `undefined` or `off`.
-    state: MapsStateName,
-    /// The reason why they are undefined or off.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    reason: Option<String>,
-}
-
-impl From<&MapsState> for MapsView {
-    fn from(state: &MapsState) -> Self {
-        let (state, reason) = match state {
-            MapsState::Ready(_) => (MapsStateName::Ready, None),
-            MapsState::Making => (MapsStateName::Making, None),
-            MapsState::Undefined(reason) => (MapsStateName::Undefined, Some(reason.to_string())),
-            MapsState::Off => (MapsStateName::Off, Some(MAPS_OFF.to_owned())),
-        };
-        Self { state, reason }
-    }
+    /// How slantwise the isosurfaces meet the junction of grey and white matter, from the surface inwards. Empty until
+    /// the maps are ready.
+    junction_by_depth: Vec<JunctionBandFacts>,
 }
 
 /// The layers of a case
 ///
-/// The maps of the junction of grey and white matter, which are computed once after the case is ready.
+/// The maps of the junction of grey and white matter, which are computed once after the case is ready, and the layers
+/// that were added, in their order. While the case is being prepared, all of them wait.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers", tag = "layers",
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The layers", body = LayerList),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The case could not be prepared", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_layers(
@@ -114,10 +56,26 @@ pub async fn list_layers(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    cases.ready(&id).await?;
-    let state = MapsView::from(&cases.library.maps(&id).await?);
-    let layers = MapName::ALL.map(|name| LayerView::of(name, &state)).into();
-    Ok(fresh_json(StatusCode::OK, &LayerList { layers }))
+    let maps = match cases.ready(&id).await {
+        Ok(_) => cases.library.maps(&id).await?,
+        // Layers that wait for the case are listed, too.
+        Err(Error::NotReady { .. }) => MapsState::Making,
+        Err(error) => return Err(error.into()),
+    };
+    let junction_by_depth = match &maps {
+        MapsState::Ready(maps) => maps.junction_by_depth.clone(),
+        _ => Vec::new(),
+    };
+    let state = MapsView::from(&maps);
+    let maps = MapName::ALL.map(|name| LayerView::of_map((&id, name), &state));
+    let added = cases.layers(&id).await?;
+    let added = added.iter().map(LayerView::of_layer);
+    let layers = maps.into_iter().chain(added).collect();
+    let list = LayerList {
+        layers,
+        junction_by_depth,
+    };
+    Ok(fresh_json(StatusCode::OK, &list))
 }
 
 /// A layer of a case
@@ -125,7 +83,7 @@ pub async fn list_layers(
     get, path = "/v1/cases/{id}/layers/{layer}", tag = "layers",
     params(
         ("id" = String, Path, description = "The case"),
-        ("layer" = inline(MapName), Path, description = "The layer"),
+        ("layer" = String, Path, description = "The name of a map, or the id or name of an added layer"),
     ),
     responses(
         (status = 200, description = "The layer", body = LayerView),
@@ -139,169 +97,105 @@ pub async fn get_layer(
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let name = layer_of(&path)?;
-    cases.ready(&id).await?;
-    let state = MapsView::from(&cases.library.maps(&id).await?);
-    Ok(fresh_json(StatusCode::OK, &LayerView::of(name, &state)))
+    let view = match map_of(&path) {
+        Some(name) => {
+            cases.ready(&id).await?;
+            let state = MapsView::from(&cases.library.maps(&id).await?);
+            LayerView::of_map((&id, name), &state)
+        }
+        None => LayerView::of_layer(&cases.layer(&id, &layer_of(&path)?).await?),
+    };
+    Ok(fresh_json(StatusCode::OK, &view))
 }
 
-impl LayerView {
-    fn of(name: MapName, maps: &MapsView) -> Self {
-        let style = MapStyle::of(name);
-        Self {
-            name,
-            kind: "map",
-            unit: map_unit(name),
-            state: maps.state,
-            reason: maps.reason.clone(),
-            window: style.window,
-            colormap: style.colormap,
-            threshold: style.threshold,
-            opacity: style.opacity,
-            format: MAPS_FORMAT,
-        }
-    }
+/// Changes of an added layer that keep its id.
+#[derive(Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LayerPatch {
+    /// Another name.
+    name: Option<String>,
+    /// Another place among the added layers, from 0.
+    place: Option<usize>,
+}
+
+/// Rename or move a layer
+///
+/// Another name, or another place in the list. Another placement in the head is another layer: add it again with its
+/// `transform`.
+#[utoipa::path(
+    patch, path = "/v1/cases/{id}/layers/{layer}", tag = "layers",
+    params(
+        ("id" = String, Path, description = "The case"),
+        ("layer" = String, Path, description = "The id or name of an added layer"),
+    ),
+    request_body = LayerPatch,
+    responses(
+        (status = 200, description = "The layer as it is now", body = LayerView),
+        (status = 400, description = "The body is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or added layer", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "Another layer of the case has the name", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The name cannot be used", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn patch_layer(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    path: RawPathParams,
+    _no_query: ApiQuery<NoQuery>,
+    body: Result<Bytes, BytesRejection>,
+) -> Result<Response, AppError> {
+    let layer = cases.layer(&id, &layer_of(&path)?).await?;
+    let patch: LayerPatch = json_body(body)?;
+    let change = LayerChange {
+        name: patch.name,
+        place: patch.place,
+    };
+    let changed = cases.change_layer(&id, &layer.id, &change).await?;
+    Ok(fresh_json(StatusCode::OK, &LayerView::of_layer(&changed)))
+}
+
+/// Delete a layer
+///
+/// Removes an added layer. Pictures that are being drawn with it are finished.
+#[utoipa::path(
+    delete, path = "/v1/cases/{id}/layers/{layer}", tag = "layers",
+    params(
+        ("id" = String, Path, description = "The case"),
+        ("layer" = String, Path, description = "The id or name of an added layer"),
+    ),
+    responses(
+        (status = 204, description = "It is removed"),
+        (status = 404, description = "No such case or added layer", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn delete_layer(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    path: RawPathParams,
+    _no_query: ApiQuery<NoQuery>,
+) -> Result<Response, AppError> {
+    let layer = cases.layer(&id, &layer_of(&path)?).await?;
+    cases.delete_layer(&id, &layer.id).await?;
+    Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+/// The address of an added layer.
+pub(super) fn address_of(layer: &Layer) -> String {
+    format!("/v1/cases/{}/layers/{}", layer.case, layer.id)
+}
+
+fn text_of(path: &RawPathParams) -> &str {
+    let layer = path.iter().find(|(name, _)| *name == "layer");
+    layer.map_or("", |(_, text)| text)
+}
+
+/// The map that the path names, if it names one.
+fn map_of(path: &RawPathParams) -> Option<MapName> {
+    MapName::from_name(text_of(path))
 }
 
 /// The layer that the path names.
-fn layer_of(path: &RawPathParams) -> Result<MapName, AppError> {
-    let layer = path.iter().find(|(name, _)| *name == "layer");
-    let layer = layer.and_then(|(_, text)| MapName::from_name(text));
-    layer.ok_or(AppError::NoSuchLayer)
-}
-
-/// The voxels of a layer
-///
-/// One byte per voxel, x-fastest, on a block of the grid of the volume: 0 is undefined, and a code of 1 to 255 has the value code
-/// × scale + offset. The headers give scale and offset. Interpolate between defined voxels only.
-#[utoipa::path(
-    get, path = "/v1/cases/{id}/layers/{layer}/volume", tag = "layers",
-    params(
-        ("id" = String, Path, description = "The case"),
-        ("layer" = inline(MapName), Path, description = "The layer"),
-    ),
-    responses(
-        (status = 200, description = "The voxels", body = Vec<u8>, content_type = "application/octet-stream", headers(
-            ("X-Isocortex-Size" = String, description = "Voxels along x, y and z: `181,217,181`"),
-            ("X-Isocortex-Format" = String, description = "`u8`"),
-            ("X-Isocortex-Scale" = f32, description = "Value of a step from one code to the next"),
-            ("X-Isocortex-Offset" = f32, description = "Value that code 0 would have, although it means undefined"),
-            ("X-Isocortex-Undefined" = u8, description = "The code of undefined voxels: 0"),
-            ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
-        )),
-        (status = 206, description = "The requested range"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case or layer", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case or the layer is not ready, or the layer is undefined", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
-    )
-)]
-pub async fn get_layer_volume(
-    State(cases): State<Cases>,
-    State(bodies): State<Bodies>,
-    CasePath(id): CasePath,
-    path: RawPathParams,
-    ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,
-    request: HeaderMap,
-) -> Result<Response, AppError> {
-    let name = layer_of(&path)?;
-    media_type(&request, &[MEDIA_TYPE])?;
-    let question = Question {
-        id,
-        route: "layers/volume",
-        query: &query,
-        request: &request,
-    };
-    let format = Format::compressed(MEDIA_TYPE, &request)
-        .variant(variant(name))
-        .revalidated();
-    let coding = format.coding();
-    let work = async |_| {
-        let maps = maps_of(&cases.library, &id).await?;
-        let texture = wire::layer_texture(maps.grid(), maps.layer(name));
-        let mut headers = layout(&texture);
-        let undefined = header::HeaderName::from_static("x-isocortex-undefined");
-        conditional::insert(&mut headers, undefined, "0");
-        let key = BodyKey {
-            id,
-            kind: BodyKind::Layer(name),
-            coding,
-        };
-        let voxels = std::future::ready(Ok::<_, AppError>(texture.voxels));
-        let body = bodies.get(key, voxels, wire::Voxels::bytes).await?;
-        Ok(Content {
-            headers,
-            ..body.into()
-        })
-    };
-    question.answer(&cases, format, work).await
-}
-
-/// Distinguishes answers with different versions of a map.
-fn variant(name: MapName) -> String {
-    format!("{} {MAPS_FORMAT}", name.name())
-}
-
-/// A layer as NIfTI
-///
-/// A gzipped NIfTI-1 file on a block of the grid of the volume, in single precision, NaN if undefined, positioned in the patient.
-#[utoipa::path(
-    get, path = "/v1/cases/{id}/layers/{layer}/nifti", tag = "layers",
-    params(
-        ("id" = String, Path, description = "The case"),
-        ("layer" = inline(MapName), Path, description = "The layer"),
-    ),
-    responses(
-        (status = 200, description = "The layer (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
-        (status = 206, description = "The requested range"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case or layer", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case or the layer is not ready, or the layer is undefined", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
-    )
-)]
-pub async fn get_layer_nifti(
-    State(cases): State<Cases>,
-    CasePath(id): CasePath,
-    path: RawPathParams,
-    ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,
-    request: HeaderMap,
-) -> Result<Response, AppError> {
-    let name = layer_of(&path)?;
-    media_type(&request, &[GZIP])?;
-    let question = Question {
-        id,
-        route: "layers/nifti",
-        query: &query,
-        request: &request,
-    };
-    let format = Format::of(GZIP).variant(variant(name)).revalidated();
-    let work = async |_| {
-        let maps = maps_of(&cases.library, &id).await?;
-        let file = cases.queue.run(move || nifti(&maps, name)).await??;
-        let mut headers = HeaderMap::new();
-        let disposition = format!("attachment; filename=\"{}.nii.gz\"", name.name());
-        conditional::insert(&mut headers, header::CONTENT_DISPOSITION, &disposition);
-        Ok(Content {
-            headers,
-            ..Bytes::from(file).into()
-        })
-    };
-    question.answer(&cases, format, work).await
-}
-
-fn nifti(maps: &Arc<LoadedMaps>, name: MapName) -> Result<Vec<u8>, Error> {
-    let numbers = match maps.layer(name).values() {
-        LayerValues::Numbers(numbers) => numbers.clone(),
-        LayerValues::Codes { codes, least, step } => {
-            let value = |&code: &u8| match code {
-                0 => f32::NAN,
-                code => least + f32::from(code - 1) * step,
-            };
-            codes.iter().map(value).collect()
-        }
-    };
-    imaging::nifti::write_numbers(maps.grid(), &numbers).map_err(|_| Error::Internal)
+fn layer_of(path: &RawPathParams) -> Result<LayerRef, AppError> {
+    let name = text_of(path).parse();
+    Ok(name.map_err(|_| Error::NoSuchLayer)?)
 }

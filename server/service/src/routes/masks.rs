@@ -16,14 +16,13 @@ use super::cases::CaseView;
 use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::render::PNG;
 use super::upload::{Incoming, is_form, refuse_too_large, submitted};
-use crate::conditional::{self, Content, Format, Question};
-use crate::negotiate::{GZIP, media_type};
-use crate::problem::{AppError, Problem};
 use crate::state::Uploads;
-use case::{CaseFacts, CaseId, Failure, MaskKind, MaskSource, ObjectKind, Parameters};
+use case::{CaseFacts, CaseId, MaskKind, MaskSource, ObjectKind, Parameters};
 use cases::pictures::window_of;
+use http_support::conditional::{self, Content, Format, Question};
+use http_support::negotiate::{GZIP, media_type};
+use http_support::problem::{AppError, Problem};
 use pipeline::codec::{decode_brain, decode_envelope};
-use pipeline::read_volume;
 use storage::{NewMask, Spooled, Version};
 
 /// The brain mask on the working grid
@@ -160,7 +159,7 @@ impl Asked for VersionQuery {
     type Values = Self;
 
     fn checked(&self) -> Result<Self, AppError> {
-        self.over(Parameters::default()).check()?;
+        Parameters::check_numbers(self.closing_radius_mm, self.threshold, self.offset_mm)?;
         Ok(*self)
     }
 }
@@ -229,6 +228,7 @@ impl VersionQuery {
         (status = 422, description = "The mask or a parameter cannot be used", body = Problem, content_type = "application/problem+json"),
         (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Too many cases are waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn put_mask(
@@ -285,14 +285,10 @@ pub async fn get_quality(
     };
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
+        let volume = cases.whole_volume(&id).await?;
         let turn = cases.queue.turn().await?;
-        let names = cases.store().rows().objects(&id).await?;
-        let source = cases.library.source(&id, &names).await?;
-        let source = source.ok_or_else(Failure::source_damaged)?;
-        let limits = cases.library.limits();
         let draw = move || {
             // The model is cropped to the mask, so it lacks what the mask missed.
-            let volume = read_volume(&source, &limits)?;
             let scene = Scene {
                 volume: &volume,
                 ..model.scene()

@@ -14,14 +14,14 @@ use utoipa::IntoParams;
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::depth_headers;
 use super::query::{ApiQuery, Asked, CasePath};
-use crate::conditional::{Content, Format, Question};
-use crate::negotiate::media_type;
-use crate::problem::{AppError, Problem};
 use crate::wire;
 use case::CaseFacts;
 use cases::Cases;
 use cases::models::PathKind;
 use cases::pictures::{DepthMm, default_count, mesh_size};
+use http_support::conditional::{Content, Format, Question};
+use http_support::negotiate::media_type;
+use http_support::problem::{AppError, Problem};
 
 const POSITIONS: &str = "application/octet-stream";
 const GLTF: &str = "model/gltf-binary";
@@ -175,7 +175,7 @@ pub async fn get_mesh(
         let shrunk = model.shrink(size, asked.paths, depth.mm);
         let body = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // This takes microseconds, so it does not wait for a turn.
-            wire::positions(&shrunk.await?)
+            wire::positions(&shrunk.await?.positions_in_patient)
         } else {
             let turn = cases.queue.turn().await?;
             let shrunk = shrunk.await?;
@@ -191,7 +191,7 @@ pub async fn get_mesh(
 
 fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
     if format == POSITIONS {
-        return wire::positions(shrunk);
+        return wire::positions(&shrunk.positions_in_patient);
     }
     let triangles = size.triangles();
     let mesh = wire::Mesh {

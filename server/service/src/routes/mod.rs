@@ -1,5 +1,6 @@
 //! The routes of the service.
 
+pub mod acquired;
 pub mod bodies;
 pub mod candidates;
 pub mod cases;
@@ -7,7 +8,7 @@ pub mod dicom;
 pub mod documents;
 pub mod events;
 mod fresh;
-mod guarded;
+pub(crate) mod guarded;
 pub mod health;
 pub mod layers;
 pub mod masks;
@@ -16,6 +17,7 @@ pub mod query;
 mod refusals;
 pub mod render;
 pub mod renders;
+mod sent;
 pub mod slices;
 pub mod textures;
 pub mod upload;
@@ -34,10 +36,10 @@ use ::cases::pictures::ShownDepth;
 use ::render::RESEARCH_USE_NOTICE;
 use case::CaseId;
 
-use crate::auth::{self, Access};
-use crate::conditional;
-use crate::problem::AppError;
 use crate::state::{AnswerTimeout, AppState, Uploads};
+use http_support::auth::{self, Access};
+use http_support::conditional;
+use http_support::problem::AppError;
 
 /// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -57,7 +59,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
         (name = "meshes", description = "The mesh at a depth, or at all depths"),
         (name = "masks", description = "Brain masks: download, replace, quality"),
         (name = "textures", description = "Voxels, for clients that render"),
-        (name = "layers", description = "Maps of the junction of grey and white matter, and the places that stand out in them"),
+        (name = "layers", description = "Further volumes of the same head, maps of the junction of grey and white matter, and the places that stand out in them"),
         (name = "pictures", description = "PNG pictures made by the server"),
         (name = "service", description = "The server itself"),
     )
@@ -69,7 +71,7 @@ fn introduction() -> String {
         "The cortex of the brain as curved cuts at any depth below the dura. {RESEARCH_USE_NOTICE}\n\n\
          Lengths are in mm, coordinates in the patient space of DICOM (LPS), angles in degrees. Unknown query keys are an \
          error. Errors are application/problem+json (RFC 9457) with a stable `type`. Everything under a case is immutable \
-         and carries a strong ETag, except its state, its events, annotated pictures, lists of pictures and what depends on its maps."
+         and carries a strong ETag, except its state, its events, annotated pictures, lists of pictures and what depends on its layers."
     )
 }
 
@@ -77,7 +79,11 @@ fn introduction() -> String {
 pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let answers = OpenApiRouter::new()
         .routes(routes!(cases::list_cases))
-        .routes(routes!(cases::get_case, cases::delete_case))
+        .routes(routes!(
+            cases::get_case,
+            cases::patch_case,
+            cases::delete_case
+        ))
         .routes(routes!(dicom::get_dicom))
         .routes(routes!(mesh::get_mesh))
         .routes(routes!(mesh::get_triangles))
@@ -86,11 +92,16 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(textures::get_distance))
         .routes(routes!(render::get_render))
         .routes(routes!(slices::get_slice))
+        .routes(routes!(acquired::get_acquired))
         .routes(routes!(masks::get_mask))
         .routes(routes!(masks::get_envelope))
         .routes(routes!(masks::get_quality))
         .routes(routes!(layers::list_layers))
-        .routes(routes!(layers::get_layer))
+        .routes(routes!(
+            layers::get_layer,
+            layers::patch_layer,
+            layers::delete_layer
+        ))
         .routes(routes!(layers::get_layer_volume))
         .routes(routes!(layers::get_layer_nifti))
         .routes(routes!(candidates::get_candidates))
@@ -98,7 +109,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))
-                .layer(DefaultBodyLimit::max(renders::MAX_BODY_BYTES)),
+                .layer(DefaultBodyLimit::max(sent::MAX_BODY_BYTES)),
         )
         .route_layer(middleware::from_fn_with_state(
             state.cases.clone(),
@@ -115,8 +126,10 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let streams = OpenApiRouter::new()
         .routes(routes!(upload::create_case))
         .routes(routes!(masks::put_mask))
+        .routes(routes!(upload::layer::create_layer))
         .layer(DefaultBodyLimit::max(upload_limit))
-        .routes(routes!(events::get_events));
+        .routes(routes!(events::get_events))
+        .routes(routes!(layers::get_layer_events));
     let guarded = answers
         .merge(streams)
         .route_layer(middleware::from_fn_with_state(

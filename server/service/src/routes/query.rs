@@ -4,10 +4,12 @@ use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_path_to_error::Error;
 
-use super::refusals::{known, without_input};
-use crate::problem::AppError;
+use super::refusals::{Refusal, known_keys};
+use super::sent::from_query;
 use case::CaseId;
+use http_support::problem::AppError;
 
 /// The case in the path.
 #[derive(Debug, Clone, Copy)]
@@ -60,45 +62,31 @@ impl<S: Send + Sync, T: Asked> FromRequestParts<S> for ApiQuery<T> {
 /// # Errors
 /// [`AppError::Query`] that names the key.
 pub fn parse<T: Asked>(text: &str) -> Result<ApiQuery<T>, AppError> {
-    let pairs = serde_urlencoded::Deserializer::new(form_urlencoded::parse(text.as_bytes()));
-    let asked: T = serde_path_to_error::deserialize(pairs).map_err(|error| unreadable(&error))?;
+    let asked: T = from_query(text).map_err(unreadable)?;
     Ok(ApiQuery {
         values: asked.checked()?,
         asked,
     })
 }
 
-fn unreadable(error: &serde_path_to_error::Error<serde_urlencoded::de::Error>) -> AppError {
-    let key = error.path().to_string();
-    let reason = error.inner().to_string();
-    if reason.starts_with("unknown field ") {
-        return AppError::UnknownKey {
-            known: known(&reason),
-        };
-    }
-    if let Some(rest) = reason.strip_prefix("duplicate field `") {
-        return AppError::Query {
-            kind: "query-key-twice",
-            parameter: rest.split('`').next().unwrap_or_default().to_owned().into(),
-            detail: "is given twice".to_owned(),
-        };
-    }
-    if let Some(rest) = reason.strip_prefix("missing field `") {
-        return AppError::Query {
-            kind: "query-key-missing",
-            parameter: rest.split('`').next().unwrap_or_default().to_owned().into(),
-            detail: "is missing".to_owned(),
-        };
-    }
-    let kind = if key == "depth_mm" {
-        "depth-not-a-number"
-    } else {
-        "query-value-unreadable"
+fn unreadable(error: Error<Refusal>) -> AppError {
+    let path = error.path().to_string();
+    let refusal = error.into_inner();
+    let (kind, parameter, detail) = match refusal {
+        Refusal::UnknownKey { known } => {
+            return AppError::UnknownKey {
+                known: known_keys(known),
+            };
+        }
+        Refusal::KeyTwice { key } => ("query-key-twice", key.into(), "is given twice".to_owned()),
+        Refusal::MissingKey { key } => ("query-key-missing", key.into(), "is missing".to_owned()),
+        _ if path == "depth_mm" => ("depth-not-a-number", path.into(), refusal.to_string()),
+        _ => ("query-value-unreadable", path.into(), refusal.to_string()),
     };
     AppError::Query {
         kind,
-        parameter: key.into(),
-        detail: without_input(&reason),
+        parameter,
+        detail,
     }
 }
 

@@ -8,19 +8,26 @@ use axum::response::Response;
 use case::CaseFacts;
 use cases::Cases;
 use cases::pictures::{
-    CheckedPicture, EncodedImage, ImageMetadata, LayerChoice, PictureRequest, backend_for, encode,
-    warm_job,
+    CheckedPicture, ChosenLayers, EncodedImage, ImageMetadata, PictureLayers, PictureRequest,
+    backend_for, encode, warm_job,
 };
-use pipeline::maps::MAPS_FORMAT;
+use render::RenderBackend;
 
 use super::depth_headers;
 use super::query::{ApiQuery, Asked, CasePath};
-use crate::conditional::{self, Content, Format, Question};
-use crate::negotiate::media_type;
-use crate::problem::{AppError, Problem};
+use crate::wire;
+use http_support::conditional::{self, Content, Format, Question};
+use http_support::negotiate::media_type;
+use http_support::problem::{AppError, Problem};
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
+
+/// The media type of the positions of pixels.
+const POSITIONS: &str = "application/octet-stream";
+
+/// The largest number of pixels whose positions are sent in one answer, which then has 48 MiB.
+const MAX_POSITIONS: usize = 1 << 22;
 
 impl Asked for PictureRequest {
     type Values = CheckedPicture;
@@ -30,22 +37,29 @@ impl Asked for PictureRequest {
     }
 }
 
-/// A picture of the isosurface at a depth
+/// A picture of the isosurface at a depth, or the positions of its pixels
+///
+/// With `Accept: application/octet-stream`, the answer is what the centre of each pixel shows: three little-endian f32 (x, y, z in
+/// LPS mm), row by row from the top left, NaN where there is no surface. Window, colours, light, layers and annotation have no
+/// influence on it. At the edge of a picture, pixels without a position may be covered by up to a half.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/render", tag = "pictures",
     params(("id" = String, Path, description = "The case"), PictureRequest),
     responses(
-        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png", headers(
+        (status = 200, description = "The picture, or the positions of its pixels", content(
+            (Vec<u8> = "image/png"), (Vec<u8> = "application/octet-stream"),
+        ), headers(
             ("X-Isocortex-Renderer" = String, description = "The renderer: `splat`, `mesh` or `trace`"),
             ("X-Isocortex-Device" = String, description = "The device: `cpu`, or the graphics adapter; `cpu` also if the adapter failed at this picture"),
             ("X-Isocortex-Reduction" = String, description = "If the volume is too large for the device: how many of its voxels became one, such as 2x2x1"),
+            ("X-Isocortex-Size" = String, description = "With positions: width and height in pixels, such as `512,512`"),
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this picture"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
         )),
         (status = 304, description = "The client already has this answer"),
         (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "No accepted media type is available", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
     )
@@ -59,7 +73,7 @@ pub async fn get_render(
     }: ApiQuery<PictureRequest>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    media_type(&request, &[PNG])?;
+    let media = media_type(&request, &[PNG, POSITIONS])?;
     let question = Question {
         id,
         route: "render",
@@ -69,15 +83,18 @@ pub async fn get_render(
     // Before the backend, because finding a graphics device may take seconds, and a missing case none.
     cases.ready(&id).await?;
     let backend = backend_for(asked.renderer, &cases.graphics).await;
+    if media == POSITIONS {
+        return answer_positions(question, &cases, &picture, backend).await;
+    }
     // The pixels differ between renderers and between graphics devices.
-    let layers = asked.layers();
+    let layers = asked.layers().of_case(&cases.library, &id).await?;
     let named = cases.identity(&id, asked.annotate).await?;
     let format = format_with_layers(backend.to_string(), &layers).named(named.clone());
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let turn = cases.queue.turn().await?;
-        let keyed = layers.of_case(&cases.library, &id).await?;
-        let job = warm_job(&model, &picture, keyed, backend).await?;
+        let loaded = layers.load(&cases.library, &id).await?;
+        let job = warm_job(&model, &picture, loaded, backend).await?;
         let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
         let drawn = job.draw(&turn).await?;
         let annotate = asked.annotate;
@@ -87,7 +104,7 @@ pub async fn get_render(
         let mut headers = depth_headers(picture.depth.shown_in(&facts));
         describe(&image, &mut headers);
         Ok(Content {
-            variant: Some(with_maps_format(image.backend.to_string(), &layers)),
+            variant: Some(with_version(image.backend.to_string(), layers.version())),
             body: image.png.into(),
             headers,
         })
@@ -95,23 +112,62 @@ pub async fn get_render(
     question.answer(&cases, format, work).await
 }
 
-/// The format of a picture. A picture with layers must be validated before each use, because the version of the maps
+/// Answers with the position in LPS mm of each pixel of a picture.
+async fn answer_positions(
+    question: Question<'_, PictureRequest>,
+    cases: &Cases,
+    picture: &CheckedPicture,
+    backend: RenderBackend,
+) -> Result<Response, AppError> {
+    let PictureRequest { width, height, .. } = *question.query;
+    if width as usize * height as usize > MAX_POSITIONS {
+        let detail =
+            format!("times `height` must be at most {MAX_POSITIONS} pixels for their positions");
+        return Err(AppError::out_of_range("width", detail));
+    }
+    let id = question.id;
+    // Positions differ between renderers and between graphics devices, as pixels do.
+    let variant_of = |backend: &RenderBackend| format!("{POSITIONS} {backend}");
+    let format = Format::of(POSITIONS).variant(variant_of(&backend));
+    let work = async |facts: Arc<CaseFacts>| {
+        let model = cases.model(&id).await?;
+        let turn = cases.queue.turn().await?;
+        let job = warm_job(&model, picture, PictureLayers::default(), backend).await?;
+        let (hits, backend) = job.hits(&turn).await?;
+        let body = turn
+            .run(move || wire::positions(&hits.positions_in_patient()))
+            .await?;
+        let mut headers = depth_headers(picture.depth.shown_in(&facts));
+        describe_backend(&backend, &mut headers);
+        let size = HeaderName::from_static("x-isocortex-size");
+        conditional::insert(&mut headers, size, &format!("{width},{height}"));
+        Ok(Content {
+            variant: Some(variant_of(&backend)),
+            body,
+            headers,
+        })
+    };
+    question.answer(cases, format, work).await
+}
+
+/// The format of a picture. A picture with layers must be validated before each use, because their versions and names
 /// may change.
-pub(super) fn format_with_layers(variant: String, layers: &LayerChoice) -> Format {
-    let format = Format::of(PNG).variant(with_maps_format(variant, layers));
-    if layers.is_any() {
+pub(super) fn format_with_layers(variant: String, layers: &ChosenLayers) -> Format {
+    let version = layers.version();
+    let has_layers = version.is_some();
+    let format = Format::of(PNG).variant(with_version(variant, version));
+    if has_layers {
         format.revalidated()
     } else {
         format
     }
 }
 
-/// Distinguishes pictures with different versions of maps.
-pub(super) fn with_maps_format(variant: String, layers: &LayerChoice) -> String {
-    if layers.is_any() {
-        format!("{variant}; maps {MAPS_FORMAT}")
-    } else {
-        variant
+/// Distinguishes pictures with different versions of layers.
+pub(super) fn with_version(variant: String, version: Option<String>) -> String {
+    match version {
+        Some(version) => format!("{variant}; {version}"),
+        None => variant,
     }
 }
 
@@ -119,13 +175,19 @@ pub(super) fn with_maps_format(variant: String, layers: &LayerChoice) -> String 
 pub(crate) const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
 
 /// Adds the headers with renderer, device and reduction.
-pub(super) fn describe(image: &EncodedImage, headers: &mut HeaderMap) {
+fn describe(image: &EncodedImage, headers: &mut HeaderMap) {
+    describe_backend(&image.backend, headers);
+    if let Some([x, y, z]) = image.reduction {
+        let name = HeaderName::from_static("x-isocortex-reduction");
+        conditional::insert(headers, name, &format!("{x}x{y}x{z}"));
+    }
+}
+
+/// Adds the headers with renderer and device.
+fn describe_backend(backend: &RenderBackend, headers: &mut HeaderMap) {
     let mut insert = |name, text: &str| {
         conditional::insert(headers, HeaderName::from_static(name), text);
     };
-    insert("x-isocortex-renderer", image.backend.name());
-    insert("x-isocortex-device", &image.backend.device());
-    if let Some([x, y, z]) = image.reduction {
-        insert("x-isocortex-reduction", &format!("{x}x{y}x{z}"));
-    }
+    insert("x-isocortex-renderer", backend.name());
+    insert("x-isocortex-device", &backend.device());
 }

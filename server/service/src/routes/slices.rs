@@ -6,22 +6,21 @@ use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
-use render::{ColorMap, KeyedLayers, SliceParameters, SlicePlane, SliceRequest, Window};
+use render::{ColorMap, Scene, SliceConvention, SliceParameters, SlicePlane, SliceRequest, Window};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::query::{ApiQuery, Asked, CasePath};
 use super::render::{PNG, format_with_layers};
-use crate::conditional::Question;
-use crate::negotiate::media_type;
-use crate::problem::{AppError, Problem};
-use case::{CaseFacts, MapName};
+use case::CaseFacts;
 use cases::Cases;
-use cases::models::WarmModel;
 use cases::pictures::{
-    DepthMm, LayerChoice, NumberList, Numbers, check_annotation, default_side, default_zoom,
-    picture_size, window_of, window_of_numbers,
+    DepthMm, LayerChoice, LayerRef, NumberList, Numbers, PictureLayers, check_annotation,
+    default_side, default_zoom, picture_size, window_of, window_of_numbers,
 };
+use http_support::conditional::Question;
+use http_support::negotiate::media_type;
+use http_support::problem::{AppError, Problem};
 
 /// A picture of a slice.
 #[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
@@ -58,21 +57,25 @@ pub struct SliceQuery {
     #[serde(default)]
     #[param(inline)]
     colormap: ColorMap,
+    /// On which side of axial and coronal slices the patient's left is: at the right (radiological) or at the left.
+    #[serde(default, skip_serializing_if = "SliceConvention::is_default")]
+    #[param(inline)]
+    convention: SliceConvention,
     /// Whether to draw the label, day and short id of the case, position, window, scale, depths of the contours,
     /// directions and the notice into the picture.
     #[serde(default)]
     #[param(default = false)]
     annotate: bool,
-    /// A map of the junction of grey and white matter to show instead of the intensities; `window` then refers to its
-    /// values.
+    /// The layer to show instead of the intensities: the name of a map, or the name or id of an added layer. `window`
+    /// then refers to its values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[param(inline)]
-    layer: Option<MapName>,
-    /// A map of the junction of grey and white matter to show in colours over the grey texture. Undefined parts are
-    /// transparent.
+    #[param(value_type = Option<String>, example = "FLAIR")]
+    layer: Option<LayerRef>,
+    /// The layer to show in colours over the grey texture: the name of a map, or the name or id of an added layer.
+    /// Undefined parts are transparent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[param(inline)]
-    overlay: Option<MapName>,
+    #[param(value_type = Option<String>, example = "blur")]
+    overlay: Option<LayerRef>,
     /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(value_type = Option<String>, example = "2.5,5")]
@@ -94,8 +97,8 @@ pub struct SliceQuery {
 impl SliceQuery {
     fn layers(&self) -> LayerChoice {
         LayerChoice {
-            layer: self.layer,
-            overlay: self.overlay,
+            layer: self.layer.clone(),
+            overlay: self.overlay.clone(),
             overlay_window: self.overlay_window,
             overlay_colormap: self.overlay_colormap,
             overlay_threshold: self.overlay_threshold,
@@ -134,6 +137,7 @@ impl Asked for SliceQuery {
         let window = self.window.map(window_of_numbers).transpose()?;
         let request = SliceRequest::new(SliceParameters {
             plane: SlicePlane::Axial,
+            convention: self.convention,
             position_mm: self.position_mm.unwrap_or(0.0),
             depths_mm: self.depth_mm.0.clone(),
             zoom: self.zoom,
@@ -153,10 +157,10 @@ impl Asked for SliceQuery {
 
 impl SliceValues {
     /// The slice of a case.
-    fn of_case(self, plane: SlicePlane, facts: &CaseFacts) -> SliceRequest {
+    fn of_case(self, plane: SlicePlane, facts: &CaseFacts, layers: &PictureLayers) -> SliceRequest {
         let middle_mm = || middle_mm(facts, plane.axis());
         let position_mm = self.position_mm.unwrap_or_else(middle_mm);
-        let usual = || self.layers.window_or(window_of(facts));
+        let usual = || layers.window.unwrap_or_else(|| window_of(facts));
         let window = self.window.unwrap_or_else(usual);
         self.request.shown(plane, position_mm, window)
     }
@@ -169,7 +173,7 @@ fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
     row[0] * centres[0] + row[1] * centres[1] + row[2] * centres[2] + row[3]
 }
 
-/// A slice with the contours of isosurfaces
+/// A slice through the whole acquired volume, with the contours of isosurfaces
 #[utoipa::path(
     get, path = "/v1/cases/{id}/slices/{plane}", tag = "pictures",
     params(
@@ -195,14 +199,7 @@ pub async fn get_slice(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
-    let plane = path.iter().find(|(name, _)| *name == "plane");
-    let plane = plane
-        .and_then(|(_, text)| {
-            SlicePlane::ALL
-                .into_iter()
-                .find(|plane| plane.name() == text)
-        })
-        .ok_or(AppError::NoSuchRoute)?;
+    let plane = plane_of(&path)?;
     let question = Question {
         id,
         route: "slices",
@@ -210,30 +207,42 @@ pub async fn get_slice(
         request: &request,
     };
     let named = cases.identity(&id, asked.annotate).await?;
-    let choice = values.layers;
+    let chosen = values.layers.of_case(&cases.library, &id).await?;
     let work = async |facts: Arc<CaseFacts>| {
-        let layers = choice.of_case(&cases.library, &id).await?;
-        let slice = values.of_case(plane, &facts);
+        let layers = chosen.load(&cases.library, &id).await?;
+        let slice = values.of_case(plane, &facts, &layers);
+        let layers = layers.keyed;
         let model = cases.model(&id).await?;
+        let volume = cases.whole_volume(&id).await?;
         let (case, named) = (id.to_string(), named.clone());
-        let picture = cases
-            .queue
-            .run(move || draw(&model, &layers, (&case, &slice), named.as_deref()));
+        let picture = cases.queue.run(move || {
+            let scene = Scene {
+                volume: &volume,
+                ..model.scene().with_layers(layers.layers())
+            };
+            draw(&scene, (&case, &slice), named.as_deref())
+        });
         Ok(Bytes::from(picture.await??).into())
     };
-    let format = format_with_layers(plane.name().to_owned(), &choice).named(named.clone());
+    let format = format_with_layers(plane.name().to_owned(), &chosen).named(named.clone());
     question.answer(&cases, format, work).await
+}
+
+/// The plane that a path names.
+pub(super) fn plane_of(path: &RawPathParams) -> Result<SlicePlane, AppError> {
+    let plane = path.iter().find(|(name, _)| *name == "plane");
+    plane
+        .and_then(|(_, text)| text.parse().ok())
+        .ok_or(AppError::NoSuchRoute)
 }
 
 /// Draws a slice; with `named`, annotated.
 fn draw(
-    model: &WarmModel,
-    layers: &KeyedLayers,
+    scene: &Scene<'_>,
     (case, request): (&str, &SliceRequest),
     named: Option<&str>,
 ) -> Result<Vec<u8>, AppError> {
-    let scene = model.scene().with_layers(layers.layers());
-    let mut frame = render::draw_slice(&scene, request);
+    let mut frame = render::draw_slice(scene, request);
     if named.is_some() {
         frame = render::annotate_slice(
             frame,

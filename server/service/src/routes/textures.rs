@@ -1,23 +1,22 @@
 //! The voxels of a case as three-dimensional textures.
 
 use std::future::ready;
-use std::sync::Arc;
 
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
+use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
-use super::bodies::{Bodies, BodyKey, BodyKind};
+use super::bodies::{Bodies, BodyKey, BodyKind, Extent};
 use super::query::{ApiQuery, Asked, CasePath};
-use crate::conditional::{self, Content, Format, Question};
-use crate::negotiate::{Coding, media_type};
-use crate::problem::{AppError, Problem};
 use crate::wire::{self, Texture, Voxels};
 use cases::Cases;
-use cases::models::WarmModel;
 use cases::pictures::check_count;
+use http_support::conditional::{self, Content, Format, Question};
+use http_support::negotiate::{Coding, media_type};
+use http_support::problem::{AppError, Problem};
 
 pub(super) const MEDIA_TYPE: &str = "application/octet-stream";
 
@@ -31,8 +30,12 @@ const MAX_STEP: usize = 16;
 pub struct VolumeQuery {
     /// 16: as acquired. 8: for a first picture, over the default window and half its width to either side.
     #[serde(default = "all_bits")]
-    #[param(minimum = 8, maximum = 16, default = 16)]
+    #[param(schema_with = eight_or_sixteen)]
     bits: u8,
+    /// `envelope`: what pictures of surfaces show. `whole`: all that was acquired, which slices show.
+    #[serde(default, skip_serializing_if = "Extent::is_default")]
+    #[param(inline)]
+    extent: Extent,
 }
 
 /// The format of the depths.
@@ -44,6 +47,14 @@ pub struct DistanceQuery {
     #[serde(default = "every_voxel")]
     #[param(minimum = 1, maximum = 16, default = 1)]
     step: usize,
+}
+
+fn eight_or_sixteen() -> Object {
+    ObjectBuilder::new()
+        .schema_type(Type::Integer)
+        .enum_values(Some([8, 16]))
+        .default(Some(16.into()))
+        .build()
 }
 
 fn all_bits() -> u8 {
@@ -77,7 +88,7 @@ impl Asked for DistanceQuery {
     }
 }
 
-/// The intensities, cropped to the envelope
+/// The intensities, cropped to the envelope or whole
 ///
 /// Unsigned voxels of 16 bits as acquired, or of 8, little-endian, x-fastest; the headers describe them.
 #[utoipa::path(
@@ -107,9 +118,13 @@ pub async fn get_volume(
     ApiQuery { values: query, .. }: ApiQuery<VolumeQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let texture = move |model: &Arc<WarmModel>| match query.bits {
-        8 => wire::quick_volume_texture(model),
-        _ => wire::volume_texture(model),
+    let texture = async || {
+        let facts = cases.ready(&id).await?;
+        let range = (query.bits == 8).then(|| wire::quick_range(&facts));
+        Ok(match query.extent {
+            Extent::Envelope => wire::volume_texture(cases.model(&id).await?, range),
+            Extent::Whole => wire::volume_texture(cases.whole_volume(&id).await?, range),
+        })
     };
     let question = Question {
         id,
@@ -122,7 +137,7 @@ pub async fn get_volume(
         &bodies,
         question,
         Source {
-            kind: BodyKind::Volume(query.bits),
+            kind: BodyKind::Volume(query.bits, query.extent),
             texture,
         },
     )
@@ -163,9 +178,12 @@ pub async fn get_distance(
     ApiQuery { values: query, .. }: ApiQuery<DistanceQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let texture = move |model: &Arc<WarmModel>| match query.step {
-        1 => wire::depth_texture(model),
-        step => wire::coarse_depth_texture(model, step),
+    let texture = async || {
+        let model = cases.model(&id).await?;
+        Ok(match query.step {
+            1 => wire::depth_texture(&model),
+            step => wire::coarse_depth_texture(&model, step),
+        })
     };
     let question = Question {
         id,
@@ -195,7 +213,7 @@ async fn answer(
     cases: &Cases,
     bodies: &Bodies,
     question: Question<'_, impl Serialize>,
-    source: Source<impl FnOnce(&Arc<WarmModel>) -> Texture>,
+    source: Source<impl AsyncFnOnce() -> Result<Texture, AppError>>,
 ) -> Result<Response, AppError> {
     let Source { kind, texture } = source;
     let (id, request) = (question.id, question.request);
@@ -203,7 +221,7 @@ async fn answer(
     let format = Format::compressed(MEDIA_TYPE, request);
     let coding = format.coding();
     let work = async |_| {
-        let texture = texture(&cases.model(&id).await?);
+        let texture = texture().await?;
         let headers = layout(&texture);
         let body = match (texture.voxels, coding) {
             (Voxels::Shared(bytes), Coding::Identity) => bytes,

@@ -1,16 +1,18 @@
 //! Answers that never change: tags, 304, HEAD, ranges, codings.
 
 use std::io::Read as _;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Method;
 use bytes::Bytes;
+use cases::jobs::Workers;
 use flate2::read::GzDecoder;
 
 use super::server::Server;
 
 /// Every route that never changes, the media type of its answer, and on which header of the request it depends.
-const ROUTES: [(&str, &str, &str); 10] = [
+const ROUTES: [(&str, &str, &str); 12] = [
     ("mesh?depth_mm=8", "application/octet-stream", "accept"),
     (
         "mesh/triangles",
@@ -23,6 +25,11 @@ const ROUTES: [(&str, &str, &str); 10] = [
         "accept-encoding",
     ),
     ("volume", "application/octet-stream", "accept-encoding"),
+    (
+        "volume?extent=whole",
+        "application/octet-stream",
+        "accept-encoding",
+    ),
     ("distance", "application/octet-stream", "accept-encoding"),
     (
         "render?depth_mm=8&width=64&height=64",
@@ -30,6 +37,7 @@ const ROUTES: [(&str, &str, &str); 10] = [
         "accept",
     ),
     ("slices/axial?width=64&height=64", "image/png", "accept"),
+    ("acquired/axial?width=64&height=64", "image/png", "accept"),
     ("mask", "application/gzip", "accept"),
     ("envelope", "application/gzip", "accept"),
     ("quality", "image/png", "accept"),
@@ -104,11 +112,50 @@ async fn a_case_that_is_not_ready_is_never_known() {
         (nobody, 404, "no-such-case"),
     ] {
         for (route, ..) in ROUTES {
+            if status == 409 && route.starts_with("acquired") {
+                continue;
+            }
             let address = format!("{case}/{route}");
             let answer = server.get_with(&address, &[("if-none-match", "*")]).await;
             assert_eq!(answer.refusal(), (status, kind.to_owned()), "{route}");
         }
     }
+}
+
+#[tokio::test]
+async fn what_was_acquired_is_shown_before_the_case_is_ready_and_does_not_change() {
+    let server = Server::start().await;
+    let (volume, mask) = super::server::head();
+    let waiting = server.upload(&[("volume", volume), ("mask", mask)]).await;
+    let case = waiting.header("location").to_owned();
+    let route = |plane: &str| format!("{case}/acquired/{plane}?width=96&height=96");
+    let planes = ["axial", "coronal", "sagittal"];
+    let mut early = Vec::new();
+    for plane in planes {
+        let answer = server.get(&route(plane)).await;
+        assert_eq!(answer.status, 200, "{plane}: {answer:?}");
+        assert_eq!(server.get(&case).await.json()["state"], "queued");
+        early.push(answer);
+    }
+    assert!(early[0].body != early[1].body && early[1].body != early[2].body);
+    let annotated = server
+        .get(&format!("{case}/acquired/axial?annotate=true"))
+        .await;
+    assert_eq!(annotated.header("cache-control"), "private, no-cache");
+    let plain = server.get(&format!("{case}/acquired/axial")).await;
+    assert!(annotated.body != plain.body);
+    let workers = Workers::start(server.cases.library.clone(), 1);
+    assert_eq!(server.settled(&case).await, "ready");
+    workers.shut_down(Duration::from_secs(60)).await;
+    for (plane, early) in planes.into_iter().zip(early) {
+        let late = server.get(&route(plane)).await;
+        assert_eq!(late.header("etag"), early.header("etag"), "{plane}");
+        assert!(late.body == early.body, "{plane}: the same bytes");
+    }
+    server.ask(Method::DELETE, &case, &[], Body::empty()).await;
+    assert_eq!(server.get(&route("axial")).await.status, 404);
+    let oblique = server.get(&route("oblique")).await;
+    assert_eq!(oblique.refusal(), (404, "no-such-address".to_owned()));
 }
 
 #[tokio::test]

@@ -1,6 +1,7 @@
 //! The whole router, asked without a socket: one server for each table of requests.
 
 mod immutable;
+mod layers;
 mod queries;
 mod refusals;
 mod server;

@@ -24,6 +24,7 @@ async fn queries_that_are_not_right() {
         ("mesh/paths?paths=Smith", UNREADABLE, "paths"),
         ("volume?bits=12", RANGE, "bits"),
         ("volume?x=1", "query-unknown-key", ""),
+        ("volume?extent=head", UNREADABLE, "extent"),
         ("distance?step=0", RANGE, "step"),
         ("distance?step=17", RANGE, "step"),
         ("mask?x=1", "query-unknown-key", ""),
@@ -62,6 +63,10 @@ async fn queries_that_are_not_right() {
         ("slices/axial?window=0,0.5", RANGE, "window"),
         ("slices/axial?zoom=0", RANGE, "zoom"),
         ("slices/axial?annotate=true&height=32", RANGE, "annotate"),
+        ("acquired/axial?depth_mm=5", "query-unknown-key", ""),
+        ("acquired/axial?position_mm=inf", RANGE, "position_mm"),
+        ("acquired/axial?width=0", RANGE, "width"),
+        ("acquired/axial?annotate=true&height=32", RANGE, "annotate"),
     ];
     for (rest, kind, parameter) in table {
         let answer = server.get(&format!("{case}/{rest}")).await;

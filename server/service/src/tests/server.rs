@@ -19,11 +19,14 @@ use tempfile::TempDir;
 use tower::ServiceExt as _;
 
 use crate::app::app;
-use crate::auth::Access;
 use crate::state::{AppState, HttpOptions, UploadLimits};
+use http_support::auth::Access;
 
 /// The largest upload that is accepted here.
 pub(super) const MAX_UPLOAD_BYTES: u64 = 4 << 20;
+
+/// How many layers a case may have here.
+pub(super) const MAX_LAYERS: usize = 3;
 
 /// What separates the parts of a form.
 const BOUNDARY: &str = "isocortex-test-boundary";
@@ -114,7 +117,9 @@ impl Server {
         let directory = tempfile::tempdir().unwrap();
         let options = Options {
             location: directory.path().into(),
+            preparation_threads: 2,
             makes_maps: false,
+            max_layers: MAX_LAYERS,
             store: storage::Options {
                 queue_limit: 2,
                 ..storage::Options::default()
@@ -131,6 +136,7 @@ impl Server {
             graphics: GraphicsOptions::of_one(GpuUse::Off),
             dicom_program: Program::other("/bin/false".into(), Vec::new()),
             max_dicom_bytes: 1 << 20,
+            deidentify: false,
         };
         let http = HttpOptions {
             access,

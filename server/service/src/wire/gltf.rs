@@ -22,7 +22,7 @@ const GLTF_FROM_PATIENT: [f32; 16] = [
 ///
 /// Format: Khronos glTF 2.0, sections 3.6 and 4.4.
 pub fn gltf(mesh: Mesh<'_>) -> Vec<u8> {
-    let positions = super::positions(mesh.shrunk);
+    let positions = super::positions(&mesh.shrunk.positions_in_patient);
     let triangles = super::triangles(mesh.triangles);
     let mut text = document(mesh, positions.len(), triangles.len()).to_string();
     while !text.len().is_multiple_of(4) {

@@ -16,8 +16,8 @@ pub use paths::paths;
 pub use ply::ply;
 pub use stl::stl;
 pub use texture::{
-    Texture, Voxels, coarse_depth_texture, depth_texture, layer_texture, quick_volume_texture,
-    volume_texture,
+    Texture, Voxels, added_layer_texture, coarse_depth_texture, depth_texture, layer_texture,
+    quick_range, volume_texture,
 };
 
 /// A mesh to write: its vertices in LPS mm and its triangles.
@@ -29,9 +29,9 @@ pub struct Mesh<'a> {
     pub triangles: &'a [[u32; 3]],
 }
 
-/// Vertices as `f32` triples, little-endian.
-pub fn positions(mesh: &ShrunkMesh) -> Bytes {
-    little_endian(&mesh.positions_in_patient, |x: f32| x.to_le_bytes())
+/// Positions in LPS mm as `f32` triples, little-endian.
+pub fn positions(positions_in_patient: &[[f32; 3]]) -> Bytes {
+    little_endian(positions_in_patient, |x: f32| x.to_le_bytes())
 }
 
 /// Triangles as `u32` triples, little-endian.
@@ -84,7 +84,7 @@ mod tests {
     #[test]
     fn positions_and_triangles_are_bare_triples() {
         let (mesh, triangles) = tetrahedron();
-        let positions = super::positions(&mesh);
+        let positions = super::positions(&mesh.positions_in_patient);
         assert_eq!(positions.len(), 12 * 4);
         assert_eq!(f32_at(&positions, 12), 30.0);
         let triangles = super::triangles(&triangles);

@@ -7,7 +7,7 @@ use super::Mesh;
 /// A binary, little-endian PLY in LPS mm, as stated in a comment.
 pub fn ply(mesh: Mesh<'_>) -> Vec<u8> {
     let mut file = header(mesh).into_bytes();
-    file.extend_from_slice(&super::positions(mesh.shrunk));
+    file.extend_from_slice(&super::positions(&mesh.shrunk.positions_in_patient));
     for triangle in mesh.triangles {
         file.push(3);
         file.extend(triangle.iter().flat_map(|vertex| vertex.to_le_bytes()));

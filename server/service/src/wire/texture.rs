@@ -4,9 +4,12 @@ use std::fmt;
 use std::sync::Arc;
 
 use bytes::Bytes;
-use geometry::{DepthField, Grid};
+use case::CaseFacts;
+use geometry::{DepthField, Grid, Volume};
 use glam::{DAffine3, DVec3};
 
+use case::LayerKind;
+use cases::library::LayerVoxels;
 use cases::models::WarmModel;
 use render::{Layer, LayerValues};
 
@@ -54,29 +57,42 @@ impl fmt::Debug for Voxels {
     }
 }
 
-/// The intensities of a case, as acquired, cropped to the envelope.
-pub fn volume_texture(model: &Arc<WarmModel>) -> Texture {
-    let rescale = model.model().volume().rescale();
-    Texture {
-        voxels: Voxels::Shared(shared_voxels(model, |model| {
-            model.model().volume().voxels()
-        })),
-        format: "u16",
-        scale: rescale.slope,
-        offset: rescale.intercept,
-        size: model.model().volume().grid().size(),
-        patient_from_voxel: rows_of(model.model().volume().grid().patient_from_voxel()),
+/// A volume in memory whose voxels can be sent without a copy.
+pub trait Owner: Send + Sync + 'static {
+    /// The volume.
+    fn volume(&self) -> &Volume;
+}
+
+impl Owner for Volume {
+    fn volume(&self) -> &Volume {
+        self
     }
 }
 
-/// The intensities in eight bits, for a first picture: equal steps over the default window and half its width to either
-/// side, as far as the intensities reach.
-pub fn quick_volume_texture(model: &Arc<WarmModel>) -> Texture {
-    let [low, high] = quick_range(model);
+impl Owner for WarmModel {
+    fn volume(&self) -> &Volume {
+        self.model().volume()
+    }
+}
+
+/// Intensities as acquired, or in eight bits over a range from [`quick_range`].
+pub fn volume_texture(owner: Arc<impl Owner>, range: Option<[f32; 2]>) -> Texture {
+    let volume = owner.volume();
+    let rescale = volume.rescale();
+    let whole = Texture {
+        voxels: Voxels::Shared(shared_voxels(&owner, |owner| owner.volume().voxels())),
+        format: "u16",
+        scale: rescale.slope,
+        offset: rescale.intercept,
+        size: volume.grid().size(),
+        patient_from_voxel: rows_of(volume.grid().patient_from_voxel()),
+    };
+    let Some([low, high]) = range else {
+        return whole;
+    };
     let step = ((high - low) / 255.0).max(f32::MIN_POSITIVE);
-    let shared = Arc::clone(model);
     let make = move || {
-        let volume = shared.model().volume();
+        let volume = owner.volume();
         // A float below 0 or above 255 becomes the nearer end.
         let quick = |stored| ((volume.intensity(f32::from(stored)) - low) / step).round() as u8;
         let table: Vec<u8> = (0..=u16::MAX).map(quick).collect();
@@ -88,15 +104,15 @@ pub fn quick_volume_texture(model: &Arc<WarmModel>) -> Texture {
         format: "u8",
         scale: step,
         offset: low,
-        ..volume_texture(model)
+        ..whole
     }
 }
 
-/// The range of intensities of the eight bits.
-fn quick_range(model: &WarmModel) -> [f32; 2] {
-    let window = model.facts.window;
-    let low = (window.center - window.width).max(model.facts.intensity_min);
-    let high = (window.center + window.width).min(model.facts.intensity_max);
+/// The range of intensities of eight bits, for a first picture: the default window and half its width to either side, as
+/// far as the intensities around the brain reach.
+pub fn quick_range(facts: &CaseFacts) -> [f32; 2] {
+    let low = (facts.window.center - facts.window.width).max(facts.intensity_min);
+    let high = (facts.window.center + facts.window.width).min(facts.intensity_max);
     [low, high.max(low)]
 }
 
@@ -110,7 +126,7 @@ pub fn layer_texture(grid: &Grid, layer: &Arc<Layer>) -> Texture {
         fn as_ref(&self) -> &[u8] {
             match self.0.values() {
                 LayerValues::Codes { codes, .. } => codes,
-                LayerValues::Numbers(_) => &[],
+                LayerValues::Numbers(_) | LayerValues::Labels { .. } => &[],
             }
         }
     }
@@ -125,6 +141,35 @@ pub fn layer_texture(grid: &Grid, layer: &Arc<Layer>) -> Texture {
         size: layer.size(),
         patient_from_voxel: rows_of(grid.patient_from_voxel()),
     }
+}
+
+/// An added layer around the envelope, on its own grid in the patient space of the case: its stored values, or for a
+/// label map the numbers of the colours.
+///
+/// # Errors
+/// If its placement is beyond all bounds.
+pub fn added_layer_texture(voxels: LayerVoxels) -> Result<Texture, cases::Error> {
+    let grid = voxels.grid_in_case()?;
+    let rescale = voxels.volume.rescale();
+    let format = match voxels.kind {
+        LayerKind::Labels => "u8",
+        _ => "u16",
+    };
+    let make = move || match voxels.kind {
+        LayerKind::Labels => voxels.label_colors().into(),
+        _ => {
+            let codes = voxels.volume.voxels().iter();
+            codes.flat_map(|code| code.to_le_bytes()).collect()
+        }
+    };
+    Ok(Texture {
+        voxels: Voxels::Made(Box::new(make)),
+        format,
+        scale: rescale.slope,
+        offset: rescale.intercept,
+        size: grid.size(),
+        patient_from_voxel: rows_of(grid.patient_from_voxel()),
+    })
 }
 
 /// The signed depth of a case on the working grid, in mm.
@@ -171,18 +216,18 @@ fn every(step: usize, grid: &Grid, values: &[i16]) -> Vec<i16> {
     kept
 }
 
-/// Voxels of a model as bytes that keep the model alive, not copied where memory is little-endian already.
-fn shared_voxels<T: bytemuck::Pod>(
-    model: &Arc<WarmModel>,
-    voxels: fn(&WarmModel) -> &[T],
+/// Voxels as bytes that keep their owner alive, not copied where memory is little-endian already.
+fn shared_voxels<O: Send + Sync + 'static, T: bytemuck::Pod>(
+    owner: &Arc<O>,
+    voxels: fn(&O) -> &[T],
 ) -> Bytes {
-    struct Shared<T: 'static>(Arc<WarmModel>, fn(&WarmModel) -> &[T]);
-    impl<T: bytemuck::Pod> AsRef<[u8]> for Shared<T> {
+    struct Shared<O, T: 'static>(Arc<O>, fn(&O) -> &[T]);
+    impl<O, T: bytemuck::Pod> AsRef<[u8]> for Shared<O, T> {
         fn as_ref(&self) -> &[u8] {
             bytemuck::cast_slice(self.1(&self.0))
         }
     }
-    let shared = Shared(Arc::clone(model), voxels);
+    let shared = Shared(Arc::clone(owner), voxels);
     if cfg!(target_endian = "little") {
         Bytes::from_owner(shared)
     } else {

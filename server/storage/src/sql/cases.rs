@@ -3,8 +3,8 @@
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row};
-use super::{jobs, pins, upkeep};
-use crate::rows::{Inserted, NewCase, Pinned};
+use super::{arrivals, pins, results, upkeep};
+use crate::rows::{NewCase, Pinned};
 use crate::{Cursor, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, Stage};
 
@@ -12,7 +12,8 @@ use case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, St
 macro_rules! select_case {
     ($rest:literal) => {
         concat!(
-            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at, previous, stage, fraction,
+            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
+                    COALESCE(uploaded_at, created_at) AS uploaded_at, kept, previous, stage, fraction,
                     (SELECT string_agg(version.id, ',' ORDER BY version.created_at, version.id) FROM cases AS version
                      WHERE version.previous = cases.id) AS next
              FROM cases LEFT JOIN jobs ON jobs.case_id = cases.id ",
@@ -21,40 +22,21 @@ macro_rules! select_case {
     };
 }
 
-pub(super) async fn insert(
+/// The state of a case as it is written; `None` if there is no such case.
+pub(super) async fn state(
     connection: &mut Connection,
-    new: &NewCase,
-    now: i64,
-) -> Result<Inserted, StoreError> {
+    id: &CaseId,
+) -> Result<Option<String>, StoreError> {
     let row = connection
         .query("SELECT state FROM cases WHERE id = $1")
-        .bind(new.id.to_string())
+        .bind(id.to_string())
         .fetch_optional()
         .await?;
-    let state: Option<String> = row.map(|row| row.get("state")).transpose()?;
-    if state.as_deref().is_some_and(|state| state != "failed") {
-        return Ok(Inserted::Exists);
-    }
-    if jobs::waiting(connection).await? >= new.queue_limit {
-        return Ok(Inserted::QueueFull);
-    }
-    if state.is_none() {
-        insert_row(connection, new, now).await?;
-    } else {
-        queue_again(connection, &new.id).await?;
-    }
-    if !refer(connection, &new.id, &new.sources, now).await? {
-        return Ok(Inserted::PinLost);
-    }
-    jobs::insert(connection, &new.id, now).await?;
-    Ok(if state.is_none() {
-        Inserted::Created
-    } else {
-        Inserted::Requeued
-    })
+    row.map(|row| row.get("state")).transpose()
 }
 
-async fn insert_row(
+/// Writes the row of a new case.
+pub(super) async fn insert(
     connection: &mut Connection,
     new: &NewCase,
     now: i64,
@@ -94,7 +76,10 @@ pub(super) fn read_parameters(row: &Row) -> Result<Parameters, StoreError> {
     })
 }
 
-async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
+pub(super) async fn queue_again(
+    connection: &mut Connection,
+    id: &CaseId,
+) -> Result<(), StoreError> {
     connection.query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1")
         .bind(id.to_string())
         .execute()
@@ -145,10 +130,12 @@ pub(super) async fn adopt(connection: &mut Connection, case: &Case) -> Result<bo
         .transpose()?;
     let written = connection
         .query(
-            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at, previous)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, (SELECT id FROM cases WHERE id = $10))
+            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
+                                uploaded_at, kept, previous)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (SELECT id FROM cases WHERE id = $12))
              ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
-                                            facts = excluded.facts, facts_digest = excluded.facts_digest
+                                            facts = excluded.facts, facts_digest = excluded.facts_digest,
+                                            uploaded_at = excluded.uploaded_at, kept = excluded.kept
              WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
         )
         .bind(case.id.to_string())
@@ -160,6 +147,8 @@ pub(super) async fn adopt(connection: &mut Connection, case: &Case) -> Result<bo
         .bind(facts.as_deref())
         .bind(facts.as_deref().map(upkeep::digest))
         .bind(case.created_at.as_microsecond())
+        .bind(case.uploaded_at.as_microsecond())
+        .bind(case.kept)
         .bind(case.previous.map(|id| id.to_string()))
         .execute()
         .await?;
@@ -192,13 +181,24 @@ pub(super) async fn make_ready(
     Ok(())
 }
 
+/// Makes a case failed, and with it the layers that wait for it.
 pub(super) async fn make_failed(
     connection: &mut Connection,
     id: &CaseId,
     failure: &Failure,
 ) -> Result<(), StoreError> {
+    let failure = serde_json::to_string(failure)?;
     connection.query("UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2")
-        .bind(serde_json::to_string(failure)?)
+        .bind(failure.clone())
+        .bind(id.to_string())
+        .execute()
+        .await?;
+    connection
+        .query(
+            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL, fence = 0, lease_until = NULL
+             WHERE case_id = $2 AND state IN ('queued', 'preparing')",
+        )
+        .bind(failure)
         .bind(id.to_string())
         .execute()
         .await?;
@@ -219,6 +219,79 @@ pub(super) async fn rename(
     Ok(())
 }
 
+/// Lets the age of a case count from now; whether it exists.
+pub(super) async fn uploaded_again(
+    connection: &mut Connection,
+    id: &CaseId,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let changed = connection
+        .query("UPDATE cases SET uploaded_at = $1 WHERE id = $2")
+        .bind(now)
+        .bind(id.to_string())
+        .execute()
+        .await?;
+    Ok(changed > 0)
+}
+
+/// Whether the case exists.
+pub(super) async fn keep(
+    connection: &mut Connection,
+    id: &CaseId,
+    kept: bool,
+) -> Result<bool, StoreError> {
+    let changed = connection
+        .query("UPDATE cases SET kept = $1 WHERE id = $2")
+        .bind(kept)
+        .bind(id.to_string())
+        .execute()
+        .await?;
+    Ok(changed > 0)
+}
+
+/// The oldest settled cases that are not kept and were last uploaded before a time.
+pub(super) async fn uploaded_before(
+    connection: &mut Connection,
+    time: i64,
+    limit: usize,
+) -> Result<Vec<CaseId>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT id FROM cases
+             WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
+               AND NOT kept AND state IN ('ready', 'failed')
+             ORDER BY created_at, id LIMIT $2",
+        )
+        .bind(time)
+        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        let id: String = row.get("id")?;
+        CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
+    };
+    rows.iter().map(read).collect()
+}
+
+/// Whether a case is one of [`uploaded_before`].
+pub(super) async fn is_uploaded_before(
+    connection: &mut Connection,
+    id: &CaseId,
+    time: i64,
+) -> Result<bool, StoreError> {
+    let row = connection
+        .query(
+            "SELECT EXISTS (SELECT 1 FROM cases
+                            WHERE id = $1 AND COALESCE(uploaded_at, created_at) <= $2
+                              AND NOT kept AND state IN ('ready', 'failed')) AS old",
+        )
+        .bind(id.to_string())
+        .bind(time)
+        .fetch_one()
+        .await?;
+    row.get("old")
+}
+
 pub(super) async fn delete(
     connection: &mut Connection,
     id: &CaseId,
@@ -226,12 +299,14 @@ pub(super) async fn delete(
 ) -> Result<bool, StoreError> {
     let needed = objects(connection, id).await?;
     pins::abandon(connection, needed, now).await?;
+    arrivals::remove_of_case(connection, id, now).await?;
+    results::abandon_of_case(connection, id, now).await?;
     // Its versions become those of the case that it is itself a version of.
     connection.query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1")
         .bind(id.to_string())
         .execute()
         .await?;
-    // The job and the references go with the case (ON DELETE CASCADE).
+    // The job, the layers, the results and the references go with the case (ON DELETE CASCADE).
     let deleted = connection
         .query("DELETE FROM cases WHERE id = $1")
         .bind(id.to_string())
@@ -308,7 +383,10 @@ fn read(row: &Row) -> Result<Case, StoreError> {
         ids.map(|id| CaseId::parse(id).ok_or_else(|| unreadable("version")))
             .collect::<Result<Vec<_>, _>>()
     };
-    let created_at = Timestamp::from_microsecond(row.get("created_at")?);
+    let time = |column: &str| {
+        let read = Timestamp::from_microsecond(row.get(column)?);
+        read.map_err(|_| unreadable("time"))
+    };
     Ok(Case {
         id,
         parameters: read_parameters(row)?,
@@ -324,11 +402,14 @@ fn read(row: &Row) -> Result<Case, StoreError> {
             .transpose()?,
         previous: versions(previous)?.pop(),
         next: versions(next)?,
-        created_at: created_at.map_err(|_| unreadable("time"))?,
+        created_at: time("created_at")?,
+        uploaded_at: time("uploaded_at")?,
+        kept: row.get("kept")?,
+        expires_at: None,
     })
 }
 
-fn read_state(name: &str) -> Option<CaseState> {
+pub(super) fn read_state(name: &str) -> Option<CaseState> {
     match name {
         "queued" => Some(CaseState::Queued),
         "preparing" => Some(CaseState::Preparing),

@@ -1,8 +1,10 @@
-//! One interface to both databases: the statements of [`super`] are written once, in the SQL that SQLite and PostgreSQL
-//! share.
+//! One interface to both databases: the statements are written once, in the SQL that SQLite and PostgreSQL share.
 //!
 //! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
 
+use std::time::Duration;
+
+use futures_util::stream::BoxStream;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgConnection, PgRow};
 use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqlitePool, SqliteRow};
@@ -10,6 +12,12 @@ use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
 
 use super::{postgres, sqlite};
 use crate::StoreError;
+use crate::rows::Change;
+
+/// A duration in the unit of the rows.
+pub(super) fn microseconds(duration: Duration) -> i64 {
+    i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
+}
 
 /// Connections to a database.
 #[derive(Debug, Clone)]
@@ -39,7 +47,7 @@ impl Database {
     pub(super) async fn close(&self) {
         match self {
             Self::Sqlite(pool) => {
-                self.empty_log().await;
+                sqlite::empty_log(pool).await;
                 pool.close().await;
             }
             Self::Postgres(connections) => connections.close().await,
@@ -54,6 +62,37 @@ impl Database {
                 Connection::PostgresTransaction(connections.begin().await?)
             }
         })
+    }
+
+    /// Whether it can be written. Changes nothing.
+    pub(super) async fn check(&self) -> Result<(), StoreError> {
+        match self {
+            Self::Sqlite(pool) => sqlite::check(pool).await,
+            Self::Postgres(connections) => connections.check().await,
+        }
+    }
+
+    /// Whether the structure of SQLite's file is whole; PostgreSQL answers for itself.
+    pub(super) async fn check_file(&self) -> Result<(), StoreError> {
+        match self {
+            Self::Sqlite(pool) => sqlite::check_file(pool).await,
+            Self::Postgres(_) => Ok(()),
+        }
+    }
+
+    /// Removes what was deleted from SQLite's log.
+    pub(super) async fn empty_log(&self) {
+        if let Self::Sqlite(pool) = self {
+            sqlite::empty_log(pool).await;
+        }
+    }
+
+    /// The changes that all processes make from now on, if the database announces them.
+    pub(super) async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
+        match self {
+            Self::Sqlite(_) => Ok(None),
+            Self::Postgres(connections) => connections.changes().await.map(Some),
+        }
     }
 }
 
@@ -77,6 +116,16 @@ impl Connection {
             Self::Postgres(_) | Self::PostgresTransaction(_) => postgres::NOW,
         };
         self.query(sql).fetch_one().await?.get("now")
+    }
+
+    /// Commits a transaction whose loss in a power cut costs only work that is done again, without waiting for PostgreSQL's disk while other writers
+    /// wait. It is durable within a second, and before anything that is committed after it.
+    pub(super) async fn commit_soon(mut self) -> Result<(), StoreError> {
+        if let Self::PostgresTransaction(_) = self {
+            let asynchronous = self.query("SET LOCAL synchronous_commit = off");
+            asynchronous.execute().await?;
+        }
+        self.commit().await
     }
 
     /// Commits the transaction.

@@ -1,10 +1,43 @@
 //! Jobs and their leases.
 
-use super::connection::Connection;
-use super::{cases, microseconds};
+use super::connection::{Connection, microseconds};
+use super::{cases, fence, layers};
 use crate::StoreError;
-use crate::rows::{Claim, LeaseTerms, Release};
+use crate::rows::{Claim, Inserted, LeaseTerms, NewCase, Release};
 use case::{CaseId, Failure, FailureKind, Progress};
+
+/// Inserts a case with its references, its job, and, for a version, the layers of the case that it is a version of.
+pub(super) async fn submit(
+    connection: &mut Connection,
+    new: &NewCase,
+    now: i64,
+) -> Result<Inserted, StoreError> {
+    let state = cases::state(connection, &new.id).await?;
+    if state.is_some() {
+        cases::uploaded_again(connection, &new.id, now).await?;
+    }
+    if state.as_deref().is_some_and(|state| state != "failed") {
+        return Ok(Inserted::Exists);
+    }
+    if waiting(connection).await? >= new.queue_limit {
+        return Ok(Inserted::QueueFull);
+    }
+    let inserted = if state.is_none() {
+        cases::insert(connection, new, now).await?;
+        Inserted::Created
+    } else {
+        cases::queue_again(connection, &new.id).await?;
+        Inserted::Requeued
+    };
+    if !cases::refer(connection, &new.id, &new.sources, now).await? {
+        return Ok(Inserted::PinLost);
+    }
+    insert(connection, &new.id, now).await?;
+    if let (Inserted::Created, Some(previous)) = (inserted, &new.previous) {
+        layers::inherit(connection, &new.id, previous, now).await?;
+    }
+    Ok(inserted)
+}
 
 pub(super) async fn insert(
     connection: &mut Connection,
@@ -77,11 +110,7 @@ async fn lease(
     job: Available,
     until: i64,
 ) -> Result<Claim, StoreError> {
-    let row = connection
-        .query("UPDATE fence SET value = value + 1 RETURNING value")
-        .fetch_one()
-        .await?;
-    let fence: i64 = row.get("value")?;
+    let fence = fence::next(connection, until).await?;
     let attempt = job.attempts + 1;
     connection.query(
         "UPDATE jobs SET attempts = $1, fence = $2, lease_until = $3, stage = NULL, fraction = NULL

@@ -4,16 +4,26 @@
 //! transactions come one after another in both. The time of a transaction is read from the database inside of it, in
 //! microseconds since 1970.
 
+mod arrivals;
 mod cases;
 mod connection;
+mod fence;
 mod jobs;
+mod layer_rows;
+mod layers;
+mod pacs;
 mod pins;
 mod postgres;
 mod rebuilds;
+mod result_rows;
+mod results;
+mod retrievals;
 mod sqlite;
 mod tombstones;
+mod transfers;
 mod upkeep;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
@@ -22,13 +32,15 @@ use async_trait::async_trait;
 use futures_util::stream::BoxStream;
 use sqlx::Pool;
 use sqlx::migrate::{Migrate, MigrateError, Migrator};
+use sqlx::postgres::PgConnectOptions;
+use sqlx::sqlite::SqliteConnectOptions;
 
-use self::connection::{Connection, Database};
+use self::connection::{Connection, Database, microseconds};
 use super::rows::{
     CaseRows, Change, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
 };
 use super::{Cursor, ObjectName, Page, StoreError};
-use case::{Case, CaseFacts, CaseId, Failure, Progress};
+use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Progress};
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]
@@ -39,6 +51,44 @@ pub struct SqlRows {
 }
 
 impl SqlRows {
+    /// Opens a database file; creates and migrates it where necessary.
+    ///
+    /// # Errors
+    /// If the file cannot be used, or was written by a newer version.
+    pub async fn sqlite(file: &Path) -> Result<Self, StoreError> {
+        Self::on_sqlite(sqlite::in_file(file), sqlite::CONNECTIONS).await
+    }
+
+    /// A database in memory, which ends with its last user.
+    ///
+    /// # Errors
+    /// If there is no memory for it.
+    pub async fn in_memory() -> Result<Self, StoreError> {
+        Self::on_sqlite(SqliteConnectOptions::new().in_memory(true), 1).await
+    }
+
+    async fn on_sqlite(
+        options: SqliteConnectOptions,
+        connections: u32,
+    ) -> Result<Self, StoreError> {
+        let pool = sqlite::open(options, connections).await?;
+        migrate(&sqlx::migrate!("migrations/sqlite"), &pool).await?;
+        let rows = Self::of(Database::Sqlite(pool));
+        upkeep::add_missing_digests(&rows.database).await?;
+        Ok(rows)
+    }
+
+    /// Opens a database that exists; creates and migrates the tables where necessary.
+    ///
+    /// # Errors
+    /// If it cannot be reached or used, or was written by a newer version.
+    pub async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
+        let connections = postgres::open(options).await?;
+        // One process migrates at a time: the migrator takes a lock.
+        migrate(&sqlx::migrate!("migrations/postgres"), connections.pool()).await?;
+        Ok(Self::of(Database::Postgres(connections)))
+    }
+
     fn of(database: Database) -> Self {
         Self {
             database,
@@ -63,11 +113,22 @@ impl SqlRows {
         let now = self.now(&mut transaction).await?;
         Ok((transaction, now))
     }
-}
 
-/// A duration in the unit of the rows.
-fn microseconds(duration: Duration) -> i64 {
-    i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
+    /// Deletes a case with its layers and commits; whether it existed.
+    async fn delete_in(
+        &self,
+        mut transaction: Connection,
+        id: &CaseId,
+        now: i64,
+    ) -> Result<bool, StoreError> {
+        layers::abandon_all(&mut transaction, id, now).await?;
+        let deleted = cases::delete(&mut transaction, id, now).await?;
+        transaction.commit().await?;
+        if deleted {
+            self.database.empty_log().await;
+        }
+        Ok(deleted)
+    }
 }
 
 /// Migrates the tables. Tables of a newer version are not changed.
@@ -108,8 +169,8 @@ impl CaseRows for SqlRows {
 
     async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let inserted = cases::insert(&mut transaction, new, now).await?;
-        if matches!(inserted, Inserted::Created | Inserted::Requeued) {
+        let inserted = jobs::submit(&mut transaction, new, now).await?;
+        if !matches!(inserted, Inserted::QueueFull | Inserted::PinLost) {
             transaction.commit().await?;
         }
         Ok(inserted)
@@ -147,13 +208,40 @@ impl CaseRows for SqlRows {
     }
 
     async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (transaction, now) = self.write().await?;
+        self.delete_in(transaction, id, now).await
+    }
+
+    async fn uploaded_again(&self, id: &CaseId) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let deleted = cases::delete(&mut transaction, id, now).await?;
+        let exists = cases::uploaded_again(&mut transaction, id, now).await?;
         transaction.commit().await?;
-        if deleted {
-            self.database.empty_log().await;
+        Ok(exists)
+    }
+
+    async fn keep(&self, id: &CaseId, kept: bool) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        let exists = cases::keep(&mut transaction, id, kept).await?;
+        transaction.commit().await?;
+        Ok(exists)
+    }
+
+    async fn expired(&self, age: Duration, limit: usize) -> Result<Vec<CaseId>, StoreError> {
+        let mut connection = self.database.connect().await?;
+        let before = self
+            .now(&mut connection)
+            .await?
+            .saturating_sub(microseconds(age));
+        cases::uploaded_before(&mut connection, before, limit).await
+    }
+
+    async fn delete_expired(&self, id: &CaseId, age: Duration) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let before = now.saturating_sub(microseconds(age));
+        if !cases::is_uploaded_before(&mut transaction, id, before).await? {
+            return Ok(false);
         }
-        Ok(deleted)
+        self.delete_in(transaction, id, now).await
     }
 
     async fn waiting(&self) -> Result<usize, StoreError> {
@@ -171,7 +259,7 @@ impl CaseRows for SqlRows {
         drop(reader);
         let (mut transaction, now) = self.write().await?;
         let claim = jobs::claim(&mut transaction, terms, now).await?;
-        transaction.commit().await?;
+        transaction.commit_soon().await?;
         Ok(claim)
     }
 
@@ -290,6 +378,16 @@ impl CaseRows for SqlRows {
         tombstones::unneeded(&mut connection, names).await
     }
 
+    async fn pacs_objects(
+        &self,
+        kind: ObjectKind,
+        after: Option<&ObjectName>,
+        limit: usize,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.database.connect().await?;
+        pacs::objects(&mut connection, kind, after, limit).await
+    }
+
     async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.write().await?;
         if !cases::adopt(&mut transaction, case).await? {
@@ -313,16 +411,17 @@ impl CaseRows for SqlRows {
         pins::expire_all(&mut transaction, now).await?;
         tombstones::end_leases(&mut transaction, now).await?;
         rebuilds::end_all(&mut transaction).await?;
+        arrivals::end_leases(&mut transaction).await?;
+        retrievals::end_leases(&mut transaction).await?;
+        results::end_leases(&mut transaction).await?;
+        layers::end_leases(&mut transaction, now).await?;
         transaction.commit().await?;
         self.database.empty_log().await;
         Ok(())
     }
 
     async fn check(&self) -> Result<(), StoreError> {
-        match &self.database {
-            Database::Sqlite(pool) => sqlite::check(pool).await,
-            Database::Postgres(connections) => connections.check().await,
-        }
+        self.database.check().await
     }
 
     async fn inspect(&self) -> Result<(), StoreError> {
@@ -330,10 +429,7 @@ impl CaseRows for SqlRows {
     }
 
     async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
-        match &self.database {
-            Database::Sqlite(_) => Ok(None),
-            Database::Postgres(connections) => connections.changes().await.map(Some),
-        }
+        self.database.changes().await
     }
 
     async fn close(&self) {

@@ -13,8 +13,6 @@ use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgListener, PgPool, PgPoolOptions};
 use sqlx::{ConnectOptions as _, Connection as _, Postgres, Transaction};
 
-use super::connection::Database;
-use super::{SqlRows, migrate};
 use crate::rows::Change;
 use crate::{LISTEN_AGAIN_AFTER, StoreError, lock};
 
@@ -47,28 +45,21 @@ const BEGIN: &str =
 pub(super) const NOW: &str =
     "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT) AS now";
 
-impl SqlRows {
-    /// Opens a database that exists; creates and migrates the tables where necessary.
-    ///
-    /// # Errors
-    /// If it cannot be reached or used, or was written by a newer version.
-    pub async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
-        let options = options.options(SESSION).application_name("isocortex");
-        // The pool would only say that it waited too long.
-        options.connect().await?.close().await?;
-        let pool = PgPoolOptions::new()
-            .max_connections(CONNECTIONS)
-            .acquire_timeout(ACQUIRE_TIMEOUT)
-            .after_connect(|connection, _| Box::pin(keep_commits(connection)))
-            .connect_with(options)
-            .await?;
-        // One process migrates at a time: the migrator takes a lock.
-        migrate(&sqlx::migrate!("migrations/postgres"), &pool).await?;
-        Ok(Self::of(Database::Postgres(Connections {
-            pool,
-            away_until: Arc::default(),
-        })))
-    }
+/// Opens a database that exists.
+pub(super) async fn open(options: PgConnectOptions) -> Result<Connections, StoreError> {
+    let options = options.options(SESSION).application_name("isocortex");
+    // The pool would only say that it waited too long.
+    options.connect().await?.close().await?;
+    let pool = PgPoolOptions::new()
+        .max_connections(CONNECTIONS)
+        .acquire_timeout(ACQUIRE_TIMEOUT)
+        .after_connect(|connection, _| Box::pin(keep_commits(connection)))
+        .connect_with(options)
+        .await?;
+    Ok(Connections {
+        pool,
+        away_until: Arc::default(),
+    })
 }
 
 /// A committed row must survive a loss of power, whatever the database is configured to.
@@ -93,6 +84,11 @@ pub(super) struct Connections {
 }
 
 impl Connections {
+    /// The connections themselves, for the migrations.
+    pub(super) fn pool(&self) -> &PgPool {
+        &self.pool
+    }
+
     pub(super) async fn acquire(&self) -> Result<PoolConnection<Postgres>, sqlx::Error> {
         self.reached_by(self.pool.acquire()).await
     }
@@ -177,6 +173,8 @@ mod tests {
     use crate::CaseRows as _;
     use crate::conformance::RowsSubject;
     use crate::rows::{Inserted, Published};
+    use crate::sql::SqlRows;
+    use crate::sql::connection::Database;
     use crate::testing::postgres::PostgresServer;
     use crate::testing::{claim, facts, new_case, pinned};
 

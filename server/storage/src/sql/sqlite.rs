@@ -13,44 +13,32 @@ use sqlx::sqlite::{
 };
 use sqlx::{Connection as _, Row as _, Sqlite, Transaction};
 
-use super::connection::Database;
-use super::{SqlRows, migrate, upkeep};
 use crate::StoreError;
 
 /// How long a transaction waits for one of another process.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Connections to a file: one writes, the others read meanwhile.
-const CONNECTIONS: u32 = 4;
+pub(super) const CONNECTIONS: u32 = 4;
 
 /// The time by the database's clock.
 pub(super) const NOW: &str = "SELECT CAST(unixepoch('subsec') * 1000 AS INTEGER) * 1000 AS now";
 
-impl SqlRows {
-    /// Opens a database file; creates and migrates it where necessary.
-    ///
-    /// # Errors
-    /// If the file cannot be used, or was written by a newer version.
-    pub async fn sqlite(file: &Path) -> Result<Self, StoreError> {
-        let options = SqliteConnectOptions::new()
-            .filename(file)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .pragma("secure_delete", "ON");
-        open(options, CONNECTIONS).await
-    }
-
-    /// A database in memory, which ends with its last user.
-    ///
-    /// # Errors
-    /// If there is no memory for it.
-    pub async fn in_memory() -> Result<Self, StoreError> {
-        open(SqliteConnectOptions::new().in_memory(true), 1).await
-    }
+/// The options for a file, which is created if necessary.
+pub(super) fn in_file(file: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(file)
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .pragma("secure_delete", "ON")
 }
 
-async fn open(options: SqliteConnectOptions, connections: u32) -> Result<SqlRows, StoreError> {
+/// Opens a database.
+pub(super) async fn open(
+    options: SqliteConnectOptions,
+    connections: u32,
+) -> Result<SqlitePool, StoreError> {
     let options = options.foreign_keys(true).busy_timeout(BUSY_TIMEOUT);
     let pool = SqlitePoolOptions::new()
         .max_connections(connections)
@@ -59,10 +47,7 @@ async fn open(options: SqliteConnectOptions, connections: u32) -> Result<SqlRows
         .after_release(|connection, _| Box::pin(async { is_reusable(connection).await }))
         .connect_with(options)
         .await?;
-    migrate(&sqlx::migrate!("migrations/sqlite"), &pool).await?;
-    let rows = SqlRows::of(Database::Sqlite(pool));
-    upkeep::add_missing_digests(&rows.database).await?;
-    Ok(rows)
+    Ok(pool)
 }
 
 pub(super) async fn begin(pool: &SqlitePool) -> Result<Transaction<'static, Sqlite>, sqlx::Error> {
@@ -89,41 +74,33 @@ pub(super) async fn check(pool: &SqlitePool) -> Result<(), StoreError> {
     Ok(transaction.rollback().await?)
 }
 
-impl Database {
-    /// Whether the structure of SQLite's file is whole; PostgreSQL answers for itself.
-    ///
-    /// # Errors
-    /// If it is not, with the message of SQLite.
-    pub(super) async fn check_file(&self) -> Result<(), StoreError> {
-        let Self::Sqlite(pool) = self else {
-            return Ok(());
-        };
-        let found: String = sqlx::query_scalar("PRAGMA quick_check(1)")
-            .fetch_one(pool)
-            .await?;
-        match found.as_str() {
-            "ok" => Ok(()),
-            fault => Err(StoreError::DamagedFile(fault.to_owned())),
-        }
+/// Whether the structure of the file is whole.
+///
+/// # Errors
+/// If it is not, with the message of SQLite.
+pub(super) async fn check_file(pool: &SqlitePool) -> Result<(), StoreError> {
+    let found: String = sqlx::query_scalar("PRAGMA quick_check(1)")
+        .fetch_one(pool)
+        .await?;
+    match found.as_str() {
+        "ok" => Ok(()),
+        fault => Err(StoreError::DamagedFile(fault.to_owned())),
     }
+}
 
-    /// Writes SQLite's log into the file and empties it. What was deleted is in neither from then on (`secure_delete`
-    /// has overwritten it).
-    ///
-    /// What fails is done at the next deletion, or when the file is opened or closed.
-    pub(super) async fn empty_log(&self) {
-        let Self::Sqlite(pool) = self else {
-            return;
-        };
-        let emptied = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)")
-            .fetch_one(pool)
-            .await;
-        match emptied.and_then(|row| row.try_get::<i64, _>(0)) {
-            Ok(0) => {}
-            Ok(_) => tracing::warn!("the log of the database is in use and will be emptied later"),
-            Err(error) => {
-                tracing::warn!(%error, "the log of the database could not be emptied and will be emptied later");
-            }
+/// Writes the log into the file and empties it. What was deleted is in neither from then on (`secure_delete` has
+/// overwritten it).
+///
+/// What fails is done at the next deletion, or when the file is opened or closed.
+pub(super) async fn empty_log(pool: &SqlitePool) {
+    let emptied = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)")
+        .fetch_one(pool)
+        .await;
+    match emptied.and_then(|row| row.try_get::<i64, _>(0)) {
+        Ok(0) => {}
+        Ok(_) => tracing::warn!("the log of the database is in use and will be emptied later"),
+        Err(error) => {
+            tracing::warn!(%error, "the log of the database could not be emptied and will be emptied later");
         }
     }
 }
@@ -133,6 +110,8 @@ mod tests {
     use case::{CaseId, CaseState, ObjectKind};
 
     use super::*;
+    use crate::sql::SqlRows;
+    use crate::sql::connection::Database;
     use crate::{CaseRows as _, ObjectName, Pinned, testing};
 
     const HOUR: Duration = Duration::from_secs(3600);
@@ -150,7 +129,7 @@ mod tests {
             .filename(directory.join("rows.sqlite"))
             .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal);
-        let rows = open(options, 1).await.unwrap();
+        let rows = SqlRows::on_sqlite(options, 1).await.unwrap();
         // Less than there is: SQLite takes the size of the file for it.
         sqlx::query("PRAGMA max_page_count = 1")
             .execute(pool(&rows))
@@ -285,6 +264,71 @@ mod tests {
         let rows = SqlRows::sqlite(&file).await.unwrap();
         let error = rows.forget_holders().await.unwrap_err();
         assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
+    }
+
+    #[tokio::test]
+    async fn a_transaction_that_is_not_committed_changes_nothing() {
+        let directory = tempfile::tempdir().unwrap();
+        let rows = SqlRows::sqlite(&directory.path().join("rows.sqlite")).await;
+        let rows = rows.unwrap();
+        let fence = async || {
+            let mut connection = rows.database.connect().await.unwrap();
+            let query = connection.query("SELECT value FROM fence");
+            query
+                .fetch_one()
+                .await
+                .unwrap()
+                .get::<i64>("value")
+                .unwrap()
+        };
+        for (is_committed, expected) in [(false, 0), (true, 7)] {
+            let mut transaction = rows.database.begin().await.unwrap();
+            let changed = transaction.query("UPDATE fence SET value = $1").bind(7_i64);
+            assert_eq!(changed.execute().await.unwrap(), 1);
+            assert_eq!(fence().await, 0, "others do not see it yet");
+            match is_committed {
+                true => transaction.commit().await.unwrap(),
+                false => drop(transaction),
+            }
+            assert_eq!(fence().await, expected);
+        }
+    }
+
+    #[tokio::test]
+    async fn rows_that_cannot_be_understood_are_errors_and_not_guesses() {
+        for (change, words) in [
+            ("UPDATE cases SET state = 'paused'", "unknown state"),
+            (
+                "UPDATE cases SET created_at = 9223372036854775806",
+                "unknown time",
+            ),
+            (
+                "UPDATE cases SET parameters = '{\"colour\": 1}'",
+                "unknown field",
+            ),
+            ("UPDATE cases SET failure = 'nonsense'", "expected"),
+            ("UPDATE cases SET id = 'nonsense'", "unknown id"),
+            ("UPDATE case_objects SET kind = 'hologram'", "unknown kind"),
+        ] {
+            let directory = tempfile::tempdir().unwrap();
+            let (rows, id) = with_a_ready_case(&directory.path().join("rows.sqlite")).await;
+            let mut connection = pool(&rows).acquire().await.unwrap();
+            for statement in [
+                "PRAGMA foreign_keys = OFF",
+                "PRAGMA ignore_check_constraints = ON",
+                change,
+            ] {
+                sqlx::query(statement)
+                    .execute(&mut *connection)
+                    .await
+                    .unwrap();
+            }
+            drop(connection);
+            let listed = rows.cases(None, 10).await.map(drop);
+            let error = listed.and(rows.objects(&id).await.map(drop)).unwrap_err();
+            let source = std::error::Error::source(&error).unwrap().to_string();
+            assert!(source.contains(words), "{change}: {source}");
+        }
     }
 
     #[tokio::test]

@@ -1,7 +1,7 @@
 //! Tombstones, which mark objects that a sweep is removing.
 
-use super::connection::Connection;
-use super::{microseconds, pins};
+use super::connection::{Connection, microseconds};
+use super::{arrivals, pins, results};
 use crate::rows::Sweep;
 use crate::{ObjectName, StoreError};
 
@@ -73,11 +73,15 @@ async fn forget_expired_pins(
     Ok(())
 }
 
-/// Whether a case refers to the object, or a pin that is left protects it.
+/// Whether a case, a layer, an arrival or a result refers to the object, or a pin that is left protects it.
 async fn is_needed(connection: &mut Connection, name: &ObjectName) -> Result<bool, StoreError> {
+    if arrivals::needs(connection, name).await? || results::needs(connection, name).await? {
+        return Ok(true);
+    }
     let row = connection
         .query(
             "SELECT EXISTS (SELECT 1 FROM case_objects WHERE kind = $1 AND digest = $2)
+             OR EXISTS (SELECT 1 FROM layer_objects WHERE kind = $1 AND digest = $2)
              OR EXISTS (SELECT 1 FROM pins WHERE kind = $1 AND digest = $2) AS needed",
         )
         .bind(name.kind.name())

@@ -7,7 +7,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use case::{CaseFacts, CaseId, Failure, ObjectKind, Parameters, SphereFacts, Stage, WindowFacts};
+use case::{
+    CaseFacts, CaseId, Failure, LayerFacts, MatrixOrigin, ObjectKind, Parameters, PlacementFacts,
+    PlacementVerdict, QualityState, SphereFacts, Stage, WindowFacts,
+};
 
 use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
 use super::{ObjectName, Store};
@@ -39,6 +42,30 @@ pub fn facts() -> CaseFacts {
         quality: None,
         dicom: None,
         timings: vec![(Stage::Reading, 1.0)],
+    }
+}
+
+/// The facts of a layer, made up.
+pub fn layer_facts() -> LayerFacts {
+    LayerFacts {
+        size: [1, 2, 3],
+        spacing_mm: [1.0; 3],
+        patient_from_voxel: [[0.0; 4]; 4],
+        placement: PlacementFacts {
+            case_from_layer: [[0.0; 4]; 4],
+            origin: MatrixOrigin::Registered,
+            verdict: PlacementVerdict::Registered,
+            quality: QualityState::Ok,
+            reason: None,
+            nmi_before: Some(1.1),
+            nmi_after: Some(1.2),
+            overlap: Some(1.0),
+            residual_mm: Some(0.1),
+        },
+        range: [0.0, 1.0],
+        window: [0.0, 1.0],
+        labels: Vec::new(),
+        sequence: None,
     }
 }
 
@@ -109,7 +136,7 @@ pub async fn assert_nothing_left_over(store: &Store, root: &Path) {
     assert_eq!(files_below(&root.join("uploads")), Vec::<PathBuf>::new());
     let mut needed = Vec::new();
     for case in store.cases(None, 1000).await.unwrap().cases {
-        for name in store.rows().objects(&case.id).await.unwrap() {
+        for name in store.objects_of(&case.id).await.unwrap() {
             needed.push(root.join("objects").join(name.path().as_ref()));
         }
     }

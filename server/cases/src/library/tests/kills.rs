@@ -96,7 +96,7 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     rows.forget_holders().await.unwrap();
     let unneeded = rows.abandoned(100).await.unwrap();
     let marked = rows.mark(&unneeded, &sweep).await.unwrap();
-    assert_eq!(marked.len(), 6);
+    assert_eq!(marked.len(), 7);
     if step == 9 {
         return;
     }

@@ -19,7 +19,6 @@ fn the_device_traces_as_a_renderer_must() {
     let limits = Limits {
         depth_voxels: 0.016,
         mean_difference: 1.0,
-        has_soft_edges: false,
     };
     check(RenderBackend::GpuTrace(pool), limits);
 }
@@ -30,7 +29,6 @@ fn the_mesh_does_what_a_renderer_must() {
     let limits = Limits {
         depth_voxels: 0.5,
         mean_difference: 3.0,
-        has_soft_edges: true,
     };
     check(RenderBackend::GpuMesh(pool), limits);
 }

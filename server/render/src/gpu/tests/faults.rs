@@ -1,4 +1,4 @@
-//! A device that is not there, is lost, has too much to do, or serves who left.
+//! A device that is missing, lost or overloaded, or whose client has left.
 
 use std::process::Command;
 
@@ -135,7 +135,7 @@ fn a_full_queue_says_so_and_the_next_picture_is_drawn() {
     assert!(pool.draw(job).is_ok());
 }
 
-/// Two attempts at a picture find no memory: the next one that is drawn fails.
+/// Two attempts at a picture find no memory, so the next picture fails.
 const SHORT_FOR_ONE: Fault = Fault::OutOfMemory(2);
 
 #[test]
@@ -159,7 +159,7 @@ fn who_leaves_before_his_turn_costs_nothing() {
         for ticket in slow {
             ticket.wait().unwrap();
         }
-        // Who waits meets the fault; who left leaves it to the next.
+        // A waiting client gets the fault; if it has left, the next one gets it.
         if let Some(ticket) = waited_for {
             assert_eq!(ticket.wait(), Err(GpuError::OutOfMemory));
         }

@@ -1,4 +1,4 @@
-//! The shaders without a device, and with one, if there is.
+//! The shaders without a device, and with one if there is one.
 
 mod conformance;
 mod drawing;

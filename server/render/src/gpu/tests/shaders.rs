@@ -1,4 +1,4 @@
-//! The shaders are right, and so are their twins. No device is needed.
+//! The shaders are valid, and their twins match. No device is needed.
 
 use std::mem::offset_of;
 
@@ -7,7 +7,7 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use super::super::layout::{Paths, Picture};
 use super::super::shaders;
 
-/// A shader's module and what naga found out about it.
+/// The module of a shader, and naga's analysis of it.
 pub(super) fn validated(source: &str) -> (naga::Module, naga::valid::ModuleInfo) {
     let module = naga::front::wgsl::parse_str(source)
         .unwrap_or_else(|error| panic!("{}", error.emit_to_string(source)));
@@ -50,6 +50,7 @@ fn every_shader_is_valid_and_has_its_entry_points() {
         ),
         (shaders::RESOLVE, &["screen_vertex", "mesh_resolved"]),
         (shaders::REDUCE, &["screen_vertex", "mesh_reduced"]),
+        (shaders::SLICE, &["screen_vertex", "slice_shaded"]),
     ];
     for (source, names) in expected {
         let (module, _) = validated(source);
@@ -79,9 +80,19 @@ fn the_twins_lie_in_memory_as_the_shaders_want_them() {
         slab_first, slab_step, clip_reach, clip_piece, smooth_share, cuts,
         overlay_from_field, overlay_size, overlay_scale, overlay_offset, overlay_low, overlay_factor,
         overlay_threshold, overlay_steepness, overlay_opacity, overlay_color_row, overlay_is_diverging,
-        volume_has_gaps);
+        volume_has_gaps, overlay_is_nearest);
     assert_eq!(layout(&module, "Picture"), (twin, size_of::<Picture>()));
     let twin = offsets!(Paths:
         origin_in_patient, step_mm, depth_mm, row_mm, row, vertex_count, first_piece, piece_count);
     assert_eq!(layout(&module, "Paths"), (twin, size_of::<Paths>()));
+}
+
+#[test]
+fn contours_have_the_same_colours_in_the_shader() {
+    let colors = (0..8).map(|number| {
+        let [red, green, blue] = crate::slice::contour_color(number);
+        format!("    vec3<f32>({red}.0, {green}.0, {blue}.0),\n")
+    });
+    let listed: String = colors.collect();
+    assert!(shaders::SLICE.contains(&listed), "{listed}");
 }

@@ -16,10 +16,10 @@ use super::support::{Case, LIMITS, parameters, trace, worker};
 use crate::NamedView;
 use crate::settle::settled;
 
-/// Texels in a line of the table's textures: not a divisor of anything, so that lines break within rows and pieces.
+/// Texels per line of the textures of the table: a prime number, so that lines break within rows and pieces.
 const LINE: usize = 127;
 
-/// Draws with a vertex at once.
+/// A vertex shader that draws the shrunk vertex directly.
 const DRAWN_VERTEX: &str = "
     @vertex
     fn drawn_vertex(@builtin(vertex_index) vertex: u32) -> OnFacet {
@@ -196,7 +196,7 @@ fn pipeline(renderer: &GpuRenderer, layout: &BindGroupLayout) -> RenderPipeline 
     })
 }
 
-/// Heights of the mesh that the shader shrinks; everything else is as the picture before left it.
+/// The heights of the mesh that the shader shrinks; everything else is unchanged from the previous picture.
 fn heights(
     renderer: &mut GpuRenderer,
     job: &GpuJob,
@@ -252,7 +252,7 @@ fn the_vertex_shader_shrinks_as_the_table_does() {
     ] {
         let shrunk = table.shrink(depth_mm as f32);
         let mesh = settled(&shrunk, &case.scene()).into_owned();
-        // Near the envelope vertices go along gradients, which the device keeps in 8 bits.
+        // Near the envelope, vertices move along gradients, which the device stores in 8 bits.
         let tolerance = if mesh == shrunk { 1e-3 } else { 0.05 };
         let surface = GpuSurface::Mesh {
             size: table.size,

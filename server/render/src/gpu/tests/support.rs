@@ -13,7 +13,7 @@ use crate::{
     Camera, FrameSize, KeyedLayers, NamedView, RenderParameters, RenderRequest, Scene, Window,
 };
 
-/// A made-up case, all of whose numbers are known.
+/// A synthetic case with known numbers.
 #[derive(Clone)]
 pub(super) struct Case {
     pub(super) keyed: KeyedModel,
@@ -21,8 +21,8 @@ pub(super) struct Case {
 }
 
 impl Case {
-    /// The voxels of 1 mm at which `is_inside` holds, in a cube of `side` voxels about the origin, and a volume of the same
-    /// voxels that is `intensity` of a position in LPS mm.
+    /// The voxels of 1 mm for which `is_inside` holds, in a cube of `side` voxels around the origin, and a volume on the
+    /// same grid with the `intensity` of each position in LPS mm.
     pub(super) fn new(
         key: u128,
         side: usize,
@@ -91,7 +91,7 @@ pub(super) fn parameters(view: NamedView, depth_mm: f64) -> RenderParameters {
     }
 }
 
-/// The isosurface itself, as `parameters` say.
+/// The isosurface itself, with these parameters.
 pub(super) fn trace(case: &Case, parameters: RenderParameters) -> GpuJob {
     GpuJob {
         case: case.keyed.clone(),
@@ -101,7 +101,7 @@ pub(super) fn trace(case: &Case, parameters: RenderParameters) -> GpuJob {
     }
 }
 
-/// Plenty.
+/// Ample limits.
 pub(super) const LIMITS: GpuLimits = GpuLimits {
     case_bytes: 1 << 28,
     max_side_3d: None,
@@ -118,10 +118,10 @@ pub(super) fn worker(limits: GpuLimits) -> Option<GpuWorker> {
     }
 }
 
-/// Says why a test is skipped.
+/// Reports why a test is skipped.
 ///
 /// # Panics
-/// Where `CI` is set, unless `ISOCORTEX_NO_GPU` is, too.
+/// If `CI` is set and `ISOCORTEX_NO_GPU` is not.
 pub(super) fn skip(error: &GpuError) {
     static ONCE: Once = Once::new();
     let is_set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());

@@ -11,8 +11,8 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use super::super::render::SOFTWARE;
-use super::plan::Form;
-use crate::problem::AppError;
+use super::plan::FileKind;
+use http_support::problem::AppError;
 
 /// A finished picture and its request.
 pub(super) struct Picture {
@@ -49,16 +49,16 @@ pub(super) enum File {
 
 impl File {
     /// An empty file for `count` pictures.
-    pub(super) fn new(form: Form, count: usize) -> Self {
-        match form {
-            Form::Zip => Self::Zip(Archive(Box::new(ZipWriter::new(Cursor::default())))),
-            Form::Sheet { plan, cells } => Self::Sheet(ContactSheet {
+    pub(super) fn new(kind: FileKind, count: usize) -> Self {
+        match kind {
+            FileKind::Zip => Self::Zip(Archive(Box::new(ZipWriter::new(Cursor::default())))),
+            FileKind::Sheet { plan, cells } => Self::Sheet(ContactSheet {
                 plan,
                 sheet: None,
                 cells,
                 states: Vec::new(),
             }),
-            Form::Animation { delay_ms } => Self::Animation(Animation {
+            FileKind::Animation { delay_ms } => Self::Animation(Animation {
                 begun: None,
                 frames: count as u32,
                 delay_ms,

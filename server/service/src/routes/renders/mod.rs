@@ -9,22 +9,20 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
-use cases::pictures::{ImageMetadata, PictureRequest, backend_for, warm_job};
+use cases::pictures::{ChosenLayers, ImageMetadata, PictureRequest, backend_for, warm_job};
 
 use self::files::{File, Picture};
-use self::plan::{Form, parse};
+use self::plan::{FileKind, parse};
 use super::query::{ApiQuery, CasePath, NoQuery};
-use super::render::{PNG, with_maps_format};
-use crate::conditional::{self, EntityTag};
-use crate::negotiate::{Coding, media_type};
-use crate::problem::{AppError, Problem};
+use super::render::{PNG, with_version};
+use super::sent::MAX_BODY_BYTES;
+use http_support::conditional::{self, EntityTag};
+use http_support::negotiate::{Coding, media_type};
+use http_support::problem::{AppError, Problem};
 
 pub use self::plan::{RendersBody, Sweep, Swivel};
 
 const ZIP: &str = "application/zip";
-
-/// The longest body.
-pub(super) const MAX_BODY_BYTES: usize = 1 << 20;
 
 /// Many pictures at once
 ///
@@ -58,32 +56,35 @@ pub async fn create_renders(
         limit_bytes: MAX_BODY_BYTES as u64,
     })?;
     let plan = parse(&body)?.plan()?;
-    let offered: &'static [&'static str] = match plan.form {
-        Form::Zip => &[ZIP],
-        Form::Sheet { .. } => &[PNG],
-        Form::Animation { .. } => &["image/apng", PNG],
+    let offered: &'static [&'static str] = match plan.kind {
+        FileKind::Zip => &[ZIP],
+        FileKind::Sheet { .. } => &[PNG],
+        FileKind::Animation { .. } => &["image/apng", PNG],
     };
     let kind = media_type(&request, offered)?;
     cases.ready(&id).await?;
     let model = cases.model(&id).await?;
     let pictures = plan.pictures.iter().map(|picture| picture.asked.clone());
-    let asked: (Vec<PictureRequest>, _) = (pictures.collect(), plan.form.parameters());
-    let mut pictures = asked.0.iter();
-    let with_layers = pictures.find(|picture| picture.layers().is_any());
-    let layers = with_layers.map(PictureRequest::layers).unwrap_or_default();
-    let mut file = File::new(plan.form, plan.pictures.len());
+    let asked: (Vec<PictureRequest>, _) = (pictures.collect(), plan.kind.parameters());
+    let mut chosen = Vec::with_capacity(asked.0.len());
+    for picture in &asked.0 {
+        chosen.push(picture.layers().of_case(&cases.library, &id).await?);
+    }
+    let mut versions: Vec<_> = chosen.iter().filter_map(ChosenLayers::version).collect();
+    versions.dedup();
+    let mut file = File::new(plan.kind, plan.pictures.len());
     let mut backends = Vec::new();
     let is_annotated = asked.0.iter().any(|picture| picture.annotate);
     let identity = cases.identity(&id, is_annotated).await?;
     // All pictures share one place in the queue; between them others get their turn, and the work ends if the client
     // disconnects.
     let queued = cases.queue.enter()?;
-    for (number, picture) in plan.pictures.into_iter().enumerate() {
+    for (number, (picture, layers)) in plan.pictures.into_iter().zip(&chosen).enumerate() {
         let backend = backend_for(picture.asked.renderer, &cases.graphics).await;
         let named = identity.clone().filter(|_| picture.asked.annotate);
         let turn = queued.turn().await?;
-        let keyed = picture.asked.layers().of_case(&cases.library, &id).await?;
-        let job = warm_job(&model, &picture, keyed, backend).await?;
+        let loaded = layers.load(&cases.library, &id).await?;
+        let job = warm_job(&model, &picture, loaded, backend).await?;
         let picture = Picture {
             number,
             metadata: ImageMetadata::of(Some(&id), &job.job).named(named),
@@ -105,7 +106,10 @@ pub async fn create_renders(
     let name = HeaderName::from_static("x-isocortex-renderer");
     let backends = backends.join("; ");
     conditional::insert(headers, name, &backends);
-    let mut made_by = with_maps_format(backends, &layers);
+    let mut made_by = with_version(
+        backends,
+        (!versions.is_empty()).then(|| versions.join("; ")),
+    );
     if let Some(identity) = identity {
         made_by = format!("{made_by} {identity}");
     }

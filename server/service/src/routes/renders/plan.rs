@@ -1,13 +1,14 @@
 //! The request for many pictures, and the checked plan.
 
 use cases::Error;
-use cases::pictures::{CheckedPicture, Numbers, PictureRequest, picture_size};
+use cases::pictures::{CheckedPicture, PictureRequest, picture_size};
 use render::SheetPlan;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::super::refusals::without_input;
-use crate::problem::AppError;
+use super::super::refusals::Refusal;
+use super::super::sent::{from_json, json_value};
+use http_support::problem::AppError;
 
 /// The most pictures in one answer.
 const MAX_PICTURES: usize = 256;
@@ -77,11 +78,11 @@ fn default_delay() -> u16 {
 /// The checked pictures and their file.
 pub(super) struct Plan {
     pub(super) pictures: Vec<CheckedPicture>,
-    pub(super) form: Form,
+    pub(super) kind: FileKind,
 }
 
 /// The kind of file.
-pub(super) enum Form {
+pub(super) enum FileKind {
     Zip,
     Sheet {
         plan: SheetPlan,
@@ -92,7 +93,7 @@ pub(super) enum Form {
     },
 }
 
-impl Form {
+impl FileKind {
     /// The values that distinguish files: the kind and the time of each picture.
     pub(super) fn parameters(&self) -> (&'static str, u16) {
         match self {
@@ -108,41 +109,20 @@ impl Form {
 /// # Errors
 /// [`AppError::Query`] that names the path of what is wrong.
 pub(super) fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
-    let mut json = serde_json::Deserializer::from_slice(body);
-    let parsed = serde_path_to_error::deserialize(&mut json);
-    let refuse = |kind, path: String, detail: String| AppError::Query {
+    let refuse = |kind, path: String, detail| AppError::Query {
         kind,
         parameter: path.into(),
         detail,
     };
-    let body = parsed.map_err(|error: serde_path_to_error::Error<serde_json::Error>| {
-        let path = error.path().to_string();
-        let reason = error.inner().to_string();
-        if reason.starts_with("unknown field") {
-            // The key itself is not repeated.
-            let place = path.rsplit_once('.').map_or(".", |(place, _)| place);
-            return refuse("body-unknown-key", place.to_owned(), without_input(&reason));
-        }
-        let detail = match error.inner().classify() {
-            serde_json::error::Category::Data => without_input(&reason),
-            _ => {
-                return refuse(
-                    "body-unreadable",
-                    ".".to_owned(),
-                    format!("is not JSON: {reason}"),
-                );
-            }
+    let json =
+        json_value(body).map_err(|detail| refuse("body-unreadable", ".".to_owned(), detail))?;
+    from_json(json).map_err(|(path, refusal)| {
+        let kind = match refusal {
+            Refusal::UnknownKey { .. } => "body-unknown-key",
+            _ => "body-unreadable",
         };
-        refuse("body-unreadable", path, detail)
-    })?;
-    json.end().map_err(|_| {
-        refuse(
-            "body-unreadable",
-            ".".to_owned(),
-            "has more data after the object".to_owned(),
-        )
-    })?;
-    Ok(body)
+        refuse(kind, path, refusal.to_string())
+    })
 }
 
 impl RendersBody {
@@ -215,14 +195,12 @@ fn of_list(pictures: &[PictureRequest], sheet: bool) -> Result<Plan, AppError> {
     let numbered = pictures.iter().enumerate();
     let checked = numbered.map(|(number, picture)| checked_at(&place(number), picture));
     let checked = checked.collect::<Result<_, _>>()?;
-    let form = if sheet {
-        on_a_sheet(pictures)?
-    } else {
-        Form::Zip
-    };
     Ok(Plan {
         pictures: checked,
-        form,
+        kind: match sheet {
+            true => on_a_sheet(pictures)?,
+            false => FileKind::Zip,
+        },
     })
 }
 
@@ -232,7 +210,7 @@ fn place(number: usize) -> String {
 }
 
 /// Finds each picture's row, by its depth, and column, by its direction, in the order in which they come.
-fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
+fn on_a_sheet(pictures: &[PictureRequest]) -> Result<FileKind, AppError> {
     let (mut rows, mut columns, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     let first = &pictures[0];
     for (number, picture) in pictures.iter().enumerate() {
@@ -270,7 +248,7 @@ fn on_a_sheet(pictures: &[PictureRequest]) -> Result<Form, AppError> {
     let cell = picture_size(first.width, first.height)?;
     let plan = SheetPlan::new(cell, rows, columns);
     let plan = plan.map_err(|error| out_of_range("sheet", &format!("is not possible: {error}")))?;
-    Ok(Form::Sheet { plan, cells })
+    Ok(FileKind::Sheet { plan, cells })
 }
 
 /// The place of a label, which is added where it is new.
@@ -285,21 +263,14 @@ fn place_in(labels: &mut Vec<String>, label: String) -> usize {
 impl Swivel {
     fn plan(self) -> Result<Plan, AppError> {
         check_frames("swivel", self.frames, self.delay_ms)?;
-        let first = checked_at("swivel.render", &self.render)?;
-        let start = first.camera().orientation();
+        checked_at("swivel.render", &self.render)?;
         let turned = |frame: u32| {
-            let angle = std::f64::consts::TAU * f64::from(frame) / f64::from(self.frames);
-            let orientation = glam::DQuat::from_rotation_y(angle) * start;
-            let render = PictureRequest {
-                view: None,
-                orientation: Some(Numbers(orientation.to_array())),
-                ..self.render.clone()
-            };
+            let render = self.render.turned(frame, self.frames)?;
             checked_at("swivel.render", &render)
         };
         Ok(Plan {
             pictures: (0..self.frames).map(turned).collect::<Result<_, _>>()?,
-            form: Form::Animation {
+            kind: FileKind::Animation {
                 delay_ms: self.delay_ms,
             },
         })
@@ -329,17 +300,18 @@ impl Sweep {
             };
             checked_at("sweep.render", &render)
         };
-        let mut pictures: Vec<_> = (0..self.frames).map(at).collect();
+        let mut pictures = (0..self.frames).map(at).collect::<Result<Vec<_>, _>>()?;
         if self.there_and_back {
-            pictures.extend((1..self.frames - 1).rev().map(at));
+            let back: Vec<_> = pictures[1..pictures.len() - 1].to_vec();
+            pictures.extend(back.into_iter().rev());
         }
         if pictures.len() > MAX_PICTURES {
             let detail = "must be 2 to 129, because there and back at most 256 pictures are drawn";
             return Err(out_of_range("sweep.frames", detail));
         }
         Ok(Plan {
-            pictures: pictures.into_iter().collect::<Result<_, _>>()?,
-            form: Form::Animation {
+            pictures,
+            kind: FileKind::Animation {
                 delay_ms: self.delay_ms,
             },
         })

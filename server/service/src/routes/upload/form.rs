@@ -3,22 +3,23 @@
 use axum::extract::multipart::{Field, Multipart};
 use axum::extract::{FromRequest as _, Request};
 use case::Parameters;
+use cases::VolumeFiles;
 use cases::dicom::{Options, SeriesName};
 use serde_json::{Map, Value};
 use storage::Spooled;
 use tempfile::TempDir;
 
-use super::super::refusals::without_input;
+use super::super::sent::{from_json, json_value};
 use super::parts::{DicomParts, Incoming};
-use crate::form_body::HeaderBudget;
-use crate::problem::AppError;
+use http_support::form_body::HeaderBudget;
+use http_support::problem::AppError;
 
 /// The most bytes of the part `parameters`.
 const MAX_PARAMETERS_BYTES: usize = 64 << 10;
 
 /// A form, read to its end.
 pub(super) struct Form {
-    pub(super) volume: Volume,
+    pub(super) volume: VolumeFiles,
     pub(super) mask: Option<Spooled>,
     pub(super) sent: SentParameters,
 }
@@ -31,14 +32,6 @@ pub(super) struct SentParameters {
     pub(super) options: Options,
     /// Whether an existing case keeps its label.
     pub(super) keep_name: bool,
-}
-
-/// The uploaded volume.
-pub(super) enum Volume {
-    /// One file, of any kind.
-    File(Spooled),
-    /// DICOM files in a directory.
-    Dicom(TempDir),
 }
 
 impl Form {
@@ -57,52 +50,59 @@ impl Form {
             match name.as_str() {
                 "volume" => set_once(&mut volume, &name, incoming.spool(field).await?)?,
                 "mask" => set_once(&mut mask, &name, incoming.spool(field).await?)?,
-                "parameters" => set_once(&mut sent, &name, read_sent(incoming, field).await?)?,
+                "parameters" => {
+                    let object = read_parameters(incoming, field).await?;
+                    set_once(&mut sent, &name, SentParameters::parse(object)?)?;
+                }
                 "dicom" => dicom.add(incoming, field).await?,
-                _ => return Err(unknown_part()),
+                _ => {
+                    return Err(unknown_part_of(
+                        "`volume`, `dicom`, `mask` and `parameters`",
+                    ));
+                }
             }
             budget.begin_header();
         }
         Ok(Self {
-            volume: Volume::of(volume, dicom.into_directory())?,
+            volume: only_one(volume, dicom.into_directory())?,
             mask,
             sent: sent.unwrap_or_default(),
         })
     }
 }
 
-impl Volume {
-    fn of(file: Option<Spooled>, dicom: Option<TempDir>) -> Result<Self, AppError> {
-        let (kind, detail) = match (file, dicom) {
-            (Some(file), None) => return Ok(Self::File(file)),
-            (None, Some(directory)) => return Ok(Self::Dicom(directory)),
-            (None, None) => (
-                "volume-missing",
-                "the form has neither a part `volume` nor a part `dicom`; send the volume as `volume`",
-            ),
-            (Some(_), Some(_)) => (
-                "volume-twice",
-                "the form has both `volume` and `dicom`; send only one of them",
-            ),
-        };
-        Err(AppError::Upload {
-            kind,
-            detail: detail.to_owned(),
-        })
-    }
+/// The volume: one file, or DICOM files.
+pub(super) fn only_one(
+    file: Option<Spooled>,
+    dicom: Option<TempDir>,
+) -> Result<VolumeFiles, AppError> {
+    let (kind, detail) = match (file, dicom) {
+        (Some(file), None) => return Ok(VolumeFiles::One(file)),
+        (None, Some(directory)) => return Ok(VolumeFiles::Dicom(directory)),
+        (None, None) => (
+            "volume-missing",
+            "the form has neither a part `volume` nor a part `dicom`; send the volume as `volume`",
+        ),
+        (Some(_), Some(_)) => (
+            "volume-twice",
+            "the form has both `volume` and `dicom`; send only one of them",
+        ),
+    };
+    Err(AppError::Upload {
+        kind,
+        detail: detail.to_owned(),
+    })
 }
 
 /// The name is not repeated, because it may be anything, such as the name of a patient.
-fn unknown_part() -> AppError {
+pub(super) fn unknown_part_of(known: &str) -> AppError {
     AppError::Upload {
         kind: "unknown-part",
-        detail:
-            "the form has an unknown part; send only `volume`, `dicom`, `mask` and `parameters`"
-                .to_owned(),
+        detail: format!("the form has an unknown part; send only {known}"),
     }
 }
 
-fn set_once<T>(slot: &mut Option<T>, name: &str, value: T) -> Result<(), AppError> {
+pub(super) fn set_once<T>(slot: &mut Option<T>, name: &str, value: T) -> Result<(), AppError> {
     if slot.is_some() {
         return Err(AppError::Upload {
             kind: "part-twice",
@@ -113,63 +113,75 @@ fn set_once<T>(slot: &mut Option<T>, name: &str, value: T) -> Result<(), AppErro
     Ok(())
 }
 
-async fn read_sent(incoming: &Incoming<'_>, field: Field<'_>) -> Result<SentParameters, AppError> {
+/// The part `parameters`.
+pub(super) async fn read_parameters(
+    incoming: &Incoming<'_>,
+    field: Field<'_>,
+) -> Result<Map<String, Value>, AppError> {
     let text = incoming.short(field, MAX_PARAMETERS_BYTES).await?;
     let text = text.ok_or_else(|| AppError::PartTooLarge {
         detail: format!("the part `parameters` is larger than {MAX_PARAMETERS_BYTES} bytes"),
     })?;
-    SentParameters::parse(&text)
+    object_of(&text)
 }
 
-fn unreadable(what: &dyn std::fmt::Display) -> AppError {
-    let what = without_input(&what.to_string());
+/// A JSON object. serde would also accept a list of the values in order.
+fn object_of(text: &[u8]) -> Result<Map<String, Value>, AppError> {
+    match json_value(text).map_err(|detail| unreadable(".", &detail))? {
+        Value::Object(object) => Ok(object),
+        _ => Err(unreadable(".", &"must be an object")),
+    }
+}
+
+/// Something is wrong with a key of the part `parameters`, or with the part itself (`.`).
+pub(super) fn unreadable(key: &str, what: &dyn std::fmt::Display) -> AppError {
+    let detail = match key {
+        "." => format!("the part `parameters` {what}"),
+        key => format!("`{key}` in the part `parameters` {what}"),
+    };
     AppError::Upload {
         kind: "parameters-unreadable",
-        detail: format!("the part `parameters` {what}"),
+        detail,
     }
 }
 
 impl SentParameters {
-    fn parse(text: &[u8]) -> Result<Self, AppError> {
-        // Parsed as an object first, because serde would also accept a list of the values in order.
-        let mut object: Map<String, Value> =
-            serde_json::from_slice(text).map_err(|error| unreadable(&error))?;
-        let options = take_options(&mut object).map_err(|what| unreadable(&what))?;
-        let keep_name = take_flag(&mut object, "keep_name")
-            .ok_or_else(|| unreadable(&"`keep_name` must be true or false"))?;
-        let parameters = serde_json::from_value(Value::Object(object));
+    fn parse(mut object: Map<String, Value>) -> Result<Self, AppError> {
+        let options = take_options(&mut object)?;
+        let keep_name = take_flag(&mut object, "keep_name")?;
+        let parameters = from_json(Value::Object(object));
         Ok(Self {
-            parameters: parameters.map_err(|error| unreadable(&error))?,
+            parameters: parameters.map_err(|(path, refusal)| unreadable(&path, &refusal))?,
             options,
             keep_name,
         })
     }
 }
 
-/// Takes a flag out of the parameters: false if it is missing, `None` if it is neither true nor false.
-fn take_flag(object: &mut Map<String, Value>, name: &str) -> Option<bool> {
-    match object.remove(name) {
-        None => Some(false),
-        Some(value) => value.as_bool(),
-    }
+/// Takes a flag out of the parameters: false if it is missing.
+fn take_flag(object: &mut Map<String, Value>, name: &str) -> Result<bool, AppError> {
+    let flag = object.remove(name).unwrap_or(Value::Bool(false));
+    flag.as_bool()
+        .ok_or_else(|| unreadable(name, &"must be true or false"))
 }
 
 /// Takes the options that are not part of the preparation out of the parameters.
-fn take_options(object: &mut Map<String, Value>) -> Result<Options, &'static str> {
+pub(super) fn take_options(object: &mut Map<String, Value>) -> Result<Options, AppError> {
     let series = match object.remove("series") {
         None | Some(Value::Null) => None,
         Some(Value::Number(number)) => Some(number.to_string()),
         Some(Value::String(text)) => Some(text),
-        Some(_) => return Err("`series` must be a number or a text"),
+        Some(_) => return Err(unreadable("series", &"must be a number or a text")),
     };
     let series = series.map(|text| SeriesName::parse(&text));
     if series == Some(None) {
-        return Err("`series` must be the number, the instance UID or the token of a series");
+        let detail = "must be the number, the instance UID or the token of a series";
+        return Err(unreadable("series", &detail));
     }
-    let allow_gaps = take_flag(object, "allow_gaps").ok_or("`allow_gaps` must be true or false")?;
     Ok(Options {
         series: series.flatten(),
-        allow_gaps,
+        allow_gaps: take_flag(object, "allow_gaps")?,
+        ..Options::default()
     })
 }
 
@@ -178,12 +190,14 @@ mod tests {
     use super::*;
 
     fn parse(json: &str) -> Result<SentParameters, String> {
-        SentParameters::parse(json.as_bytes()).map_err(|error| {
-            let problem = error.problem();
-            assert_eq!(problem.status, 400);
-            assert!(problem.kind.ends_with(":parameters-unreadable"));
-            problem.detail
-        })
+        object_of(json.as_bytes())
+            .and_then(SentParameters::parse)
+            .map_err(|error| {
+                let problem = error.problem();
+                assert_eq!(problem.status, 400);
+                assert!(problem.kind.ends_with(":parameters-unreadable"));
+                problem.detail
+            })
     }
 
     #[test]
@@ -206,27 +220,42 @@ mod tests {
 
     #[test]
     fn what_cannot_be_read_is_refused_without_repeating_it() {
+        let series = "`series` in the part `parameters` must be";
         for (json, words) in [
-            ("", "cannot be read"),
-            ("[10]", "must be a map"),
-            ("{} {}", "cannot be read"),
-            (r#"{"Smith": 1}"#, "has an unknown key"),
-            (r#"{"series": [1]}"#, "`series` must be a number or a text"),
+            ("", "the part `parameters` is not JSON: EOF"),
+            ("[10]", "the part `parameters` must be an object"),
+            ("{} {}", "the part `parameters` is not JSON: trailing"),
+            (
+                r#"{"Smith": 1}"#,
+                "the part `parameters` has an unknown key; known: `closing",
+            ),
+            (
+                r#"{"series": [1]}"#,
+                &format!("{series} a number or a text"),
+            ),
             (
                 r#"{"series": "Smith, Anna"}"#,
-                "`series` must be the number, the instance UID or the token",
+                &format!("{series} the number, the instance UID or the token"),
             ),
             (
                 r#"{"allow_gaps": "Smith"}"#,
-                "`allow_gaps` must be true or false",
+                "`allow_gaps` in the part `parameters` must be true or false",
             ),
-            (r#"{"keep_name": 1}"#, "`keep_name` must be true or false"),
-            (r#"{"closing_radius_mm": "Smith"}"#, "must be f64"),
-            (r#"{"mask": "Smith"}"#, "must be"),
+            (
+                r#"{"keep_name": 1}"#,
+                "`keep_name` in the part `parameters` must be true or false",
+            ),
+            (
+                r#"{"closing_radius_mm": "Smith"}"#,
+                "`closing_radius_mm` in the part `parameters` must be a number",
+            ),
+            (
+                r#"{"mask": "Smith"}"#,
+                "`mask` in the part `parameters` must be one of `auto`, `volume`",
+            ),
         ] {
             let detail = parse(json).unwrap_err();
-            assert!(detail.starts_with("the part `parameters` "), "{detail}");
-            assert!(detail.contains(words), "{json}: {detail}");
+            assert!(detail.starts_with(words), "{json}: {detail}");
             assert!(!detail.contains("Smith"), "{detail}");
         }
     }

@@ -1,6 +1,7 @@
 //! Uploads: streamed to the disk of the store, checked, queued.
 
 mod form;
+pub mod layer;
 mod parts;
 
 use axum::body::Body;
@@ -8,23 +9,20 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use cases::Cases;
-use cases::dicom::{Choice, Input, Options, Reading};
-use imaging::{Format, sniff};
-use storage::{Spooled, Submitted, Upload};
+use cases::dicom::{Choice, Options};
+use storage::Submitted;
 use utoipa::ToSchema;
 
-use self::form::{Form, Volume};
+use self::form::Form;
 use super::cases::{CaseView, address_of};
 use super::fresh::fresh_json;
 use super::query::{ApiQuery, NoQuery};
-use crate::conditional;
-use crate::problem::{AppError, Problem};
 use crate::state::Uploads;
+use http_support::conditional;
+use http_support::listen::Peer;
+use http_support::problem::{AppError, Problem};
 
 pub(super) use self::parts::Incoming;
-
-/// The number of bytes that identify the kind of a file.
-const SNIFFED_BYTES: u64 = 64 << 10;
 
 /// Seconds to wait before the first request for a new case.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
@@ -40,7 +38,7 @@ pub struct UploadForm {
     /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
     #[schema(format = Binary, content_media_type = "application/dicom")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
-    dicom: Vec<String>,
+    dicom: Option<Vec<String>>,
     /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
@@ -72,6 +70,7 @@ pub struct UploadForm {
         (status = 422, description = "The volume or mask cannot be used", body = Problem, content_type = "application/problem+json"),
         (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "Too many cases are waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn create_case(
@@ -82,11 +81,15 @@ pub async fn create_case(
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
     let _room = uploads.begin()?;
+    let client = Peer::of(&request);
     let incoming = Incoming::begin(cases.store(), &uploads);
     let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
     // Before the DICOM files are read, which takes long.
     sent.parameters.check()?;
-    let (upload, choice) = into_upload(&cases, volume, mask, &sent.options).await?;
+    let (upload, choice) = cases.upload(volume, mask, &sent.options, client).await?;
+    if choice.is_none() && sent.options != Options::default() {
+        return Err(not_of_nifti());
+    }
     let accepted = cases
         .submit(upload, sent.parameters, sent.keep_name)
         .await?;
@@ -109,49 +112,6 @@ pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Respons
         headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
     }
     response
-}
-
-/// DICOM files, recognised by content, become a volume.
-async fn into_upload(
-    cases: &Cases,
-    volume: Volume,
-    mask: Option<Spooled>,
-    options: &Options,
-) -> Result<(Upload, Option<Choice>), AppError> {
-    let reading = match volume {
-        Volume::Dicom(directory) => {
-            read_dicom(cases, Input::Path(directory.path()), options).await?
-        }
-        Volume::File(file) => match sniff(&file.head(SNIFFED_BYTES).await?) {
-            Format::Zip | Format::Dicom => {
-                read_dicom(cases, Input::Spooled(&file), options).await?
-            }
-            _ if *options != Options::default() => return Err(not_of_nifti()),
-            _ => {
-                let upload = Upload {
-                    volume: file,
-                    mask,
-                    dicom: None,
-                };
-                return Ok((upload, None));
-            }
-        },
-    };
-    let upload = Upload {
-        volume: cases.store().spool_file(reading.file()).await?,
-        mask,
-        dicom: Some(cases.store().spool_all(reading.attributes).await?),
-    };
-    Ok((upload, Some(reading.choice)))
-}
-
-async fn read_dicom(
-    cases: &Cases,
-    input: Input<'_>,
-    options: &Options,
-) -> Result<Reading, AppError> {
-    let scratch = cases.store().scratch();
-    Ok(cases.dicom.read(input, options, &scratch).await?)
 }
 
 fn not_of_nifti() -> AppError {

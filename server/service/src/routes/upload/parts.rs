@@ -10,10 +10,10 @@ use storage::{Spooled, Store, StoreError};
 use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 
-use crate::metrics::Metrics;
-use crate::pace::is_too_slow;
-use crate::problem::AppError;
 use crate::state::{UploadLimits, Uploads};
+use http_support::metrics::Metrics;
+use http_support::pace::is_too_slow;
+use http_support::problem::AppError;
 
 /// The greatest number of parts `dicom`; a series has a few hundred.
 const MAX_DICOM_PARTS: usize = 20_000;

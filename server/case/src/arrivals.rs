@@ -1,0 +1,326 @@
+//! What comes from a PACS: series that arrive, series that are fetched, and the index of the series of cases.
+//!
+//! Each instance is an object that its arrival refers to, from the moment it is acknowledged until its series is
+//! forgotten. A series is due when nothing has come for it for a while; one process leases it then, as a job. An image
+//! that comes meanwhile fences that lease off.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::{CaseId, Failure};
+use jiff::Timestamp;
+
+/// The longest UID (PS3.5 §9.1).
+const MAX_UID_LENGTH: usize = 64;
+
+/// The longest accession number that is kept, in bytes: 16 characters (PS3.5 §6.2).
+const MAX_ACCESSION_NUMBER_LENGTH: usize = 64;
+
+/// A UID: digits and points.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Uid(String);
+
+impl Uid {
+    /// A UID without its padding; `None` for anything that is not one.
+    pub fn parse(text: &str) -> Option<Self> {
+        let text = text.trim_end_matches(['\0', ' ']);
+        let fits = (1..=MAX_UID_LENGTH).contains(&text.len());
+        let allowed = |byte: u8| byte.is_ascii_digit() || byte == b'.';
+        (fits && text.bytes().all(allowed)).then(|| Self(text.to_owned()))
+    }
+
+    /// Its text.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+/// UIDs lead to patients, so they are not shown in logs.
+impl fmt::Debug for Uid {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("Uid(…)")
+    }
+}
+
+/// An accession number, which leads to a patient and so is not shown in logs either.
+#[derive(Clone, PartialEq, Eq)]
+pub struct AccessionNumber(String);
+
+impl AccessionNumber {
+    /// A number without its padding; `None` if it is empty or too long.
+    pub fn parse(text: &str) -> Option<Self> {
+        let text = text.trim_matches(['\0', ' ']);
+        let fits = (1..=MAX_ACCESSION_NUMBER_LENGTH).contains(&text.len());
+        (fits && !text.chars().any(char::is_control)).then(|| Self(text.to_owned()))
+    }
+
+    /// Its text.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Debug for AccessionNumber {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("AccessionNumber(…)")
+    }
+}
+
+/// A series and its study.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SeriesUids {
+    /// The study.
+    pub study: Uid,
+    /// The series.
+    pub series: Uid,
+}
+
+/// A word in a column.
+macro_rules! words {
+    ($(#[$docs:meta])* $name:ident { $($(#[$variant_docs:meta])* $variant:ident = $word:literal),+ $(,)? }) => {
+        $(#[$docs])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name { $($(#[$variant_docs])* $variant),+ }
+
+        impl $name {
+            /// The word in rows and answers.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $word),+ }
+            }
+
+            /// What a word means.
+            pub fn from_name(name: &str) -> Option<Self> {
+                match name { $($word => Some(Self::$variant),)+ _ => None }
+            }
+        }
+    };
+}
+
+words! {
+    /// How a series came.
+    ArrivalSource {
+        /// By STOW-RS.
+        Stow = "stow",
+        /// By C-STORE.
+        CStore = "c-store",
+        /// It was fetched from a node.
+        Retrieval = "retrieval",
+    }
+}
+
+words! {
+    /// What became of a series.
+    ArrivalState {
+        /// Images are coming, or it waits to be read.
+        Receiving = "receiving",
+        /// It became a case.
+        Case = "case",
+        /// It became nothing, for a reason.
+        Nothing = "nothing",
+    }
+}
+
+words! {
+    /// How far a retrieval or a delivery is.
+    TransferState {
+        /// It waits.
+        Queued = "queued",
+        /// It is being fetched or sent.
+        Running = "running",
+        /// All images are here, or the result is there.
+        Done = "done",
+        /// It failed, for a reason.
+        Failed = "failed",
+    }
+}
+
+/// An image that has come.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewInstance {
+    /// Its series.
+    pub uids: SeriesUids,
+    /// The accession number of its study.
+    pub accession_number: Option<AccessionNumber>,
+    /// The image.
+    pub sop_instance_uid: Uid,
+    /// The digest of its file, which is an object of the kind `instance`.
+    pub digest: blake3::Hash,
+}
+
+/// A series that came.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arrival {
+    /// Its name in addresses: 32 hexadecimal digits without a meaning.
+    pub id: String,
+    /// The series.
+    pub uids: SeriesUids,
+    /// How its first image came.
+    pub source: ArrivalSource,
+    /// What became of it.
+    pub state: ArrivalState,
+    /// The reason, if it became nothing.
+    pub reason: Option<Failure>,
+    /// The case that it became last; also while late images are coming.
+    pub case: Option<CaseId>,
+    /// Images so far.
+    pub instances: usize,
+    /// How many the sender says there are.
+    pub expected: Option<usize>,
+    /// When its first image came.
+    pub first_at: Timestamp,
+    /// When its last image came.
+    pub last_at: Timestamp,
+}
+
+/// When a series is due.
+#[derive(Debug, Clone, Copy)]
+pub struct DueTerms {
+    /// How long nothing may have come for it, unless it is known to be complete.
+    pub stable: Duration,
+    /// How long to wait for images that the sender announced.
+    pub patience: Duration,
+    /// The lease.
+    pub lease: Duration,
+}
+
+/// The reason of a series that became a layer, whose state is that of a case.
+pub const BECAME_LAYER: &str = "series-is-layer";
+
+/// The reason of a series that is not T1-weighted. It waits for a case of its study, to become a layer of it.
+pub const NOT_T1: &str = "series-not-t1";
+
+/// What became of a leased series.
+#[derive(Debug, Clone)]
+pub enum Outcome {
+    /// This case.
+    Case(CaseId),
+    /// A layer of this case, which is of the same study.
+    Layer(CaseId),
+    /// Nothing, for this reason.
+    Nothing(Failure),
+    /// It cannot be read now; try again after this time.
+    Later(Duration),
+}
+
+/// A series to be fetched, or that was.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Retrieval {
+    /// Its name in addresses: 32 hexadecimal digits without a meaning.
+    pub id: String,
+    /// The name of the node.
+    pub node: String,
+    /// The series.
+    pub uids: SeriesUids,
+    /// How far it is.
+    pub state: TransferState,
+    /// The reason, if it failed.
+    pub reason: Option<Failure>,
+    /// Images so far.
+    pub received: usize,
+    /// How many the node says there are.
+    pub expected: Option<usize>,
+    /// When it was requested.
+    pub created_at: Timestamp,
+    /// The number of its lease.
+    pub fence: i64,
+    /// Leases so far.
+    pub attempts: u32,
+}
+
+/// The end of an attempt to fetch a series or to send a result.
+#[derive(Debug, Clone)]
+pub enum TransferEnd {
+    /// It succeeded.
+    Done,
+    /// It cannot succeed.
+    Failed(Failure),
+    /// Try again after this time.
+    Later(Duration),
+}
+
+/// The place in a list after an item, given by its time and id.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ArrivalCursor {
+    /// Microseconds since 1970.
+    pub at: i64,
+    /// The id of the series.
+    pub id: String,
+}
+
+impl ArrivalCursor {
+    /// Parses the output of `Display`; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (at, id) = text.split_once('-')?;
+        is_id(id).then_some(Self {
+            at: at.parse().ok()?,
+            id: id.to_owned(),
+        })
+    }
+}
+
+impl fmt::Display for ArrivalCursor {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}-{}", self.at, self.id)
+    }
+}
+
+/// Whether a text can be the id of an arrival or a retrieval.
+pub fn is_id(text: &str) -> bool {
+    let allowed = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
+    text.len() == 32 && text.bytes().all(allowed)
+}
+
+/// The series of a case.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaseSeries {
+    /// The case.
+    pub case: CaseId,
+    /// Its series.
+    pub uids: SeriesUids,
+    /// The accession number of the study.
+    pub accession_number: Option<AccessionNumber>,
+}
+
+/// What a request for a case names.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SeriesQuery {
+    /// A study, or one of its series.
+    Study(Uid, Option<Uid>),
+    /// All studies with an accession number.
+    AccessionNumber(AccessionNumber),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_uid_is_digits_and_points_without_its_padding() {
+        assert_eq!(Uid::parse("1.2.840\0").unwrap().as_str(), "1.2.840");
+        for text in ["", "1.2a", "1/2", "..\\x", &"1".repeat(65)] {
+            assert_eq!(Uid::parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn identifiers_are_not_shown() {
+        let uid = Uid::parse("1.2.3").unwrap();
+        let number = AccessionNumber::parse(" A7 ").unwrap();
+        assert_eq!(number.as_str(), "A7");
+        assert_eq!(format!("{uid:?} {number:?}"), "Uid(…) AccessionNumber(…)");
+        assert_eq!(AccessionNumber::parse("a\nb"), None);
+        assert_eq!(AccessionNumber::parse("  "), None);
+    }
+
+    #[test]
+    fn a_cursor_is_read_back_as_it_was_written() {
+        let cursor = ArrivalCursor {
+            at: 17,
+            id: "0123456789abcdef0123456789abcdef".to_owned(),
+        };
+        assert_eq!(ArrivalCursor::parse(&cursor.to_string()), Some(cursor));
+        for text in ["", "1-2", "x-0123456789abcdef0123456789abcdef"] {
+            assert_eq!(ArrivalCursor::parse(text), None, "{text}");
+        }
+    }
+}

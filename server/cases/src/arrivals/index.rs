@@ -1,0 +1,69 @@
+//! Enters the series of cases into the index, by which viewers of a PACS find them.
+
+use case::CaseId;
+use storage::arrivals::{AccessionNumber, CaseSeries, SeriesUids, Uid};
+use storage::{StoreError, Upload};
+
+use crate::application::Cases;
+use crate::error::Error;
+
+/// The series that an upload was made of.
+#[derive(Debug)]
+pub(crate) struct SeriesOfUpload {
+    uids: SeriesUids,
+    accession_number: Option<AccessionNumber>,
+}
+
+impl SeriesOfUpload {
+    /// `None` if it is not DICOM, or lacks a UID.
+    ///
+    /// # Errors
+    /// If the upload cannot be read.
+    pub(crate) async fn read(upload: &Upload) -> Result<Option<Self>, Error> {
+        let Some(stored) = &upload.dicom else {
+            return Ok(None);
+        };
+        let Ok(stored) = pipeline::attributes(&stored.read().await?) else {
+            return Ok(None);
+        };
+        let attributes = stored.attributes;
+        let value = |keyword: &str| {
+            let found = attributes.iter().find(|(name, _)| name == keyword);
+            found.map(|(_, value)| value.as_str())
+        };
+        let uid = |keyword| value(keyword).and_then(Uid::parse);
+        let uids = uid("StudyInstanceUID").zip(uid("SeriesInstanceUID"));
+        Ok(uids.map(|(study, series)| Self {
+            uids: SeriesUids { study, series },
+            accession_number: value("AccessionNumber").and_then(AccessionNumber::parse),
+        }))
+    }
+}
+
+impl Cases {
+    /// Enters the series of a case.
+    pub(crate) async fn index(
+        &self,
+        case: CaseId,
+        series: Option<SeriesOfUpload>,
+    ) -> Result<(), StoreError> {
+        let Some(series) = series else {
+            return Ok(());
+        };
+        let series = CaseSeries {
+            case,
+            uids: series.uids,
+            accession_number: series.accession_number,
+        };
+        self.store().rows().index_series(&series).await
+    }
+
+    /// Enters a version under the series of its case.
+    pub(crate) async fn index_version(&self, of: &CaseId, case: CaseId) -> Result<(), StoreError> {
+        let rows = self.store().rows();
+        match rows.series_of(of).await? {
+            Some(series) => rows.index_series(&CaseSeries { case, ..series }).await,
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,332 @@
+//! Reads what files are and which series they belong to, in processes that stay for the next file.
+//!
+//! They have the limits of the process that reads a series. One that dies or is too slow takes only its file with it.
+
+use std::io::ErrorKind;
+use std::path::Path;
+use std::process::Stdio;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use case::Failure;
+use imaging::dicom::Identity;
+use storage::Spooled;
+use storage::arrivals::{AccessionNumber, SeriesUids, Uid};
+use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
+use tokio::process::{Child, ChildStdin, ChildStdout};
+
+use super::message::{FileOrder, HeadersOrder, Order, Stated};
+use super::reader::{Program, at_a_time, cannot_run, check_file, checked_failure, died};
+use crate::error::Error;
+use crate::limit::ConcurrencyLimit;
+
+/// The time limit for a file.
+const LONGEST: Duration = Duration::from_secs(20);
+
+/// The limit for the CPU time of a process.
+const PROCESS_SECONDS: u64 = 60;
+
+/// Files that a process reads before another one takes over, so that none uses its CPU time up.
+const FILES_EACH: u32 = 500;
+
+/// How long a process without work stays.
+const IDLE: Duration = Duration::from_secs(30);
+
+/// How many times as large as a file its uncompressed pixels may be.
+const UNPACKING: u64 = 16;
+
+/// Files that may wait.
+const WAITING: usize = 256;
+
+/// The longest answer, in bytes.
+const MAX_ANSWER_BYTES: u64 = 64 << 10;
+
+/// What an instance is and which series it belongs to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InstanceIdentity {
+    /// What it is.
+    pub sop_class_uid: Uid,
+    /// Which one.
+    pub sop_instance_uid: Uid,
+    /// Its series.
+    pub uids: SeriesUids,
+    /// The accession number of its study.
+    pub accession_number: Option<AccessionNumber>,
+    /// Whether it is an MR or CT image.
+    pub is_image: bool,
+}
+
+impl InstanceIdentity {
+    /// The same with other UIDs and without an accession number.
+    pub(crate) fn deidentified(self) -> Self {
+        let replaced = |uid: &Uid| {
+            let uid = imaging::dicom::replaced_uid(uid.as_str());
+            Uid::parse(&uid).expect("digits and points are a UID")
+        };
+        Self {
+            sop_instance_uid: replaced(&self.sop_instance_uid),
+            uids: SeriesUids {
+                study: replaced(&self.uids.study),
+                series: replaced(&self.uids.series),
+            },
+            accession_number: None,
+            ..self
+        }
+    }
+
+    /// An answer that may be passed on.
+    fn checked(identity: Identity) -> Option<Self> {
+        Some(Self {
+            sop_class_uid: Uid::parse(&identity.sop_class_uid)?,
+            sop_instance_uid: Uid::parse(&identity.sop_instance_uid)?,
+            uids: SeriesUids {
+                study: Uid::parse(&identity.study_uid)?,
+                series: Uid::parse(&identity.series_uid)?,
+            },
+            accession_number: identity
+                .accession_number
+                .as_deref()
+                .and_then(AccessionNumber::parse),
+            is_image: identity.is_image,
+        })
+    }
+}
+
+/// Reads the headers of files.
+#[derive(Debug)]
+pub struct HeaderReader {
+    program: Program,
+    max_file_bytes: u64,
+    longest: Duration,
+    limit: ConcurrencyLimit,
+    /// Held only briefly.
+    idle: Mutex<Vec<Reader>>,
+}
+
+/// A process that waits for a file.
+#[derive(Debug)]
+struct Reader {
+    /// Killed when it is dropped.
+    _process: Child,
+    orders: ChildStdin,
+    answers: BufReader<ChildStdout>,
+    files: u32,
+    since: Instant,
+}
+
+impl HeaderReader {
+    /// A reader of files of at most `max_file_bytes`.
+    pub(crate) fn new(program: Program, max_file_bytes: u64) -> Self {
+        Self {
+            program,
+            max_file_bytes,
+            longest: LONGEST,
+            limit: ConcurrencyLimit::new(at_a_time(), WAITING),
+            idle: Mutex::default(),
+        }
+    }
+
+    /// What a file is.
+    ///
+    /// # Errors
+    /// A [`Failure`] that states what is wrong with the file, or that its process died; [`Error::Busy`] if too many
+    /// wait; [`Error::Internal`], logged, if the process cannot be started.
+    pub async fn read(&self, file: &Spooled) -> Result<InstanceIdentity, Error> {
+        self.ask(file, None).await
+    }
+
+    /// Writes a file without the identity of the patient, as an upload is spooled.
+    ///
+    /// # Errors
+    /// As [`HeaderReader::read`].
+    pub(crate) async fn deidentify(&self, file: &Spooled, output: &Path) -> Result<(), Error> {
+        self.ask(file, Some(output)).await?;
+        // Pixels that were compressed may be larger than before.
+        let largest = self.max_file_bytes.saturating_mul(UNPACKING);
+        Ok(check_file(output, Spooled::START + largest)?)
+    }
+
+    async fn ask(&self, file: &Spooled, output: Option<&Path>) -> Result<InstanceIdentity, Error> {
+        let _turn = self.limit.turn().await?;
+        let mut reader = match self.resting() {
+            Some(reader) => reader,
+            None => match self.start().await {
+                Ok(reader) => reader,
+                // It was gone before it could be told what to do.
+                Err(error) if error.kind() == ErrorKind::BrokenPipe => return Err(died().into()),
+                Err(error) => return Err(cannot_run(error)),
+            },
+        };
+        let answer = tokio::time::timeout(self.longest, reader.ask(file, output)).await;
+        let Some(stated) = answer.ok().flatten() else {
+            // The process is ended with its handle.
+            return Err(died().into());
+        };
+        if reader.files < FILES_EACH {
+            reader.since = Instant::now();
+            self.lock().push(reader);
+        }
+        match stated {
+            Stated::Read(identity) => {
+                InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
+            }
+            Stated::Refused(failure) => Err(checked_failure(failure).into()),
+        }
+    }
+
+    /// Ends the processes that have had no work for a while.
+    pub fn rest(&self) {
+        self.lock().retain(|reader| reader.since.elapsed() < IDLE);
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Reader>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn resting(&self) -> Option<Reader> {
+        self.lock().pop()
+    }
+
+    async fn start(&self) -> std::io::Result<Reader> {
+        let mut process = self
+            .program
+            .command()?
+            .env_clear()
+            .current_dir("/")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .kill_on_drop(true)
+            .spawn()?;
+        let pipes = process.stdin.take().zip(process.stdout.take());
+        let (mut orders, answers) = pipes.ok_or(ErrorKind::BrokenPipe)?;
+        let order = Order::Headers(HeadersOrder {
+            max_file_bytes: self.max_file_bytes,
+            seconds: PROCESS_SECONDS,
+        });
+        orders.write_all(&line(&order)?).await?;
+        Ok(Reader {
+            _process: process,
+            orders,
+            answers: BufReader::new(answers),
+            files: 0,
+            since: Instant::now(),
+        })
+    }
+}
+
+impl Reader {
+    /// The answer about a file; `None` if the process is gone or does not answer as it must.
+    async fn ask(&mut self, file: &Spooled, output: Option<&Path>) -> Option<Stated> {
+        self.files += 1;
+        let order = FileOrder {
+            file: std::path::absolute(file.path()).ok()?,
+            start: Spooled::START,
+            output: output.map(std::path::absolute).transpose().ok()?,
+        };
+        self.orders.write_all(&line(&order).ok()?).await.ok()?;
+        let mut answers = (&mut self.answers).take(MAX_ANSWER_BYTES);
+        loop {
+            let mut answer = String::new();
+            if answers.read_line(&mut answer).await.ok()? == 0 {
+                return None;
+            }
+            // Every answer begins a line; a test program says other things, too.
+            if answer.starts_with('{') {
+                return serde_json::from_str(&answer).ok();
+            }
+        }
+    }
+}
+
+fn line(message: &impl serde::Serialize) -> std::io::Result<Vec<u8>> {
+    let mut line = serde_json::to_vec(message)?;
+    line.push(b'\n');
+    Ok(line)
+}
+
+fn bad_uid() -> Failure {
+    Failure::unusable(
+        "dicom-damaged",
+        "a DICOM file is damaged: a UID is not made of digits and points",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+    use case::FailureKind;
+    use storage::{Options, Store};
+
+    use super::*;
+
+    /// Longer than a busy machine takes to start a shell.
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    /// The answer of a shell script in place of the process.
+    async fn read_by(script: &str, longest: Duration) -> Result<InstanceIdentity, Error> {
+        let arguments = vec!["-c".into(), script.into()];
+        let program = Program::other("/bin/sh".into(), arguments);
+        let mut reader = HeaderReader::new(program, 1 << 20);
+        reader.longest = longest;
+        let store = Store::in_memory(Options::default()).await.unwrap();
+        let file = store.spool_all(Bytes::from_static(b"file")).await.unwrap();
+        let first = reader.read(&file).await;
+        let second = reader.read(&file).await;
+        assert_eq!(first.is_ok(), second.is_ok(), "the next file is read, too");
+        first
+    }
+
+    fn name(result: Result<InstanceIdentity, Error>) -> String {
+        match result {
+            Err(Error::Failure(failure)) => {
+                assert_eq!(failure.kind, FailureKind::Unusable);
+                failure.name
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn saying(answer: &str) -> String {
+        format!("read order; while read file; do echo noise; printf '\\n%s\\n' '{answer}'; done")
+    }
+
+    fn identity(uid: &str) -> String {
+        format!(
+            r#"{{"read":{{"sop_class_uid":"1.2","sop_instance_uid":"{uid}","study_uid":"1.3","series_uid":"1.4","accession_number":null,"is_image":true}}}}"#
+        )
+    }
+
+    #[tokio::test]
+    async fn a_process_answers_for_one_file_after_the_other() {
+        let read = read_by(&saying(&identity("1.5")), PATIENCE).await.unwrap();
+        assert_eq!(read.sop_instance_uid.as_str(), "1.5");
+        assert_eq!(read.uids.series.as_str(), "1.4");
+    }
+
+    #[tokio::test]
+    async fn a_process_that_dies_or_is_silent_or_lies_is_an_answer() {
+        let endless = "while :; do printf xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx; done";
+        let moment = Duration::from_millis(500);
+        let bad = [
+            ("exit 1", PATIENCE),
+            ("kill -KILL $$", PATIENCE),
+            ("sleep 5", moment),
+            (endless, moment),
+        ];
+        for (script, longest) in bad {
+            assert_eq!(
+                name(read_by(script, longest).await),
+                "dicom-reader-died",
+                "{script}"
+            );
+        }
+        let lie = saying(&identity("Somebody^Secret"));
+        assert_eq!(name(read_by(&lie, PATIENCE).await), "dicom-damaged");
+        let refused = r#"{"refused":{"name":"dicom-none","kind":"unusable","detail":"words"}}"#;
+        assert_eq!(
+            name(read_by(&saying(refused), PATIENCE).await),
+            "dicom-none"
+        );
+    }
+}

@@ -1,0 +1,200 @@
+//! Further volumes of the head of a case: submitted, listed, changed and deleted.
+
+use case::{CaseId, CaseState, Layer, LayerId, LayerKind, LayerParameters};
+use imaging::START_BYTES;
+use pipeline::layers::{LayerSource, check_layer};
+use storage::{ChangedLayer, LayerChange, LayerName, LayerUpload, SubmittedLayer};
+
+use crate::application::Cases;
+use crate::dicom::{Choice, Options};
+use crate::error::Error;
+use crate::fair::Client;
+use crate::intake::VolumeFiles;
+use crate::pictures::LayerRef;
+
+/// A layer to be added, with its received files.
+#[derive(Debug)]
+pub struct NewLayer {
+    /// The case.
+    pub case: CaseId,
+    /// The files of the volume.
+    pub volume: VolumeFiles,
+    /// The choice among DICOM files.
+    pub options: Options,
+    /// The name; by default the DICOM sequence, or the kind.
+    pub name: Option<String>,
+    /// What the values are; by default the modality of DICOM files, otherwise MR.
+    pub kind: Option<LayerKind>,
+    /// The unit; by default that of DICOM files, or none.
+    pub unit: Option<String>,
+    /// The other parameters.
+    pub parameters: LayerParameters,
+    /// The client that sends it.
+    pub client: Client,
+}
+
+/// A layer that was added.
+#[derive(Debug)]
+pub struct AddedLayer {
+    /// The layer.
+    pub layer: Layer,
+    /// Whether its preparation was queued, because it is new or had failed.
+    pub created: bool,
+    /// The choice among DICOM files.
+    pub choice: Option<Choice>,
+}
+
+impl Cases {
+    /// Checks a layer and queues it. One that is there already is answered as it is.
+    ///
+    /// # Errors
+    /// [`Error::Failure`] that states what is wrong with the upload or why the case failed; [`Error::NoSuchCase`], [`Error::TooManyLayers`],
+    /// [`Error::LayerNameTaken`], [`Error::Busy`], or an error of the store.
+    pub async fn add_layer(&self, new: NewLayer) -> Result<AddedLayer, Error> {
+        let is_removed = self.deidentifies();
+        self.add_layer_of(new, is_removed).await
+    }
+
+    /// As [`Cases::add_layer`], whether or not the identity of the patient is removed.
+    pub(crate) async fn add_layer_of(
+        &self,
+        new: NewLayer,
+        is_identity_removed: bool,
+    ) -> Result<AddedLayer, Error> {
+        if let Some(name) = &new.name {
+            Layer::check_name(name)?;
+        }
+        let case = self.case(&new.case).await?;
+        if let (CaseState::Failed, Some(failure)) = (case.state, case.failure) {
+            return Err(failure.into());
+        }
+        let (files, choice) = self
+            .read_upload(
+                new.volume,
+                None,
+                &new.options,
+                new.client,
+                is_identity_removed,
+            )
+            .await?;
+        let has_options = new.options.series.is_some() || new.options.allow_gaps;
+        if choice.is_none() && has_options {
+            return Err(Error::Parameter {
+                kind: "parameters-unreadable",
+                name: "series".into(),
+                detail: "and `allow_gaps` are only accepted for DICOM files".to_owned(),
+            });
+        }
+        let series = choice.as_ref().map(|choice| &choice.series);
+        let kind = new
+            .kind
+            .or(series.map(|series| LayerKind::of_modality(&series.modality)));
+        let unit = new.unit.or(series.and_then(|series| series.unit.clone()));
+        let parameters = LayerParameters {
+            kind: kind.unwrap_or_default(),
+            unit: unit.unwrap_or_default(),
+            ..new.parameters
+        };
+        parameters.check()?;
+        let usual = || match series.map(|series| series.name.as_str()) {
+            Some(name) if !name.is_empty() => name.to_owned(),
+            _ => parameters.kind.name().to_owned(),
+        };
+        let upload = LayerUpload {
+            case: new.case,
+            volume: files.volume,
+            dicom: files.dicom,
+            name: new
+                .name
+                .map_or_else(|| LayerName::Usual(usual()), LayerName::Given),
+            parameters: parameters.clone(),
+            most: self.max_layers,
+        };
+        let known = self.store().layer(&upload.case, &upload.id()).await?;
+        if known.is_none() {
+            self.check_layer(&upload).await?;
+        }
+        match self.store().submit_layer(upload).await? {
+            SubmittedLayer::Layer { layer, created } => Ok(AddedLayer {
+                layer: *layer,
+                created,
+                choice,
+            }),
+            SubmittedLayer::NoCase => Err(Error::NoSuchCase),
+            SubmittedLayer::TooMany => Err(Error::TooManyLayers {
+                most: self.max_layers,
+            }),
+            SubmittedLayer::NameTaken => Err(Error::LayerNameTaken),
+        }
+    }
+
+    /// Rejects what cannot be a layer, before anything is stored.
+    async fn check_layer(&self, upload: &LayerUpload) -> Result<(), Error> {
+        let start = upload.volume.head(START_BYTES).await?;
+        let _room = self.checks.enter_layer(&start).await?;
+        let source = LayerSource {
+            volume: upload.volume.read().await?,
+            dicom: None,
+        };
+        let (limits, parameters) = (self.library.limits(), upload.parameters.clone());
+        let check = move || check_layer(&source, &parameters, &limits);
+        Ok(self.queue.run(check).await??)
+    }
+
+    /// The layers of a case, in their order.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchCase`], or an error of the store.
+    pub async fn layers(&self, case: &CaseId) -> Result<Vec<Layer>, Error> {
+        let layers = self.store().layers(case).await?;
+        if layers.is_empty() {
+            self.case(case).await?;
+        }
+        Ok(layers)
+    }
+
+    /// An uploaded layer of a case by its name or id.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchCase`], [`Error::NoSuchLayer`], or an error of the store.
+    pub async fn layer(&self, case: &CaseId, name: &LayerRef) -> Result<Layer, Error> {
+        match name.of(&self.layers(case).await?)? {
+            crate::pictures::ChosenLayer::Layer(layer) => Ok((*layer).clone()),
+            crate::pictures::ChosenLayer::Map(_) => Err(Error::NoSuchLayer),
+        }
+    }
+
+    /// Renames a layer, or moves it in the list; returns it as it is then.
+    ///
+    /// # Errors
+    /// [`Error::Failure`] if the name is unusable, [`Error::LayerNameTaken`], [`Error::NoSuchLayer`], or an error of
+    /// the store.
+    pub async fn change_layer(
+        &self,
+        case: &CaseId,
+        id: &LayerId,
+        change: &LayerChange,
+    ) -> Result<Layer, Error> {
+        if let Some(name) = &change.name {
+            Layer::check_name(name)?;
+        }
+        match self.store().change_layer(case, id, change).await? {
+            ChangedLayer::Done => {}
+            ChangedLayer::NoLayer => return Err(Error::NoSuchLayer),
+            ChangedLayer::NameTaken => return Err(Error::LayerNameTaken),
+        }
+        let changed = self.store().layer(case, id).await?;
+        changed.ok_or(Error::NoSuchLayer)
+    }
+
+    /// Removes a layer.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchLayer`], or an error of the store.
+    pub async fn delete_layer(&self, case: &CaseId, id: &LayerId) -> Result<(), Error> {
+        match self.store().delete_layer(case, id).await? {
+            true => Ok(()),
+            false => Err(Error::NoSuchLayer),
+        }
+    }
+}

@@ -1,0 +1,317 @@
+//! Access control: the bearer token, the Host header, and pages of other sites.
+
+use std::net::IpAddr;
+use std::sync::Arc;
+
+use axum::extract::{Request, State};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
+use axum::middleware::Next;
+use axum::response::Response;
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+
+use crate::guesses::Guesses;
+use crate::listen::Peer;
+use crate::problem::AppError;
+
+/// The fewest characters of a bearer token: 16 random ones cannot be guessed.
+pub const MIN_TOKEN_LENGTH: usize = 16;
+
+/// The access rules.
+///
+/// With a token, every request under `/v1` must carry it, under any host name. Without a token, the server listens on
+/// this machine only and accepts only its names as Host, which defeats DNS rebinding: a page of another site whose name
+/// resolves to 127.0.0.1.
+#[derive(Debug, Clone, Default)]
+pub struct Access {
+    /// A digest, so that tokens of any length are compared in constant time.
+    token: Option<blake3::Hash>,
+    guesses: Arc<Guesses>,
+}
+
+/// The token is too weak.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the token must be at least {MIN_TOKEN_LENGTH} printable ASCII characters without spaces")]
+pub struct BadToken;
+
+impl Access {
+    /// Everyone on this machine has access.
+    pub fn of_this_machine() -> Self {
+        Self::default()
+    }
+
+    /// Everyone with the token has access.
+    ///
+    /// # Errors
+    /// If the token is too short, or cannot be sent in a header.
+    pub fn with_token(token: &str) -> Result<Self, BadToken> {
+        let sendable = token.bytes().all(|byte| byte.is_ascii_graphic());
+        if token.len() < MIN_TOKEN_LENGTH || !sendable {
+            return Err(BadToken);
+        }
+        Ok(Self {
+            token: Some(blake3::hash(token.as_bytes())),
+            guesses: Arc::default(),
+        })
+    }
+
+    /// Whether a token is required.
+    pub fn wants_token(&self) -> bool {
+        self.token.is_some()
+    }
+
+    fn check_token(&self, headers: &HeaderMap) -> Result<(), AppError> {
+        let Some(expected) = &self.token else {
+            return Ok(());
+        };
+        let given = given_token(headers).ok_or(AppError::Unauthorized)?;
+        if blake3::hash(&given) == *expected {
+            Ok(())
+        } else {
+            Err(AppError::Unauthorized)
+        }
+    }
+
+    fn check_host(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), AppError> {
+        if self.wants_token() {
+            return Ok(());
+        }
+        let named = headers.get(header::HOST).map(|host| host.to_str());
+        let named = match named {
+            None => None,
+            Some(host) => Some(host.map_err(|_| AppError::WrongHost)?),
+        };
+        let of_this_machine = |host: &str| is_name_of_this_machine(without_port(host));
+        if named.is_none_or(of_this_machine) && uri.host().is_none_or(is_name_of_this_machine) {
+            Ok(())
+        } else {
+            Err(AppError::WrongHost)
+        }
+    }
+}
+
+/// The token in a request: a bearer token, or the password of `Basic`, which is all that some programs can send.
+fn given_token(headers: &HeaderMap) -> Option<Vec<u8>> {
+    let value = headers.get(header::AUTHORIZATION)?.as_bytes();
+    let space = value.iter().position(|&byte| byte == b' ')?;
+    let (scheme, given) = (&value[..space], value[space..].trim_ascii());
+    if scheme.eq_ignore_ascii_case(b"Bearer") {
+        return Some(given.to_vec());
+    }
+    if !scheme.eq_ignore_ascii_case(b"Basic") {
+        return None;
+    }
+    let both = BASE64_STANDARD.decode(given).ok()?;
+    let colon = both.iter().position(|&byte| byte == b':')?;
+    Some(both[colon + 1..].to_vec())
+}
+
+/// `localhost:80` → `localhost`, `[::1]:80` → `[::1]`.
+fn without_port(host: &str) -> &str {
+    match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => name,
+        _ => host,
+    }
+}
+
+fn is_name_of_this_machine(host: &str) -> bool {
+    let address = host
+        .strip_prefix('[')
+        .and_then(|rest| rest.strip_suffix(']'))
+        .unwrap_or(host);
+    host.eq_ignore_ascii_case("localhost")
+        || address.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
+}
+
+/// Whether a page of another site requests a change, according to its browser.
+///
+/// `Sec-Fetch-Site` decides if it is present; it is correct even behind a proxy that changes `Host`. Browsers omit it
+/// on plain HTTP to other machines, and old browsers always; then the `Origin` must match the authority of the request.
+/// A request with neither header does not come from a page.
+fn is_cross_site_change(method: &Method, uri: &Uri, headers: &HeaderMap) -> bool {
+    if method.is_safe() {
+        return false;
+    }
+    match headers.get("sec-fetch-site") {
+        Some(site) => site != "same-origin" && site != "none",
+        None => headers
+            .get_all(header::ORIGIN)
+            .iter()
+            .any(|origin| !is_own_origin(origin, uri, headers)),
+    }
+}
+
+/// Whether an origin has the host and port of the request. The scheme may differ, because a proxy may have terminated
+/// TLS.
+fn is_own_origin(origin: &HeaderValue, uri: &Uri, headers: &HeaderMap) -> bool {
+    let host = headers
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
+    let asked = host.or_else(|| uri.authority().map(Authority::as_str));
+    let origin = origin.to_str().ok().and_then(|text| text.split_once("://"));
+    let (Some((scheme, named)), Some(asked)) = (origin, asked) else {
+        return false;
+    };
+    let usual_port = match scheme {
+        "http" => ":80",
+        "https" => ":443",
+        _ => return false,
+    };
+    let [named, asked] =
+        [named, asked].map(|authority| authority.strip_suffix(usual_port).unwrap_or(authority));
+    named.eq_ignore_ascii_case(asked)
+}
+
+/// Rejects requests with another Host, and changes requested by pages of other sites.
+///
+/// # Errors
+/// [`AppError::WrongHost`], [`AppError::CrossSite`].
+pub async fn guard_origin(
+    State(access): State<Access>,
+    request: Request,
+    next: Next,
+) -> Result<Response, AppError> {
+    access.check_host(request.uri(), request.headers())?;
+    if is_cross_site_change(request.method(), request.uri(), request.headers()) {
+        return Err(AppError::CrossSite);
+    }
+    Ok(next.run(request).await)
+}
+
+/// Rejects requests without the token, if one is configured. The answer to a wrong token is delayed, longer each time.
+///
+/// # Errors
+/// [`AppError::Unauthorized`].
+pub async fn require_token(
+    State(access): State<Access>,
+    request: Request,
+    next: Next,
+) -> Result<Response, AppError> {
+    if let Err(refusal) = access.check_token(request.headers()) {
+        // A request without a token is not a guess.
+        if given_token(request.headers()).is_some() {
+            let peer = request.extensions().get::<Peer>();
+            access.guesses.punish(peer.map(|peer| peer.0)).await;
+        }
+        return Err(refusal);
+    }
+    Ok(next.run(request).await)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_header(name: header::HeaderName, value: &str) -> HeaderMap {
+        HeaderMap::from_iter([(name, value.parse().unwrap())])
+    }
+
+    #[test]
+    fn the_token_and_nothing_else_opens() {
+        let access = Access::with_token("0123456789abcdef").unwrap();
+        let allowed = |value: &str| {
+            access
+                .check_token(&with_header(header::AUTHORIZATION, value))
+                .is_ok()
+        };
+        assert!(allowed("Bearer 0123456789abcdef"));
+        assert!(allowed("bearer 0123456789abcdef"));
+        assert!(!allowed("Bearer 0123456789abcdeF"));
+        assert!(!allowed("Bearer "));
+        assert!(!allowed("Basic 0123456789abcdef"));
+        let basic = |text: &str| format!("Basic {}", BASE64_STANDARD.encode(text));
+        assert!(allowed(&basic("anybody:0123456789abcdef")));
+        assert!(!allowed(&basic("0123456789abcdef:")));
+        assert!(!allowed(&basic("0123456789abcdef")));
+        assert!(access.check_token(&HeaderMap::new()).is_err());
+    }
+
+    #[test]
+    fn short_and_unsendable_tokens_are_refused() {
+        assert!(Access::with_token("short").is_err());
+        assert!(Access::with_token("0123456789 abcdef").is_err());
+        assert!(Access::with_token("0123456789abcdé0123").is_err());
+    }
+
+    #[test]
+    fn only_names_of_this_machine_are_answered_without_a_token() {
+        let access = Access::of_this_machine();
+        let allowed = |host: &str| {
+            access
+                .check_host(&Uri::from_static("/"), &with_header(header::HOST, host))
+                .is_ok()
+        };
+        for host in [
+            "localhost",
+            "LOCALHOST:8640",
+            "127.0.0.1:1",
+            "[::1]:8640",
+            "[::1]",
+        ] {
+            assert!(allowed(host), "{host}");
+        }
+        for host in [
+            "example.org",
+            "localhost.example.org:80",
+            "10.0.0.1",
+            "127.0.0.1.nip.io",
+        ] {
+            assert!(!allowed(host), "{host}");
+        }
+    }
+
+    fn crosses(method: &Method, headers: &HeaderMap) -> bool {
+        is_cross_site_change(method, &Uri::from_static("/v1/cases"), headers)
+    }
+
+    #[test]
+    fn pages_of_other_sites_may_not_change_anything() {
+        let site = |value| with_header("sec-fetch-site".parse().unwrap(), value);
+        assert!(crosses(&Method::POST, &site("cross-site")));
+        assert!(crosses(&Method::DELETE, &site("same-site")));
+        assert!(!crosses(&Method::POST, &site("same-origin")));
+        assert!(!crosses(&Method::GET, &site("cross-site")));
+        assert!(!crosses(&Method::POST, &HeaderMap::new()));
+    }
+
+    #[test]
+    fn without_fetch_metadata_the_origin_must_be_the_host() {
+        let change = |origin, host| {
+            let mut headers = with_header(header::ORIGIN, origin);
+            headers.insert(header::HOST, HeaderValue::from_static(host));
+            headers
+        };
+        for (origin, host) in [
+            ("http://127.0.0.1:8640", "127.0.0.1:8640"),
+            ("https://MRI.example.org", "mri.example.org"),
+            ("https://mri.example.org", "mri.example.org:443"),
+            ("http://[::1]:8640", "[::1]:8640"),
+        ] {
+            assert!(!crosses(&Method::DELETE, &change(origin, host)), "{origin}");
+        }
+        for (origin, host) in [
+            ("null", "127.0.0.1:8640"),
+            ("", "127.0.0.1:8640"),
+            ("http://127.0.0.1:8641", "127.0.0.1:8640"),
+            ("http://localhost:8640", "127.0.0.1:8640"),
+            ("https://example.org", "mri.example.org"),
+            ("https://mri.example.org:444", "mri.example.org"),
+            ("file://127.0.0.1", "127.0.0.1"),
+        ] {
+            let headers = change(origin, host);
+            for method in [Method::POST, Method::PUT, Method::DELETE] {
+                assert!(crosses(&method, &headers), "{method} {origin}");
+            }
+            assert!(!crosses(&Method::GET, &headers), "{origin}");
+        }
+        let mut trusted = change("https://mri.example.org", "127.0.0.1:8640");
+        assert!(crosses(&Method::POST, &trusted));
+        trusted.insert("sec-fetch-site", HeaderValue::from_static("same-origin"));
+        assert!(!crosses(&Method::POST, &trusted));
+        let nowhere = with_header(header::ORIGIN, "http://127.0.0.1");
+        assert!(crosses(&Method::POST, &nowhere));
+        let address = Uri::from_static("http://127.0.0.1/v1/cases");
+        assert!(!is_cross_site_change(&Method::POST, &address, &nowhere));
+    }
+}

@@ -1,0 +1,15 @@
+//! What every HTTP interface of the server shares: problems, conditional requests, negotiation of formats, access, limits on
+//! connections and bodies, metrics and the log of requests.
+
+pub mod auth;
+pub mod conditional;
+pub mod form_body;
+mod guesses;
+pub mod listen;
+pub mod logs;
+pub mod metrics;
+pub mod negotiate;
+pub mod pace;
+mod places;
+pub mod problem;
+mod unstalled;

@@ -1,0 +1,63 @@
+//! What an image is and which series it belongs to, without reading the image.
+
+use dicom_core::Tag;
+use dicom_dictionary_std::tags;
+use serde::{Deserialize, Serialize};
+
+use super::DicomError;
+use super::header::{IMAGE_CLASSES, parse};
+use super::numbers::text;
+use super::scan::scan;
+use crate::{Format, sniff};
+
+const WANTED: [Tag; 5] = [
+    tags::SOP_CLASS_UID,
+    tags::SOP_INSTANCE_UID,
+    tags::ACCESSION_NUMBER,
+    tags::STUDY_INSTANCE_UID,
+    tags::SERIES_INSTANCE_UID,
+];
+
+/// The UIDs of a file. They lead to a patient: they must not reach a log, an error, an address or a file name.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identity {
+    /// What it is.
+    pub sop_class_uid: String,
+    /// Which one.
+    pub sop_instance_uid: String,
+    /// Its study.
+    pub study_uid: String,
+    /// Its series.
+    pub series_uid: String,
+    /// The accession number of its study, if there is one.
+    pub accession_number: Option<String>,
+    /// Whether it is an MR or CT image.
+    pub is_image: bool,
+}
+
+/// The UIDs of a DICOM file.
+///
+/// # Errors
+/// If it is not DICOM, is damaged before its pixels, or lacks one of the UIDs.
+pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
+    if sniff(file) != Format::Dicom {
+        return Err(DicomError::NoDicom { files: 1 });
+    }
+    let object = parse(&scan(file, &WANTED)?)?;
+    let uid = |tag| {
+        let uid = text(&object, tag).filter(|uid| !uid.is_empty());
+        uid.ok_or(DicomError::Damaged {
+            what: "it lacks the UID of its class, its instance, its study or its series",
+        })
+    };
+    let sop_class_uid = uid(tags::SOP_CLASS_UID)?;
+    Ok(Identity {
+        is_image: IMAGE_CLASSES.contains(&&*sop_class_uid),
+        sop_class_uid,
+        sop_instance_uid: uid(tags::SOP_INSTANCE_UID)?,
+        study_uid: uid(tags::STUDY_INSTANCE_UID)?,
+        series_uid: uid(tags::SERIES_INSTANCE_UID)?,
+        accession_number: text(&object, tags::ACCESSION_NUMBER).filter(|text| !text.is_empty()),
+    })
+}

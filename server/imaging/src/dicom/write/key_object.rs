@@ -1,0 +1,140 @@
+//! A Key Object Selection: a list of objects of one study, with a title.
+
+use dicom_core::VR;
+use dicom_dictionary_std::{tags, uids};
+
+use super::common::{Head, WriteError, file};
+use super::item::{Code, Item};
+
+/// The title of a list (CID 7010).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum KeyObjectTitle {
+    /// Of interest.
+    OfInterest,
+    /// For surgery.
+    ForSurgery,
+    /// For a conference.
+    ForConference,
+    /// For research.
+    ForResearch,
+}
+
+impl KeyObjectTitle {
+    fn code(self) -> Code {
+        let (value, meaning) = match self {
+            Self::OfInterest => ("113000", "Of Interest"),
+            Self::ForSurgery => ("113003", "For Surgery"),
+            Self::ForConference => ("113005", "For Conference"),
+            Self::ForResearch => ("113009", "For Research"),
+        };
+        Code {
+            value,
+            scheme: "DCM",
+            meaning,
+        }
+    }
+}
+
+/// An object of a list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Listed {
+    /// Its series.
+    pub series_uid: String,
+    /// Its class.
+    pub sop_class_uid: String,
+    /// The object.
+    pub sop_instance_uid: String,
+}
+
+impl Listed {
+    fn reference(&self) -> Item {
+        let mut item = Item::new();
+        item.text(tags::REFERENCED_SOP_CLASS_UID, VR::UI, &self.sop_class_uid)
+            .text(
+                tags::REFERENCED_SOP_INSTANCE_UID,
+                VR::UI,
+                &self.sop_instance_uid,
+            );
+        item
+    }
+}
+
+/// A Key Object Selection of objects of the study of the source (PS3.3 A.35.4, PS3.16 TID 2010).
+///
+/// # Errors
+/// If there is no object or no study, and as [`WriteError`].
+pub fn key_object(
+    head: &Head<'_>,
+    title: KeyObjectTitle,
+    listed: &[Listed],
+) -> Result<Vec<u8>, WriteError> {
+    let study = head
+        .of_source("StudyInstanceUID")
+        .ok_or(WriteError::NoStudy)?;
+    if listed.is_empty() {
+        return Err(WriteError::Empty);
+    }
+    let class = uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;
+    let mut item = head.begin_document(class, "KO")?;
+    let mut evidence = Item::new();
+    evidence
+        .text(tags::STUDY_INSTANCE_UID, VR::UI, study)
+        .items(tags::REFERENCED_SERIES_SEQUENCE, of_each_series(listed));
+    let mut template = Item::new();
+    template.text(tags::MAPPING_RESOURCE, VR::CS, "DCMR").text(
+        tags::TEMPLATE_IDENTIFIER,
+        VR::CS,
+        "2010",
+    );
+    let mut remark = Item::new();
+    remark
+        .text(tags::RELATIONSHIP_TYPE, VR::CS, "CONTAINS")
+        .text(tags::VALUE_TYPE, VR::CS, "TEXT")
+        .codes(
+            tags::CONCEPT_NAME_CODE_SEQUENCE,
+            &[Code {
+                value: "113012",
+                scheme: "DCM",
+                meaning: "Key Object Description",
+            }],
+        )
+        .text(tags::TEXT_VALUE, VR::UT, head.comment);
+    let image = |listed: &Listed| {
+        let mut item = Item::new();
+        item.text(tags::RELATIONSHIP_TYPE, VR::CS, "CONTAINS")
+            .text(tags::VALUE_TYPE, VR::CS, "IMAGE")
+            .items(tags::REFERENCED_SOP_SEQUENCE, [listed.reference()]);
+        item
+    };
+    let content = std::iter::once(remark).chain(listed.iter().map(image));
+    item.items(tags::REFERENCED_PERFORMED_PROCEDURE_STEP_SEQUENCE, [])
+        .items(
+            tags::CURRENT_REQUESTED_PROCEDURE_EVIDENCE_SEQUENCE,
+            [evidence],
+        )
+        .text(tags::VALUE_TYPE, VR::CS, "CONTAINER")
+        .codes(tags::CONCEPT_NAME_CODE_SEQUENCE, &[title.code()])
+        .text(tags::CONTINUITY_OF_CONTENT, VR::CS, "SEPARATE")
+        .items(tags::CONTENT_TEMPLATE_SEQUENCE, [template])
+        .items(tags::CONTENT_SEQUENCE, content);
+    file(item, class, head.instance_uid)
+}
+
+/// The objects of each series, in the order in which the series come first.
+fn of_each_series(listed: &[Listed]) -> Vec<Item> {
+    let mut series: Vec<(&str, Vec<Item>)> = Vec::new();
+    for each in listed {
+        let known = series.iter_mut().find(|(uid, _)| *uid == each.series_uid);
+        match known {
+            Some((_, items)) => items.push(each.reference()),
+            None => series.push((&each.series_uid, vec![each.reference()])),
+        }
+    }
+    let item = |(uid, references): (&str, Vec<Item>)| {
+        let mut item = Item::new();
+        item.text(tags::SERIES_INSTANCE_UID, VR::UI, uid)
+            .items(tags::REFERENCED_SOP_SEQUENCE, references);
+        item
+    };
+    series.into_iter().map(item).collect()
+}

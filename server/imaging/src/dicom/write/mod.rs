@@ -1,0 +1,33 @@
+//! Results as DICOM objects: Secondary Capture, Multi-frame True Color Secondary Capture, Segmentation, and Key Object
+//! Selection.
+//!
+//! Patient and study are those of the source. Texts are written in UTF-8, the transfer syntax is Explicit VR Little
+//! Endian without compression, and the same values give the same bytes.
+//!
+//! Source: the DICOM standard, part 3, A.8.1, A.8.5, A.35.4 and A.51, at <https://www.dicomstandard.org>.
+
+mod common;
+mod item;
+mod key_object;
+mod pictures;
+mod segmentation;
+mod uid;
+
+pub use common::{Head, WriteError};
+pub use key_object::{KeyObjectTitle, Listed, key_object};
+pub use pictures::{Cine, Pictures, pictures};
+pub use segmentation::{Algorithm, Segment, segmentation};
+pub use uid::uid_of;
+
+/// The class of a picture.
+pub const PICTURE: &str = dicom_dictionary_std::uids::SECONDARY_CAPTURE_IMAGE_STORAGE;
+
+/// The class of several pictures.
+pub const CINE: &str =
+    dicom_dictionary_std::uids::MULTI_FRAME_TRUE_COLOR_SECONDARY_CAPTURE_IMAGE_STORAGE;
+
+/// The class of a segmentation.
+pub const SEGMENTATION: &str = dicom_dictionary_std::uids::SEGMENTATION_STORAGE;
+
+/// The class of a list of objects.
+pub const KEY_OBJECT: &str = dicom_dictionary_std::uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;

@@ -1,0 +1,94 @@
+//! Pictures as Secondary Capture.
+
+use dicom_core::VR;
+use dicom_dictionary_std::{tags, uids};
+
+use super::common::{Head, WriteError, file};
+use super::item::Code;
+
+/// How pictures of the isosurface are made: no voxel is resampled, so they are a rendering of a surface, and a curved
+/// cut through the volume at the same time (CID 7203).
+const DERIVATION: [Code; 2] = [
+    Code {
+        value: "113075",
+        scheme: "DCM",
+        meaning: "Surface rendering",
+    },
+    Code {
+        value: "113073",
+        scheme: "DCM",
+        meaning: "Curved multiplanar reformatting",
+    },
+];
+
+/// Pictures of one size.
+#[derive(Debug)]
+pub struct Pictures {
+    /// Pixels in a row.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+    /// Red, green and blue of each pixel in 8 bits, row by row from the top left, picture by picture.
+    pub rgb: Vec<u8>,
+    /// If there are several: how they are played.
+    pub cine: Option<Cine>,
+}
+
+/// Several pictures, which are played one after the other.
+#[derive(Debug, Clone, Copy)]
+pub struct Cine {
+    /// How many there are.
+    pub frames: usize,
+    /// The time of each picture, in ms.
+    pub frame_time_ms: u16,
+}
+
+/// A Secondary Capture, or a Multi-frame True Color Secondary Capture.
+///
+/// Position and spacing are omitted, because a picture of a surface in three dimensions has none.
+///
+/// # Errors
+/// If the pixels do not fit their size, and as [`WriteError`].
+pub fn pictures(head: &Head<'_>, pictures: Pictures) -> Result<Vec<u8>, WriteError> {
+    let frames = pictures.cine.map_or(1, |cine| cine.frames);
+    let pixels = usize::from(pictures.width) * usize::from(pictures.height);
+    let expected = pixels.checked_mul(3 * frames).ok_or(WriteError::Size)?;
+    if expected == 0 || expected != pictures.rgb.len() || u32::try_from(expected).is_err() {
+        return Err(WriteError::Size);
+    }
+    let class = match pictures.cine {
+        None => uids::SECONDARY_CAPTURE_IMAGE_STORAGE,
+        Some(_) => uids::MULTI_FRAME_TRUE_COLOR_SECONDARY_CAPTURE_IMAGE_STORAGE,
+    };
+    let mut item = head.begin(class, "OT")?;
+    item.text(tags::IMAGE_TYPE, VR::CS, r"DERIVED\SECONDARY")
+        .text(tags::CONVERSION_TYPE, VR::CS, "WSD")
+        .text(tags::BODY_PART_EXAMINED, VR::CS, "BRAIN")
+        .text(tags::PATIENT_ORIENTATION, VR::CS, "")
+        .codes(tags::DERIVATION_CODE_SEQUENCE, &DERIVATION)
+        .shorts(tags::SAMPLES_PER_PIXEL, &[3])
+        .text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "RGB")
+        .shorts(tags::PLANAR_CONFIGURATION, &[0])
+        .shorts(tags::ROWS, &[pictures.height])
+        .shorts(tags::COLUMNS, &[pictures.width])
+        .shorts(tags::BITS_ALLOCATED, &[8])
+        .shorts(tags::BITS_STORED, &[8])
+        .shorts(tags::HIGH_BIT, &[7])
+        .shorts(tags::PIXEL_REPRESENTATION, &[0]);
+    let sources = head.source_images();
+    if !sources.is_empty() {
+        item.items(tags::SOURCE_IMAGE_SEQUENCE, sources);
+    }
+    if let Some(cine) = pictures.cine {
+        let time = cine.frame_time_ms.to_string();
+        item.text(tags::NUMBER_OF_FRAMES, VR::IS, &frames.to_string())
+            .pointer(tags::FRAME_INCREMENT_POINTER, tags::FRAME_TIME)
+            .text(tags::FRAME_TIME, VR::DS, &time);
+    }
+    let mut rgb = pictures.rgb;
+    if rgb.len() % 2 == 1 {
+        rgb.push(0);
+    }
+    item.pixels(rgb);
+    file(item, class, head.instance_uid)
+}

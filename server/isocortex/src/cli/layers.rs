@@ -1,0 +1,226 @@
+//! The layers of `isocortex prepare`.
+
+use std::path::PathBuf;
+
+use bytes::Bytes;
+use case::{CaseId, CaseState, Layer, LayerKind, LayerParameters, QualityState};
+use cases::dicom::{DicomReader, Input, Options, Program, Purpose};
+use clap::Args;
+use imaging::sniff;
+use pipeline::Limits;
+use pipeline::layers::{LayerSource, check_layer};
+use storage::{LayerName, LayerUpload, Store, SubmittedLayer};
+
+use super::status::{CliError, ExitStatus};
+use super::{MAX_DICOM_BYTES, choices, head_of, read_input};
+use crate::config::Config;
+
+/// Further volumes of the same head.
+#[derive(Debug, Args)]
+pub(super) struct LayerOptions {
+    /// A further volume of the same head (FLAIR, T2, PET, CT, a map or labels): NIfTI or DICOM. It is registered if it
+    /// is an acquired one. Repeat it for several.
+    #[arg(long = "layer", value_name = "[NAME=]VOLUME")]
+    volumes: Vec<String>,
+    /// What the layers are, one for each --layer. [default: from DICOM, otherwise mr]
+    #[arg(long = "layer-kind", value_parser = choices::layer_kind(), value_name = "KIND", requires = "volumes")]
+    kinds: Vec<LayerKind>,
+    /// The units of the layers, one for each --layer. [default: from DICOM, otherwise none]
+    #[arg(long = "layer-unit", value_name = "UNIT", requires = "volumes")]
+    units: Vec<String>,
+    /// A text file with the names of the labels of label maps: a number and a name on each line.
+    #[arg(long = "layer-labels", value_name = "FILE", requires = "volumes")]
+    labels: Option<PathBuf>,
+}
+
+/// A layer to be added.
+pub(super) struct LayerFile {
+    path: PathBuf,
+    name: String,
+    kind: Option<LayerKind>,
+    unit: Option<String>,
+    parameters: LayerParameters,
+}
+
+impl LayerOptions {
+    /// The layers.
+    ///
+    /// # Errors
+    /// If the options do not fit together, or the names of labels cannot be read.
+    pub(super) fn layers(&self) -> Result<Vec<LayerFile>, CliError> {
+        for (option, count) in [
+            ("--layer-kind", self.kinds.len()),
+            ("--layer-unit", self.units.len()),
+        ] {
+            if count > 0 && count != self.volumes.len() {
+                let message = format!("give {option} once for each --layer, in the same order");
+                return Err(CliError::new(ExitStatus::Usage, message));
+            }
+        }
+        let labels = match &self.labels {
+            Some(file) => {
+                let text = read_input(file)?;
+                LayerParameters::parse_labels(&String::from_utf8_lossy(&text))?
+            }
+            None => Default::default(),
+        };
+        let layer = |(number, volume): (usize, &String)| {
+            let (name, path) = named(volume);
+            Layer::check_name(&name)?;
+            // Before the case is prepared, which takes long.
+            head_of(&path)?;
+            let kind = self.kinds.get(number).copied();
+            let has_labels = kind == Some(LayerKind::Labels);
+            Ok(LayerFile {
+                path,
+                name,
+                kind,
+                unit: self.units.get(number).cloned(),
+                parameters: LayerParameters {
+                    labels: if has_labels {
+                        labels.clone()
+                    } else {
+                        Default::default()
+                    },
+                    ..LayerParameters::default()
+                },
+            })
+        };
+        self.volumes.iter().enumerate().map(layer).collect()
+    }
+}
+
+/// The name and the file of a layer: `FLAIR=flair.nii.gz`, or the file alone, which gives the name.
+fn named(volume: &str) -> (String, PathBuf) {
+    if let Some((name, path)) = volume.split_once('=')
+        && !PathBuf::from(volume).exists()
+    {
+        return (name.to_owned(), path.into());
+    }
+    let path = PathBuf::from(volume);
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.split('.').next().unwrap_or_default();
+    (stem.to_owned(), path)
+}
+
+/// Adds layers to a case and waits for them.
+///
+/// # Errors
+/// If one cannot be read or prepared.
+pub(super) async fn add_layers(
+    store: &Store,
+    case: &CaseId,
+    layers: Vec<LayerFile>,
+) -> Result<(), CliError> {
+    for layer in layers {
+        let name = layer.name.clone();
+        let of_layer = |error: CliError| {
+            CliError::new(error.status, format!("layer {name}: {}", error.message))
+        };
+        let added = add(store, case, layer).await.map_err(of_layer)?;
+        let ready = wait(store, added).await.map_err(of_layer)?;
+        tell(&ready);
+    }
+    Ok(())
+}
+
+async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, CliError> {
+    let is_dicom = file.path.is_dir() || sniff(&head_of(&file.path)?).may_be_dicom();
+    let (source, series) = if is_dicom {
+        let reader = DicomReader::new(Program::default(), Limits::default(), MAX_DICOM_BYTES);
+        let options = Options {
+            purpose: Purpose::Layer,
+            ..Options::default()
+        };
+        let scratch = std::env::temp_dir();
+        let reading = reader
+            .read(Input::Path(&file.path), &options, &scratch)
+            .await?;
+        let volume = reading.volume().await;
+        let volume = volume.map_err(|error| CliError::new(ExitStatus::Internal, error))?;
+        let dicom = Some(reading.attributes);
+        (LayerSource { volume, dicom }, Some(reading.choice.series))
+    } else {
+        let volume = read_input(&file.path)?;
+        (
+            LayerSource {
+                volume,
+                dicom: None,
+            },
+            None,
+        )
+    };
+    let modality = series
+        .as_ref()
+        .map(|series| LayerKind::of_modality(&series.modality));
+    let unit = file.unit.or(series.and_then(|series| series.unit));
+    let parameters = LayerParameters {
+        kind: file.kind.or(modality).unwrap_or_default(),
+        unit: unit.unwrap_or_default(),
+        ..file.parameters
+    };
+    check_layer(&source, &parameters, &Limits::default())?;
+    let spooled = async |bytes: Option<Bytes>| match bytes {
+        Some(bytes) => store.spool_all(bytes).await.map(Some),
+        None => Ok(None),
+    };
+    let upload = LayerUpload {
+        case: *case,
+        volume: store.spool_all(source.volume).await?,
+        dicom: spooled(source.dicom).await?,
+        name: LayerName::Usual(file.name),
+        parameters,
+        most: Config::default().limits.max_layers,
+    };
+    match store.submit_layer(upload).await? {
+        SubmittedLayer::Layer { layer, .. } => Ok(*layer),
+        SubmittedLayer::NoCase => Err(cases::Error::NoSuchCase.into()),
+        SubmittedLayer::NameTaken => Err(cases::Error::LayerNameTaken.into()),
+        SubmittedLayer::TooMany => {
+            let most = Config::default().limits.max_layers;
+            Err(cases::Error::TooManyLayers { most }.into())
+        }
+    }
+}
+
+/// Waits until a layer is ready.
+async fn wait(store: &Store, layer: Layer) -> Result<Layer, CliError> {
+    let mut watch = store.subscribe(&layer.case);
+    loop {
+        let now = store.layer(&layer.case, &layer.id).await?;
+        let now = now.ok_or(cases::Error::NoSuchLayer)?;
+        match (now.state, now.failure.clone()) {
+            (CaseState::Ready, _) => return Ok(now),
+            (CaseState::Failed, Some(failure)) => return Err(failure.into()),
+            _ => watch.changed().await,
+        }
+    }
+}
+
+/// Reports the place of a layer on standard error.
+fn tell(layer: &Layer) {
+    let Some(facts) = &layer.facts else {
+        return;
+    };
+    let placement = &facts.placement;
+    eprintln!("layer {}: {}", layer.name, placement.origin.words());
+    if let (QualityState::Review, Some(reason)) = (placement.quality, &placement.reason) {
+        eprintln!("isocortex: review: layer {}: {reason}", layer.name);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_layer_is_named_by_the_user_or_its_file() {
+        let named = |text| {
+            let (name, path) = named(text);
+            (name, path.to_string_lossy().into_owned())
+        };
+        let pair = |name: &str, path: &str| (name.to_owned(), path.to_owned());
+        assert_eq!(named("/a/flair.nii.gz"), pair("flair", "/a/flair.nii.gz"));
+        assert_eq!(named("T2=/a/x.nii"), pair("T2", "/a/x.nii"));
+    }
+}

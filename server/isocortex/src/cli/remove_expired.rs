@@ -1,0 +1,53 @@
+//! `isocortex remove-expired`.
+
+use clap::Args;
+use storage::Store;
+
+use super::common::{StoreArgs, set_some};
+use super::status::{CliError, ExitStatus};
+
+/// Remove the cases that are older than a number of days, or list them
+///
+/// A case is removed if it is ready or failed, its last upload is at least that old, and it is not kept
+/// (`PATCH /v1/cases/{id}` with `{"kept": true}`). Its age does not depend on how often it is viewed. Servers and workers
+/// with `storage.keep_days` do the same every ten minutes; the store may be in use.
+#[derive(Debug, Clone, Args)]
+pub(super) struct RemoveExpiredArgs {
+    #[command(flatten)]
+    store: StoreArgs,
+    /// The age in days. [default: `storage.keep_days` in the file]
+    #[arg(long, value_name = "DAYS", env = "ISOCORTEX_KEEP_DAYS")]
+    keep_days: Option<u64>,
+    /// Only list the cases.
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Lists expired cases on standard output, and removes them unless it is a dry run.
+pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
+    super::keep_files_private();
+    let mut config = args.store.config()?;
+    set_some(&mut config.storage.keep_days, args.keep_days.as_ref());
+    config.check()?;
+    let options = config.cases()?;
+    let Some(keep) = options.store.keep else {
+        let message = "state the age of the cases to remove: `--keep-days DAYS`";
+        return Err(CliError::new(ExitStatus::Usage, message));
+    };
+    super::block_on(async {
+        let store = Store::open_at(&options.location, options.store).await?;
+        let expired = store.rows().expired(keep, usize::MAX).await?;
+        for id in &expired {
+            if let Some(case) = store.case(id).await? {
+                println!("expired: case {id}, last uploaded {}", case.uploaded_at);
+            }
+        }
+        if args.dry_run {
+            println!("would be removed: {} cases", expired.len());
+        } else {
+            println!("removed: {} cases", store.remove_expired().await?);
+        }
+        store.close().await;
+        Ok(())
+    })
+}

@@ -1,0 +1,277 @@
+//! `[pacs]`: images from a PACS.
+
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use ::pacs::dimse::{self, DimseOptions};
+use ::pacs::node::{self, Credentials};
+use cases::arrivals::{ArrivalOptions, SeriesRule};
+use serde::Deserialize;
+
+use super::{ConfigError, read_secret};
+
+const SECONDS_PER_DAY: u64 = 24 * 3600;
+
+/// `[pacs]`: images from a PACS.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Pacs {
+    /// A series is read when nothing has come for it for this time, in seconds.
+    pub stable_seconds: u64,
+    /// How long series and their images are kept for late images, in days.
+    pub keep_days: u64,
+    /// Whether no identity of a patient is kept, of images and of uploads.
+    pub deidentify: bool,
+    /// Whether the images of a series that became a case are kept, and served by WADO-RS, as long as the case.
+    pub keep_source: bool,
+    /// Which series become cases.
+    pub series: SeriesUse,
+    /// Images by C-STORE.
+    pub dimse: Dimse,
+    /// Nodes from which series are fetched.
+    pub nodes: Vec<Node>,
+}
+
+/// Which series become cases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SeriesUse {
+    /// Those whose names or timing indicate a T1-weighted image.
+    #[default]
+    T1,
+    /// All that make a volume.
+    Any,
+}
+
+impl Default for Pacs {
+    fn default() -> Self {
+        Self {
+            stable_seconds: 20,
+            keep_days: 3,
+            deidentify: false,
+            keep_source: false,
+            series: SeriesUse::default(),
+            dimse: Dimse::default(),
+            nodes: Vec::new(),
+        }
+    }
+}
+
+/// `[pacs.dimse]`: images by C-STORE.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Dimse {
+    /// The address to listen on; without one, there is no listener.
+    pub listen: Option<SocketAddr>,
+    /// Our application entity title.
+    pub aet: String,
+    /// Who may store images. Nobody else may connect.
+    pub peers: Vec<Peer>,
+    /// Associations at a time.
+    pub max_associations: usize,
+    /// How long a peer may send nothing, in seconds.
+    pub idle_secs: u64,
+}
+
+impl Default for Dimse {
+    fn default() -> Self {
+        let usual = DimseOptions::default();
+        Self {
+            listen: None,
+            aet: usual.aet,
+            peers: Vec::new(),
+            max_associations: usual.max_associations,
+            idle_secs: usual.idle.as_secs(),
+        }
+    }
+}
+
+/// A peer.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Peer {
+    /// Its application entity title.
+    pub aet: String,
+    /// The address that it connects from.
+    pub address: IpAddr,
+}
+
+/// A node.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Node {
+    /// Its name in requests.
+    pub name: String,
+    /// The address of its DICOMweb root.
+    pub url: String,
+    /// The user, if it requires a password.
+    pub user: Option<String>,
+    /// A file with the password.
+    pub password_file: Option<PathBuf>,
+    /// A file with a bearer token, instead of user and password.
+    pub token_file: Option<PathBuf>,
+}
+
+impl Pacs {
+    /// How series become cases.
+    pub fn arrivals(&self) -> ArrivalOptions {
+        ArrivalOptions {
+            stable: Duration::from_secs(self.stable_seconds),
+            keep: Duration::from_secs(self.keep_days.saturating_mul(SECONDS_PER_DAY)),
+            keep_source: self.keep_source,
+            series: match self.series {
+                SeriesUse::T1 => SeriesRule::T1,
+                SeriesUse::Any => SeriesRule::Any,
+            },
+        }
+    }
+
+    /// The nodes.
+    ///
+    /// # Errors
+    /// If one cannot be used, or its credentials cannot be read.
+    pub fn nodes(&self) -> Result<Vec<node::Node>, ConfigError> {
+        let nodes: Vec<_> = self
+            .nodes
+            .iter()
+            .map(Node::open)
+            .collect::<Result<_, _>>()?;
+        for (number, node) in self.nodes.iter().enumerate() {
+            if self.nodes[..number]
+                .iter()
+                .any(|other| other.name == node.name)
+            {
+                return Err(ConfigError::SameNode);
+            }
+        }
+        Ok(nodes)
+    }
+
+    /// The address and the options of the listener for C-STORE, if there is one.
+    ///
+    /// # Errors
+    /// If an application entity title is not one.
+    pub fn dimse(&self) -> Result<Option<(SocketAddr, DimseOptions)>, ConfigError> {
+        let Some(listen) = self.dimse.listen else {
+            return Ok(None);
+        };
+        let titles = self.dimse.peers.iter().map(|peer| &peer.aet);
+        if !titles.chain([&self.dimse.aet]).all(|aet| is_aet(aet)) {
+            return Err(ConfigError::Aet);
+        }
+        let peer = |peer: &Peer| dimse::Peer {
+            aet: peer.aet.clone(),
+            address: peer.address,
+        };
+        let options = DimseOptions {
+            aet: self.dimse.aet.clone(),
+            peers: self.dimse.peers.iter().map(peer).collect(),
+            max_associations: self.dimse.max_associations,
+            idle: Duration::from_secs(self.dimse.idle_secs),
+            ..DimseOptions::default()
+        };
+        Ok(Some((listen, options)))
+    }
+
+    /// The numbers that must be at least 1.
+    pub(super) fn counts(&self) -> [(&'static str, u64); 4] {
+        [
+            ("pacs.stable_seconds", self.stable_seconds),
+            ("pacs.keep_days", self.keep_days),
+            (
+                "pacs.dimse.max_associations",
+                self.dimse.max_associations as u64,
+            ),
+            ("pacs.dimse.idle_secs", self.dimse.idle_secs),
+        ]
+    }
+}
+
+/// Whether a text is an application entity title (PS3.5 §6.2).
+fn is_aet(text: &str) -> bool {
+    let allowed = |byte: u8| (b'!'..=b'~').contains(&byte) && byte != b'\\';
+    (1..=16).contains(&text.len()) && text.bytes().all(allowed)
+}
+
+impl Node {
+    fn open(&self) -> Result<node::Node, ConfigError> {
+        let credentials = match (&self.user, &self.password_file, &self.token_file) {
+            (None, None, None) => Credentials::None,
+            (Some(user), Some(file), None) => {
+                let password = read_secret(file, "the file of the password of a node")?;
+                Credentials::Basic(user.clone(), password.trim_end().to_owned())
+            }
+            (None, None, Some(file)) => {
+                let token = read_secret(file, "the file of the token of a node")?;
+                Credentials::Bearer(token.trim().to_owned())
+            }
+            _ => {
+                return Err(ConfigError::NodeCredentials {
+                    name: self.name.clone(),
+                });
+            }
+        };
+        let node = node::Node::new(&self.name, &self.url, &credentials);
+        node.map_err(|source| ConfigError::Node {
+            name: self.name.clone(),
+            source,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(text: &str) -> Pacs {
+        toml::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn nothing_listens_and_nobody_is_known_unless_it_is_configured() {
+        let pacs = parsed("");
+        assert_eq!(pacs.dimse().unwrap().map(|(listen, _)| listen), None);
+        let pacs = parsed(
+            "[dimse]\nlisten = \"127.0.0.1:11112\"\n[[dimse.peers]]\naet = \"ORTHANC\"\naddress = \"192.0.2.7\"",
+        );
+        let (_, options) = pacs.dimse().unwrap().unwrap();
+        assert_eq!(
+            (options.aet.as_str(), options.peers.len()),
+            ("ISOCORTEX", 1)
+        );
+        for aet in ["", "A B", "SEVENTEEN-LETTERS", "A\\\\B"] {
+            let pacs = parsed(&format!(
+                "[dimse]\nlisten = \"127.0.0.1:1\"\naet = \"{aet}\""
+            ));
+            assert!(matches!(pacs.dimse(), Err(ConfigError::Aet)), "{aet}");
+        }
+    }
+
+    #[test]
+    fn credentials_of_a_node_come_from_files_and_are_never_shown() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "CANARY\n").unwrap();
+        let node = |rest: &str| {
+            parsed(&format!(
+                "[[nodes]]\nname = \"orthanc\"\nurl = \"http://orthanc:8042/dicom-web\"\n{rest}"
+            ))
+        };
+        let path = file.path().display();
+        for rest in [
+            String::new(),
+            format!("user = \"alice\"\npassword_file = \"{path}\""),
+            format!("token_file = \"{path}\""),
+        ] {
+            let nodes = node(&rest).nodes().unwrap();
+            assert!(!format!("{nodes:?}").contains("CANARY"));
+        }
+        let half = node("user = \"alice\"").nodes();
+        assert!(matches!(half, Err(ConfigError::NodeCredentials { .. })));
+        let twice = format!(
+            "{0}{0}",
+            "[[nodes]]\nname = \"a\"\nurl = \"http://orthanc/\"\n"
+        );
+        assert!(matches!(parsed(&twice).nodes(), Err(ConfigError::SameNode)));
+    }
+}

@@ -1,0 +1,20 @@
+//! Objects: immutable files, named by their contents, in a directory or a bucket; and uploads in progress, which become
+//! objects without another copy.
+
+mod error;
+mod frame;
+mod link;
+mod name;
+mod objects;
+mod private;
+mod s3;
+mod spool;
+#[cfg(test)]
+mod tests;
+
+pub use self::error::{BUCKET, ObjectError};
+pub use self::frame::{Framed, frame};
+pub use self::name::ObjectName;
+pub use self::objects::{Objects, Unreadable};
+pub use self::private::keep_private;
+pub use self::spool::{Spool, Spooled};

@@ -1,0 +1,214 @@
+//! Command sets (PS3.7 §6.3): a few short elements in implicit little endian.
+
+/// Verification (PS3.4 A).
+pub(super) const VERIFICATION: &str = "1.2.840.10008.1.1";
+
+/// The longest command set, in bytes. Those of C-STORE have some 200.
+pub(super) const MAX_LENGTH: usize = 16 << 10;
+
+const C_STORE: u16 = 0x0001;
+const C_ECHO: u16 = 0x0030;
+const RESPONSE: u16 = 0x8000;
+
+/// The value of (0000,0800) without a data set.
+const NO_DATA_SET: u16 = 0x0101;
+
+/// A request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Request {
+    Echo {
+        message_id: u16,
+    },
+    Store {
+        message_id: u16,
+        sop_class_uid: String,
+        sop_instance_uid: String,
+    },
+    /// Another one, which may be followed by a data set.
+    Other {
+        message_id: u16,
+        command_field: u16,
+        has_data_set: bool,
+    },
+}
+
+/// A status (PS3.7 C, PS3.4 B.2.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Status {
+    Success = 0x0000,
+    OutOfResources = 0xA700,
+    DataSetDoesNotMatch = 0xA900,
+    CannotUnderstand = 0xC000,
+    ProcessingFailure = 0x0110,
+    ClassNotSupported = 0x0122,
+    UnrecognisedOperation = 0x0211,
+}
+
+impl Request {
+    /// Reads a command set; `None` if it is damaged or not a request.
+    pub(super) fn parse(bytes: &[u8]) -> Option<Self> {
+        let mut command_field = None;
+        let (mut message_id, mut data_set) = (None, None);
+        let (mut class, mut instance) = (None, None);
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let (head, after) = rest.split_at_checked(8)?;
+            let length = u32::from_le_bytes(head[4..8].try_into().ok()?);
+            let (value, after) = after.split_at_checked(usize::try_from(length).ok()?)?;
+            rest = after;
+            if head[..2] != [0, 0] {
+                return None;
+            }
+            match u16::from_le_bytes([head[2], head[3]]) {
+                0x0002 => class = Some(uid(value)?),
+                0x0100 => command_field = Some(number(value)?),
+                0x0110 => message_id = Some(number(value)?),
+                0x0800 => data_set = Some(number(value)?),
+                0x1000 => instance = Some(uid(value)?),
+                _ => {}
+            }
+        }
+        let message_id = message_id?;
+        let has_data_set = data_set? != NO_DATA_SET;
+        match command_field? {
+            C_ECHO if !has_data_set => Some(Self::Echo { message_id }),
+            C_STORE if has_data_set => Some(Self::Store {
+                message_id,
+                sop_class_uid: class?,
+                sop_instance_uid: instance?,
+            }),
+            response if response & RESPONSE != 0 => None,
+            command_field => Some(Self::Other {
+                message_id,
+                command_field,
+                has_data_set,
+            }),
+        }
+    }
+
+    /// The response to it.
+    pub(super) fn response(&self, status: Status) -> Vec<u8> {
+        let (field, message_id) = match self {
+            Self::Echo { message_id } => (C_ECHO, *message_id),
+            Self::Store { message_id, .. } => (C_STORE, *message_id),
+            Self::Other {
+                message_id,
+                command_field,
+                ..
+            } => (*command_field, *message_id),
+        };
+        let mut elements = Vec::new();
+        match self {
+            Self::Echo { .. } => element(&mut elements, 0x0002, &padded(VERIFICATION)),
+            Self::Store { sop_class_uid, .. } => {
+                element(&mut elements, 0x0002, &padded(sop_class_uid));
+            }
+            Self::Other { .. } => {}
+        }
+        element(&mut elements, 0x0100, &(field | RESPONSE).to_le_bytes());
+        element(&mut elements, 0x0120, &message_id.to_le_bytes());
+        element(&mut elements, 0x0800, &NO_DATA_SET.to_le_bytes());
+        element(&mut elements, 0x0900, &(status as u16).to_le_bytes());
+        if let Self::Store {
+            sop_instance_uid, ..
+        } = self
+        {
+            element(&mut elements, 0x1000, &padded(sop_instance_uid));
+        }
+        let mut set = Vec::new();
+        let length = u32::try_from(elements.len()).unwrap_or(u32::MAX);
+        element(&mut set, 0x0000, &length.to_le_bytes());
+        set.extend(elements);
+        set
+    }
+}
+
+fn number(value: &[u8]) -> Option<u16> {
+    Some(u16::from_le_bytes(value.try_into().ok()?))
+}
+
+fn uid(value: &[u8]) -> Option<String> {
+    let text = std::str::from_utf8(value).ok()?;
+    storage::arrivals::Uid::parse(text).map(|uid| uid.as_str().to_owned())
+}
+
+/// An element of group 0000.
+fn element(set: &mut Vec<u8>, number: u16, value: &[u8]) {
+    set.extend([0, 0]);
+    set.extend(number.to_le_bytes());
+    set.extend(u32::try_from(value.len()).unwrap_or(0).to_le_bytes());
+    set.extend(value);
+}
+
+/// A UID of even length.
+pub(super) fn padded(uid: &str) -> Vec<u8> {
+    let mut bytes = uid.as_bytes().to_vec();
+    if bytes.len() % 2 == 1 {
+        bytes.push(0);
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn store() -> Vec<u8> {
+        let mut set = Vec::new();
+        element(&mut set, 0x0000, &100_u32.to_le_bytes());
+        element(&mut set, 0x0002, &padded("1.2.840.10008.5.1.4.1.1.4"));
+        element(&mut set, 0x0100, &C_STORE.to_le_bytes());
+        element(&mut set, 0x0110, &7_u16.to_le_bytes());
+        element(&mut set, 0x0700, &0_u16.to_le_bytes());
+        element(&mut set, 0x0800, &1_u16.to_le_bytes());
+        element(&mut set, 0x1000, &padded("1.2.3"));
+        set
+    }
+
+    #[test]
+    fn a_request_is_read_and_its_response_names_it() {
+        let request = Request::parse(&store()).unwrap();
+        let expected = Request::Store {
+            message_id: 7,
+            sop_class_uid: "1.2.840.10008.5.1.4.1.1.4".to_owned(),
+            sop_instance_uid: "1.2.3".to_owned(),
+        };
+        assert_eq!(request, expected);
+        let response = request.response(Status::OutOfResources);
+        let group_length = u32::from_le_bytes(response[8..12].try_into().unwrap());
+        assert_eq!(group_length as usize, response.len() - 12);
+        assert_eq!(Request::parse(&response), None, "it is no request");
+        let status = [0, 0, 0x00, 0x09, 2, 0, 0, 0, 0x00, 0xA7];
+        assert!(memchr::memmem::find(&response, &status).is_some());
+    }
+
+    #[test]
+    fn lengths_that_lie_are_refused() {
+        for length in [0_u32, 1, 100, u32::MAX] {
+            let mut set = store();
+            set[4 + 12..8 + 12].copy_from_slice(&length.to_le_bytes());
+            assert_eq!(Request::parse(&set), None, "{length}");
+        }
+        for cut in 1..store().len() {
+            assert_eq!(Request::parse(&store()[..cut]), None, "{cut}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_that_is_changed_on_the_way_is_a_panic(
+            changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..6),
+        ) {
+            let mut set = store();
+            for (at, byte) in changes {
+                let at = at.index(set.len());
+                set[at] = byte;
+            }
+            if let Some(request) = Request::parse(&set) {
+                request.response(Status::Success);
+            }
+        }
+    }
+}

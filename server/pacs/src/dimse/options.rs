@@ -1,0 +1,51 @@
+//! The options of the listener.
+
+use std::net::IpAddr;
+use std::time::Duration;
+
+/// A peer that may store images.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Peer {
+    /// Its application entity title.
+    pub aet: String,
+    /// The address that it connects from.
+    pub address: IpAddr,
+}
+
+/// The options of the listener.
+#[derive(Debug, Clone)]
+pub struct DimseOptions {
+    /// Our application entity title.
+    pub aet: String,
+    /// Who may connect. Nobody else.
+    pub peers: Vec<Peer>,
+    /// Associations at a time.
+    pub max_associations: usize,
+    /// How long a peer may send nothing, and how long it may take for a PDU.
+    pub idle: Duration,
+    /// How long an association may last.
+    pub whole: Duration,
+}
+
+impl Default for DimseOptions {
+    fn default() -> Self {
+        Self {
+            aet: "ISOCORTEX".to_owned(),
+            peers: Vec::new(),
+            max_associations: 20,
+            idle: Duration::from_secs(30),
+            whole: Duration::from_secs(3600),
+        }
+    }
+}
+
+impl DimseOptions {
+    /// Whether a peer is listed; without a title, whether its address is.
+    pub(super) fn knows(&self, address: IpAddr, aet: Option<&str>) -> bool {
+        // An IPv4 address may come in the form of IPv6.
+        let address = address.to_canonical();
+        self.peers.iter().any(|peer| {
+            peer.address.to_canonical() == address && aet.is_none_or(|aet| aet == peer.aet)
+        })
+    }
+}

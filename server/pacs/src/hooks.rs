@@ -1,0 +1,49 @@
+//! Notices of a PACS that a series is complete there.
+
+use axum::extract::{Request, State};
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+use crate::retrievals::{RetrievalView, queue, read_json};
+use crate::state::Pacs;
+
+/// A series that has come to Orthanc.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct StableSeries {
+    /// The name under which the configuration knows this Orthanc as a node.
+    node: String,
+    /// The Study Instance UID.
+    #[serde(rename = "StudyInstanceUID")]
+    study: String,
+    /// The Series Instance UID.
+    #[serde(rename = "SeriesInstanceUID")]
+    series: String,
+}
+
+/// Notice of a stable series
+///
+/// Orthanc sends it when nothing has come for a series for a while (`OnStableSeries`). The series is then fetched. A
+/// notice that comes early or twice does no harm: images that are here already change nothing, and late ones make a new
+/// version of the case.
+#[utoipa::path(
+    post, path = "/hooks/orthanc", tag = "pacs",
+    request_body = StableSeries,
+    responses(
+        (status = 202, description = "The series will be fetched", body = RetrievalView, headers(
+            ("Location" = String, description = "The address of the retrieval"),
+        )),
+        (status = 400, description = "The body cannot be read"),
+        (status = 404, description = "No node has this name"),
+    )
+)]
+pub(crate) async fn stable_series(State(pacs): State<Pacs>, request: Request) -> Response {
+    let queued = async {
+        let known = "`node`, `StudyInstanceUID` and `SeriesInstanceUID`";
+        let notice: StableSeries = read_json(request, known).await?;
+        queue(&pacs, &notice.node, &notice.study, &notice.series).await
+    };
+    let queued = queued.await;
+    pacs.answer(queued)
+}

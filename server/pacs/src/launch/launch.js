@@ -1,0 +1,112 @@
+// Opens the case of the study that the address names, or says how far it is.
+"use strict";
+
+// Before anything else: the identifiers leave the address and the history of the browser.
+const query = location.search;
+history.replaceState(null, "", location.pathname);
+
+const LOOK_AGAIN_MS = 2000;
+const message = document.getElementById("message");
+const actions = document.getElementById("actions");
+const tokenForm = document.getElementById("token-form");
+const tokenInput = document.getElementById("token");
+let token = "";
+
+function say(text) {
+  if (message.textContent !== text) message.textContent = text;
+}
+
+/** An answer as JSON, to a POST if there is a body; asks for the token when the server wants one. */
+async function ask(address, body) {
+  for (;;) {
+    const headers = token ? { authorization: `Bearer ${token}` } : {};
+    const method = body ? "POST" : "GET";
+    const answer = await fetch(address, { method, headers, body: body && JSON.stringify(body), cache: "no-store" });
+    const value = await answer.json().catch(() => ({}));
+    if (answer.ok) return value;
+    if (answer.status !== 401) throw new Error(value.detail || `The server answered with status ${answer.status}.`);
+    token = await askForToken(token !== "");
+  }
+}
+
+function askForToken(refused) {
+  say(refused ? "The server does not accept this token." : "This server requires a token.");
+  tokenForm.hidden = false;
+  tokenInput.value = "";
+  tokenInput.focus();
+  return new Promise((resolve) => {
+    tokenForm.onsubmit = (event) => {
+      event.preventDefault();
+      tokenForm.hidden = true;
+      resolve(tokenInput.value);
+    };
+  });
+}
+
+/** Buttons that fetch the series from one of the nodes. */
+function offer(found) {
+  const buttons = found.nodes.map((node) => {
+    const button = document.createElement("button");
+    button.textContent = `Fetch it from ${node}`;
+    button.onclick = () => {
+      actions.replaceChildren();
+      void run(() => fetchFrom(node, found));
+    };
+    return button;
+  });
+  actions.replaceChildren(...buttons);
+}
+
+async function fetchFrom(node, found) {
+  say("The series is being fetched …");
+  const { study, series } = found;
+  let retrieval = await ask("v1/retrievals", { node, study, series });
+  while (retrieval.state === "queued" || retrieval.state === "running") {
+    await wait();
+    retrieval = await ask(`v1/retrievals/${retrieval.id}`);
+  }
+  if (retrieval.state === "failed") throw new Error(`The series could not be fetched: ${retrieval.reason.detail}.`);
+  await follow();
+}
+
+const wait = () => new Promise((resolve) => setTimeout(resolve, LOOK_AGAIN_MS));
+
+/** Looks again and again until there is something to open, or nothing will come. */
+async function follow() {
+  for (;;) {
+    const found = await ask("v1/launch", { query });
+    const reason = found.reason ? ` ${found.reason.detail}.` : "";
+    switch (found.state) {
+      case "ready":
+        location.replace(`./#${found.case}`);
+        return;
+      case "preparing":
+        say("The case is being prepared. It opens as soon as it is ready.");
+        break;
+      case "receiving":
+        say("The images are being received. The case opens as soon as it is ready.");
+        break;
+      case "failed":
+        say(`The case could not be prepared.${reason}`);
+        return;
+      case "nothing":
+        say(`The study has no series that can be shown.${reason}`);
+        return;
+      default:
+        say("This study is not here.");
+        offer(found);
+        return;
+    }
+    await wait();
+  }
+}
+
+async function run(step) {
+  try {
+    await step();
+  } catch (error) {
+    say(error instanceof TypeError ? "The server cannot be reached." : error.message);
+  }
+}
+
+void run(follow);

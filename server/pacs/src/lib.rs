@@ -1,0 +1,87 @@
+//! The neighbour of a PACS: images come by DICOMweb (STOW-RS) or DIMSE (C-STORE), or are fetched from configured nodes
+//! (QIDO-RS, WADO-RS), viewers of the PACS open cases by the UIDs of their studies, and results are sent back as DICOM
+//! objects.
+//!
+//! Only the framing of messages is read in this process, by bounded parsers. Data sets are read by the limited child of
+//! `cases`.
+
+mod arrivals;
+mod background;
+pub mod dimse;
+mod error;
+mod fetch;
+mod held;
+mod hooks;
+mod launch;
+pub mod multipart;
+pub mod node;
+mod parts;
+mod query;
+mod rendered;
+mod results;
+mod retrievals;
+mod retrieve;
+mod send;
+mod state;
+mod stow;
+
+use axum::Router;
+use axum::routing::get;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+pub use self::background::Background;
+pub use self::error::Problems;
+pub use self::state::{Options, Pacs, UploadLimits};
+
+/// The routes that need the token, and their description.
+pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
+    let (routes, description) = OpenApiRouter::new()
+        .routes(routes!(stow::store_study))
+        .routes(routes!(stow::store_in_study))
+        .routes(routes!(query::studies))
+        .routes(routes!(query::all_series))
+        .routes(routes!(query::all_instances))
+        .routes(routes!(query::series_of_study))
+        .routes(routes!(query::instances_of_study))
+        .routes(routes!(query::instances_of_series))
+        .routes(routes!(retrieve::study))
+        .routes(routes!(retrieve::series))
+        .routes(routes!(retrieve::instance))
+        .routes(routes!(retrieve::study_metadata))
+        .routes(routes!(retrieve::series_metadata))
+        .routes(routes!(retrieve::instance_metadata))
+        .routes(routes!(retrieve::frames))
+        .routes(routes!(arrivals::list_arrivals))
+        .routes(routes!(arrivals::get_arrival))
+        .routes(routes!(retrievals::create_retrieval))
+        .routes(routes!(retrievals::get_retrieval))
+        .routes(routes!(results::create_result))
+        .routes(routes!(results::get_result))
+        .routes(routes!(hooks::stable_series))
+        .routes(routes!(rendered::of_study))
+        .routes(routes!(rendered::of_series))
+        .routes(routes!(rendered::picture_of_series))
+        .routes(routes!(rendered::thumbnail_of_series))
+        .routes(routes!(launch::find_launched))
+        .split_for_parts();
+    // The standard spells the word in two ways.
+    let routes = routes
+        .route(
+            "/dicomweb/studies/{study}/rendered3d",
+            get(rendered::of_study),
+        )
+        .route(
+            "/dicomweb/studies/{study}/series/{series}/rendered3d",
+            get(rendered::of_series),
+        );
+    (routes.with_state(pacs.clone()), description)
+}
+
+/// The page that opens a case by the UIDs of its study. It holds no data, so it needs no token.
+pub fn open_routes() -> Router {
+    Router::new()
+        .route("/launch", get(launch::page))
+        .route("/launch.js", get(launch::script))
+        .route("/launch.css", get(launch::style))
+}

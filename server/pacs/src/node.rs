@@ -1,0 +1,400 @@
+//! A DICOMweb node from which series are fetched and to which results are sent (PS3.18 §10.4 WADO-RS, §10.5 STOW-RS,
+//! §10.6 QIDO-RS).
+//!
+//! Only nodes of the configuration are ever asked: clients name a node, never an address, and redirections are not
+//! followed. Errors contain no texts of a node.
+
+use std::fmt;
+use std::time::Duration;
+
+use axum::http::{HeaderValue, Request, Response, StatusCode, Uri, header};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use bytes::Bytes;
+use http_body_util::{BodyExt as _, Full, Limited};
+use hyper::body::Incoming;
+use hyper_rustls::HttpsConnector;
+use hyper_util::client::legacy::Client;
+use hyper_util::client::legacy::connect::HttpConnector;
+use hyper_util::rt::{TokioExecutor, TokioTimer};
+use serde_json::Value;
+use storage::arrivals::{SeriesUids, Uid};
+
+use crate::multipart::MediaType;
+
+/// How long to wait for a connection.
+const CONNECT: Duration = Duration::from_secs(10);
+
+/// How long to wait for the head of an answer: an archive may fetch a series from a tape first.
+const ANSWER: Duration = Duration::from_secs(120);
+
+/// How long to keep unused connections.
+const IDLE: Duration = Duration::from_secs(30);
+
+/// The largest answer to a query.
+const MAX_QUERY_BYTES: usize = 4 << 20;
+
+/// How long to wait until an object is stored.
+const SEND: Duration = Duration::from_secs(600);
+
+const DICOM: &str = "application/dicom";
+
+const DICOM_JSON: &str = "application/dicom+json";
+
+/// How to prove to a node who asks. Never shown.
+#[derive(Clone, PartialEq, Eq)]
+pub enum Credentials {
+    /// Not at all.
+    None,
+    /// By name and password.
+    Basic(String, String),
+    /// By a token.
+    Bearer(String),
+}
+
+impl fmt::Debug for Credentials {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("Credentials(…)")
+    }
+}
+
+/// Why a node of the configuration cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum BadNode {
+    /// Its name.
+    #[error("the name of a node must be 1 to 32 letters, digits, hyphens or underscores")]
+    Name,
+    /// Its address.
+    #[error(
+        "the address of a node must be http:// or https://, a host and a path, without a name, a password or a query"
+    )]
+    Address,
+    /// Its credentials.
+    #[error("the credentials of a node have characters that no header can have")]
+    Credentials,
+    /// The roots of TLS.
+    #[error("the system has no trusted roots for TLS")]
+    Roots,
+}
+
+/// Why a request to a node failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum NodeError {
+    #[error("the node cannot be reached")]
+    Unreachable,
+    #[error("the node did not answer in time")]
+    Silent,
+    #[error("the node refused our credentials")]
+    Refused,
+    #[error("the node does not have this series")]
+    NotFound,
+    #[error("the node answered with status {0}")]
+    Status(u16),
+    #[error("the answer of the node cannot be read")]
+    Unreadable,
+    #[error("the node did not store the object (failure reason {0:04X})")]
+    NotStored(u16),
+    #[error("the node did not store the object")]
+    NotStoredAtAll,
+}
+
+impl NodeError {
+    /// Whether the same request may succeed later.
+    pub(crate) fn may_pass(self) -> bool {
+        match self {
+            Self::Unreachable | Self::Silent => true,
+            Self::Status(status) => status >= 500 || status == 429,
+            // Out of resources (PS3.18 table I.2-2).
+            Self::NotStored(reason) => reason & 0xFF00 == 0xA700,
+            Self::Refused | Self::NotFound | Self::Unreadable | Self::NotStoredAtAll => false,
+        }
+    }
+
+    pub(crate) fn kind(self) -> &'static str {
+        match self {
+            Self::Unreachable | Self::Silent => "node-unreachable",
+            Self::Refused => "node-refused",
+            Self::NotFound => "node-has-no-such-series",
+            Self::Status(_) | Self::Unreadable => "node-failed",
+            Self::NotStored(_) | Self::NotStoredAtAll => "node-did-not-store",
+        }
+    }
+}
+
+/// A node. Cheap to clone.
+#[derive(Clone)]
+pub struct Node {
+    name: String,
+    /// Without a slash at its end.
+    base: String,
+    authorization: Option<HeaderValue>,
+    client: Client<HttpsConnector<HttpConnector>, Full<Bytes>>,
+}
+
+impl fmt::Debug for Node {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "Node({})", self.name)
+    }
+}
+
+impl Node {
+    /// A node with the address of its DICOMweb root.
+    ///
+    /// # Errors
+    /// [`BadNode`].
+    pub fn new(name: &str, address: &str, credentials: &Credentials) -> Result<Self, BadNode> {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if !(1..=32).contains(&name.len()) || !name.chars().all(allowed) {
+            return Err(BadNode::Name);
+        }
+        check_address(address)?;
+        let mut http = HttpConnector::new();
+        http.enforce_http(false);
+        http.set_connect_timeout(Some(CONNECT));
+        let connector = hyper_rustls::HttpsConnectorBuilder::new()
+            .with_native_roots()
+            .map_err(|_| BadNode::Roots)?
+            .https_or_http()
+            .enable_http1()
+            .wrap_connector(http);
+        Ok(Self {
+            name: name.to_owned(),
+            base: address.trim_end_matches('/').to_owned(),
+            authorization: authorization(credentials)?,
+            client: Client::builder(TokioExecutor::new())
+                .pool_timer(TokioTimer::new())
+                .pool_idle_timeout(IDLE)
+                .build(connector),
+        })
+    }
+
+    /// Its name in requests.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// How many images a series has, if the node states it.
+    pub(crate) async fn count(&self, uids: &SeriesUids) -> Result<Option<usize>, NodeError> {
+        let (study, series) = (uids.study.as_str(), uids.series.as_str());
+        let path =
+            format!("/studies/{study}/series?SeriesInstanceUID={series}&includefield=00201209");
+        let answer = match self.get(&path, DICOM_JSON).await {
+            Ok(answer) => answer,
+            // A node that cannot search may have the series nevertheless.
+            Err(NodeError::Status(400..=499)) => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        if answer.status() == StatusCode::NO_CONTENT {
+            return Err(NodeError::NotFound);
+        }
+        let body = Limited::new(answer.into_body(), MAX_QUERY_BYTES).collect();
+        let body = tokio::time::timeout(ANSWER, body).await;
+        let body = body.map_err(|_elapsed| NodeError::Silent)?;
+        let body = body.map_err(|_| NodeError::Unreadable)?.to_bytes();
+        let found: Vec<Value> = serde_json::from_slice(&body).map_err(|_| NodeError::Unreadable)?;
+        let is_wanted = |item: &&Value| value(item, "0020000E").as_deref() == Some(series);
+        let item = found.iter().find(is_wanted).ok_or(NodeError::NotFound)?;
+        Ok(value(item, "00201209").and_then(|count| count.parse().ok()))
+    }
+
+    /// All images of a series: the boundary of the parts, and the body.
+    pub(crate) async fn series(&self, uids: &SeriesUids) -> Result<(String, Incoming), NodeError> {
+        let (study, series) = (uids.study.as_str(), uids.series.as_str());
+        let path = format!("/studies/{study}/series/{series}");
+        let accept = "multipart/related; type=\"application/dicom\"; transfer-syntax=*";
+        let answer = self.get(&path, accept).await?;
+        let kind = answer.headers().get(header::CONTENT_TYPE);
+        let kind = kind.and_then(|kind| MediaType::parse(kind.to_str().ok()?));
+        let boundary = kind.as_ref().and_then(|kind| kind.boundary_of(DICOM));
+        let boundary = boundary.ok_or(NodeError::Unreadable)?.to_owned();
+        Ok((boundary, answer.into_body()))
+    }
+
+    /// Stores an object (STOW-RS). Afterwards the node has it.
+    pub(crate) async fn store(&self, instance: &Uid, file: &[u8]) -> Result<(), NodeError> {
+        let boundary = format!("isocortex-{}", instance.as_str());
+        let head = format!("--{boundary}\r\nContent-Type: {DICOM}\r\n\r\n");
+        let tail = format!("\r\n--{boundary}--\r\n");
+        let body = Bytes::from([head.as_bytes(), file, tail.as_bytes()].concat());
+        let kind = format!("multipart/related; type=\"{DICOM}\"; boundary=\"{boundary}\"");
+        let request = Request::post(format!("{}/studies", self.base))
+            .header(header::ACCEPT, DICOM_JSON)
+            .header(header::CONTENT_TYPE, kind)
+            .body(Full::new(body));
+        let answer = self.ask(request, SEND).await?;
+        let status = answer.status();
+        if matches!(status.as_u16(), 401 | 403 | 404 | 410) {
+            return Err(refusal(status));
+        }
+        let body = Limited::new(answer.into_body(), MAX_QUERY_BYTES).collect();
+        let body = tokio::time::timeout(ANSWER, body).await;
+        let body = body.map_err(|_elapsed| NodeError::Silent)?;
+        let report = body.ok().map(http_body_util::Collected::to_bytes);
+        let report = report.and_then(|body| serde_json::from_slice(&body).ok());
+        stored(status, report.as_ref(), instance)
+    }
+
+    async fn get(&self, path: &str, accept: &str) -> Result<Response<Incoming>, NodeError> {
+        let request = Request::get(format!("{}{path}", self.base))
+            .header(header::ACCEPT, accept)
+            .body(Full::default());
+        let answer = self.ask(request, ANSWER).await?;
+        match answer.status() {
+            status if status.is_success() => Ok(answer),
+            status => Err(refusal(status)),
+        }
+    }
+
+    async fn ask(
+        &self,
+        request: Result<Request<Full<Bytes>>, axum::http::Error>,
+        patience: Duration,
+    ) -> Result<Response<Incoming>, NodeError> {
+        let mut request = request.map_err(|_| NodeError::Unreachable)?;
+        if let Some(authorization) = &self.authorization {
+            let headers = request.headers_mut();
+            headers.insert(header::AUTHORIZATION, authorization.clone());
+        }
+        let answer = tokio::time::timeout(patience, self.client.request(request)).await;
+        let answer = answer.map_err(|_elapsed| NodeError::Silent)?;
+        answer.map_err(|_| NodeError::Unreachable)
+    }
+}
+
+fn refusal(status: StatusCode) -> NodeError {
+    match status {
+        StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN => NodeError::Refused,
+        StatusCode::NOT_FOUND | StatusCode::GONE => NodeError::NotFound,
+        status => NodeError::Status(status.as_u16()),
+    }
+}
+
+/// Whether a node has stored an object, by its status and its report (PS3.18 §10.5.3).
+fn stored(status: StatusCode, report: Option<&Value>, instance: &Uid) -> Result<(), NodeError> {
+    let item_of = |sequence: &str| {
+        let items = report.and_then(|report| report[sequence]["Value"].as_array());
+        let is_ours = |item: &&Value| value(item, "00081155").as_deref() == Some(instance.as_str());
+        items.and_then(|items| items.iter().find(is_ours))
+    };
+    if let Some(item) = item_of("00081198") {
+        let reason = value(item, "00081197").and_then(|reason| reason.parse().ok());
+        return Err(reason.map_or(NodeError::NotStoredAtAll, NodeError::NotStored));
+    }
+    match status {
+        // Some nodes report in XML only.
+        StatusCode::OK => Ok(()),
+        StatusCode::ACCEPTED if item_of("00081199").is_some() => Ok(()),
+        StatusCode::ACCEPTED | StatusCode::CONFLICT => Err(NodeError::NotStoredAtAll),
+        status => Err(NodeError::Status(status.as_u16())),
+    }
+}
+
+fn check_address(address: &str) -> Result<(), BadNode> {
+    let uri: Uri = address.parse().map_err(|_| BadNode::Address)?;
+    let authority = uri.authority().ok_or(BadNode::Address)?;
+    let is_web = matches!(uri.scheme_str(), Some("http" | "https"));
+    let is_plain = !authority.as_str().contains('@') && uri.query().is_none();
+    (is_web && is_plain).then_some(()).ok_or(BadNode::Address)
+}
+
+fn authorization(credentials: &Credentials) -> Result<Option<HeaderValue>, BadNode> {
+    let text = match credentials {
+        Credentials::None => return Ok(None),
+        Credentials::Basic(name, password) => {
+            let both = BASE64_STANDARD.encode(format!("{name}:{password}"));
+            format!("Basic {both}")
+        }
+        Credentials::Bearer(token) => format!("Bearer {token}"),
+    };
+    let mut value = HeaderValue::from_str(&text).map_err(|_| BadNode::Credentials)?;
+    value.set_sensitive(true);
+    Ok(Some(value))
+}
+
+/// The first value of an attribute in DICOM JSON, a text or a number.
+fn value(item: &Value, tag: &str) -> Option<String> {
+    match &item[tag]["Value"][0] {
+        Value::String(text) => Some(text.clone()),
+        Value::Number(number) => Some(number.to_string()),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_node_has_a_plain_name_and_a_plain_address() {
+        let none = Credentials::None;
+        for address in [
+            "http://orthanc:8042/dicom-web",
+            "https://pacs.example/dcm4chee-arc/aets/DCM4CHEE/rs/",
+        ] {
+            let node = Node::new("orthanc", address, &none).unwrap();
+            assert!(!node.base.ends_with('/'));
+        }
+        for address in [
+            "",
+            "orthanc",
+            "ftp://orthanc/",
+            "http://a:b@orthanc/",
+            "http://orthanc/?x=1",
+        ] {
+            let refused = Node::new("orthanc", address, &none).err();
+            assert_eq!(refused, Some(BadNode::Address), "{address}");
+        }
+        for name in ["", "a b", "../x"] {
+            let refused = Node::new(name, "http://orthanc/", &none).err();
+            assert_eq!(refused, Some(BadNode::Name));
+        }
+    }
+
+    #[test]
+    fn credentials_are_never_shown() {
+        let credentials = Credentials::Basic("alice".to_owned(), "CANARY".to_owned());
+        let node = Node::new("a", "http://orthanc/", &credentials).unwrap();
+        let header = node.authorization.clone().unwrap();
+        assert_eq!(header, "Basic YWxpY2U6Q0FOQVJZ");
+        let shown = format!("{node:?} {credentials:?} {header:?}");
+        assert!(
+            !shown.contains("CANARY") && !shown.contains("YWxp"),
+            "{shown}"
+        );
+        let bad = Credentials::Bearer("a\nb".to_owned());
+        let refused = Node::new("a", "http://orthanc/", &bad).err();
+        assert_eq!(refused, Some(BadNode::Credentials));
+    }
+
+    #[test]
+    fn an_object_is_stored_if_the_node_reports_so() {
+        let uid = Uid::parse("2.25.7").unwrap();
+        let item = |reason: u16| serde_json::json!({"00081155": {"vr": "UI", "Value": ["2.25.7"]}, "00081197": {"vr": "US", "Value": [reason]}});
+        let report =
+            |tag: &str, reason| serde_json::json!({tag: {"vr": "SQ", "Value": [item(reason)]}});
+        let there = report("00081199", 0);
+        let refused = report("00081198", 0xA900);
+        let full = report("00081198", 0xA700);
+        let ask = |status, report: Option<&Value>| {
+            stored(StatusCode::from_u16(status).unwrap(), report, &uid)
+        };
+        assert_eq!(ask(200, Some(&there)), Ok(()));
+        assert_eq!(ask(200, None), Ok(()));
+        assert_eq!(ask(202, Some(&there)), Ok(()), "with a warning");
+        assert_eq!(ask(200, Some(&refused)), Err(NodeError::NotStored(0xA900)));
+        assert_eq!(ask(409, Some(&refused)), Err(NodeError::NotStored(0xA900)));
+        assert_eq!(ask(202, None), Err(NodeError::NotStoredAtAll));
+        assert_eq!(ask(409, Some(&there)), Err(NodeError::NotStoredAtAll));
+        assert_eq!(ask(503, None), Err(NodeError::Status(503)));
+        let passes = |answer: Result<(), NodeError>| answer.unwrap_err().may_pass();
+        assert!(passes(ask(409, Some(&full))) && passes(ask(503, None)));
+        assert!(!passes(ask(409, Some(&refused))) && !passes(ask(400, None)));
+    }
+
+    #[test]
+    fn numbers_come_as_numbers_and_as_texts() {
+        let item = serde_json::json!({"a": {"vr": "IS", "Value": [181]}, "b": {"vr": "IS", "Value": ["181"]}, "c": {"vr": "IS"}});
+        assert_eq!(value(&item, "a"), value(&item, "b"));
+        assert_eq!(value(&item, "c"), None);
+    }
+}

@@ -1,0 +1,474 @@
+//! QIDO-RS (PS3.18 §10.6): the studies, series and instances that are here.
+
+mod keys;
+mod matching;
+
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use imaging::dicom::{attribute, element};
+use serde_json::{Map, Value};
+use storage::arrivals::{AccessionNumber, SeriesQuery, Uid};
+
+use self::keys::SearchKeys;
+use crate::error::PacsError;
+use crate::held::{HeldStudy, Values};
+use crate::state::{Pacs, fresh_json};
+use crate::stow::{DICOM_JSON, refuse_other_answers};
+
+/// The most studies that a search looks at.
+const MAX_STUDIES: usize = 2000;
+
+/// Studies that are listed at a time.
+const BATCH: usize = 50;
+
+/// What is returned of a study, a series and an instance (PS3.18 tables 10.6.3-3 to 10.6.3-5), as far as it is known.
+const USUAL: [&[&str]; 3] = [
+    &[
+        "SpecificCharacterSet",
+        "StudyDate",
+        "StudyTime",
+        "AccessionNumber",
+        "InstanceAvailability",
+        "ModalitiesInStudy",
+        "ReferringPhysicianName",
+        "RetrieveURL",
+        "PatientName",
+        "PatientID",
+        "PatientBirthDate",
+        "PatientSex",
+        "StudyInstanceUID",
+        "StudyID",
+        "NumberOfStudyRelatedSeries",
+        "NumberOfStudyRelatedInstances",
+    ],
+    &[
+        "SpecificCharacterSet",
+        "Modality",
+        "InstanceAvailability",
+        "SeriesDescription",
+        "RetrieveURL",
+        "StudyInstanceUID",
+        "SeriesInstanceUID",
+        "SeriesNumber",
+        "NumberOfSeriesRelatedInstances",
+    ],
+    &[
+        "SpecificCharacterSet",
+        "SOPClassUID",
+        "SOPInstanceUID",
+        "InstanceAvailability",
+        "RetrieveURL",
+        "StudyInstanceUID",
+        "SeriesInstanceUID",
+        "InstanceNumber",
+        "Rows",
+        "Columns",
+    ],
+];
+
+/// Attributes by which a search may select although a source lacks them. Other keys that nothing here has are ignored.
+const SUPPORTED: [&str; 16] = [
+    "StudyDate",
+    "StudyTime",
+    "AccessionNumber",
+    "ModalitiesInStudy",
+    "ReferringPhysicianName",
+    "PatientName",
+    "PatientID",
+    "PatientBirthDate",
+    "PatientSex",
+    "StudyDescription",
+    "StudyInstanceUID",
+    "StudyID",
+    "Modality",
+    "SeriesInstanceUID",
+    "SeriesNumber",
+    "SeriesDescription",
+];
+
+/// As [`SUPPORTED`], of instances.
+const SUPPORTED_OF_INSTANCES: [&str; 3] = ["SOPClassUID", "SOPInstanceUID", "InstanceNumber"];
+
+/// What a search lists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Level {
+    Study,
+    Series,
+    Instance,
+}
+
+type Pairs = Result<Query<Vec<(String, String)>>, QueryRejection>;
+
+/// Search for studies
+///
+/// The studies that cases were made of, newest case first (QIDO-RS, PS3.18 §10.6). Keys: attributes by keyword or tag, with
+/// wildcards, lists of UIDs and ranges of dates; `limit` (100, at most 1000), `offset`, `includefield`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies", tag = "pacs",
+    responses(
+        (status = 200, description = "The studies", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 204, description = "None matches"),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+        (status = 413, description = "The search is too broad"),
+    )
+)]
+pub(crate) async fn studies(State(pacs): State<Pacs>, keys: Pairs, headers: HeaderMap) -> Response {
+    let scope = Scope::of(Level::Study, None, None);
+    pacs.answer(search(&pacs, scope, keys, &headers).await)
+}
+
+/// Search for series
+///
+/// As `GET /dicomweb/studies`, in all studies.
+#[utoipa::path(
+    get, path = "/dicomweb/series", tag = "pacs",
+    responses(
+        (status = 200, description = "The series", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 204, description = "None matches"),
+    )
+)]
+pub(crate) async fn all_series(
+    State(pacs): State<Pacs>,
+    keys: Pairs,
+    headers: HeaderMap,
+) -> Response {
+    let scope = Scope::of(Level::Series, None, None);
+    pacs.answer(search(&pacs, scope, keys, &headers).await)
+}
+
+/// Search for instances
+///
+/// As `GET /dicomweb/studies`, in all studies.
+#[utoipa::path(
+    get, path = "/dicomweb/instances", tag = "pacs",
+    responses(
+        (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 204, description = "None matches"),
+    )
+)]
+pub(crate) async fn all_instances(
+    State(pacs): State<Pacs>,
+    keys: Pairs,
+    headers: HeaderMap,
+) -> Response {
+    let scope = Scope::of(Level::Instance, None, None);
+    pacs.answer(search(&pacs, scope, keys, &headers).await)
+}
+
+/// Search for the series of a study
+///
+/// As `GET /dicomweb/studies`: the series that cases were made of, then the results that were sent.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID")),
+    responses(
+        (status = 200, description = "The series", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 204, description = "None matches"),
+    )
+)]
+pub(crate) async fn series_of_study(
+    State(pacs): State<Pacs>,
+    Path(study): Path<String>,
+    keys: Pairs,
+    headers: HeaderMap,
+) -> Response {
+    let scope = Scope::of(Level::Series, Some(study), None);
+    pacs.answer(search(&pacs, scope, keys, &headers).await)
+}
+
+/// Search for the instances of a study
+///
+/// As `GET /dicomweb/studies`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/instances", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID")),
+    responses(
+        (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 204, description = "None matches"),
+    )
+)]
+pub(crate) async fn instances_of_study(
+    State(pacs): State<Pacs>,
+    Path(study): Path<String>,
+    keys: Pairs,
+    headers: HeaderMap,
+) -> Response {
+    let scope = Scope::of(Level::Instance, Some(study), None);
+    pacs.answer(search(&pacs, scope, keys, &headers).await)
+}
+
+/// Search for the instances of a series
+///
+/// As `GET /dicomweb/studies`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    responses(
+        (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 204, description = "None matches"),
+    )
+)]
+pub(crate) async fn instances_of_series(
+    State(pacs): State<Pacs>,
+    Path((study, series)): Path<(String, String)>,
+    keys: Pairs,
+    headers: HeaderMap,
+) -> Response {
+    let scope = Scope::of(Level::Instance, Some(study), Some(series));
+    pacs.answer(search(&pacs, scope, keys, &headers).await)
+}
+
+/// Where a search looks.
+struct Scope {
+    level: Level,
+    study: Option<String>,
+    series: Option<String>,
+}
+
+impl Scope {
+    fn of(level: Level, study: Option<String>, series: Option<String>) -> Self {
+        Self {
+            level,
+            study,
+            series,
+        }
+    }
+
+    /// Tags that are returned without being requested: those of the level, and of each level above that the address
+    /// does not name.
+    fn usual(&self) -> Vec<String> {
+        let are_returned = [
+            self.level == Level::Study || self.study.is_none(),
+            self.level == Level::Series || self.level == Level::Instance && self.series.is_none(),
+            self.level == Level::Instance,
+        ];
+        let levels = USUAL.iter().zip(are_returned);
+        let keywords = levels
+            .filter(|(_, is)| *is)
+            .flat_map(|(level, _)| level.iter());
+        keywords.filter_map(|keyword| tag(keyword)).collect()
+    }
+
+    fn supports(&self, wanted: &str) -> bool {
+        let of_instances = SUPPORTED_OF_INSTANCES.iter();
+        let of_instances = of_instances.filter(|_| self.level == Level::Instance);
+        let mut supported = SUPPORTED.iter().chain(of_instances);
+        let is_of_level = supported.any(|keyword| tag(keyword).as_deref() == Some(wanted));
+        // A study has no series number.
+        let is_of_series = |keyword: &str| tag(keyword).as_deref() == Some(wanted);
+        let of_series = [
+            "Modality",
+            "SeriesInstanceUID",
+            "SeriesNumber",
+            "SeriesDescription",
+        ];
+        is_of_level && (self.level != Level::Study || !of_series.into_iter().any(is_of_series))
+    }
+
+    /// Adds the values of what is listed of a study, and of all above it.
+    fn list(&self, study: &HeldStudy, records: &mut Vec<Values>) {
+        if self.level == Level::Study {
+            records.push(study.values.clone());
+            return;
+        }
+        for series in &study.series {
+            if self
+                .series
+                .as_deref()
+                .is_some_and(|uid| uid != series.uid.as_str())
+            {
+                continue;
+            }
+            let mut of_series = study.values.clone();
+            of_series.extend(&series.values);
+            if self.level == Level::Series {
+                records.push(of_series);
+                continue;
+            }
+            for instance in &series.instances {
+                let mut values = of_series.clone();
+                values.extend(&instance.values);
+                records.push(values);
+            }
+        }
+    }
+}
+
+fn tag(keyword: &str) -> Option<String> {
+    attribute(keyword).map(|known| known.name())
+}
+
+async fn search(
+    pacs: &Pacs,
+    scope: Scope,
+    pairs: Pairs,
+    headers: &HeaderMap,
+) -> Result<Response, PacsError> {
+    refuse_other_answers(headers)?;
+    let Query(pairs) = pairs.map_err(|_| {
+        PacsError::bad_request(
+            "query-unreadable",
+            "the query of the address cannot be read",
+        )
+    })?;
+    let keys = SearchKeys::read(&pairs)?;
+    let found = find(pacs, &scope, &keys).await?;
+    if found.records.is_empty() {
+        let mut response = StatusCode::NO_CONTENT.into_response();
+        warn(&mut response, &scope, &keys, false);
+        return Ok(response);
+    }
+    let usual = scope.usual();
+    let selected = |tag: &str| {
+        keys.is_all_included
+            || keys.included.contains(tag)
+            || usual.iter().any(|known| known == tag)
+    };
+    let body: Vec<Value> = found
+        .records
+        .iter()
+        .map(|values| {
+            let values = values.iter().filter(|(tag, ..)| selected(tag));
+            let values = values.map(|(tag, vr, text)| (tag.to_owned(), element(vr, text)));
+            values.collect::<Map<_, _>>().into()
+        })
+        .collect();
+    let mut response = fresh_json(StatusCode::OK, &body);
+    let kind = HeaderValue::from_static(DICOM_JSON);
+    response.headers_mut().insert(header::CONTENT_TYPE, kind);
+    warn(&mut response, &scope, &keys, found.are_more);
+    Ok(response)
+}
+
+/// States what a client may not expect (PS3.18 §8.3.4.4).
+fn warn(response: &mut Response, scope: &Scope, keys: &SearchKeys, are_more: bool) {
+    let is_ignored = |tag: &str| !scope.supports(tag);
+    let warnings = [
+        (
+            keys.is_fuzzy,
+            "299 isocortex \"fuzzy matching is not supported; only literal matching was performed\"",
+        ),
+        (
+            keys.wanted
+                .iter()
+                .any(|(known, _)| is_ignored(&known.name())),
+            "299 isocortex \"a key is not supported for matching and was ignored\"",
+        ),
+        (
+            are_more,
+            "299 isocortex \"there are additional results that can be requested\"",
+        ),
+    ];
+    for (_, warning) in warnings.into_iter().filter(|(is, _)| *is) {
+        let warning = HeaderValue::from_static(warning);
+        response.headers_mut().append(header::WARNING, warning);
+    }
+}
+
+/// The values of a page of results.
+struct Found {
+    records: Vec<Values>,
+    are_more: bool,
+}
+
+async fn find(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Found, PacsError> {
+    let mut found = Found {
+        records: Vec::new(),
+        are_more: false,
+    };
+    let mut skip = keys.offset;
+    let mut studies = Studies::begin(pacs, scope, keys).await?;
+    while let Some(uid) = studies.next(pacs).await? {
+        let Some(study) = HeldStudy::load(pacs, &uid).await? else {
+            continue;
+        };
+        let mut records = Vec::new();
+        scope.list(&study, &mut records);
+        for values in records {
+            if !keys.accept(&values, |tag| scope.supports(tag)) {
+                continue;
+            }
+            if skip > 0 {
+                skip -= 1;
+            } else if found.records.len() == keys.limit {
+                found.are_more = true;
+                return Ok(found);
+            } else {
+                found.records.push(values);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The studies that a search looks at, one after the other.
+struct Studies {
+    waiting: std::collections::VecDeque<Uid>,
+    /// Where to go on; `None` if all are named by the search.
+    offset: Option<usize>,
+    seen: usize,
+}
+
+impl Studies {
+    async fn begin(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Self, PacsError> {
+        let named = match (&scope.study, keys.value("StudyInstanceUID")) {
+            (Some(study), _) => Some(study.as_str()),
+            (None, named) => named,
+        };
+        let number = keys.value("AccessionNumber");
+        let number = number.filter(|number| !number.contains(['*', '?', '\\']));
+        let waiting = match (named, number.and_then(AccessionNumber::parse)) {
+            (Some(named), _) => {
+                let mut uids: Vec<_> = named.split([',', '\\']).filter_map(Uid::parse).collect();
+                uids.sort();
+                uids.dedup();
+                uids
+            }
+            (None, Some(number)) => {
+                let query = SeriesQuery::AccessionNumber(number);
+                let cases = pacs.cases().store().rows().cases_of(&query).await?;
+                let mut uids: Vec<_> = cases.into_iter().map(|case| case.uids.study).collect();
+                let mut seen = std::collections::HashSet::new();
+                uids.retain(|uid| seen.insert(uid.clone()));
+                uids
+            }
+            (None, None) => {
+                return Ok(Self {
+                    waiting: Default::default(),
+                    offset: Some(0),
+                    seen: 0,
+                });
+            }
+        };
+        Ok(Self {
+            waiting: waiting.into(),
+            offset: None,
+            seen: 0,
+        })
+    }
+
+    async fn next(&mut self, pacs: &Pacs) -> Result<Option<Uid>, PacsError> {
+        if self.waiting.is_empty()
+            && let Some(offset) = self.offset
+        {
+            let rows = pacs.cases().store().rows();
+            self.waiting = rows.studies(offset, BATCH).await?.into();
+            self.offset = (self.waiting.len() == BATCH).then_some(offset + BATCH);
+        }
+        let next = self.waiting.pop_front();
+        self.seen += usize::from(next.is_some());
+        if self.seen > MAX_STUDIES {
+            return Err(PacsError::new(
+                StatusCode::PAYLOAD_TOO_LARGE,
+                "search-too-broad",
+                format!(
+                    "the search looks at more than {MAX_STUDIES} studies; name the study or its accession number, or lower `offset`"
+                ),
+            ));
+        }
+        Ok(next)
+    }
+}

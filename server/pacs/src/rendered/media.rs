@@ -1,0 +1,137 @@
+//! The media type of an answer with pictures.
+
+use axum::http::{HeaderMap, StatusCode, header};
+
+use crate::error::PacsError;
+use crate::multipart::MediaType;
+
+/// The kind of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Jpeg,
+    Png,
+}
+
+impl Kind {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Jpeg => "image/jpeg",
+            Self::Png => "image/png",
+        }
+    }
+
+    fn accepted_by(kind: &str) -> Option<Self> {
+        match kind {
+            "image/jpeg" | "image/*" | "*/*" => Some(Self::Jpeg),
+            "image/png" => Some(Self::Png),
+            _ => None,
+        }
+    }
+}
+
+/// What the client accepts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Answer {
+    pub(crate) kind: Kind,
+    /// Whether each picture is a part.
+    pub(crate) is_multipart: bool,
+}
+
+/// The first accepted media type that is available; several pictures are only available as parts.
+pub(crate) fn accepted(headers: &HeaderMap, are_several: bool) -> Result<Answer, PacsError> {
+    let ranges = accepted_ranges(headers).into_iter();
+    let mut answers: Vec<_> = ranges
+        .filter_map(|range| answer(&range, are_several))
+        .collect();
+    // The greatest quality first, and of equal ones the first.
+    answers.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    match answers.first() {
+        Some(&(quality, answer)) if quality > 0.0 => Ok(answer),
+        _ => Err(PacsError::new(
+            StatusCode::NOT_ACCEPTABLE,
+            "not-acceptable",
+            "none of the accepted media types is available; available types: image/jpeg, image/png, and for several pictures multipart/related of these",
+        )),
+    }
+}
+
+/// The media ranges that a client accepts: all, if it names none.
+pub(crate) fn accepted_ranges(headers: &HeaderMap) -> Vec<MediaType> {
+    let lines = headers.get_all(header::ACCEPT).iter();
+    let text = lines.filter_map(|line| line.to_str().ok());
+    let text = text.collect::<Vec<_>>().join(",");
+    let mut ranges = ranges(&text);
+    if ranges.is_empty() {
+        ranges.push("*/*");
+    }
+    ranges.into_iter().filter_map(MediaType::parse).collect()
+}
+
+/// The parts of a header between commas outside of quotes.
+fn ranges(text: &str) -> Vec<&str> {
+    let mut is_quoted = false;
+    let parts = text.split(|letter| {
+        is_quoted ^= letter == '"';
+        letter == ',' && !is_quoted
+    });
+    parts
+        .map(str::trim)
+        .filter(|part| !part.is_empty())
+        .collect()
+}
+
+fn answer(parsed: &MediaType, are_several: bool) -> Option<(f64, Answer)> {
+    let quality = parsed
+        .parameter("q")
+        .map_or(Some(1.0), |q| q.parse().ok())?;
+    let is_multipart = parsed.essence == "multipart/related";
+    let kind = match is_multipart {
+        true => Kind::accepted_by(parsed.parameter("type").unwrap_or("*/*"))?,
+        false => Kind::accepted_by(&parsed.essence)?,
+    };
+    let is_any = parsed.essence == "*/*";
+    if are_several && !is_multipart && !is_any {
+        return None;
+    }
+    let answer = Answer {
+        kind,
+        is_multipart: is_multipart || are_several,
+    };
+    Some((quality, answer))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(accept: &str, are_several: bool) -> Option<(Kind, bool)> {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::ACCEPT, accept.parse().unwrap());
+        let answer = accepted(&headers, are_several).ok()?;
+        Some((answer.kind, answer.is_multipart))
+    }
+
+    #[test]
+    fn jpeg_is_the_default_and_gif_is_not_available() {
+        let none = accepted(&HeaderMap::new(), false).unwrap();
+        assert_eq!((none.kind, none.is_multipart), (Kind::Jpeg, false));
+        assert_eq!(asked("*/*", false), Some((Kind::Jpeg, false)));
+        assert_eq!(asked("image/png", false), Some((Kind::Png, false)));
+        assert_eq!(asked("image/gif", false), None);
+        assert_eq!(
+            asked("image/gif, image/png;q=0.5", false),
+            Some((Kind::Png, false))
+        );
+        assert_eq!(
+            asked("image/jpeg;q=0.1, image/png;q=0.5", false),
+            Some((Kind::Png, false))
+        );
+        assert_eq!(asked("image/png;q=0", false), None);
+        let parts = r#"multipart/related; type="image/png""#;
+        assert_eq!(asked(parts, false), Some((Kind::Png, true)));
+        assert_eq!(asked(parts, true), Some((Kind::Png, true)));
+        assert_eq!(asked("*/*", true), Some((Kind::Jpeg, true)));
+        assert_eq!(asked("image/jpeg", true), None);
+        assert_eq!(asked(r#"multipart/related; type="image/gif""#, true), None);
+    }
+}

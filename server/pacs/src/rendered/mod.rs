@@ -1,0 +1,274 @@
+//! Pictures of the studies and series that are here, in DICOMweb's own terms (PS3.18 §8.3.5, §10.4.1.1.3).
+
+pub(crate) mod media;
+mod query;
+
+use std::collections::BTreeMap;
+
+use axum::body::Body;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::Response;
+use case::{CaseFacts, CaseId, CaseState};
+use cases::pictures::{annotated, encode};
+use cases::{Cases, Error};
+use serde_json::{Value, json};
+use storage::arrivals::{SeriesQuery, Uid};
+
+use self::media::{Answer, Kind, accepted};
+use self::query::{RenderedQuery, Shown};
+use crate::error::PacsError;
+use crate::results::draw::{Drawing, Drawn};
+use crate::results::request::{Layout, PicturePlan};
+use crate::state::Pacs;
+
+/// Width and height of a picture, if none are requested.
+const USUAL_SIDE: u32 = 512;
+
+/// Width and height of a thumbnail.
+const THUMBNAIL_SIDE: u32 = 128;
+
+type Keys = Result<Query<BTreeMap<String, String>>, QueryRejection>;
+
+/// Volume rendering of a study
+///
+/// A picture of the newest ready case of the study (PS3.18, Supplement 228). JPEG by default, PNG on request, several pictures as
+/// `multipart/related`. Keys of the standard: `orientation`, `viewpointposition`, `viewpointlookat`, `viewpointup`, `window`, `viewport`,
+/// `quality`, `annotation`, `swivelrange`, `animationstepsize`, `animationrate`, `renderingmethod`, `renderedvolumetricmetadata`. Our own:
+/// `depth_mm`, `renderer`, `colormap`, `slab_mm`, `ambient`, `layer`, `overlay`, `overlay_window`, `overlay_threshold`, `overlay_opacity`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID")),
+    responses(
+        (status = 200, description = "The picture, several pictures, or the values of the view (`renderedvolumetricmetadata=yes`)", content(
+            (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "multipart/related"), (serde_json::Value = "application/dicom+json"),
+        )),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 404, description = "There is no case of this study"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
+    )
+)]
+pub(crate) async fn of_study(
+    State(pacs): State<Pacs>,
+    Path(study): Path<String>,
+    keys: Keys,
+    headers: HeaderMap,
+) -> Response {
+    let picture = render(&pacs, (&study, None), keys, &headers, USUAL_SIDE).await;
+    pacs.answer(picture)
+}
+
+/// Volume rendering of a series
+///
+/// As `GET /dicomweb/studies/{study}/rendered3D`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/rendered3D", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 404, description = "There is no case of this series"),
+    )
+)]
+pub(crate) async fn of_series(
+    State(pacs): State<Pacs>,
+    Path((study, series)): Path<(String, String)>,
+    keys: Keys,
+    headers: HeaderMap,
+) -> Response {
+    let uids = (&*study, Some(&*series));
+    let picture = render(&pacs, uids, keys, &headers, USUAL_SIDE).await;
+    pacs.answer(picture)
+}
+
+/// Picture of a series
+///
+/// The same as its `rendered3D`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/rendered", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 404, description = "There is no case of this series"),
+    )
+)]
+pub(crate) async fn picture_of_series(
+    state: State<Pacs>,
+    path: Path<(String, String)>,
+    keys: Keys,
+    headers: HeaderMap,
+) -> Response {
+    of_series(state, path, keys, headers).await
+}
+
+/// Thumbnail of a series
+///
+/// A picture of 128 × 128 pixels, with the keys of its `rendered3D`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/thumbnail", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 404, description = "There is no case of this series"),
+    )
+)]
+pub(crate) async fn thumbnail_of_series(
+    State(pacs): State<Pacs>,
+    Path((study, series)): Path<(String, String)>,
+    keys: Keys,
+    headers: HeaderMap,
+) -> Response {
+    let uids = (&*study, Some(&*series));
+    let picture = render(&pacs, uids, keys, &headers, THUMBNAIL_SIDE).await;
+    pacs.answer(picture)
+}
+
+async fn render(
+    pacs: &Pacs,
+    (study, series): (&str, Option<&str>),
+    keys: Keys,
+    headers: &HeaderMap,
+    side: u32,
+) -> Result<Response, PacsError> {
+    let Query(keys) = keys.map_err(|_| {
+        PacsError::bad_request(
+            "query-unreadable",
+            "the query cannot be read; each key may be given once",
+        )
+    })?;
+    let asked = RenderedQuery::read(&keys)?;
+    let cases = pacs.cases();
+    let id = held_case(pacs, study, series).await?;
+    let facts = cases.ready(&id).await?;
+    let shown = asked.shown(&facts, side)?;
+    if asked.is_metadata() {
+        let body = json!([metadata(&shown, &facts)]).to_string();
+        return Ok(response("application/dicom+json", body.into()));
+    }
+    let answer = accepted(headers, shown.pictures.len() > 1)?;
+    let plan = PicturePlan {
+        pictures: shown.pictures,
+        layout: Layout::One,
+    };
+    let drawing = Drawing::of(cases, &id, plan).await?;
+    let pictures = draw(cases, &id, drawing, answer.kind, shown.quality).await?;
+    Ok(answered(&answer, pictures))
+}
+
+/// The newest ready case of a study or a series.
+async fn held_case(pacs: &Pacs, study: &str, series: Option<&str>) -> Result<CaseId, PacsError> {
+    let missing = || {
+        let detail = "there is no case of this study or series";
+        PacsError::not_found("no-such-study", detail)
+    };
+    let uid = |text: &str| Uid::parse(text).ok_or_else(missing);
+    let query = SeriesQuery::Study(uid(study)?, series.map(uid).transpose()?);
+    let store = pacs.cases().store();
+    let mut other = None;
+    for series in store.rows().cases_of(&query).await? {
+        let Some(case) = store.case(&series.case).await? else {
+            continue;
+        };
+        match (case.state, case.failure) {
+            (CaseState::Ready, _) => return Ok(case.id),
+            (CaseState::Failed, Some(failure)) => {
+                other.get_or_insert(Error::from(failure));
+            }
+            (state, _) => other = Some(Error::NotReady { state }),
+        }
+    }
+    Err(other.map_or_else(missing, Into::into))
+}
+
+async fn draw(
+    cases: &Cases,
+    id: &CaseId,
+    drawing: Drawing,
+    kind: Kind,
+    quality: u8,
+) -> Result<Vec<Vec<u8>>, Error> {
+    let add = move |pictures: &mut Vec<Vec<u8>>, drawn: Drawn| {
+        let picture = match kind {
+            Kind::Png => encode(drawn.picture, &drawn.metadata, drawn.annotate)?.png,
+            Kind::Jpeg => {
+                let frame = drawn.picture.rendered.frame;
+                let frame = annotated(frame, &drawn.metadata, drawn.annotate);
+                render::encode_jpeg(&frame, quality)?
+            }
+        };
+        pictures.push(picture);
+        Ok(())
+    };
+    drawing.draw_each(cases, id, Vec::new(), add).await
+}
+
+fn answered(answer: &Answer, pictures: Vec<Vec<u8>>) -> Response {
+    let kind = answer.kind.name();
+    if !answer.is_multipart {
+        let only = pictures.into_iter().next().unwrap_or_default();
+        return response(kind, only.into());
+    }
+    // Pictures are binary, so the boundary is long enough to be in none of them by chance.
+    let digest = pictures
+        .iter()
+        .fold(blake3::Hasher::new(), |mut hasher, picture| {
+            hasher.update(picture);
+            hasher
+        });
+    let boundary = digest.finalize().to_hex();
+    let mut body = Vec::new();
+    for picture in pictures {
+        let head = format!("--{boundary}\r\nContent-Type: {kind}\r\n\r\n");
+        body.extend(head.bytes());
+        body.extend(picture);
+        body.extend(b"\r\n");
+    }
+    body.extend(format!("--{boundary}--\r\n").bytes());
+    let multipart = format!("multipart/related; type=\"{kind}\"; boundary={boundary}");
+    response(&multipart, body.into())
+}
+
+fn response(kind: &str, body: Body) -> Response {
+    let mut response = Response::new(body);
+    *response.status_mut() = StatusCode::OK;
+    let headers = response.headers_mut();
+    if let Ok(kind) = HeaderValue::from_str(kind) {
+        headers.insert(header::CONTENT_TYPE, kind);
+    }
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
+}
+
+/// The view in DICOM's terms (PS3.3 C.11.26, C.11.2), for requests with an explicit viewpoint.
+fn metadata(shown: &Shown, facts: &CaseFacts) -> Value {
+    let numbers = |values: &[f64]| json!({"vr": "FD", "Value": values});
+    let text = |vr: &str, value: &str| json!({"vr": vr, "Value": [value]});
+    let decimals = |value: f64| json!({"vr": "DS", "Value": [value]});
+    let [width, height] = shown.viewport;
+    let viewpoint = &shown.viewpoint;
+    let mut item = json!({
+        "00280010": {"vr": "US", "Value": [height]},
+        "00280011": {"vr": "US", "Value": [width]},
+        "00281050": decimals(shown.window.centre),
+        "00281051": decimals(shown.window.width),
+        "00281056": text("CS", shown.window.function.dicom_name()),
+        "00701602": text("CS", "ORTHOGRAPHIC"),
+        "00701603": numbers(&viewpoint.position),
+        "00701604": numbers(&viewpoint.look_at),
+        "00701605": numbers(&viewpoint.up),
+        "0070120D": text("CS", "VOLUME_RENDERED"),
+        "00720510": text("CS", "3D_RENDERING"),
+        "00082111": text("ST", &format!(
+            "Isosurface {} mm below the envelope of the brain. For research use only. Not for diagnosis.",
+            shown.depth_mm.min(facts.max_depth_mm)
+        )),
+    });
+    if let Some(swivel) = &shown.swivel {
+        item["00701A03"] = numbers(&[swivel.rate]);
+        item["00701A05"] = numbers(&[swivel.step_degrees]);
+        item["00701A06"] = numbers(&[swivel.range_degrees]);
+    }
+    item
+}

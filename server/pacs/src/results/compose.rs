@@ -1,0 +1,512 @@
+//! Makes the DICOM object of a result: whose it is, what it was derived from, and its UIDs.
+
+use std::sync::Arc;
+
+use axum::body::Bytes;
+use axum::http::StatusCode;
+use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, QualityState};
+use cases::pictures::PictureRequest;
+use cases::{Cases, Error};
+use geometry::{Grid, Mask};
+use imaging::dicom::write::{
+    self, Algorithm, Head, KeyObjectTitle, Listed, Segment, WriteError, uid_of,
+};
+use imaging::dicom::{Attributes, Instance};
+use pipeline::codec::{decode_brain, decode_envelope};
+use storage::arrivals::Uid;
+use storage::results::ResultSeries;
+
+use super::draw::Drawing;
+use super::request::{KeyObjectPlan, Layout, MaskPlan, Plan, ResultRequest, Title, What};
+use crate::error::PacsError;
+
+/// A part of every UID. Raise it if the same request gives another object.
+const FORMAT: &str = "isocortex result 1";
+
+/// What every result is, for people.
+const COMMENT: &str = "Made by Isocortex. For research use only. Not for diagnosis.";
+
+/// A result whose UIDs are known and whose pixels are not drawn yet.
+#[derive(Debug)]
+pub(crate) struct Composer {
+    id: CaseId,
+    facts: Arc<CaseFacts>,
+    source: Attributes,
+    study: Uid,
+    content: Content,
+    /// What distinguishes it from all other results.
+    digest: blake3::Hash,
+    series_number: u32,
+    title: String,
+    derivation: String,
+    date: String,
+    time: String,
+}
+
+#[derive(Debug)]
+enum Content {
+    Pictures(Drawing),
+    Mask(MaskPlan),
+    KeyObject(KeyObjectTitle, Vec<Listed>),
+}
+
+impl Composer {
+    /// Finds the patient, the study and the source of a result.
+    ///
+    /// # Errors
+    /// `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
+    pub(crate) async fn begin(
+        cases: &Cases,
+        id: CaseId,
+        asked: &ResultRequest,
+        plan: Plan,
+    ) -> Result<Self, PacsError> {
+        let facts = cases.ready(&id).await?;
+        let case = cases.case(&id).await?;
+        let source = source(cases, &id, asked).await?;
+        let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
+        let study = study.ok_or_else(no_patient)?;
+        let content = match plan {
+            Plan::Pictures(plan) => Content::Pictures(Drawing::of(cases, &id, plan).await?),
+            Plan::Mask(mask) => {
+                value(&source, "FrameOfReferenceUID").ok_or_else(no_frame_of_reference)?;
+                Content::Mask(mask)
+            }
+            Plan::KeyObject(plan) => {
+                let listed = listed(cases, &source, &study, &plan).await?;
+                Content::KeyObject(key_object_title(plan.title), listed)
+            }
+        };
+        let made_by = match &content {
+            Content::Pictures(drawing) => drawing.made_by(),
+            Content::Mask(_) | Content::KeyObject(..) => String::new(),
+        };
+        let moment = case.created_at;
+        Ok(Self {
+            digest: digest(&case, asked, &source, &made_by),
+            series_number: 9001 + asked.what as u32,
+            title: title(&content, asked.what),
+            derivation: derivation(&content, &case, &facts),
+            date: moment.strftime("%Y%m%d").to_string(),
+            time: moment.strftime("%H%M%S").to_string(),
+            id,
+            facts,
+            source,
+            study,
+            content,
+        })
+    }
+
+    /// The study of the result.
+    pub(crate) fn study(&self) -> Uid {
+        self.study.clone()
+    }
+
+    /// The result.
+    pub(crate) fn instance(&self) -> Uid {
+        let uid = uid_of(&self.digest);
+        Uid::parse(&uid).expect("digits and points are a UID")
+    }
+
+    /// Its series, which has no other instance.
+    pub(crate) fn series(&self) -> ResultSeries {
+        let uid = |text: &str| Uid::parse(text).expect("digits and points are a UID");
+        let class = match &self.content {
+            Content::Mask(_) => write::SEGMENTATION,
+            Content::KeyObject(..) => write::KEY_OBJECT,
+            Content::Pictures(drawing) => match drawing.plan().layout {
+                Layout::Cine { .. } => write::CINE,
+                Layout::One | Layout::Sheet { .. } => write::PICTURE,
+            },
+        };
+        ResultSeries {
+            sop_class_uid: uid(class),
+            series_uid: uid(&self.series_uid()),
+            number: self.series_number,
+            description: self.title.chars().take(64).collect(),
+        }
+    }
+
+    fn series_uid(&self) -> String {
+        let series = [self.digest.as_bytes().as_slice(), b"series"].concat();
+        uid_of(&blake3::hash(&series))
+    }
+
+    /// Draws or reads the pixels, and writes the object.
+    pub(crate) async fn file(self, cases: &Cases) -> Result<Bytes, PacsError> {
+        let instance_uid = self.instance().as_str().to_owned();
+        let series_uid = self.series_uid();
+        let Self {
+            id,
+            facts,
+            source,
+            content,
+            series_number,
+            title,
+            derivation,
+            date,
+            time,
+            ..
+        } = self;
+        let pixels = match content {
+            Content::Pictures(drawing) => {
+                let is_annotated = drawing.is_annotated();
+                Pixels::Pictures(drawing.draw(cases, &id).await?, is_annotated)
+            }
+            Content::Mask(plan) => Pixels::Mask(mask(cases, &id, plan).await?, plan),
+            Content::KeyObject(title, listed) => Pixels::None(title, listed),
+        };
+        let quality = facts.quality.as_ref();
+        // A brain without its skull shows no face, as long as the mask is one of a brain.
+        let is_sound = quality.is_some_and(|quality| quality.state == QualityState::Ok);
+        let method = quality.map(|quality| quality.method);
+        let work = move || {
+            let head = Head {
+                source: &source,
+                series_uid: &series_uid,
+                instance_uid: &instance_uid,
+                series_number,
+                series_description: &title,
+                derivation: &derivation,
+                comment: COMMENT,
+                version: env!("CARGO_PKG_VERSION"),
+                date: &date,
+                time: &time,
+                is_annotated: matches!(pixels, Pixels::Pictures(_, true)),
+                is_recognizable: is_sound.then_some(false),
+            };
+            match pixels {
+                Pixels::Pictures(pictures, _) => write::pictures(&head, pictures),
+                Pixels::None(title, listed) => write::key_object(&head, title, &listed),
+                Pixels::Mask(mask, plan) => segmentation(&head, &mask, plan, &facts, method),
+            }
+        };
+        let written = cases.queue.run(work).await?;
+        Ok(written.map_err(unwritable)?.into())
+    }
+}
+
+enum Pixels {
+    /// Pictures, and whether they are annotated.
+    Pictures(write::Pictures, bool),
+    Mask(Mask, MaskPlan),
+    /// A list of objects has none.
+    None(KeyObjectTitle, Vec<Listed>),
+}
+
+fn key_object_title(title: Title) -> KeyObjectTitle {
+    match title {
+        Title::OfInterest => KeyObjectTitle::OfInterest,
+        Title::ForSurgery => KeyObjectTitle::ForSurgery,
+        Title::ForConference => KeyObjectTitle::ForConference,
+        Title::ForResearch => KeyObjectTitle::ForResearch,
+    }
+}
+
+/// Classes and series of the objects of a list.
+async fn listed(
+    cases: &Cases,
+    source: &Attributes,
+    study: &Uid,
+    plan: &KeyObjectPlan,
+) -> Result<Vec<Listed>, PacsError> {
+    let results = cases.store().rows().results_of(study).await?;
+    let of_source = |uid: &Uid| {
+        let mut images = source.instances.iter();
+        let image = images.find(|image| image.sop_instance_uid == uid.as_str())?;
+        Some(Listed {
+            series_uid: value(source, "SeriesInstanceUID")?.to_owned(),
+            sop_class_uid: image.sop_class_uid.clone(),
+            sop_instance_uid: image.sop_instance_uid.clone(),
+        })
+    };
+    let of_result = |uid: &Uid| {
+        let result = results.iter().find(|result| result.instance == *uid)?;
+        Some(Listed {
+            series_uid: result.series.series_uid.as_str().to_owned(),
+            sop_class_uid: result.series.sop_class_uid.as_str().to_owned(),
+            sop_instance_uid: uid.as_str().to_owned(),
+        })
+    };
+    let known = plan.instances.iter();
+    let known = known.map(|uid| of_source(uid).or_else(|| of_result(uid)));
+    let known: Option<Vec<_>> = known.collect();
+    known.ok_or_else(|| {
+        refuse(
+            "no-such-instance",
+            "an instance of `key_object` is neither an image of the source nor a result that was sent and is still known",
+        )
+    })
+}
+
+fn refuse(kind: &'static str, detail: &str) -> PacsError {
+    PacsError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
+}
+
+fn no_patient() -> PacsError {
+    refuse(
+        "no-patient",
+        "the case was not created from DICOM, so its patient and study are not known; name them in `study`",
+    )
+}
+
+fn no_frame_of_reference() -> PacsError {
+    refuse(
+        "no-frame-of-reference",
+        "the source of the case has no Frame of Reference UID, so a segmentation has no place; request a `view`, a `sheet` or a `cine`",
+    )
+}
+
+fn unwritable(error: WriteError) -> PacsError {
+    match error {
+        WriteError::NoStudy => no_patient(),
+        WriteError::NoFrameOfReference => no_frame_of_reference(),
+        WriteError::Empty => refuse("mask-empty", "the mask has no voxel in the source"),
+        WriteError::Size | WriteError::Encoding => Error::Internal.into(),
+    }
+}
+
+/// The patient, the study and the images of the source, or what the request names.
+async fn source(
+    cases: &Cases,
+    id: &CaseId,
+    asked: &ResultRequest,
+) -> Result<Attributes, PacsError> {
+    let stored = cases.store().source_dicom(id).await?;
+    match (stored, &asked.study) {
+        (Some(_), Some(_)) => Err(PacsError::bad_request(
+            "study-known",
+            "the case was created from DICOM, so its study is known; omit `study`",
+        )),
+        (Some(stored), None) => {
+            let mut attributes = pipeline::attributes(&stored).map_err(Error::from)?;
+            // What is not required and has an invalid value would make the result invalid.
+            attributes
+                .attributes
+                .retain(|(name, value)| is_writable(name, value));
+            Ok(attributes)
+        }
+        (None, Some(study)) => study.attributes(),
+        (None, None) => Err(no_patient()),
+    }
+}
+
+/// Whether an optional attribute of the patient has a value of its kind (PS3.5 §6.2); all others are copied as they are.
+fn is_writable(name: &str, value: &str) -> bool {
+    match name {
+        "PatientAge" => {
+            let is_unit = |unit: &u8| b"DWMY".contains(unit);
+            let (digits, unit) = value.as_bytes().split_at(value.len().min(3));
+            digits.len() == 3
+                && digits.iter().all(u8::is_ascii_digit)
+                && matches!(unit, [unit] if is_unit(unit))
+        }
+        "PatientSize" | "PatientWeight" => {
+            let number = value.parse::<f64>().ok();
+            value.len() <= 16 && number.is_some_and(f64::is_finite)
+        }
+        "StudyDescription" => value.chars().count() <= 64,
+        _ => true,
+    }
+}
+
+fn value<'a>(source: &'a Attributes, keyword: &str) -> Option<&'a str> {
+    let mut attributes = source.attributes.iter();
+    let found = attributes.find(|(name, value)| name == keyword && !value.is_empty());
+    found.map(|(_, value)| value.as_str())
+}
+
+/// Equal requests about equal cases have equal digests.
+fn digest(case: &Case, asked: &ResultRequest, source: &Attributes, made_by: &str) -> blake3::Hash {
+    let mut hasher = blake3::Hasher::new();
+    let parts = [
+        FORMAT.to_owned(),
+        env!("CARGO_PKG_VERSION").to_owned(),
+        case.id.to_string(),
+        case.created_at.to_string(),
+        made_by.to_owned(),
+        serde_json::to_string(asked).unwrap_or_default(),
+        serde_json::to_string(source).unwrap_or_default(),
+    ];
+    for part in parts {
+        // With their lengths, no two lists of parts give the same bytes.
+        hasher.update(&(part.len() as u64).to_le_bytes());
+        hasher.update(part.as_bytes());
+    }
+    hasher.finalize()
+}
+
+/// What viewers show in their list.
+fn title(content: &Content, what: What) -> String {
+    let shown = match content {
+        Content::Mask(MaskPlan::Brain) => "brain mask".to_owned(),
+        Content::Mask(MaskPlan::Envelope) => "brain envelope".to_owned(),
+        Content::KeyObject(_, listed) => format!("list of {}", listed.len()),
+        Content::Pictures(drawing) => {
+            let [first, last] = ends(drawing);
+            let [from, to] = [first, last].map(|picture| picture.depth_mm);
+            let depths = match from == to {
+                true => format!("{from} mm"),
+                false => format!("{from} to {to} mm"),
+            };
+            let view = first.view.map_or("", |view| view.name());
+            match what {
+                What::View if view.is_empty() => format!("view at {depths}"),
+                What::View => format!("{view} view at {depths}"),
+                What::Cine if from == to => format!("turn at {depths}"),
+                _ => format!("{} at {depths}", what.name()),
+            }
+        }
+    };
+    format!("Isocortex {shown}, research use only")
+}
+
+/// The first and the last picture.
+fn ends(drawing: &Drawing) -> [&PictureRequest; 2] {
+    let pictures = &drawing.plan().pictures;
+    [&pictures[0].asked, &pictures[pictures.len() - 1].asked]
+}
+
+/// How the pixels were made.
+fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
+    let radius = case.parameters.closing_radius_mm;
+    let Content::Pictures(drawing) = content else {
+        // A list has no derivation.
+        return format!(
+            "Mask of the brain, sampled at the centres of the voxels of the source. Closing radius of the envelope: {radius} mm. {COMMENT}"
+        );
+    };
+    let [first, last] = ends(drawing);
+    let [width, height] = [first.width, first.height];
+    let mut text = format!(
+        "Isosurface {} to {} mm below the envelope of the brain (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
+        first.depth_mm,
+        last.depth_mm,
+        drawing.renderer(),
+    );
+    text += &match &drawing.plan().layout {
+        Layout::One => format!("view {}, ", first.direction()),
+        Layout::Sheet { .. } => "a row for each depth and a column for each view, ".to_owned(),
+        Layout::Cine { .. } => format!("first view {}, ", first.direction()),
+    };
+    text += &match first.window {
+        Some(cases::pictures::Numbers([centre, width])) => {
+            format!("window centre {centre} and width {width}, ")
+        }
+        None if first.layer.is_some() => "window of the layer, ".to_owned(),
+        None => {
+            let window = &facts.window;
+            format!(
+                "window centre {} and width {}, ",
+                window.center, window.width
+            )
+        }
+    };
+    text += &format!(
+        "colours {}, mean over {} mm to either side, ambient light {}. ",
+        first.colormap.name(),
+        first.slab_mm,
+        first.ambient as f32
+    );
+    if let Some(layer) = &first.layer {
+        text += &format!("Texture: layer {layer}. ");
+    }
+    if let Some(overlay) = &first.overlay {
+        text += &format!("Overlay: layer {overlay}. ");
+    }
+    text + "Intensities are not resampled. " + COMMENT
+}
+
+async fn mask(cases: &Cases, id: &CaseId, plan: MaskPlan) -> Result<Mask, Error> {
+    let turn = cases.queue.turn().await?;
+    let loaded = match plan {
+        MaskPlan::Brain => {
+            let decode = |_: &CaseFacts, payloads: &[Bytes]| {
+                Some(decode_brain(payloads.first()?)?.mask().clone())
+            };
+            cases.library.load(id, &[ObjectKind::Mask], decode).await?
+        }
+        MaskPlan::Envelope => {
+            let decode = |_: &CaseFacts, payloads: &[Bytes]| {
+                Some(decode_envelope(payloads.first()?)?.mask().clone())
+            };
+            cases
+                .library
+                .load(id, &[ObjectKind::Envelope], decode)
+                .await?
+        }
+    };
+    drop(turn);
+    loaded.ok_or(Error::NoSuchCase)
+}
+
+fn segmentation(
+    head: &Head<'_>,
+    mask: &Mask,
+    plan: MaskPlan,
+    facts: &CaseFacts,
+    method: Option<MaskMethod>,
+) -> Result<Vec<u8>, WriteError> {
+    let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
+    let native = Grid::new(facts.native_size, affine).map_err(|_| WriteError::Size)?;
+    let segment = Segment {
+        content_label: match plan {
+            MaskPlan::Brain => "BRAIN",
+            MaskPlan::Envelope => "ENVELOPE",
+        },
+        label: match plan {
+            MaskPlan::Brain => "Brain",
+            MaskPlan::Envelope => "Brain envelope",
+        },
+        description: match plan {
+            MaskPlan::Brain => "Brain mask; research use only",
+            MaskPlan::Envelope => "Brain mask, closed over the sulci; research use only",
+        },
+        algorithm: match method {
+            Some(MaskMethod::Network) => Algorithm::Automatic("Isocortex, deepbet network"),
+            Some(MaskMethod::TreePruning) => Algorithm::Automatic("Isocortex, tree pruning"),
+            Some(MaskMethod::Volume) => Algorithm::Automatic("Isocortex, skull-stripped volume"),
+            Some(MaskMethod::Supplied) | None => {
+                Algorithm::Semiautomatic("Isocortex, from a supplied mask")
+            }
+        },
+    };
+    let slices = slices(head.source, facts);
+    write::segmentation(head, &segment, mask, &native, &slices)
+}
+
+/// The image of each slice; `None` for an interpolated one.
+fn slices<'a>(source: &'a Attributes, facts: &CaseFacts) -> Vec<Option<&'a Instance>> {
+    let [_, _, count] = facts.native_size;
+    let interpolated = &source.interpolated_slices;
+    if source.instances.len() + interpolated.len() != count {
+        return vec![None; count];
+    }
+    let mut instances = source.instances.iter();
+    let image = |number: usize| match interpolated.contains(&number) {
+        true => None,
+        false => instances.next(),
+    };
+    (1..=count).map(image).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn optional_values_that_are_invalid_are_omitted() {
+        for (name, value, expected) in [
+            ("PatientAge", "042Y", true),
+            ("PatientAge", "42", false),
+            ("PatientAge", "042X", false),
+            ("PatientAge", "ä", false),
+            ("PatientAge", "", false),
+            ("PatientWeight", "71.5", true),
+            ("PatientWeight", "71 kg", false),
+            ("PatientName", "42", true),
+        ] {
+            assert_eq!(is_writable(name, value), expected, "{name} {value}");
+        }
+    }
+}

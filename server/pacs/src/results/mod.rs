@@ -1,0 +1,212 @@
+//! Results of a case as DICOM objects: returned, or sent to a node.
+
+mod compose;
+pub(crate) mod draw;
+pub(crate) mod request;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::Response;
+use case::CaseId;
+use serde::Serialize;
+use storage::arrivals::{Uid, is_id};
+use storage::results::{NewResult, ResultSeries, SentResult};
+use utoipa::ToSchema;
+
+use self::compose::Composer;
+use self::request::ResultRequest;
+use crate::error::{PacsError, ReasonView};
+use crate::node::Node;
+use crate::retrievals::read_json;
+use crate::state::{Pacs, fresh_json};
+
+/// Seconds to wait before the first request for the state.
+const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
+
+/// A result that is sent to a node, or was.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = SentResult)]
+pub(crate) struct ResultView {
+    /// Its name in addresses.
+    id: String,
+    /// The case that it was made from.
+    #[schema(value_type = String)]
+    case: CaseId,
+    /// The node.
+    node: String,
+    /// The Study Instance UID. It leads to a patient.
+    study: String,
+    /// The SOP Instance UID of the result. Equal requests have the same.
+    instance: String,
+    /// `queued`, `running`, `done` or `failed`.
+    state: &'static str,
+    /// The reason, if it failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<ReasonView>,
+    /// Attempts so far.
+    attempts: u32,
+    /// When it was first requested (RFC 3339).
+    created_at: String,
+}
+
+impl From<SentResult> for ResultView {
+    fn from(result: SentResult) -> Self {
+        Self {
+            id: result.id,
+            case: result.case,
+            node: result.node,
+            study: result.study.as_str().to_owned(),
+            instance: result.instance.as_str().to_owned(),
+            state: result.state.name(),
+            reason: result.reason.map(Into::into),
+            attempts: result.attempts,
+            created_at: result.created_at.to_string(),
+        }
+    }
+}
+
+/// A result as DICOM
+///
+/// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), a cine (Multi-frame True Color
+/// Secondary Capture), or the envelope or the brain mask (Segmentation on the slices of the source). Patient and study
+/// are those of the source. Without `node`, the answer is the object; with `node`, the object is kept and sent there by
+/// STOW-RS, again and again for about ten minutes if the node does not answer. Equal requests give one object.
+#[utoipa::path(
+    post, path = "/v1/cases/{id}/dicom-results", tag = "pacs",
+    params(("id" = String, Path, description = "The case")),
+    request_body = ResultRequest,
+    responses(
+        (status = 200, description = "The object", body = Vec<u8>, content_type = "application/dicom"),
+        (status = 202, description = "It is queued for the node, or was already", body = ResultView, headers(
+            ("Location" = String, description = "The address of its state"), ("Retry-After" = u32, description = "Seconds to wait before the first request for it"),
+        )),
+        (status = 400, description = "The body cannot be read, or a value is invalid"),
+        (status = 404, description = "No such case, or no node has this name"),
+        (status = 409, description = "The case is not ready"),
+        (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), or no frame of reference for a segmentation"),
+        (status = 503, description = "Too much work is waiting"),
+    )
+)]
+pub(crate) async fn create_result(
+    State(pacs): State<Pacs>,
+    Path(id): Path<String>,
+    request: Request,
+) -> Response {
+    let made = create(&pacs, &id, request).await;
+    pacs.answer(made)
+}
+
+async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, PacsError> {
+    let no_case = || PacsError::from(cases::Error::NoSuchCase);
+    let id = CaseId::parse(id).ok_or_else(no_case)?;
+    let known = "`what`, `render`, `sheet`, `cine`, `node` and `study`";
+    let asked: ResultRequest = read_json(request, known).await?;
+    pacs.needs_identity()?;
+    let node = asked.node.as_deref().map(|name| find_node(pacs, name));
+    let node = node.transpose()?;
+    let plan = asked.plan()?;
+    let composer = Composer::begin(pacs.cases(), id, &asked, plan).await?;
+    let Some(node) = node else {
+        let file = composer.file(pacs.cases()).await?;
+        return Ok(object(asked.what.name(), file));
+    };
+    let store = pacs.cases().store();
+    let instance = composer.instance();
+    // A result that was made before is sent as it is.
+    let known = store.rows().object_of_result(&instance).await?;
+    let known = match known {
+        Some(name) => store.objects().get(&name).await.ok(),
+        None => None,
+    };
+    let study = composer.study();
+    let series = composer.series();
+    let file = match known {
+        Some(file) => file,
+        None => composer.file(pacs.cases()).await?,
+    };
+    let queued = queue(pacs, id, node, (study, series, instance), file).await?;
+    let address = format!("/v1/dicom-results/{}", queued.id);
+    let mut response = fresh_json(StatusCode::ACCEPTED, &ResultView::from(queued));
+    let headers = response.headers_mut();
+    if let Ok(address) = HeaderValue::from_str(&address) {
+        headers.insert(header::LOCATION, address);
+    }
+    headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
+    Ok(response)
+}
+
+fn find_node<'a>(pacs: &'a Pacs, name: &str) -> Result<&'a Node, PacsError> {
+    pacs.node(name).ok_or_else(|| {
+        PacsError::not_found(
+            "no-such-node",
+            "no node of the configuration has this name; add it to `pacs.nodes`",
+        )
+    })
+}
+
+async fn queue(
+    pacs: &Pacs,
+    case: CaseId,
+    node: &Node,
+    (study, series, instance): (Uid, ResultSeries, Uid),
+    file: Bytes,
+) -> Result<SentResult, PacsError> {
+    let new = NewResult {
+        case,
+        node: node.name().to_owned(),
+        study,
+        series,
+        instance,
+        digest: blake3::hash(&file),
+    };
+    let store = pacs.cases().store();
+    let queued = store.queue_result(new, file).await;
+    if queued.is_err() && store.case(&case).await?.is_none() {
+        return Err(cases::Error::NoSuchCase.into());
+    }
+    Ok(queued?)
+}
+
+/// The answer with an object, which is patient data.
+fn object(name: &str, file: Bytes) -> Response {
+    let mut response = Response::new(Body::from(file));
+    let headers = response.headers_mut();
+    let kind = HeaderValue::from_static("application/dicom");
+    headers.insert(header::CONTENT_TYPE, kind);
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    let name = HeaderValue::from_str(&format!("attachment; filename=\"{name}.dcm\""));
+    if let Ok(name) = name {
+        headers.insert(header::CONTENT_DISPOSITION, name);
+    }
+    response
+}
+
+/// Get a result that is sent
+#[utoipa::path(
+    get, path = "/v1/dicom-results/{id}", tag = "pacs",
+    params(("id" = String, Path, description = "The result")),
+    responses(
+        (status = 200, description = "How far it is", body = ResultView),
+        (status = 404, description = "No such result"),
+    )
+)]
+pub(crate) async fn get_result(State(pacs): State<Pacs>, Path(id): Path<String>) -> Response {
+    let found = get(&pacs, &id).await;
+    pacs.answer(found)
+}
+
+async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
+    let missing = || {
+        PacsError::not_found(
+            "no-such-result",
+            "there is no result with this id; results are forgotten after some days",
+        )
+    };
+    if !is_id(id) {
+        return Err(missing());
+    }
+    let result = pacs.cases().store().rows().result(id).await?;
+    let view = ResultView::from(result.ok_or_else(missing)?);
+    Ok(fresh_json(StatusCode::OK, &view))
+}

@@ -1,0 +1,594 @@
+//! The request for a result, and the checked plan.
+
+use cases::Error;
+use cases::pictures::{CheckedPicture, PictureRequest, picture_size};
+use imaging::dicom::Attributes;
+use render::{NamedView, SheetPlan};
+use serde::{Deserialize, Serialize};
+use storage::arrivals::Uid;
+use utoipa::ToSchema;
+
+use crate::error::PacsError;
+
+/// The most pictures in an object.
+const MAX_PICTURES: usize = 256;
+
+/// The most pixels of all pictures of an object, which then has 96 MiB.
+const MAX_TOTAL_PIXELS: usize = 1 << 25;
+
+/// The most objects of a list.
+const MAX_LISTED: usize = 200;
+
+/// The greatest depth of a cine, in mm.
+const MAX_DEPTH_MM: f32 = 1000.0;
+
+/// What a result shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum What {
+    /// A picture.
+    View,
+    /// Pictures at several depths from several sides, on one page.
+    Sheet,
+    /// A turn, or a way through the depths.
+    Cine,
+    /// The envelope.
+    Envelope,
+    /// The brain mask.
+    Mask,
+    /// A list of images of the source and of results.
+    #[serde(rename = "key-object")]
+    KeyObject,
+}
+
+impl What {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::View => "view",
+            Self::Sheet => "sheet",
+            Self::Cine => "cine",
+            Self::Envelope => "envelope",
+            Self::Mask => "mask",
+            Self::KeyObject => "key-object",
+        }
+    }
+}
+
+/// A result of a case.
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ResultRequest {
+    /// What it shows.
+    #[schema(inline)]
+    pub(crate) what: What,
+    /// The picture, with the keys of `GET /v1/cases/{id}/render`; for `view`, `sheet` and `cine`.
+    #[serde(default)]
+    pub(crate) render: Option<PictureRequest>,
+    /// The rows and columns of a sheet.
+    #[serde(default)]
+    pub(crate) sheet: Option<SheetRequest>,
+    /// The pictures of a cine.
+    #[serde(default)]
+    pub(crate) cine: Option<CineRequest>,
+    /// The list of a key object.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) key_object: Option<KeyObjectRequest>,
+    /// The node of the configuration to which it is sent; without one, the answer is the object.
+    #[serde(default, skip_serializing)]
+    pub(crate) node: Option<String>,
+    /// The patient and the study, if the case was not created from DICOM.
+    #[serde(default, skip_serializing)]
+    pub(crate) study: Option<StudyRequest>,
+}
+
+/// A list of objects of the study.
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct KeyObjectRequest {
+    /// SOP Instance UIDs of images of the source, and of results that were sent; 1 to 200.
+    instances: Vec<String>,
+    /// What they are listed for. Default: `of-interest`.
+    #[serde(default)]
+    #[schema(inline)]
+    pub(crate) title: Title,
+}
+
+/// What objects are listed for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Title {
+    /// Of interest.
+    #[default]
+    OfInterest,
+    /// For surgery.
+    ForSurgery,
+    /// For a conference.
+    ForConference,
+    /// For research.
+    ForResearch,
+}
+
+impl KeyObjectRequest {
+    fn plan(&self) -> Result<KeyObjectPlan, PacsError> {
+        let rule = format!("`key_object.instances` must be 1 to {MAX_LISTED} SOP Instance UIDs");
+        if !(1..=MAX_LISTED).contains(&self.instances.len()) {
+            return Err(out_of_range(rule));
+        }
+        let instances = self.instances.iter().map(|uid| Uid::parse(uid));
+        let instances: Option<Vec<_>> = instances.collect();
+        let mut seen = std::collections::HashSet::new();
+        let mut instances = instances.ok_or_else(|| out_of_range(rule))?;
+        instances.retain(|uid| seen.insert(uid.clone()));
+        Ok(KeyObjectPlan {
+            instances,
+            title: self.title,
+        })
+    }
+}
+
+/// A sheet.
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SheetRequest {
+    /// The depth of each row, in mm. Default: 4, 8, 12, 16.
+    #[serde(default = "default_depths")]
+    depths_mm: Vec<f32>,
+    /// The view of each column. Default: left, right, superior.
+    #[serde(default = "default_views")]
+    #[schema(value_type = Vec<String>)]
+    views: Vec<NamedView>,
+}
+
+fn default_depths() -> Vec<f32> {
+    vec![4.0, 8.0, 12.0, 16.0]
+}
+
+fn default_views() -> Vec<NamedView> {
+    vec![NamedView::Left, NamedView::Right, NamedView::Superior]
+}
+
+impl Default for SheetRequest {
+    fn default() -> Self {
+        Self {
+            depths_mm: default_depths(),
+            views: default_views(),
+        }
+    }
+}
+
+/// A cine.
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CineRequest {
+    /// Number of pictures, 2 to 256.
+    #[serde(default = "default_frames")]
+    #[schema(minimum = 2, maximum = 256, default = 36)]
+    frames: u32,
+    /// The time of each picture, in ms.
+    #[serde(default = "default_frame_time")]
+    #[schema(minimum = 10, maximum = 10000, default = 80)]
+    frame_time_ms: u16,
+    /// The first and the last depth, in mm. Without them, the cine is a full turn at the depth of `render`.
+    #[serde(default)]
+    depths_mm: Option<[f32; 2]>,
+}
+
+fn default_frames() -> u32 {
+    36
+}
+
+fn default_frame_time() -> u16 {
+    80
+}
+
+impl Default for CineRequest {
+    fn default() -> Self {
+        Self {
+            frames: default_frames(),
+            frame_time_ms: default_frame_time(),
+            depths_mm: None,
+        }
+    }
+}
+
+/// The patient and the study of a result, by DICOM keyword. This is patient data.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, rename_all = "PascalCase")]
+pub(crate) struct StudyRequest {
+    /// The study.
+    #[serde(rename = "StudyInstanceUID")]
+    study_instance_uid: String,
+    /// The patient's id.
+    #[serde(rename = "PatientID")]
+    patient_id: String,
+    /// The patient's name, as `Family^Given`.
+    #[serde(default)]
+    patient_name: String,
+    /// The date of birth, as `19670312`.
+    #[serde(default)]
+    patient_birth_date: String,
+    /// `F`, `M` or `O`.
+    #[serde(default)]
+    patient_sex: String,
+    /// The date of the study, as `20261122`.
+    #[serde(default)]
+    study_date: String,
+    /// The time of the study, as `153000`.
+    #[serde(default)]
+    study_time: String,
+    /// The number of the study.
+    #[serde(rename = "StudyID", default)]
+    study_id: String,
+    /// The accession number.
+    #[serde(default)]
+    accession_number: String,
+}
+
+impl StudyRequest {
+    /// The attributes as those of a source without images.
+    pub(crate) fn attributes(&self) -> Result<Attributes, PacsError> {
+        let wrong = |name: &str, rule: &str| {
+            let detail = format!("`study.{name}` must be {rule}");
+            PacsError::bad_request("body-value-out-of-range", detail)
+        };
+        if Uid::parse(&self.study_instance_uid).is_none() {
+            let rule = "a UID: digits and points, at most 64";
+            return Err(wrong("StudyInstanceUID", rule));
+        }
+        if self.patient_id.trim().is_empty() {
+            return Err(wrong("PatientID", "1 to 64 characters"));
+        }
+        let texts = [
+            ("PatientID", &self.patient_id, 64),
+            ("PatientName", &self.patient_name, 324),
+            ("StudyID", &self.study_id, 16),
+            ("AccessionNumber", &self.accession_number, 16),
+        ];
+        for (name, text, most) in texts {
+            let is_plain = |c: char| !c.is_control() && c != '\\';
+            if text.chars().count() > most || !text.chars().all(is_plain) {
+                let rule = format!("at most {most} characters without backslashes");
+                return Err(wrong(name, &rule));
+            }
+        }
+        let digits = |text: &str, length: usize| {
+            text.is_empty()
+                || text.len() == length && text.bytes().all(|byte| byte.is_ascii_digit())
+        };
+        let numbers = [
+            ("PatientBirthDate", &self.patient_birth_date, 8),
+            ("StudyDate", &self.study_date, 8),
+            ("StudyTime", &self.study_time, 6),
+        ];
+        for (name, text, length) in numbers {
+            if !digits(text, length) {
+                return Err(wrong(name, &format!("{length} digits")));
+            }
+        }
+        if !["", "F", "M", "O"].contains(&&*self.patient_sex) {
+            return Err(wrong("PatientSex", "`F`, `M` or `O`"));
+        }
+        let known = [
+            ("StudyInstanceUID", &self.study_instance_uid),
+            ("PatientSex", &self.patient_sex),
+        ];
+        let all = texts.map(|(name, text, _)| (name, text)).into_iter();
+        let all = all.chain(numbers.map(|(name, text, _)| (name, text)));
+        let all = all.chain(known).filter(|(_, text)| !text.is_empty());
+        Ok(Attributes {
+            attributes: all
+                .map(|(name, text)| (name.to_owned(), text.clone()))
+                .collect(),
+            ..Attributes::default()
+        })
+    }
+}
+
+/// What is to be made.
+#[derive(Debug, Clone)]
+pub(crate) enum Plan {
+    /// Pictures.
+    Pictures(PicturePlan),
+    /// A segmentation.
+    Mask(MaskPlan),
+    /// A list.
+    KeyObject(KeyObjectPlan),
+}
+
+/// A checked list.
+#[derive(Debug, Clone)]
+pub(crate) struct KeyObjectPlan {
+    /// Each once, at least one.
+    pub(crate) instances: Vec<Uid>,
+    pub(crate) title: Title,
+}
+
+/// A mask.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum MaskPlan {
+    Envelope,
+    Brain,
+}
+
+/// Checked pictures of one size.
+#[derive(Debug, Clone)]
+pub(crate) struct PicturePlan {
+    /// At least one.
+    pub(crate) pictures: Vec<CheckedPicture>,
+    pub(crate) layout: Layout,
+}
+
+/// How pictures become an object.
+#[derive(Debug, Clone)]
+pub(crate) enum Layout {
+    /// The only picture.
+    One,
+    /// Row by row on one page.
+    Sheet { plan: SheetPlan, columns: usize },
+    /// One after the other.
+    Cine { frame_time_ms: u16 },
+}
+
+fn out_of_range(detail: impl Into<String>) -> PacsError {
+    PacsError::bad_request("body-value-out-of-range", detail)
+}
+
+/// Checks a picture of the body.
+fn checked(picture: &PictureRequest) -> Result<CheckedPicture, PacsError> {
+    picture.checked().map_err(|error| match error {
+        Error::Parameter { kind, name, detail } => {
+            PacsError::bad_request(kind, format!("`render.{name}` {detail}"))
+        }
+        other => other.into(),
+    })
+}
+
+impl ResultRequest {
+    /// Checks the whole request.
+    pub(crate) fn plan(&self) -> Result<Plan, PacsError> {
+        let is_for = |what, name: &str, is_given: bool| match is_given && self.what != what {
+            true => Err(out_of_range(format!(
+                "`{name}` is only accepted with that value of `what`"
+            ))),
+            false => Ok(()),
+        };
+        is_for(What::Sheet, "sheet", self.sheet.is_some())?;
+        is_for(What::Cine, "cine", self.cine.is_some())?;
+        is_for(What::KeyObject, "key_object", self.key_object.is_some())?;
+        let render = self.render.clone().unwrap_or_default();
+        let (pictures, layout) = match self.what {
+            What::Envelope | What::Mask | What::KeyObject if self.render.is_some() => {
+                return Err(out_of_range(
+                    "`render` is only accepted with `view`, `sheet` and `cine`",
+                ));
+            }
+            What::Envelope => return Ok(Plan::Mask(MaskPlan::Envelope)),
+            What::Mask => return Ok(Plan::Mask(MaskPlan::Brain)),
+            What::KeyObject => {
+                let list = self.key_object.as_ref();
+                let list = list.ok_or_else(|| out_of_range("`key_object` is required"))?;
+                return Ok(Plan::KeyObject(list.plan()?));
+            }
+            What::View => (vec![checked(&render)?], Layout::One),
+            What::Sheet => self.sheet.clone().unwrap_or_default().plan(&render)?,
+            What::Cine => self.cine.clone().unwrap_or_default().plan(&render)?,
+        };
+        let size =
+            |picture: &CheckedPicture| picture.asked.width as usize * picture.asked.height as usize;
+        let pixels: usize = pictures.iter().map(size).sum();
+        if pixels > MAX_TOTAL_PIXELS {
+            let detail =
+                format!("the pictures have {pixels} pixels; the limit is {MAX_TOTAL_PIXELS}");
+            return Err(out_of_range(detail));
+        }
+        Ok(Plan::Pictures(PicturePlan { pictures, layout }))
+    }
+}
+
+impl SheetRequest {
+    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), PacsError> {
+        if render.view.is_some() || render.orientation.is_some() || render.depth_mm != 0.0 {
+            return Err(out_of_range(
+                "`sheet` determines the depths and views; omit `depth_mm`, `view` and `orientation` of `render`",
+            ));
+        }
+        let count = self.depths_mm.len() * self.views.len();
+        if !(1..=MAX_PICTURES).contains(&count) {
+            return Err(out_of_range("`sheet` must have 1 to 256 pictures"));
+        }
+        let mut pictures = Vec::with_capacity(count);
+        for &depth_mm in &self.depths_mm {
+            for &view in &self.views {
+                let picture = PictureRequest {
+                    depth_mm,
+                    view: Some(view),
+                    ..render.clone()
+                };
+                pictures.push(checked(&picture)?);
+            }
+        }
+        let rows = self.depths_mm.iter().map(|depth| format!("{depth} mm"));
+        let columns = self.views.iter().map(|view| view.name().to_owned());
+        let cell = picture_size(render.width, render.height)?;
+        let plan = SheetPlan::new(cell, rows.collect(), columns.collect());
+        let plan =
+            plan.map_err(|error| out_of_range(format!("`sheet` is not possible: {error}")))?;
+        let columns = self.views.len();
+        Ok((pictures, Layout::Sheet { plan, columns }))
+    }
+}
+
+impl CineRequest {
+    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), PacsError> {
+        if !(2..=MAX_PICTURES as u32).contains(&self.frames) {
+            return Err(out_of_range("`cine.frames` must be 2 to 256"));
+        }
+        if !(10..=10_000).contains(&self.frame_time_ms) {
+            return Err(out_of_range("`cine.frame_time_ms` must be 10 to 10000"));
+        }
+        checked(render)?;
+        let pictures = match self.depths_mm {
+            None => self.turn(render)?,
+            Some(depths) => self.way(depths, render)?,
+        };
+        let frame_time_ms = self.frame_time_ms;
+        Ok((pictures, Layout::Cine { frame_time_ms }))
+    }
+
+    fn turn(&self, render: &PictureRequest) -> Result<Vec<CheckedPicture>, PacsError> {
+        let turned = |frame| checked(&render.turned(frame, self.frames)?);
+        (0..self.frames).map(turned).collect()
+    }
+
+    fn way(
+        &self,
+        [from_mm, to_mm]: [f32; 2],
+        render: &PictureRequest,
+    ) -> Result<Vec<CheckedPicture>, PacsError> {
+        if render.depth_mm != 0.0 {
+            return Err(out_of_range(
+                "`cine.depths_mm` determines the depths; omit `depth_mm` of `render`",
+            ));
+        }
+        let accepted = 0.0..=MAX_DEPTH_MM;
+        if !accepted.contains(&from_mm) || !accepted.contains(&to_mm) {
+            return Err(out_of_range(
+                "`cine.depths_mm` must be two depths of 0 to 1000 mm",
+            ));
+        }
+        let at = |frame: u32| {
+            let share = frame as f32 / (self.frames - 1) as f32;
+            checked(&PictureRequest {
+                depth_mm: from_mm * (1.0 - share) + to_mm * share,
+                ..render.clone()
+            })
+        };
+        (0..self.frames).map(at).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(body: &str) -> Result<Plan, PacsError> {
+        serde_json::from_str::<ResultRequest>(body).unwrap().plan()
+    }
+
+    fn pictures(body: &str) -> PicturePlan {
+        match plan(body).unwrap() {
+            Plan::Pictures(plan) => plan,
+            Plan::Mask(_) | Plan::KeyObject(_) => panic!("pictures are expected"),
+        }
+    }
+
+    #[test]
+    fn a_sheet_has_a_row_for_each_depth_and_a_cine_all_its_frames() {
+        let sheet = pictures(r#"{"what": "sheet", "render": {"width": 100, "height": 80}}"#);
+        let cells: Vec<_> = sheet
+            .pictures
+            .iter()
+            .map(|cell| (cell.asked.depth_mm, cell.asked.view))
+            .collect();
+        assert_eq!(cells.len(), 12);
+        assert_eq!(cells[4], (8.0, Some(NamedView::Right)));
+        let way = pictures(r#"{"what": "cine", "cine": {"frames": 5, "depths_mm": [4, 12]}}"#);
+        let depths: Vec<_> = way
+            .pictures
+            .iter()
+            .map(|cell| cell.asked.depth_mm)
+            .collect();
+        assert_eq!(depths, [4.0, 6.0, 8.0, 10.0, 12.0]);
+        let turn = pictures(r#"{"what": "cine", "render": {"depth_mm": 7}}"#);
+        assert_eq!(turn.pictures.len(), 36);
+        assert!(turn.pictures.iter().all(|cell| cell.asked.depth_mm == 7.0));
+    }
+
+    #[test]
+    fn what_cannot_be_made_is_refused_by_name() {
+        for (body, named) in [
+            (r#"{"what": "mask", "render": {}}"#, "`render`"),
+            (r#"{"what": "key-object"}"#, "`key_object`"),
+            (
+                r#"{"what": "key-object", "key_object": {"instances": []}}"#,
+                "1 to 200",
+            ),
+            (
+                r#"{"what": "key-object", "key_object": {"instances": ["Smith"]}}"#,
+                "UIDs",
+            ),
+            (
+                r#"{"what": "view", "key_object": {"instances": ["1.2"]}}"#,
+                "`key_object`",
+            ),
+            (r#"{"what": "view", "sheet": {}}"#, "`sheet`"),
+            (
+                r#"{"what": "view", "render": {"depth_mm": -1}}"#,
+                "`render.depth_mm`",
+            ),
+            (
+                r#"{"what": "sheet", "render": {"depth_mm": 1}}"#,
+                "`depth_mm`",
+            ),
+            (r#"{"what": "sheet", "sheet": {"views": []}}"#, "`sheet`"),
+            (
+                r#"{"what": "cine", "cine": {"frames": 1}}"#,
+                "`cine.frames`",
+            ),
+            (
+                r#"{"what": "cine", "cine": {"depths_mm": [0, -1]}}"#,
+                "`cine.depths_mm`",
+            ),
+            (r#"{"what": "cine", "cine": {"frames": 256}}"#, "pixels"),
+        ] {
+            let refused = plan(body).unwrap_err().to_string();
+            assert!(refused.contains(named), "{body}: {refused}");
+        }
+    }
+
+    #[test]
+    fn a_study_has_its_uid_and_its_patient() {
+        let read = |body| {
+            serde_json::from_str::<StudyRequest>(body)
+                .unwrap()
+                .attributes()
+        };
+        let named =
+            read(r#"{"StudyInstanceUID": "1.2.3", "PatientID": "P-1", "PatientName": "Müller^A"}"#);
+        let attributes = named.unwrap().attributes;
+        let value = |name: &str| {
+            attributes
+                .iter()
+                .find(|(known, _)| known == name)
+                .map(|(_, text)| text.as_str())
+        };
+        assert_eq!(value("PatientName"), Some("Müller^A"));
+        assert_eq!(value("StudyDate"), None);
+        for (body, named) in [
+            (
+                r#"{"StudyInstanceUID": "x", "PatientID": "P"}"#,
+                "StudyInstanceUID",
+            ),
+            (
+                r#"{"StudyInstanceUID": "1.2", "PatientID": " "}"#,
+                "PatientID",
+            ),
+            (
+                r#"{"StudyInstanceUID": "1.2", "PatientID": "P\\Q"}"#,
+                "PatientID",
+            ),
+            (
+                r#"{"StudyInstanceUID": "1.2", "PatientID": "P", "StudyDate": "2026"}"#,
+                "StudyDate",
+            ),
+            (
+                r#"{"StudyInstanceUID": "1.2", "PatientID": "P", "PatientSex": "x"}"#,
+                "PatientSex",
+            ),
+        ] {
+            let refused = read(body).unwrap_err().to_string();
+            assert!(refused.contains(named), "{refused}");
+            assert!(!refused.contains("P\\Q"));
+        }
+    }
+}

@@ -1,0 +1,392 @@
+//! WADO-RS (PS3.18 §10.4): the instances that are here, their attributes and their frames.
+
+mod media;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::Response;
+use cases::dicom::StoredFiles;
+use futures_util::stream;
+use imaging::dicom::element;
+use serde_json::{Map, Value};
+use storage::ObjectName;
+use storage::arrivals::Uid;
+
+use self::media::{Accepted, DICOM, FRAME};
+use crate::error::PacsError;
+use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values};
+use crate::state::{Pacs, fresh_json};
+use crate::stow::{DICOM_JSON, refuse_other_answers};
+
+/// The most frames of a request.
+const MAX_FRAMES: usize = 64;
+
+/// Retrieve a study
+///
+/// The instances of a study that are kept, as parts: results that were sent, and with `[pacs] keep_source` the images that its cases
+/// were made of (WADO-RS, PS3.18 §10.4).
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID")),
+    responses(
+        (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
+        (status = 404, description = "It is not here, or its images are not kept"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 503, description = "Too much work is waiting"),
+    )
+)]
+pub(crate) async fn study(
+    State(pacs): State<Pacs>,
+    Path(study): Path<String>,
+    headers: HeaderMap,
+) -> Response {
+    let wanted = Wanted::of(&study, None, None);
+    pacs.answer(files(&pacs, wanted, &headers).await)
+}
+
+/// Retrieve a series
+///
+/// As `GET /dicomweb/studies/{study}`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    responses(
+        (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
+        (status = 404, description = "It is not here, or its images are not kept"),
+    )
+)]
+pub(crate) async fn series(
+    State(pacs): State<Pacs>,
+    Path((study, series)): Path<(String, String)>,
+    headers: HeaderMap,
+) -> Response {
+    let wanted = Wanted::of(&study, Some(&series), None);
+    pacs.answer(files(&pacs, wanted, &headers).await)
+}
+
+/// Retrieve an instance
+///
+/// As `GET /dicomweb/studies/{study}`; with `Accept: application/dicom` the file itself.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}", tag = "pacs",
+    params(
+        ("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID"),
+        ("instance" = String, Path, description = "The SOP Instance UID"),
+    ),
+    responses(
+        (status = 200, description = "The file", content(
+            (Vec<u8> = "multipart/related; type=\"application/dicom\""), (Vec<u8> = "application/dicom"),
+        )),
+        (status = 404, description = "It is not here, or its images are not kept"),
+    )
+)]
+pub(crate) async fn instance(
+    State(pacs): State<Pacs>,
+    Path((study, series, instance)): Path<(String, String, String)>,
+    headers: HeaderMap,
+) -> Response {
+    let wanted = Wanted::of(&study, Some(&series), Some(&instance));
+    pacs.answer(files(&pacs, wanted, &headers).await)
+}
+
+/// Retrieve the attributes of a study
+///
+/// The attributes of every instance as DICOM JSON, without private ones and binary values. Of images that are not kept: what is known of
+/// them.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/metadata", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID")),
+    responses(
+        (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 404, description = "It is not here"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+    )
+)]
+pub(crate) async fn study_metadata(
+    State(pacs): State<Pacs>,
+    Path(study): Path<String>,
+    headers: HeaderMap,
+) -> Response {
+    let wanted = Wanted::of(&study, None, None);
+    pacs.answer(metadata(&pacs, wanted, &headers).await)
+}
+
+/// Retrieve the attributes of a series
+///
+/// As `GET /dicomweb/studies/{study}/metadata`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/metadata", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    responses(
+        (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 404, description = "It is not here"),
+    )
+)]
+pub(crate) async fn series_metadata(
+    State(pacs): State<Pacs>,
+    Path((study, series)): Path<(String, String)>,
+    headers: HeaderMap,
+) -> Response {
+    let wanted = Wanted::of(&study, Some(&series), None);
+    pacs.answer(metadata(&pacs, wanted, &headers).await)
+}
+
+/// Retrieve the attributes of an instance
+///
+/// As `GET /dicomweb/studies/{study}/metadata`.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata", tag = "pacs",
+    params(
+        ("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID"),
+        ("instance" = String, Path, description = "The SOP Instance UID"),
+    ),
+    responses(
+        (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
+        (status = 404, description = "It is not here"),
+    )
+)]
+pub(crate) async fn instance_metadata(
+    State(pacs): State<Pacs>,
+    Path((study, series, instance)): Path<(String, String, String)>,
+    headers: HeaderMap,
+) -> Response {
+    let wanted = Wanted::of(&study, Some(&series), Some(&instance));
+    pacs.answer(metadata(&pacs, wanted, &headers).await)
+}
+
+/// Retrieve frames
+///
+/// Uncompressed samples in little endian, as parts; one frame also as itself.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}", tag = "pacs",
+    params(
+        ("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID"),
+        ("instance" = String, Path, description = "The SOP Instance UID"), ("frames" = String, Path, description = "Numbers from 1, with commas"),
+    ),
+    responses(
+        (status = 200, description = "The frames", content(
+            (Vec<u8> = "multipart/related; type=\"application/octet-stream\""), (Vec<u8> = "application/octet-stream"),
+        )),
+        (status = 400, description = "`frames` is no list of numbers"),
+        (status = 404, description = "It is not here, is not kept, or has no such frame"),
+        (status = 406, description = "No accepted media type is available"),
+    )
+)]
+pub(crate) async fn frames(
+    State(pacs): State<Pacs>,
+    Path((study, series, instance, frames)): Path<(String, String, String, String)>,
+    headers: HeaderMap,
+) -> Response {
+    let wanted = Wanted::of(&study, Some(&series), Some(&instance));
+    pacs.answer(pixels(&pacs, wanted, &frames, &headers).await)
+}
+
+/// What an address names.
+#[derive(Clone, Copy)]
+struct Wanted<'a> {
+    study: &'a str,
+    series: Option<&'a str>,
+    instance: Option<&'a str>,
+}
+
+fn missing() -> PacsError {
+    let detail = "no case was made of this study, series or instance, or it was deleted";
+    PacsError::not_found("no-such-study", detail)
+}
+
+fn not_kept() -> PacsError {
+    PacsError::not_found(
+        "images-not-kept",
+        "the images are not kept here; set `keep_source = true` in `[pacs]` before they come, or retrieve them from the PACS",
+    )
+}
+
+impl<'a> Wanted<'a> {
+    fn of(study: &'a str, series: Option<&'a str>, instance: Option<&'a str>) -> Self {
+        Self {
+            study,
+            series,
+            instance,
+        }
+    }
+
+    /// The study with what the address names of it.
+    async fn load(self, pacs: &Pacs) -> Result<HeldStudy, PacsError> {
+        let uid = Uid::parse(self.study).ok_or_else(missing)?;
+        let study = HeldStudy::load(pacs, &uid).await?;
+        let mut study = study.ok_or_else(missing)?;
+        let is_named =
+            |uid: &Uid, named: Option<&str>| named.is_none_or(|named| named == uid.as_str());
+        study.series.retain_mut(|series: &mut HeldSeries| {
+            let instances = &mut series.instances;
+            instances.retain(|instance: &HeldInstance| is_named(&instance.uid, self.instance));
+            is_named(&series.uid, self.series) && !instances.is_empty()
+        });
+        if study.series.is_empty() {
+            return Err(missing());
+        }
+        Ok(study)
+    }
+}
+
+/// The files of those instances that may be retrieved.
+fn objects(study: &HeldStudy) -> Result<Vec<ObjectName>, PacsError> {
+    let instances = study.series.iter().flat_map(|series| &series.instances);
+    let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
+    if objects.is_empty() {
+        return Err(not_kept());
+    }
+    Ok(objects)
+}
+
+async fn files(
+    pacs: &Pacs,
+    wanted: Wanted<'_>,
+    headers: &HeaderMap,
+) -> Result<Response, PacsError> {
+    let accepted = Accepted::read(headers, DICOM, wanted.instance.is_some())?;
+    let objects = objects(&wanted.load(pacs).await?)?;
+    let syntaxes = accepted.syntaxes;
+    let files = pacs.cases().stored_files(&objects, syntaxes).await?;
+    let files = files.ok_or_else(not_kept)?;
+    if !accepted.is_multipart && files.count() == 1 {
+        let (_, bytes) = files.file(0).await?;
+        return Ok(response(DICOM, bytes.into()));
+    }
+    let boundary = boundary();
+    let kind = format!("multipart/related; type=\"{DICOM}\"; boundary={boundary}");
+    Ok(response(&kind, streamed(files, boundary)))
+}
+
+/// A boundary that is in no file but by a chance of 2⁻⁷⁴.
+fn boundary() -> String {
+    format!("isocortex-{}", uuid::Uuid::now_v7().simple())
+}
+
+fn part_head(boundary: &str, kind: &str) -> Bytes {
+    format!("--{boundary}\r\nContent-Type: {kind}\r\n\r\n").into()
+}
+
+/// The files one after the other, with one of them in memory.
+fn streamed(files: StoredFiles, boundary: String) -> Body {
+    let parts = stream::unfold(
+        (files, 0, boundary),
+        |(files, number, boundary)| async move {
+            if number > files.count() {
+                return None;
+            }
+            let part = match number == files.count() {
+                true => Ok(format!("--{boundary}--\r\n").into()),
+                false => files.file(number).await.map(|(syntax, bytes)| {
+                    let kind = format!("{DICOM}; transfer-syntax={syntax}");
+                    let head = part_head(&boundary, &kind);
+                    Bytes::from([&head[..], &bytes[..], b"\r\n"].concat())
+                }),
+            };
+            Some((part, (files, number + 1, boundary)))
+        },
+    );
+    Body::from_stream(parts)
+}
+
+async fn metadata(
+    pacs: &Pacs,
+    wanted: Wanted<'_>,
+    headers: &HeaderMap,
+) -> Result<Response, PacsError> {
+    refuse_other_answers(headers)?;
+    let study = wanted.load(pacs).await?;
+    let instances = study.series.iter().flat_map(|series| &series.instances);
+    let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
+    let read = match objects.is_empty() {
+        true => Vec::new(),
+        false => pacs
+            .cases()
+            .stored_metadata(&objects)
+            .await?
+            .ok_or_else(not_kept)?,
+    };
+    let mut read = read.into_iter();
+    let mut body: Vec<Value> = Vec::new();
+    for series in &study.series {
+        for instance in &series.instances {
+            let known = instance.object.and_then(|_| read.next());
+            body.push(known.unwrap_or_else(|| what_is_known(&study.values, series, instance)));
+        }
+    }
+    let mut response = fresh_json(StatusCode::OK, &body);
+    let kind = HeaderValue::from_static(DICOM_JSON);
+    response.headers_mut().insert(header::CONTENT_TYPE, kind);
+    Ok(response)
+}
+
+/// The attributes of an image that is not kept, without those of a search.
+fn what_is_known(study: &Values, series: &HeldSeries, instance: &HeldInstance) -> Value {
+    let mut values = study.clone();
+    values.extend(&series.values);
+    values.extend(&instance.values);
+    let of_searches = [
+        "00080056", "00080061", "00081190", "00201206", "00201208", "00201209",
+    ];
+    let values = values.iter().filter(|(tag, ..)| !of_searches.contains(tag));
+    let values = values.map(|(tag, vr, text)| (tag.to_owned(), element(vr, text)));
+    values.collect::<Map<_, _>>().into()
+}
+
+async fn pixels(
+    pacs: &Pacs,
+    wanted: Wanted<'_>,
+    numbers: &str,
+    headers: &HeaderMap,
+) -> Result<Response, PacsError> {
+    let numbers = numbers_of(numbers)?;
+    let accepted = Accepted::read(headers, FRAME, numbers.len() == 1)?;
+    let object = objects(&wanted.load(pacs).await?)?[0];
+    let frames = pacs.cases().stored_frames(object, numbers).await?;
+    let frames: Option<Vec<Bytes>> = frames.ok_or_else(not_kept)?.into_iter().collect();
+    let frames = frames.ok_or_else(|| {
+        PacsError::not_found("no-such-frame", "the instance has no frame of this number")
+    })?;
+    if !accepted.is_multipart
+        && let [frame] = &frames[..]
+    {
+        return Ok(response(FRAME, frame.clone().into()));
+    }
+    let boundary = boundary();
+    let mut pieces = Vec::new();
+    for frame in frames {
+        pieces.extend([
+            part_head(&boundary, FRAME),
+            frame,
+            Bytes::from_static(b"\r\n"),
+        ]);
+    }
+    pieces.push(format!("--{boundary}--\r\n").into());
+    let kind = format!("multipart/related; type=\"{FRAME}\"; boundary={boundary}");
+    Ok(response(&kind, Body::from(pieces.concat())))
+}
+
+/// Numbers from 1 in a list, as numbers from 0.
+fn numbers_of(text: &str) -> Result<Vec<usize>, PacsError> {
+    let numbers = text
+        .split(',')
+        .map(|number| number.trim().parse::<usize>().ok()?.checked_sub(1));
+    let numbers: Option<Vec<_>> = numbers.take(MAX_FRAMES + 1).collect();
+    let numbers = numbers.filter(|numbers| numbers.len() <= MAX_FRAMES);
+    numbers.ok_or_else(|| {
+        let detail =
+            format!("the frames must be numbers from 1, with commas, at most {MAX_FRAMES}");
+        PacsError::bad_request("query-value-out-of-range", detail)
+    })
+}
+
+fn response(kind: &str, body: Body) -> Response {
+    let mut response = Response::new(body);
+    let headers = response.headers_mut();
+    if let Ok(kind) = HeaderValue::from_str(kind) {
+        headers.insert(header::CONTENT_TYPE, kind);
+    }
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
+}

@@ -1,0 +1,119 @@
+//! What the requests share.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Json;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use cases::Cases;
+use serde::Serialize;
+use tokio::sync::{Semaphore, SemaphorePermit};
+
+use crate::error::{PacsError, Problems};
+use crate::node::Node;
+
+/// What a request with images may take.
+#[derive(Debug, Clone, Copy)]
+pub struct UploadLimits {
+    /// The largest body, in bytes.
+    pub max_bytes: u64,
+    /// Requests at a time.
+    pub at_a_time: usize,
+    /// Time within which the next bytes must come.
+    pub idle: Duration,
+    /// Time for a whole request.
+    pub whole: Duration,
+}
+
+/// The options of the neighbour of a PACS.
+#[derive(Debug)]
+pub struct Options {
+    /// What requests with images may take.
+    pub uploads: UploadLimits,
+    /// The nodes from which series are fetched.
+    pub nodes: Vec<Node>,
+    /// Whether the images that cases were made of are served.
+    pub serves_source: bool,
+    /// How errors become answers.
+    pub problems: Problems,
+}
+
+/// What the requests share. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Pacs {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    cases: Cases,
+    options: Options,
+    room: Semaphore,
+}
+
+impl Pacs {
+    /// The neighbour of a PACS on an application.
+    pub fn new(cases: Cases, options: Options) -> Self {
+        let room = Semaphore::new(options.uploads.at_a_time);
+        Self {
+            inner: Arc::new(Inner {
+                cases,
+                options,
+                room,
+            }),
+        }
+    }
+
+    /// The application.
+    pub fn cases(&self) -> &Cases {
+        &self.inner.cases
+    }
+
+    pub(crate) fn limits(&self) -> &UploadLimits {
+        &self.inner.options.uploads
+    }
+
+    pub(crate) fn nodes(&self) -> &[Node] {
+        &self.inner.options.nodes
+    }
+
+    pub(crate) fn serves_source(&self) -> bool {
+        self.inner.options.serves_source
+    }
+
+    /// Refuses what needs the identity of a patient, if none is kept.
+    pub(crate) fn needs_identity(&self) -> Result<(), PacsError> {
+        match self.cases().deidentifies() {
+            false => Ok(()),
+            true => Err(PacsError::new(
+                StatusCode::UNPROCESSABLE_ENTITY,
+                "deidentified",
+                "this server keeps no identity of patients (`deidentify` in `[pacs]`), so it fetches nothing by UIDs and makes no results for a PACS",
+            )),
+        }
+    }
+
+    pub(crate) fn node(&self, name: &str) -> Option<&Node> {
+        self.nodes().iter().find(|node| node.name() == name)
+    }
+
+    /// Room for one more request with images, until it is dropped.
+    pub(crate) fn room(&self) -> Result<SemaphorePermit<'_>, PacsError> {
+        let room = self.inner.room.try_acquire();
+        room.map_err(|_| cases::Error::Busy.into())
+    }
+
+    /// The answer to a request.
+    pub(crate) fn answer(&self, result: Result<Response, PacsError>) -> Response {
+        result.unwrap_or_else(|error| error.answer(self.inner.options.problems))
+    }
+}
+
+/// JSON that no cache may keep.
+pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response {
+    let mut response = (status, Json(body)).into_response();
+    let headers = response.headers_mut();
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
+}

@@ -1,0 +1,295 @@
+//! STOW-RS (PS3.18 §10.5): images come as the parts of a request.
+
+use axum::body::HttpBody as _;
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::Response;
+use cases::Error;
+use cases::dicom::InstanceIdentity;
+use serde_json::{Value, json};
+use storage::Spooled;
+use storage::arrivals::{ArrivalSource, Uid};
+
+use crate::error::PacsError;
+use crate::multipart::MediaType;
+use crate::parts::{Parts, PartsError, is_dicom};
+use crate::state::{Pacs, fresh_json};
+
+const DICOM: &str = "application/dicom";
+pub(crate) const DICOM_JSON: &str = "application/dicom+json";
+
+/// The most images in a request.
+const MAX_INSTANCES: usize = 20_000;
+
+/// Images that are made durable together.
+const BATCH: usize = 64;
+
+/// Why an image was not stored (PS3.18 table I.2-2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FailureReason {
+    /// It is too large.
+    OutOfResources = 0xA700,
+    /// It belongs to another study.
+    DataSetDoesNotMatch = 0xA900,
+    /// It cannot be read.
+    CannotUnderstand = 0xC000,
+    /// It is not an MR or CT image.
+    ClassNotSupported = 0x0122,
+}
+
+/// Store images
+///
+/// Images are durable when they are acknowledged. Once nothing has come for a series for a while, it becomes a case, or
+/// nothing, for a reason that `GET /v1/arrivals` states. An image that is there already is no error.
+#[utoipa::path(
+    post, path = "/dicomweb/studies", tag = "pacs",
+    request_body(content = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
+    responses(
+        (status = 200, description = "All images are stored: `ReferencedSOPSequence` (0008,1199) lists them", content_type = "application/dicom+json"),
+        (status = 202, description = "Some are stored; `FailedSOPSequence` (0008,1198) and `OtherFailuresSequence` (0008,119A) list the others with their reasons", content_type = "application/dicom+json"),
+        (status = 400, description = "The body cannot be read"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+        (status = 409, description = "None is stored", content_type = "application/dicom+json"),
+        (status = 413, description = "The body is too large"),
+        (status = 415, description = "The body is not `multipart/related` of DICOM files"),
+        (status = 503, description = "Too many requests with images at a time"),
+        (status = 507, description = "The disk of the store is full or failed"),
+    )
+)]
+pub(crate) async fn store_study(State(pacs): State<Pacs>, request: Request) -> Response {
+    let stored = store(&pacs, None, request).await;
+    pacs.answer(stored)
+}
+
+/// Store images of a study
+///
+/// As `POST /dicomweb/studies`; images of other studies are not stored.
+#[utoipa::path(
+    post, path = "/dicomweb/studies/{study}", tag = "pacs",
+    params(("study" = String, Path, description = "The Study Instance UID")),
+    request_body(content = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
+    responses(
+        (status = 200, description = "All images are stored", content_type = "application/dicom+json"),
+        (status = 202, description = "Some are stored", content_type = "application/dicom+json"),
+        (status = 404, description = "The address has no UID"),
+        (status = 409, description = "None is stored", content_type = "application/dicom+json"),
+    )
+)]
+pub(crate) async fn store_in_study(
+    State(pacs): State<Pacs>,
+    Path(study): Path<String>,
+    request: Request,
+) -> Response {
+    let stored = match Uid::parse(&study) {
+        Some(study) => store(&pacs, Some(study), request).await,
+        None => Err(PacsError::not_found(
+            "not-a-uid",
+            "the address has no Study Instance UID: digits and points, at most 64",
+        )),
+    };
+    pacs.answer(stored)
+}
+
+async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Response, PacsError> {
+    let boundary = boundary(request.headers())?;
+    refuse_other_answers(request.headers())?;
+    let limits = pacs.limits();
+    if let Some(length) = request.body().size_hint().upper()
+        && length > limits.max_bytes
+    {
+        return Err(PartsError::TooLarge(limits.max_bytes).into());
+    }
+    let _room = pacs.room()?;
+    let mut images = Images {
+        pacs,
+        study,
+        batch: Vec::new(),
+        report: Report::default(),
+    };
+    let mut parts = Parts::new(request.into_body(), &boundary, *limits);
+    while let Some(kind) = parts.next().await? {
+        if images.report.count() == MAX_INSTANCES {
+            let detail = format!("the request has more than {MAX_INSTANCES} parts; send fewer");
+            return Err(PacsError::new(
+                StatusCode::PAYLOAD_TOO_LARGE,
+                "too-many-files",
+                detail,
+            ));
+        }
+        if !is_dicom(kind.as_deref()) {
+            parts.skip().await?;
+            images.report.unknown(FailureReason::CannotUnderstand);
+            continue;
+        }
+        match parts.spool(pacs.cases().store()).await? {
+            Some(file) => images.add(file).await?,
+            None => images.report.unknown(FailureReason::OutOfResources),
+        }
+    }
+    images.finish().await
+}
+
+fn boundary(headers: &HeaderMap) -> Result<String, PacsError> {
+    let kind = headers.get(header::CONTENT_TYPE);
+    let kind = kind.and_then(|kind| MediaType::parse(kind.to_str().ok()?));
+    let boundary = kind.as_ref().and_then(|kind| kind.boundary_of(DICOM));
+    boundary.map(str::to_owned).ok_or_else(|| {
+        PacsError::new(
+            StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            "unsupported-media-type",
+            "send the images as multipart/related; type=\"application/dicom\"; boundary=…",
+        )
+    })
+}
+
+/// Refuses a request that accepts no DICOM JSON.
+pub(crate) fn refuse_other_answers(headers: &HeaderMap) -> Result<(), PacsError> {
+    let accepted = headers.get_all(header::ACCEPT).iter();
+    let mut accepted = accepted
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(','))
+        .map(|kind| kind.split(';').next().unwrap_or_default().trim())
+        .peekable();
+    let ours = [DICOM_JSON, "application/json", "application/*", "*/*"];
+    if accepted.peek().is_none() || accepted.any(|kind| ours.contains(&kind)) {
+        return Ok(());
+    }
+    Err(PacsError::new(
+        StatusCode::NOT_ACCEPTABLE,
+        "not-acceptable",
+        format!("none of the accepted media types is available; available types: {DICOM_JSON}"),
+    ))
+}
+
+/// The images of a request.
+struct Images<'a> {
+    pacs: &'a Pacs,
+    study: Option<Uid>,
+    /// Read, and not durable yet.
+    batch: Vec<(InstanceIdentity, Spooled)>,
+    report: Report,
+}
+
+impl Images<'_> {
+    async fn add(&mut self, file: Spooled) -> Result<(), PacsError> {
+        let identity = match self.pacs.cases().headers.read(&file).await {
+            Ok(identity) => identity,
+            Err(Error::Failure(_)) => {
+                self.report.unknown(FailureReason::CannotUnderstand);
+                return Ok(());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        if let Some(reason) = refusal(&identity, self.study.as_ref()) {
+            self.report.failed(&identity, reason);
+            return Ok(());
+        }
+        self.batch.push((identity, file));
+        if self.batch.len() == BATCH {
+            self.flush().await?;
+        }
+        Ok(())
+    }
+
+    async fn flush(&mut self) -> Result<(), PacsError> {
+        let batch = std::mem::take(&mut self.batch);
+        if batch.is_empty() {
+            return Ok(());
+        }
+        let identities: Vec<_> = batch.iter().map(|(identity, _)| identity.clone()).collect();
+        let source = ArrivalSource::Stow;
+        self.pacs.cases().receive(batch, source).await?;
+        for identity in &identities {
+            self.report.stored(identity);
+        }
+        Ok(())
+    }
+
+    async fn finish(mut self) -> Result<Response, PacsError> {
+        self.flush().await?;
+        if self.report.count() == 0 {
+            return Err(PacsError::bad_request(
+                "no-images",
+                "the request has no parts; send each DICOM file as a part",
+            ));
+        }
+        Ok(self.report.answer())
+    }
+}
+
+/// Why an image is not stored; `None` if it may be.
+fn refusal(identity: &InstanceIdentity, study: Option<&Uid>) -> Option<FailureReason> {
+    if study.is_some_and(|study| *study != identity.uids.study) {
+        return Some(FailureReason::DataSetDoesNotMatch);
+    }
+    (!identity.is_image).then_some(FailureReason::ClassNotSupported)
+}
+
+/// What became of each image of a request.
+#[derive(Debug, Default)]
+struct Report {
+    stored: Vec<Value>,
+    failed: Vec<Value>,
+    others: Vec<Value>,
+}
+
+fn element(vr: &str, value: impl Into<Value>) -> Value {
+    let value: Value = value.into();
+    json!({ "vr": vr, "Value": [value] })
+}
+
+/// The class and the instance of an image.
+fn reference(identity: &InstanceIdentity) -> Value {
+    json!({
+        "00081150": element("UI", identity.sop_class_uid.as_str()),
+        "00081155": element("UI", identity.sop_instance_uid.as_str()),
+    })
+}
+
+impl Report {
+    fn count(&self) -> usize {
+        self.stored.len() + self.failed.len() + self.others.len()
+    }
+
+    fn stored(&mut self, identity: &InstanceIdentity) {
+        let mut item = reference(identity);
+        // Stored images cannot be retrieved from here.
+        item["00081190"] = json!({ "vr": "UR" });
+        self.stored.push(item);
+    }
+
+    fn failed(&mut self, identity: &InstanceIdentity, reason: FailureReason) {
+        let mut item = reference(identity);
+        item["00081197"] = element("US", reason as u16);
+        self.failed.push(item);
+    }
+
+    /// An image without a known instance UID.
+    fn unknown(&mut self, reason: FailureReason) {
+        self.others
+            .push(json!({ "00081197": element("US", reason as u16) }));
+    }
+
+    fn answer(self) -> Response {
+        let status = match (self.stored.len(), self.failed.len() + self.others.len()) {
+            (0, _) => StatusCode::CONFLICT,
+            (_, 0) => StatusCode::OK,
+            _ => StatusCode::ACCEPTED,
+        };
+        let mut body = json!({ "00081190": { "vr": "UR" } });
+        let sequences = [
+            ("00081199", self.stored),
+            ("00081198", self.failed),
+            ("0008119A", self.others),
+        ];
+        for (tag, items) in sequences {
+            if !items.is_empty() {
+                body[tag] = json!({ "vr": "SQ", "Value": items });
+            }
+        }
+        let mut response = fresh_json(status, &body);
+        let kind = HeaderValue::from_static(DICOM_JSON);
+        response.headers_mut().insert(header::CONTENT_TYPE, kind);
+        response
+    }
+}

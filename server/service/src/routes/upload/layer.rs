@@ -1,0 +1,193 @@
+//! The upload of a layer.
+
+use axum::extract::multipart::Multipart;
+use axum::extract::{FromRequest as _, Request, State};
+use axum::http::{StatusCode, header};
+use axum::response::Response;
+use case::{LayerKind, LayerParameters, Transform};
+use cases::dicom::{Options, Purpose};
+use cases::layers::NewLayer;
+use cases::{Cases, VolumeFiles};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+use super::form::{only_one, read_parameters, set_once, take_options, unknown_part_of, unreadable};
+use super::parts::{DicomParts, Incoming};
+use super::{RETRY_SECONDS, refuse_early};
+use crate::routes::fresh::fresh_json;
+use crate::routes::layers::{LayerView, address_of};
+use crate::routes::query::{ApiQuery, CasePath, NoQuery};
+use crate::routes::sent::from_json;
+use crate::state::Uploads;
+use http_support::conditional;
+use http_support::form_body::HeaderBudget;
+use http_support::listen::Peer;
+use http_support::problem::{AppError, Problem};
+
+/// The most bytes of the names of labels.
+const MAX_LABELS_BYTES: usize = 256 << 10;
+
+/// The parts of the upload of a layer.
+#[derive(Debug, ToSchema)]
+pub struct LayerForm {
+    /// The volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM file:
+    /// MR, CT or PET.
+    #[schema(format = Binary, content_media_type = "application/octet-stream")]
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    volume: Option<String>,
+    /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
+    #[schema(format = Binary, content_media_type = "application/dicom")]
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    dicom: Option<Vec<String>>,
+    /// The names of labels, a text file: a line for each, with its number and its name.
+    #[schema(format = Binary, content_media_type = "text/plain")]
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    labels: Option<String>,
+    /// JSON: `name`, unique in the case; `kind` (`mr`, `ct`, `pet`, `map` or `labels`; by default from DICOM, otherwise
+    /// `mr`); `unit`; `transform` (`auto`, `none`, `rigid`, or 4 rows of 4 numbers: the rigid `case_from_layer`, LPS
+    /// mm). For DICOM files also `series` and `allow_gaps`, as for cases.
+    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
+    parameters: Option<String>,
+}
+
+/// The part `parameters`, besides the choice among DICOM files.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct SentParameters {
+    name: Option<String>,
+    kind: Option<LayerKind>,
+    #[serde(alias = "units")]
+    unit: Option<String>,
+    transform: Transform,
+}
+
+/// Add a layer
+///
+/// A further volume of the same head: FLAIR, T2, PET, CT, a map or labels of another program. It is read and checked at
+/// once; its preparation, which finds its place, is queued. The same volume and parameters always give the same layer.
+#[utoipa::path(
+    post, path = "/v1/cases/{id}/layers", tag = "layers",
+    params(("id" = String, Path, description = "The case")),
+    request_body(content = LayerForm, content_type = "multipart/form-data"),
+    responses(
+        (status = 202, description = "A new layer", body = LayerView, headers(
+            ("Location" = String, description = "The address of the layer"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),
+        )),
+        (status = 200, description = "The layer already exists", body = LayerView),
+        (status = 400, description = "The form cannot be read", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case has too many layers, or another layer has the name", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body is not a form, or its volume is neither NIfTI nor DICOM", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The volume cannot be used", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn create_layer(
+    State(cases): State<Cases>,
+    State(uploads): State<Uploads>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+    request: Request,
+) -> Result<Response, AppError> {
+    cases.case(&id).await?;
+    refuse_early(request.headers(), uploads.limits.max_bytes)?;
+    let _room = uploads.begin()?;
+    let client = Peer::of(&request);
+    let incoming = Incoming::begin(cases.store(), &uploads);
+    let Received {
+        volume,
+        labels,
+        sent,
+        options,
+    } = read(&incoming, request).await?;
+    let parameters = LayerParameters {
+        transform: sent.transform,
+        labels: LayerParameters::parse_labels(&labels)?,
+        ..LayerParameters::default()
+    };
+    let new = NewLayer {
+        case: id,
+        volume,
+        options,
+        name: sent.name,
+        kind: sent.kind,
+        unit: sent.unit,
+        parameters,
+        client,
+    };
+    let added = cases.add_layer(new).await?;
+    let status = match added.created {
+        true => StatusCode::ACCEPTED,
+        false => StatusCode::OK,
+    };
+    let address = address_of(&added.layer);
+    let view = LayerView::of_layer(&added.layer).choosing(added.choice);
+    let mut response = fresh_json(status, &view);
+    let headers = response.headers_mut();
+    conditional::insert(headers, header::LOCATION, &address);
+    if added.created {
+        headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
+    }
+    Ok(response)
+}
+
+/// A form, read to its end.
+struct Received {
+    volume: VolumeFiles,
+    labels: String,
+    sent: SentParameters,
+    options: Options,
+}
+
+async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, AppError> {
+    let budget = HeaderBudget::default();
+    let request = request.map(|body| budget.watch(body));
+    let mut form = Multipart::from_request(request, &())
+        .await
+        .map_err(|_| AppError::UnsupportedMediaType)?;
+    let (mut volume, mut labels, mut sent) = (None, None, None);
+    let mut dicom = DicomParts::default();
+    while let Some(field) = incoming.in_time(form.next_field()).await? {
+        budget.end_header();
+        let name = field.name().unwrap_or_default().to_owned();
+        match name.as_str() {
+            "volume" => set_once(&mut volume, &name, incoming.spool(field).await?)?,
+            "dicom" => dicom.add(incoming, field).await?,
+            "labels" => {
+                let text = incoming.short(field, MAX_LABELS_BYTES).await?;
+                let text = text.ok_or_else(|| AppError::PartTooLarge {
+                    detail: format!("the part `labels` is larger than {MAX_LABELS_BYTES} bytes"),
+                })?;
+                set_once(&mut labels, &name, text)?;
+            }
+            "parameters" => {
+                set_once(&mut sent, &name, read_parameters(incoming, field).await?)?;
+            }
+            _ => {
+                return Err(unknown_part_of(
+                    "`volume`, `dicom`, `labels` and `parameters`",
+                ));
+            }
+        }
+        budget.begin_header();
+    }
+    let mut object = sent.unwrap_or_default();
+    let options = take_options(&mut object)?;
+    let sent = from_json(serde_json::Value::Object(object));
+    let labels = String::from_utf8(labels.unwrap_or_default()).map_err(|_| AppError::Upload {
+        kind: "labels-unreadable",
+        detail: "the part `labels` is not UTF-8 text".to_owned(),
+    })?;
+    Ok(Received {
+        volume: only_one(volume, dicom.into_directory())?,
+        labels,
+        sent: sent.map_err(|(path, refusal)| unreadable(&path, &refusal))?,
+        options: Options {
+            purpose: Purpose::Layer,
+            ..options
+        },
+    })
+}

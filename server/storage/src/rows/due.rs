@@ -1,0 +1,21 @@
+//! Series of a PACS that are complete.
+
+use case::CaseId;
+use case::arrivals::SeriesUids;
+
+use crate::ObjectName;
+
+/// A leased series.
+#[derive(Debug, Clone)]
+pub struct DueSeries {
+    /// The arrival.
+    pub id: String,
+    /// The series.
+    pub uids: SeriesUids,
+    /// The case that it became before its last images came.
+    pub previous: Option<CaseId>,
+    /// Its images, in the order of their UIDs.
+    pub instances: Vec<ObjectName>,
+    /// The number of this lease; a greater one fences it off.
+    pub fence: i64,
+}

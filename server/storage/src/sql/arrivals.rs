@@ -1,0 +1,564 @@
+//! Series that come from a PACS, and the index of the series of cases.
+
+use jiff::Timestamp;
+
+use super::connection::{Connection, Row, microseconds};
+use super::{fence, pins};
+use crate::arrivals::{
+    AccessionNumber, Arrival, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries,
+    DueTerms, NOT_T1, NewInstance, Outcome, SeriesQuery, SeriesUids, Uid,
+};
+use crate::rows::DueSeries;
+use crate::{ObjectName, StoreError};
+use case::{CaseId, Failure, ObjectKind};
+
+/// Columns that `read` understands. `WHERE` and what follows may come after.
+macro_rules! select_arrival {
+    ($rest:literal) => {
+        concat!(
+            "SELECT id, study_uid, series_uid, source, state, reason, case_id, instances, expected, first_at, last_at
+             FROM arrivals ",
+            $rest
+        )
+    };
+}
+
+pub(super) fn unreadable(what: &str) -> StoreError {
+    StoreError::Rows(
+        format!("a row of an arrival, a retrieval or a result has an unknown {what}").into(),
+    )
+}
+
+/// Adds an image; whether it is new. The pin of a file that is new becomes a reference; that of another one expires.
+pub(super) async fn add(
+    connection: &mut Connection,
+    new: &NewInstance,
+    source: ArrivalSource,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let id = series(connection, new, source, now).await?;
+    let added = connection
+        .query(
+            "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
+             ON CONFLICT DO NOTHING",
+        )
+        .bind(&id)
+        .bind(new.sop_instance_uid.as_str())
+        .bind(new.digest.to_string())
+        .execute()
+        .await?;
+    if added == 0 {
+        pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
+        return Ok(false);
+    }
+    // Whoever reads the series at this moment does not know this image.
+    connection
+        .query(
+            "UPDATE arrivals SET instances = instances + 1, state = 'receiving', reason = NULL, last_at = $1,
+                    available_at = $1, lease_until = NULL, fence = 0
+             WHERE id = $2",
+        )
+        .bind(now)
+        .bind(&id)
+        .execute()
+        .await?;
+    Ok(true)
+}
+
+/// The arrival of an image's series, which is made if there is none.
+async fn series(
+    connection: &mut Connection,
+    new: &NewInstance,
+    source: ArrivalSource,
+    now: i64,
+) -> Result<String, StoreError> {
+    connection
+        .query(
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at, available_at)
+             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6, $6)
+             ON CONFLICT (study_uid, series_uid) DO NOTHING",
+        )
+        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(new.uids.study.as_str())
+        .bind(new.uids.series.as_str())
+        .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
+        .bind(source.name())
+        .bind(now)
+        .execute()
+        .await?;
+    let row = connection
+        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
+        .bind(new.uids.study.as_str())
+        .bind(new.uids.series.as_str())
+        .fetch_one()
+        .await?;
+    row.get("id")
+}
+
+pub(super) async fn expect(
+    connection: &mut Connection,
+    uids: &SeriesUids,
+    instances: usize,
+) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3")
+        .bind(count(instances))
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// The series that is due and has waited longest. One whose announced images have all come waits no longer.
+pub(super) async fn due(
+    connection: &mut Connection,
+    terms: &DueTerms,
+    now: i64,
+) -> Result<Option<String>, StoreError> {
+    let row = connection
+        .query(
+            "SELECT id FROM arrivals
+             WHERE state = 'receiving' AND available_at <= $1 AND (lease_until IS NULL OR lease_until <= $1)
+               AND (instances >= expected OR last_at <= $2 AND expected IS NULL OR last_at <= $3)
+             ORDER BY last_at, id LIMIT 1",
+        )
+        .bind(now)
+        .bind(now - microseconds(terms.stable))
+        .bind(now - microseconds(terms.patience))
+        .fetch_optional()
+        .await?;
+    row.map(|row| row.get("id")).transpose()
+}
+
+pub(super) async fn lease(
+    connection: &mut Connection,
+    id: &str,
+    until: i64,
+) -> Result<DueSeries, StoreError> {
+    let fence = fence::next(connection, until).await?;
+    let row = connection
+        .query(
+            "UPDATE arrivals SET fence = $1, lease_until = $2 WHERE id = $3
+             RETURNING study_uid, series_uid, case_id",
+        )
+        .bind(fence)
+        .bind(until)
+        .bind(id)
+        .fetch_one()
+        .await?;
+    Ok(DueSeries {
+        uids: read_uids(&row)?,
+        previous: read_case(&row)?,
+        instances: objects(connection, id).await?,
+        id: id.to_owned(),
+        fence,
+    })
+}
+
+async fn objects(connection: &mut Connection, id: &str) -> Result<Vec<ObjectName>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT digest FROM arrival_instances WHERE arrival_id = $1 ORDER BY sop_instance_uid",
+        )
+        .bind(id)
+        .fetch_all()
+        .await?;
+    rows.iter().map(read_object).collect()
+}
+
+fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
+    let digest: String = row.get("digest")?;
+    let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("digest"))?;
+    Ok(ObjectName {
+        kind: ObjectKind::Instance,
+        digest,
+    })
+}
+
+/// Whether the lease was ours until now.
+pub(super) async fn settle(
+    connection: &mut Connection,
+    due: &DueSeries,
+    outcome: &Outcome,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let (state, case, reason, available_at) = match outcome {
+        Outcome::Case(case) => (ArrivalState::Case, Some(case.to_string()), None, now),
+        Outcome::Layer(case) => {
+            let detail = "the series became a layer of the case of its study";
+            let reason = serde_json::to_string(&Failure::unusable(BECAME_LAYER, detail))?;
+            let case = Some(case.to_string());
+            (ArrivalState::Case, case, Some(reason), now)
+        }
+        Outcome::Nothing(failure) => {
+            let reason = serde_json::to_string(failure)?;
+            (ArrivalState::Nothing, None, Some(reason), now)
+        }
+        Outcome::Later(after) => {
+            let at = now + microseconds(*after);
+            (ArrivalState::Receiving, None, None, at)
+        }
+    };
+    if let Some(case) = &case {
+        let row = connection
+            .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS there")
+            .bind(case)
+            .fetch_one()
+            .await?;
+        if !row.get::<bool>("there")? {
+            return Ok(false);
+        }
+    }
+    // A series that became nothing after late images is still the case that it was before.
+    let settled = connection
+        .query(
+            "UPDATE arrivals SET state = $1, reason = $2, available_at = $3, lease_until = NULL, fence = 0,
+                    case_id = coalesce($4, case_id)
+             WHERE id = $5 AND fence = $6",
+        )
+        .bind(state.name())
+        .bind(reason)
+        .bind(available_at)
+        .bind(&case)
+        .bind(&due.id)
+        .bind(due.fence)
+        .execute()
+        .await?;
+    if settled == 0 {
+        return Ok(false);
+    }
+    if let (Outcome::Case(_), Some(case)) = (outcome, case) {
+        wake_others(connection, &due.id, now).await?;
+        connection
+            .query(
+                "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number)
+                 SELECT $1, study_uid, series_uid, accession_number FROM arrivals WHERE id = $2
+                 ON CONFLICT (case_id) DO NOTHING",
+            )
+            .bind(case)
+            .bind(&due.id)
+            .execute()
+            .await?;
+    }
+    Ok(true)
+}
+
+/// Lets the other series of a study be read again that may become layers now that there is a case.
+async fn wake_others(connection: &mut Connection, id: &str, now: i64) -> Result<(), StoreError> {
+    connection
+        .query(
+            "UPDATE arrivals SET state = 'receiving', reason = NULL, available_at = $1
+             WHERE id <> $2 AND state = 'nothing' AND reason LIKE $3
+               AND study_uid = (SELECT study_uid FROM arrivals WHERE id = $2)",
+        )
+        .bind(now)
+        .bind(id)
+        .bind(format!("%\"{NOT_T1}\"%"))
+        .execute()
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn page(
+    connection: &mut Connection,
+    after: Option<&ArrivalCursor>,
+    limit: usize,
+) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
+    let (at, id) = match after {
+        Some(cursor) => (cursor.at, cursor.id.clone()),
+        None => (i64::MAX, String::new()),
+    };
+    let rows = connection
+        .query(select_arrival!(
+            "WHERE (first_at, id) < ($1, $2) ORDER BY first_at DESC, id DESC LIMIT $3"
+        ))
+        .bind(at)
+        .bind(id)
+        .bind(count(limit.saturating_add(1)))
+        .fetch_all()
+        .await?;
+    let mut arrivals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let more = arrivals.len() > limit;
+    arrivals.truncate(limit);
+    let next = arrivals.last().filter(|_| more).map(|last| ArrivalCursor {
+        at: last.first_at.as_microsecond(),
+        id: last.id.clone(),
+    });
+    Ok((arrivals, next))
+}
+
+pub(super) async fn one(
+    connection: &mut Connection,
+    id: &str,
+) -> Result<Option<Arrival>, StoreError> {
+    let row = connection
+        .query(select_arrival!("WHERE id = $1"))
+        .bind(id)
+        .fetch_optional()
+        .await?;
+    row.as_ref().map(read).transpose()
+}
+
+pub(super) async fn of(
+    connection: &mut Connection,
+    query: &SeriesQuery,
+) -> Result<Vec<Arrival>, StoreError> {
+    let rows = match query {
+        SeriesQuery::Study(study, series) => connection
+            .query(select_arrival!(
+                "WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY first_at, id"
+            ))
+            .bind(study.as_str())
+            .bind(series.as_ref().map(Uid::as_str)),
+        SeriesQuery::AccessionNumber(number) => connection
+            .query(select_arrival!(
+                "WHERE accession_number = $1 ORDER BY first_at, id"
+            ))
+            .bind(number.as_str()),
+    };
+    rows.fetch_all().await?.iter().map(read).collect()
+}
+
+pub(super) async fn images_of(
+    connection: &mut Connection,
+    uids: &SeriesUids,
+) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT sop_instance_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
+             WHERE study_uid = $1 AND series_uid = $2 ORDER BY sop_instance_uid",
+        )
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        let uid: String = row.get("sop_instance_uid")?;
+        let uid = Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?;
+        Ok((uid, read_object(row)?))
+    };
+    rows.iter().map(read).collect()
+}
+
+pub(super) async fn studies(
+    connection: &mut Connection,
+    offset: usize,
+    limit: usize,
+) -> Result<Vec<Uid>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT study_uid FROM case_series JOIN cases ON cases.id = case_series.case_id
+             GROUP BY study_uid ORDER BY max(created_at) DESC, study_uid LIMIT $1 OFFSET $2",
+        )
+        .bind(count(limit))
+        .bind(count(offset))
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        let uid: String = row.get("study_uid")?;
+        Uid::parse(&uid).ok_or_else(|| unreadable("UID"))
+    };
+    rows.iter().map(read).collect()
+}
+
+/// Removes settled series for which nothing has come since a time.
+pub(super) async fn forget(
+    connection: &mut Connection,
+    before: i64,
+    keep_cases: bool,
+    now: i64,
+) -> Result<usize, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT id FROM arrivals
+             WHERE state <> 'receiving' AND last_at <= $1 AND (case_id IS NULL OR $2 = 0)",
+        )
+        .bind(before)
+        .bind(i64::from(keep_cases))
+        .fetch_all()
+        .await?;
+    for row in &rows {
+        remove(connection, &row.get::<String>("id")?, now).await?;
+    }
+    Ok(rows.len())
+}
+
+/// Removes the series that a case came from, so that nothing of the patient stays.
+pub(super) async fn remove_of_case(
+    connection: &mut Connection,
+    case: &CaseId,
+    now: i64,
+) -> Result<(), StoreError> {
+    let rows = connection
+        .query("SELECT id FROM arrivals WHERE case_id = $1")
+        .bind(case.to_string())
+        .fetch_all()
+        .await?;
+    for row in &rows {
+        remove(connection, &row.get::<String>("id")?, now).await?;
+    }
+    Ok(())
+}
+
+async fn remove(connection: &mut Connection, id: &str, now: i64) -> Result<(), StoreError> {
+    let images = objects(connection, id).await?;
+    pins::abandon(connection, images, now).await?;
+    // Its images go with it (ON DELETE CASCADE).
+    connection
+        .query("DELETE FROM arrivals WHERE id = $1")
+        .bind(id)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Whether an arrival refers to an object.
+pub(super) async fn needs(
+    connection: &mut Connection,
+    name: &ObjectName,
+) -> Result<bool, StoreError> {
+    if name.kind != ObjectKind::Instance {
+        return Ok(false);
+    }
+    let row = connection
+        .query("SELECT EXISTS (SELECT 1 FROM arrival_instances WHERE digest = $1) AS needed")
+        .bind(name.digest.to_string())
+        .fetch_one()
+        .await?;
+    row.get("needed")
+}
+
+pub(super) async fn end_leases(connection: &mut Connection) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE arrivals SET lease_until = NULL, fence = 0")
+        .execute()
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn index(
+    connection: &mut Connection,
+    series: &CaseSeries,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number)
+             SELECT id, $2, $3, $4 FROM cases WHERE id = $1
+             ON CONFLICT (case_id) DO NOTHING",
+        )
+        .bind(series.case.to_string())
+        .bind(series.uids.study.as_str())
+        .bind(series.uids.series.as_str())
+        .bind(
+            series
+                .accession_number
+                .as_ref()
+                .map(AccessionNumber::as_str),
+        )
+        .execute()
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn series_of(
+    connection: &mut Connection,
+    case: &CaseId,
+) -> Result<Option<CaseSeries>, StoreError> {
+    let row = connection
+        .query("SELECT case_id, study_uid, series_uid, accession_number FROM case_series WHERE case_id = $1")
+        .bind(case.to_string())
+        .fetch_optional()
+        .await?;
+    row.as_ref().map(read_case_series).transpose()
+}
+
+pub(super) async fn cases_of(
+    connection: &mut Connection,
+    query: &SeriesQuery,
+) -> Result<Vec<CaseSeries>, StoreError> {
+    let rows = match query {
+        SeriesQuery::Study(study, series) => connection
+            .query(
+                "SELECT case_id, study_uid, series_uid, accession_number
+                 FROM case_series JOIN cases ON cases.id = case_series.case_id
+                 WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY created_at DESC, id",
+            )
+            .bind(study.as_str())
+            .bind(series.as_ref().map(Uid::as_str)),
+        SeriesQuery::AccessionNumber(number) => connection
+            .query(
+                "SELECT case_id, study_uid, series_uid, accession_number
+                 FROM case_series JOIN cases ON cases.id = case_series.case_id
+                 WHERE accession_number = $1 ORDER BY created_at DESC, id",
+            )
+            .bind(number.as_str()),
+    };
+    rows.fetch_all()
+        .await?
+        .iter()
+        .map(read_case_series)
+        .collect()
+}
+
+fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
+    let number: Option<String> = row.get("accession_number")?;
+    Ok(CaseSeries {
+        case: read_case(row)?.ok_or_else(|| unreadable("case"))?,
+        uids: read_uids(row)?,
+        accession_number: number.as_deref().and_then(AccessionNumber::parse),
+    })
+}
+
+/// A number of images for a column.
+pub(super) fn count(number: usize) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}
+
+/// A number of images in a column.
+pub(super) fn read_count(number: i64) -> usize {
+    usize::try_from(number).unwrap_or(0)
+}
+
+pub(super) fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
+    let uid = |column| {
+        let text: String = row.get(column)?;
+        Uid::parse(&text).ok_or_else(|| unreadable("UID"))
+    };
+    Ok(SeriesUids {
+        study: uid("study_uid")?,
+        series: uid("series_uid")?,
+    })
+}
+
+fn read_case(row: &Row) -> Result<Option<CaseId>, StoreError> {
+    let id: Option<String> = row.get("case_id")?;
+    id.map(|id| CaseId::parse(&id).ok_or_else(|| unreadable("case")))
+        .transpose()
+}
+
+pub(super) fn read_time(row: &Row, column: &str) -> Result<Timestamp, StoreError> {
+    Timestamp::from_microsecond(row.get(column)?).map_err(|_| unreadable("time"))
+}
+
+pub(super) fn read_reason(row: &Row) -> Result<Option<Failure>, StoreError> {
+    let reason: Option<String> = row.get("reason")?;
+    Ok(reason.as_deref().map(serde_json::from_str).transpose()?)
+}
+
+fn read(row: &Row) -> Result<Arrival, StoreError> {
+    let [source, state]: [String; 2] = [row.get("source")?, row.get("state")?];
+    let expected: Option<i64> = row.get("expected")?;
+    Ok(Arrival {
+        id: row.get("id")?,
+        uids: read_uids(row)?,
+        source: ArrivalSource::from_name(&source).ok_or_else(|| unreadable("source"))?,
+        state: ArrivalState::from_name(&state).ok_or_else(|| unreadable("state"))?,
+        reason: read_reason(row)?,
+        case: read_case(row)?,
+        instances: read_count(row.get("instances")?),
+        expected: expected.map(read_count),
+        first_at: read_time(row, "first_at")?,
+        last_at: read_time(row, "last_at")?,
+    })
+}

@@ -1,0 +1,76 @@
+//! Derived objects: who may write them, and rebuilds.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::*;
+
+#[tokio::test]
+async fn a_worker_without_its_lease_publishes_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let id = submit(&store, "volume").await.unwrap().case.id;
+    let claim = claim(store.rows()).await.unwrap();
+    let handed_back = Release {
+        after: Duration::ZERO,
+        counts: false,
+    };
+    assert!(store.rows().release(&claim, handed_back).await.unwrap());
+    let objects = vec![(ObjectKind::Volume, Bytes::from_static(b"volume"))];
+    let framed = frame_all(objects).await.unwrap();
+    for publisher in [Publisher::Worker(&claim), Publisher::Rebuild(&id)] {
+        let published = store.publish(publisher, &framed, &facts()).await;
+        assert_eq!(published.unwrap(), Published::Fenced, "{publisher:?}");
+        let case = store.case(&id).await.unwrap().unwrap();
+        assert_eq!((case.state, case.facts), (CaseState::Queued, None));
+        assert_nothing_left_over(&store, directory.path()).await;
+    }
+}
+
+#[tokio::test]
+async fn rebuilds_of_a_case_come_one_after_another() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let id = ready(&store, "volume").await;
+    let active = AtomicUsize::new(0);
+    let rebuild = async || {
+        assert_eq!(active.fetch_add(1, Ordering::SeqCst), 0, "one at a time");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        active.fetch_sub(1, Ordering::SeqCst);
+        Ok(())
+    };
+    let (first, second) = tokio::join!(
+        store.rebuild_alone(&id, rebuild()),
+        store.rebuild_alone(&id, rebuild())
+    );
+    assert!(matches!((first, second), (Ok(Some(())), Ok(Some(())))));
+    // One that fails gives its lease back.
+    let fails = async { Err::<(), _>(StoreError::QueueFull) };
+    let failed = store.rebuild_alone(&id, fails).await;
+    assert!(matches!(failed, Err(StoreError::QueueFull)));
+    let begun = std::time::Instant::now();
+    assert!(store.rebuild_alone(&id, rebuild()).await.unwrap().is_some());
+    assert!(begun.elapsed() < Duration::from_secs(5));
+    store.delete(&id).await.unwrap();
+    let gone = store.rebuild_alone(&id, rebuild()).await.unwrap();
+    assert!(gone.is_none());
+}
+
+#[tokio::test]
+async fn lost_attributes_are_an_error_and_not_a_case_without_any() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let dicom = Upload {
+        dicom: Some(store.spool_all("whose".into()).await.unwrap()),
+        ..upload(&store, "volume", None).await
+    };
+    let submitted = store.submit_upload(dicom, Parameters::default()).await;
+    let id = submitted.unwrap().case.id;
+    let folder = directory.path().join("objects/source-dicom");
+    let [file] = &files_below(&folder)[..] else {
+        panic!("one object has the attributes");
+    };
+    std::fs::write(file, b"damaged").unwrap();
+    let lost = store.source_dicom(&id).await.unwrap_err();
+    assert!(matches!(lost, StoreError::Objects(_)), "{lost:?}");
+    assert_eq!(store.counters().bad_objects, 1);
+}

@@ -1,0 +1,114 @@
+// The page in windows of five sizes, in both languages and themes: nothing is cut off, and no control covers another.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import { brainMask, markedVolume } from "./phantom.ts";
+import {
+  type Server,
+  keep,
+  launchBrowser,
+  openPage,
+  readyCase,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+} from "./support.ts";
+
+const SIZES = [
+  [390, 844],
+  [820, 1180],
+  [1024, 768],
+  [1440, 900],
+  [1920, 1200],
+] as const;
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "serve", data: scratch.folder });
+    const form = new FormData();
+    form.append("volume", new Blob([new Uint8Array(markedVolume())]), "volume.nii");
+    form.append("mask", new Blob([new Uint8Array(brainMask())]), "mask.nii");
+    form.append("parameters", new Blob(['{"name":"A label of some length, as people give them"}']));
+    await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
+    await readyCase(server.address);
+    browser = await launchBrowser();
+  },
+  { timeout: 600_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+/** What is wrong with the page as it is laid out, in words. */
+const faults = (page: Page): Promise<string[]> =>
+  page.evaluate(() => {
+    const found: string[] = [];
+    const root = document.documentElement;
+    if (root.scrollWidth > root.clientWidth) found.push(`the page is ${root.scrollWidth} wide`);
+    const nameOf = (one: Element): string =>
+      `${one.id || one.getAttribute("aria-label") || one.textContent?.trim().slice(0, 30) || one.tagName}`;
+    const controls = [...document.querySelectorAll<HTMLElement>("button, select, input, summary")].filter(
+      (one) => one.checkVisibility() && one.getBoundingClientRect().width > 2,
+    );
+    for (const one of controls) {
+      const box = one.getBoundingClientRect();
+      if (box.left < -1 || box.right > root.clientWidth + 1) found.push(`${nameOf(one)} is beside the window`);
+      if (one.matches("button, summary") && one.scrollWidth > one.clientWidth + 1)
+        found.push(`the words of ${nameOf(one)} are cut off`);
+    }
+    for (const group of [".bar", ".depth-bar", ".panel", ".sidebar"]) {
+      const own = controls.filter((one) => one.closest(group));
+      for (const [at, one] of own.entries()) {
+        for (const other of own.slice(at + 1)) {
+          if (one.contains(other) || other.contains(one)) continue;
+          const [a, b] = [one.getBoundingClientRect(), other.getBoundingClientRect()];
+          const [across, down] = [
+            Math.min(a.right, b.right) - Math.max(a.left, b.left),
+            Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top),
+          ];
+          if (across > 1 && down > 1) found.push(`${nameOf(one)} covers ${nameOf(other)}`);
+        }
+      }
+    }
+    return found;
+  });
+
+test("nothing is cut off or covered in any size, language and theme", { skip, timeout: 900_000 }, async () => {
+  const { page, troubles, context } = await openPage(browser);
+  await page.goto(`${new URL("/", server.address).origin}/?renderer=server`);
+  await shown(page);
+  const wrong: string[] = [];
+  for (const language of ["en", "pt-BR"]) {
+    await page.locator("#language").selectOption(language);
+    await page.waitForSelector(`html[lang=${language}]`);
+    await shown(page);
+    for (const theme of ["dark", "light"]) {
+      await page.evaluate((wanted) => {
+        document.documentElement.dataset.theme = wanted;
+      }, theme);
+      for (const [width, height] of SIZES) {
+        await page.setViewportSize({ width, height });
+        const name = `size-${width}x${height}-${language}-${theme}`;
+        await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+        wrong.push(...(await faults(page)).map((fault) => `${name}: ${fault}`));
+        await keep(page, name);
+      }
+    }
+  }
+  assert.deepEqual(wrong, []);
+  assert.deepEqual(troubles, []);
+  await context.close();
+});

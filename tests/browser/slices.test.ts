@@ -1,0 +1,294 @@
+// The slices: drawn by the server until the page has the whole volume, then by the page; and the hands on them.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import type { ReadyCase } from "../../web/src/model/case.ts";
+import { type Demo, type Hands, startDemo } from "./hands.ts";
+import { picturesAgree } from "./pixels.ts";
+import { type Server, type Watched, fragment, keep, openPage, skip, typeDepth, until } from "./support.ts";
+
+const PLANES = ["axial", "coronal", "sagittal"] as const;
+
+let demo: Demo | undefined;
+let server: Server;
+let browser: Browser;
+let watched: Watched;
+let page: Page;
+let id: string;
+let { text, reset, surface, letters } = {} as Hands;
+
+before(
+  async () => {
+    if (skip) return;
+    demo = await startDemo();
+    ({ server, browser, watched, page, id } = demo);
+    ({ text, reset, surface, letters } = demo.hands);
+  },
+  { timeout: 600_000 },
+);
+
+after(() => demo?.end());
+
+test("a double click marks a point: slices, numbers and the depth profile follow", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  const { x, y, width, height } = await surface();
+  await page.mouse.dblclick(x + width * 0.45, y + height * 0.45);
+  const { x: marked = "" } = await fragment(page);
+  const [left = 0] = marked.split(",").map(Number);
+  assert.ok(left > 20, "the left view shows the left side: LPS counts to the left");
+  assert.match(await text(".point .position"), /^L\s\d+\.\d · [AP]\s\d+\.\d · [SI]\s\d+\.\d$/);
+  assert.match(await text(".point .voxel"), /^\d+, \d+, \d+$/);
+  assert.equal(await text(".point .depth"), "10.0 mm");
+  assert.match(await text(".point .intensity"), /^\d/);
+  await page.waitForFunction(
+    (position) =>
+      Math.abs(Number(document.querySelector<HTMLElement>(".slice.sagittal")?.dataset.position) - position) < 0.2,
+    left,
+  );
+  for (const plane of ["axial", "coronal", "sagittal"]) {
+    assert.equal(await page.locator(`.slice.${plane} .cursor line`).count(), 4, plane);
+  }
+  // Both curves, and the same as a table.
+  for (const curve of ["own", "other"]) {
+    const path = (await page.locator(`.chart .curve.${curve}`).getAttribute("d")) ?? "";
+    assert.ok(path.split("L").length > 20, `${curve}: ${path.slice(0, 60)}`);
+  }
+  await page.locator(".as-table summary").click();
+  assert.ok((await page.locator(".as-table tbody tr").count()) > 10);
+  await page.locator(".as-table summary").click();
+  await keep(page, "desktop-slices");
+});
+
+test(
+  "a slice is windowed, zoomed, moved and enlarged by the hands of other viewers, and says what is under the pointer",
+  { skip, timeout: 600_000 },
+  async () => {
+    await reset();
+    await page.locator(".layouts button[value=slices]").click();
+    await page.waitForSelector(".slice.axial[data-position]");
+    const frame = page.locator(".slice.axial .slice-view");
+    const box = await frame.boundingBox();
+    assert.ok(box);
+    // A wheel event tells whole pixels.
+    const [cx, cy] = [Math.round(box.x + box.width / 2), Math.round(box.y + box.height / 2)];
+    const slider = await page.locator(".slice.axial .slice-range").boundingBox();
+    assert.ok(slider && slider.y >= box.y + box.height - 0.5, "the slider lies below the picture");
+    const asked = (): Promise<string> =>
+      page.waitForRequest((request) => request.url().includes("/slices/axial")).then((request) => request.url());
+    // The slice of the test before may be shown until this one's has come.
+    const middle_mm = (await facts()).envelope_sphere.center_in_patient[2];
+    await page.waitForFunction(
+      (wished) => Number(document.querySelector<HTMLElement>(".slice.axial")?.dataset.position) === wished,
+      middle_mm,
+    );
+    await page.mouse.move(cx + 20, cy + 10);
+    await page.waitForFunction(() =>
+      /^[LR]\s.* mm\s+\d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
+    );
+    const words = await text(".slice.axial .hovered");
+    let waiting = asked();
+    await page.keyboard.down("Control");
+    await page.mouse.wheel(0, -300);
+    await page.keyboard.up("Control");
+    assert.match(await waiting, /zoom=1\.\d+&pan=/);
+    await page.mouse.move(cx + 24, cy + 10);
+    await page.mouse.move(cx + 20, cy + 10);
+    await until(
+      () => text(".slice.axial .hovered"),
+      (now) => now !== "",
+    );
+    const held = (await text(".slice.axial .hovered")).split("  ")[0];
+    assert.equal(held, words.split("  ")[0], "what is under the pointer stays there");
+    await keep(page, "slice-zoomed");
+    waiting = asked();
+    await page.keyboard.down("Shift");
+    await page.mouse.down();
+    await page.mouse.move(cx + 50, cy + 30, { steps: 3 });
+    await page.mouse.up();
+    await page.keyboard.up("Shift");
+    assert.match(await waiting, /pan=/);
+    assert.equal((await fragment(page)).x, undefined, "no point was marked");
+    await page.mouse.move(cx, cy);
+    await page.mouse.down({ button: "right" });
+    await page.mouse.move(cx + 60, cy, { steps: 3 });
+    await page.mouse.up({ button: "right" });
+    assert.ok((await fragment(page)).w, "the window is another one");
+    await page.locator(".slice.axial").focus();
+    waiting = asked();
+    await page.keyboard.press("Home");
+    assert.doesNotMatch(await waiting, /zoom=|pan=/);
+    waiting = asked();
+    await page.locator("#surface").focus();
+    await page.keyboard.press("o");
+    assert.doesNotMatch(await waiting, /depth_mm/);
+    await page.keyboard.press("o");
+    await page.locator(".slice.coronal .slice-view > .icon-button").click();
+    const panes = await page.locator(".panes").boundingBox();
+    const large = await page.locator(".slice.coronal").boundingBox();
+    assert.ok(panes && large && Math.abs(large.width - panes.width) < 2 && Math.abs(large.height - panes.height) < 2);
+    await page.waitForFunction(() => {
+      const image = document.querySelector<HTMLImageElement>(".slice.coronal .slice-image img");
+      const frame = document.querySelector(".slice.coronal .slice-view");
+      const box = image?.getBoundingClientRect();
+      if (!image || !frame || !box || image.naturalWidth < 700) return false;
+      const [across, down] = [box.width / image.naturalWidth, box.height / image.naturalHeight];
+      return Math.abs(box.width - frame.clientWidth) < 2 && Math.abs(across / down - 1) < 0.01;
+    });
+    await keep(page, "slice-large");
+    assert.ok((await text(".slice.coronal .pane-case")).endsWith(id.slice(0, 8)), "it names the case itself");
+    await page.locator(".slice.coronal .slice-view").dblclick({ position: { x: 200, y: 200 } });
+    assert.ok(((await page.locator(".slice.coronal").boundingBox())?.width ?? 9999) < panes.width / 2);
+  },
+);
+
+test("a click in a slice turns the surface to that point", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  const box = await page.locator(".slice.coronal").boundingBox();
+  assert.ok(box);
+  // At the picture's left is the patient's right.
+  await page.mouse.click(box.x + box.width * 0.3, box.y + box.height * 0.4);
+  const { x: marked = "", q, v } = await fragment(page);
+  assert.ok(Number(marked.split(",")[0]) < -15, marked);
+  assert.ok(q || v);
+  const cube = page.locator("#surface .cube [data-view=right]");
+  await cube.waitFor({ state: "attached" });
+  assert.ok(Number(await cube.getAttribute("opacity")) > 0.6, "the right side is in front");
+  const range = page.locator(".slice.axial .slice-range");
+  await range.fill("20");
+  assert.equal((await fragment(page)).x?.split(",")[2], "20");
+});
+
+test("slices are radiological until the other convention is chosen, and say which", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  await page.waitForSelector(".slice.axial img");
+  assert.equal(await letters(".slice.axial"), "R L A P");
+  assert.equal(await letters(".slice.coronal"), "R L S I");
+  assert.equal(await letters(".slice.sagittal"), "A P S I");
+  assert.equal(await text(".slice.axial .badge"), "Radiological");
+  await page.locator(".group", { hasText: "Drawing" }).locator("summary").first().click();
+  await page.locator("#convention").selectOption("neurological");
+  await page.waitForSelector(".slice.axial .slice-image.flipped", { state: "attached" });
+  assert.equal(await letters(".slice.axial"), "L R A P");
+  assert.equal(await text(".slice.coronal .badge"), "Neurological");
+  assert.equal(await page.locator(".slice.sagittal .badge").isVisible(), false);
+  assert.equal(await page.locator(".slice.axial .slice-image.flipped").count(), 1);
+  await page.locator("#convention").selectOption("radiological");
+});
+
+test("a late answer never stands over a newer one", { skip }, async () => {
+  await reset();
+  await page.locator(".layouts button[value=slices]").click();
+  await page.waitForSelector(".slice.axial img");
+  let held = 0;
+  await page.route("**/slices/axial?*", async (route) => {
+    // The first answer is the last to come.
+    if ((held += 1) === 1) await new Promise((resolve) => setTimeout(resolve, 1200));
+    await route.continue();
+  });
+  for (const value of [9, 12, 11.5]) await typeDepth(page, value);
+  await page.waitForSelector(".slice.axial[data-depth='11.5']");
+  await page.waitForTimeout(600);
+  assert.equal(await page.locator(".slice.axial").getAttribute("data-depth"), "11.5");
+  assert.ok(held <= 2, `${held} requests: wishes in between are not asked for`);
+  await page.unroute("**/slices/axial?*");
+});
+
+async function facts(): Promise<ReadyCase> {
+  return (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as ReadyCase;
+}
+
+/** A page that draws the slices of a state itself. */
+async function drawnByPage(rest: string): Promise<Watched> {
+  const opened = await openPage(browser, { viewport: { width: 1400, height: 900 } });
+  await opened.page.goto(`${new URL("/", server.address)}#${id}&l=slices`);
+  await opened.page.waitForSelector("canvas.cortex[data-whole=true]", { state: "attached" });
+  await opened.page.evaluate((hash) => (location.hash = hash), `#${id}&l=slices${rest}`);
+  for (const plane of PLANES) await opened.page.waitForSelector(`.slice.${plane}[data-way=page]`);
+  return opened;
+}
+
+/** What a slice's canvas shows, and where the server draws the same. */
+async function sliceOf(other: Page, plane: string): Promise<{ readonly own: string; readonly size: string }> {
+  return other
+    .locator(`.slice.${plane} .slice-image canvas`)
+    .evaluate((canvas: HTMLCanvasElement) => ({
+      own: canvas.toDataURL(),
+      size: `width=${canvas.width}&height=${canvas.height}`,
+    }));
+}
+
+test(
+  "once the page has the whole volume it draws the slices as the server does, without asking it",
+  { skip, timeout: 600_000 },
+  async () => {
+    const { page: own, troubles, context } = await drawnByPage("&d=12&x=-20,10,-15&o=5,20");
+    const asked: string[] = [];
+    own.on("request", (request) => asked.push(new URL(request.url()).pathname));
+    const table: string[] = [];
+    const compare = async (what: string, query: string, positions: readonly number[]): Promise<void> => {
+      for (const [at, plane] of PLANES.entries()) {
+        const { own: picture, size } = await sliceOf(own, plane);
+        const address = `/v1/cases/${id}/slices/${plane}?position_mm=${positions[at]}&${query}&${size}`;
+        const share = await picturesAgree(own, picture, address);
+        table.push(`${what}, ${plane}: ${(100 * share).toFixed(2)} %`);
+        assert.ok(share >= 0.99, table.at(-1));
+      }
+    };
+    const { center, width } = (await facts()).intensity.window;
+    await compare("three contours", `depth_mm=12,5,20&window=${center},${width}`, [-15, 10, -20]);
+    // Another position is another picture, so that the comparison can fail.
+    const { own: picture, size } = await sliceOf(own, "axial");
+    const wrong = `/v1/cases/${id}/slices/axial?position_mm=-5&depth_mm=12,5,20&window=${center},${width}&${size}`;
+    assert.ok((await picturesAgree(own, picture, wrong)) < 0.95);
+    asked.length = 0;
+    // Below the brain, where only the whole volume holds anything.
+    const range = own.locator(".slice.axial .slice-range");
+    await range.fill("-70");
+    await own.waitForSelector(".slice.axial[data-position='-70']");
+    assert.equal(await own.locator(".slice.axial").getAttribute("data-way"), "page");
+    assert.deepEqual(
+      asked.filter((path) => path.includes("/slices/")),
+      [],
+    );
+    await compare("the face", `depth_mm=12,5,20&window=${center},${width}`, [-70, 10, -20]);
+    await own.locator(".slice.axial").focus();
+    await own.keyboard.press("ArrowUp");
+    await own.waitForSelector(".slice.axial[data-position='-69']");
+    await own.locator("#surface").focus();
+    await own.keyboard.press("o");
+    await own.waitForFunction(() => document.querySelector<HTMLElement>(".panes")?.dataset.bare === "true");
+    await compare("no contours", `window=${center},${width}`, [-69, 10, -20]);
+    await own.keyboard.press("o");
+    console.log(table.join("\n"));
+    await keep(own, "slices-of-the-page");
+    assert.deepEqual(troubles, []);
+    await context.close();
+  },
+);
+
+test("a lost context leaves the slices to the server, and takes them back", { skip, timeout: 600_000 }, async () => {
+  const { page: own, context } = await drawnByPage("&x=-20,10,-15");
+  await own.evaluate(() => {
+    const gl = document.querySelector<HTMLCanvasElement>("canvas.cortex")?.getContext("webgl2");
+    const losing = gl?.getExtension("WEBGL_lose_context");
+    losing?.loseContext();
+    setTimeout(() => losing?.restoreContext(), 1500);
+  });
+  await own.waitForSelector(".viewer[data-fallback=context-lost]");
+  await own.locator(".slice.axial .slice-range").fill("30");
+  await own.waitForSelector(".slice.axial[data-way=server]");
+  await own.waitForSelector(".viewer[data-fallback='']");
+  await own.locator(".slice.axial .slice-range").fill("31");
+  await own.waitForSelector(".slice.axial[data-way=page]");
+  await context.close();
+});
+
+test("nothing failed, and nothing broke the content security policy", { skip }, () => {
+  assert.deepEqual(watched.troubles, []);
+});

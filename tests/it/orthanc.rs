@@ -1,0 +1,387 @@
+//! A real Orthanc beside the server: it sends by STOW-RS and C-STORE, and series are fetched from it.
+//!
+//! It needs the Debian packages `orthanc`, `orthanc-dicomweb` and `dcmtk`, and `curl`.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::http::Request;
+use isocortex::config::Node;
+use pacs::dimse::{DimseOptions, Peer};
+use serde_json::{Value, json};
+use tokio::net::TcpListener;
+
+use crate::dicom::head_slices;
+use crate::pacs::{Neighbour, dcmtk};
+use crate::results::{identified_case, result, until_sent};
+use crate::series_builder::Syntax;
+
+const PLUGIN: &str = "/usr/share/orthanc/plugins/libOrthancDicomWeb.so";
+const USER: &str = "alice:orthanctest";
+const TOKEN: &str = "0123456789abcdef";
+
+/// A port that is free now.
+fn free_port() -> u16 {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    listener.local_addr().unwrap().port()
+}
+
+struct Orthanc {
+    process: Child,
+    http: u16,
+    dicom: u16,
+    folder: tempfile::TempDir,
+}
+
+impl Drop for Orthanc {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn program() -> Option<PathBuf> {
+    let found = ["/usr/sbin/Orthanc", "/usr/bin/Orthanc"];
+    let found = found.iter().map(PathBuf::from).find(|path| path.exists());
+    if found.is_none() || !Path::new(PLUGIN).exists() {
+        eprintln!("SKIPPED: Orthanc or its DICOMweb plug-in is not installed");
+        return None;
+    }
+    found
+}
+
+impl Orthanc {
+    /// One that knows us, and runs the scripts; `None` if there is none here.
+    async fn start(
+        [http, dicom]: [u16; 2],
+        ours: &str,
+        our_dicom: u16,
+        scripts: &[&str],
+    ) -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let configuration = json!({
+            "Name": "test",
+            "StorageDirectory": folder.path().join("storage"),
+            "IndexDirectory": folder.path().join("index"),
+            "Plugins": [PLUGIN],
+            "HttpPort": http,
+            "RemoteAccessAllowed": false,
+            "AuthenticationEnabled": true,
+            "RegisteredUsers": {"alice": "orthanctest"},
+            "ExecuteLuaEnabled": false,
+            "LuaScripts": scripts,
+            "StableAge": 2,
+            "DicomAet": "ORTHANCTEST",
+            "DicomPort": dicom,
+            "DicomAlwaysAllowStore": true,
+            "DicomModalities": {"isocortex": {"AET": "ISOCORTEX", "Host": "127.0.0.1", "Port": our_dicom}},
+            "DicomWeb": {"Enable": true, "Root": "/dicom-web/", "Servers": {"isocortex": {"Url": format!("{ours}/dicomweb/"), "HasDelete": "0", "Username": "orthanc", "Password": TOKEN}}}
+        });
+        let file = folder.path().join("orthanc.json");
+        std::fs::write(&file, configuration.to_string()).unwrap();
+        let process = Command::new(program()?)
+            .arg(&file)
+            .env("ISOCORTEX_URL", ours)
+            .env("ISOCORTEX_TOKEN", TOKEN)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let orthanc = Self {
+            process,
+            http,
+            dicom,
+            folder,
+        };
+        for _ in 0..300 {
+            if orthanc.ask("/system", None).await.is_some() {
+                return Some(orthanc);
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        panic!("Orthanc does not answer");
+    }
+
+    /// The bytes of an answer of its DICOMweb plug-in; `None` if it refuses.
+    async fn bytes(&self, path: &str, accept: &str) -> Option<Vec<u8>> {
+        let mut curl = Command::new("curl");
+        curl.args(["--silent", "--fail", "--user", USER]);
+        curl.args(["--header", &format!("Accept: {accept}")]);
+        curl.arg(format!("http://127.0.0.1:{}/dicom-web{path}", self.http));
+        let run = move || curl.output().expect("curl is installed");
+        let output = tokio::task::spawn_blocking(run).await.unwrap();
+        output.status.success().then_some(output.stdout)
+    }
+
+    /// A successful answer, to a GET or, with a body, to a POST.
+    async fn ask(&self, path: &str, body: Option<Value>) -> Option<Value> {
+        let mut curl = Command::new("curl");
+        curl.args(["--silent", "--fail", "--user", USER]);
+        if let Some(body) = body {
+            curl.args(["--data", &body.to_string()]);
+        }
+        curl.arg(format!("http://127.0.0.1:{}{path}", self.http));
+        let run = move || curl.output().expect("curl is installed");
+        let output = tokio::task::spawn_blocking(run).await.unwrap();
+        let is_json = output.status.success();
+        is_json.then(|| serde_json::from_slice(&output.stdout).unwrap_or(Value::Null))
+    }
+
+    /// Stores the head; the name of its series here.
+    async fn with_head(&self) -> Option<String> {
+        let storescu = dcmtk("storescu")?;
+        let files = self.folder.path().join("files");
+        std::fs::create_dir(&files).unwrap();
+        for (number, slice) in head_slices().iter().enumerate() {
+            let file = files.join(format!("{number}.dcm"));
+            std::fs::write(file, slice.file(Syntax::Explicit)).unwrap();
+        }
+        let mut command = Command::new(storescu);
+        command.args(["-R", "+sd", "-aec", "ORTHANCTEST", "127.0.0.1"]);
+        command.arg(self.dicom.to_string()).arg(files);
+        let run = move || command.output().unwrap();
+        let output = tokio::task::spawn_blocking(run).await.unwrap();
+        assert!(output.status.success(), "{output:?}");
+        let series = self.ask("/series", None).await.unwrap();
+        Some(series[0].as_str().unwrap().to_owned())
+    }
+}
+
+#[tokio::test]
+async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
+    if program().is_none() {
+        return;
+    }
+    let ports = [free_port(), free_port()];
+    let secret = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(secret.path(), "orthanctest\n").unwrap();
+    let node = |name: &str, password_file: &Path| Node {
+        name: name.to_owned(),
+        url: format!("http://127.0.0.1:{}/dicom-web/", ports[0]),
+        user: Some("alice".to_owned()),
+        password_file: Some(password_file.to_owned()),
+        token_file: None,
+    };
+    let wrong = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(wrong.path(), "wrong").unwrap();
+    let neighbour = Neighbour::start(|config| {
+        config.pacs.nodes = vec![node("orthanc", secret.path()), node("wrong", wrong.path())];
+    })
+    .await;
+    let server = &neighbour.server;
+    let socket = server.on_a_socket().await;
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let dicom = listener.local_addr().unwrap().port();
+    let options = DimseOptions {
+        peers: vec![Peer {
+            aet: "ORTHANCTEST".to_owned(),
+            address: [127, 0, 0, 1].into(),
+        }],
+        ..DimseOptions::default()
+    };
+    let stop = std::future::pending();
+    let grace = Duration::from_secs(1);
+    tokio::spawn(pacs::dimse::serve(
+        listener,
+        server.pacs.clone(),
+        options,
+        stop,
+        grace,
+    ));
+    let ours = format!("http://{}", socket.address);
+    let orthanc = Orthanc::start(ports, &ours, dicom, &[]).await.unwrap();
+    let Some(series) = orthanc.with_head().await else {
+        return;
+    };
+
+    let delete = async |arrival: &Value| {
+        let address = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+        server.method(axum::http::Method::DELETE, &address).await;
+        let left = server.get("/v1/arrivals").await.json();
+        assert_eq!(left["arrivals"], json!([]));
+    };
+
+    // STOW-RS by Orthanc's own job, which fails unless every image is in the answer.
+    let order = json!({"Resources": [series], "Synchronous": true});
+    let sent = orthanc.ask("/dicom-web/servers/isocortex/stow", Some(order));
+    assert!(sent.await.is_some(), "the job of Orthanc succeeds");
+    let by_stow = neighbour.settled().await;
+    assert_eq!(by_stow["state"], "case", "{by_stow}");
+    delete(&by_stow).await;
+
+    // C-STORE by Orthanc.
+    let order = json!({"Resources": [series], "Synchronous": true});
+    let sent = orthanc
+        .ask("/modalities/isocortex/store", Some(order))
+        .await;
+    assert!(sent.is_some(), "the job of Orthanc succeeds");
+    let by_store = neighbour.settled().await;
+    assert_eq!(by_store["source"], "c-store");
+    assert_eq!(
+        by_store["case"], by_stow["case"],
+        "the same images are the same case"
+    );
+    delete(&by_store).await;
+
+    // QIDO-RS and WADO-RS, as a notice of Orthanc requests it, twice.
+    let _background = pacs::Background::start(server.pacs.clone());
+    let post = async |address: &str, body: Value| {
+        let request = Request::post(address).body(Body::from(body.to_string()));
+        server.send(request.unwrap()).await
+    };
+    let notice =
+        json!({"node": "orthanc", "StudyInstanceUID": "1.2.3", "SeriesInstanceUID": "1.2.3.1"});
+    post("/hooks/orthanc", notice.clone()).await;
+    let accepted = post("/hooks/orthanc", notice).await;
+    assert_eq!(accepted.status, 202);
+    let until_ended = async |address: &str| {
+        for _ in 0..300 {
+            let retrieval = server.get(address).await.json();
+            if retrieval["state"] == "done" || retrieval["state"] == "failed" {
+                return retrieval;
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        panic!("the retrieval does not end");
+    };
+    let retrieval = until_ended(accepted.header("location")).await;
+    assert_eq!(retrieval["state"], "done", "{retrieval}");
+    assert_eq!(retrieval["received"], head_slices().len());
+    assert_eq!(retrieval["expected"], head_slices().len());
+    let fetched = neighbour.settled().await;
+    assert_eq!(fetched["source"], "retrieval");
+    assert_eq!(fetched["case"], by_stow["case"]);
+
+    // What the node does not have, and what it does not give.
+    for (node, series, reason) in [
+        ("orthanc", "1.2.3.99", "node-has-no-such-series"),
+        ("wrong", "1.2.3.1", "node-refused"),
+    ] {
+        let order = json!({"node": node, "study": "1.2.3", "series": series});
+        let accepted = post("/v1/retrievals", order).await;
+        let retrieval = until_ended(accepted.header("location")).await;
+        assert_eq!(retrieval["reason"]["name"], reason, "{retrieval}");
+    }
+}
+
+#[tokio::test]
+async fn a_notice_of_orthanc_s_script_fetches_each_new_series() {
+    if program().is_none() {
+        return;
+    }
+    let ports = [free_port(), free_port()];
+    let secret = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(secret.path(), "orthanctest").unwrap();
+    let neighbour = Neighbour::start(|config| {
+        config.http.token = Some(isocortex::config::Secret(TOKEN.to_owned()));
+        config.pacs.nodes = vec![Node {
+            name: "orthanc".to_owned(),
+            url: format!("http://127.0.0.1:{}/dicom-web", ports[0]),
+            user: Some("alice".to_owned()),
+            password_file: Some(secret.path().to_owned()),
+            token_file: None,
+        }];
+    })
+    .await;
+    let socket = neighbour.server.on_a_socket().await;
+    let ours = format!("http://{}", socket.address);
+    let script = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../docker/orthanc/isocortex.lua"
+    );
+    let orthanc = Orthanc::start(ports, &ours, free_port(), &[script])
+        .await
+        .unwrap();
+    let _background = pacs::Background::start(neighbour.server.pacs.clone());
+    if orthanc.with_head().await.is_some() {
+        let arrival = neighbour.settled().await;
+        assert_eq!(arrival["state"], "case", "{arrival}");
+        assert_eq!(arrival["source"], "retrieval");
+    }
+}
+
+#[tokio::test]
+async fn orthanc_stores_results_once_and_shows_them() {
+    if program().is_none() {
+        return;
+    }
+    let ports = [free_port(), free_port()];
+    let secret = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(secret.path(), "orthanctest").unwrap();
+    let neighbour = Neighbour::start(|config| {
+        config.pacs.nodes = vec![Node {
+            name: "orthanc".to_owned(),
+            url: format!("http://127.0.0.1:{}/dicom-web", ports[0]),
+            user: Some("alice".to_owned()),
+            password_file: Some(secret.path().to_owned()),
+            token_file: None,
+        }];
+    })
+    .await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    let render = json!({"depth_mm": 5, "width": 200, "height": 160});
+    let turn = json!({"frames": 4});
+    let bodies = [
+        json!({"what": "view", "render": render, "node": "orthanc"}),
+        json!({"what": "cine", "render": render, "cine": turn, "node": "orthanc"}),
+        json!({"what": "mask", "node": "orthanc"}),
+    ];
+    // Orthanc is not there yet: what is requested now is sent later.
+    let _background = pacs::Background::start(server.pacs.clone());
+    let mut accepted = Vec::new();
+    for body in bodies.iter().chain(&bodies) {
+        accepted.push(result(server, &case, body).await);
+    }
+    let orthanc = Orthanc::start(ports, "http://127.0.0.1:1", free_port(), &[])
+        .await
+        .unwrap();
+    let mut instances = Vec::new();
+    for accepted in &accepted {
+        let sent = until_sent(server, accepted).await;
+        assert_eq!(sent["state"], "done", "{sent}");
+        instances.push(sent["instance"].as_str().unwrap().to_owned());
+    }
+    assert_eq!(
+        instances[..3],
+        instances[3..],
+        "equal requests are one object"
+    );
+    let stored = orthanc.ask("/instances", None).await.unwrap();
+    assert_eq!(stored.as_array().unwrap().len(), 3);
+    let picture = server
+        .get(&format!("{case}/render?depth_mm=5&width=200&height=160"))
+        .await;
+    let picture = image::load_from_memory(&picture.body).unwrap().into_rgb8();
+    for (instance, frames) in [(&instances[0], 1), (&instances[1], 4)] {
+        let found = orthanc
+            .ask(
+                &format!("/dicom-web/instances?SOPInstanceUID={instance}"),
+                None,
+            )
+            .await
+            .unwrap();
+        let series = &found[0]["0020000E"]["Value"][0].as_str().unwrap();
+        assert_eq!(
+            found[0]["0020000D"]["Value"][0], "1.2.3",
+            "the study of the source"
+        );
+        for frame in 1..=frames {
+            let of_frame = format!("/frames/{frame}");
+            let address = format!(
+                "/studies/1.2.3/series/{series}/instances/{instance}{}/rendered",
+                if frames == 1 { "" } else { &of_frame }
+            );
+            let shown = orthanc.bytes(&address, "image/png").await;
+            let shown = shown.unwrap_or_else(|| panic!("Orthanc does not render {frame}"));
+            let shown = image::load_from_memory(&shown).unwrap().into_rgb8();
+            assert_eq!(shown.dimensions(), (200, 160));
+            assert!(shown.iter().any(|&value| value > 20), "it is not black");
+            if frame == 1 {
+                assert!(shown == picture, "Orthanc shows what was drawn");
+            }
+        }
+    }
+}

@@ -1,0 +1,711 @@
+//! A PACS beside the server: images come by STOW-RS and C-STORE and become cases.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::http::Request;
+use cases::arrivals::{ArrivalOptions, ArrivalReader};
+use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream};
+
+use pacs::dimse::{DimseOptions, Peer};
+
+use crate::dicom::{head_slices, reader};
+use crate::series_builder::{DataSet, Slice, Syntax, files};
+use crate::server::{Answer, Server};
+
+const BOUNDARY: &str = "a-boundary-of-more-than-seventy-characters-as-a-well-known-server-makes-it";
+
+/// A body of files, without lengths.
+pub(crate) fn related(files: &[Vec<u8>]) -> Vec<u8> {
+    let mut body = Vec::new();
+    for file in files {
+        body.extend(format!("--{BOUNDARY}\r\nContent-Type: application/dicom\r\n\r\n").bytes());
+        body.extend(file);
+        body.extend(b"\r\n");
+    }
+    body.extend(format!("--{BOUNDARY}--\r\n").bytes());
+    body
+}
+
+fn stow(address: &str, body: Vec<u8>) -> Request<Body> {
+    let kind = format!("multipart/related; type=\"application/dicom\"; boundary={BOUNDARY}");
+    Request::post(address)
+        .header("content-type", kind)
+        .header("accept", "application/dicom+json")
+        .body(Body::from(body))
+        .unwrap()
+}
+
+/// A server that reads series soon.
+pub(crate) struct Neighbour {
+    pub(crate) server: Server,
+    reader: ArrivalReader,
+}
+
+impl Neighbour {
+    pub(crate) async fn start(configure: impl FnOnce(&mut isocortex::config::Config)) -> Self {
+        let server = Server::start_with(|config| {
+            config.dicom_program = reader();
+            configure(config);
+        })
+        .await;
+        let options = ArrivalOptions {
+            stable: Duration::from_millis(1500),
+            ..ArrivalOptions::default()
+        };
+        Self {
+            reader: ArrivalReader::start(server.state.cases.clone(), options),
+            server,
+        }
+    }
+
+    /// The server after a restart; nothing reads series any more.
+    pub(crate) async fn restarted(self) -> Server {
+        let Self { server, reader } = self;
+        reader.shut_down(Duration::from_secs(10)).await;
+        server.restart().await
+    }
+
+    pub(crate) async fn store(&self, files: &[Vec<u8>]) -> Answer {
+        let request = stow("/dicomweb/studies", related(files));
+        self.server.send(request).await
+    }
+
+    /// The one series that came, once it is settled.
+    pub(crate) async fn settled(&self) -> Value {
+        for _ in 0..600 {
+            let authorization = ("authorization", "Bearer 0123456789abcdef");
+            let list = self.server.get_with("/v1/arrivals", &[authorization]).await;
+            let list = list.json();
+            let arrivals = list["arrivals"].as_array().unwrap();
+            if let [arrival] = &arrivals[..]
+                && arrival["state"] != "receiving"
+            {
+                return arrival.clone();
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        panic!("the series was not settled");
+    }
+}
+
+fn items<'a>(answer: &'a Value, tag: &str) -> &'a [Value] {
+    answer[tag]["Value"].as_array().map_or(&[], Vec::as_slice)
+}
+
+fn reasons(answer: &Value, tag: &str) -> Vec<u64> {
+    let reason = |item: &Value| item["00081197"]["Value"][0].as_u64().unwrap();
+    items(answer, tag).iter().map(reason).collect()
+}
+
+#[tokio::test]
+async fn a_series_that_is_stored_becomes_a_case_and_late_images_make_a_version_of_it() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let slices = head_slices();
+    let (late, early) = slices.split_last().unwrap();
+    let early = files(early, Syntax::Explicit);
+    let answer = neighbour.store(&early).await;
+    assert_eq!(answer.status, 200, "{answer:?}");
+    assert_eq!(answer.header("content-type"), "application/dicom+json");
+    let stored = answer.json();
+    assert_eq!(items(&stored, "00081199").len(), early.len());
+    assert!(stored["00081198"].is_null());
+    // The same images again are no error, and no images.
+    assert_eq!(neighbour.store(&early).await.status, 200);
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["state"], "case", "{arrival}");
+    assert_eq!(arrival["instances"], early.len());
+    assert_eq!(arrival["source"], "stow");
+    let first = arrival["case"].as_str().unwrap().to_owned();
+    neighbour
+        .server
+        .until_ready(&format!("/v1/cases/{first}"))
+        .await;
+
+    let answer = neighbour.store(&[late.file(Syntax::Implicit)]).await;
+    assert_eq!(answer.status, 200);
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["instances"], slices.len());
+    let second = arrival["case"].as_str().unwrap().to_owned();
+    assert_ne!(first, second);
+    let case = neighbour.server.get(&format!("/v1/cases/{second}")).await;
+    assert_eq!(case.json()["previous"], first);
+
+    // A viewer finds it, and nothing tells whose head it is.
+    let launched = json!({"query": "?StudyInstanceUIDs=1.2.3"}).to_string();
+    let launched = Request::post("/v1/launch").body(Body::from(launched));
+    let launched = neighbour.server.send(launched.unwrap()).await;
+    let found = launched.json()["case"].as_str().unwrap().to_owned();
+    assert!(found == first || found == second);
+    for address in ["/v1/arrivals", "/v1/cases", "/metrics"] {
+        let answer = neighbour.server.get(address).await;
+        let text = String::from_utf8_lossy(&answer.body).into_owned();
+        for canary in ["Somebody", "Secret", "P-77", "t1_mprage"] {
+            assert!(!text.contains(canary), "{address}: {text}");
+        }
+    }
+    // What was deleted does not come back, and leaves nothing.
+    for case in [&second, &first] {
+        let address = format!("/v1/cases/{case}");
+        let deleted = neighbour
+            .server
+            .method(axum::http::Method::DELETE, &address)
+            .await;
+        assert_eq!(deleted.status, 204);
+    }
+    neighbour.server.is_empty_and_well().await;
+    let list = neighbour.server.get("/v1/arrivals").await.json();
+    assert_eq!(list["arrivals"], json!([]));
+}
+
+#[tokio::test]
+async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let sound = Slice::number(0).file(Syntax::Explicit);
+    let report = Slice {
+        sop_class: "1.2.840.10008.5.1.4.1.1.88.11",
+        ..Slice::number(1)
+    };
+    let parts = [
+        sound.clone(),
+        report.file(Syntax::Explicit),
+        b"not DICOM at all".to_vec(),
+        sound[..300].to_vec(),
+    ];
+    let answer = neighbour.store(&parts).await;
+    assert_eq!(answer.status, 202, "{answer:?}");
+    let stored = answer.json();
+    assert_eq!(items(&stored, "00081199").len(), 1);
+    assert_eq!(reasons(&stored, "00081198"), [0x0122]);
+    assert_eq!(reasons(&stored, "0008119A"), [0xC000; 2]);
+    let instance = &items(&stored, "00081198")[0]["00081155"]["Value"][0];
+    assert_eq!(instance, "1.2.3.4.2");
+    assert_eq!(neighbour.store(&parts[1..]).await.status, 409);
+    let other_study = stow("/dicomweb/studies/1.2.99", related(&parts[..1]));
+    let answer = neighbour.server.send(other_study).await;
+    assert_eq!(answer.status, 409);
+    assert_eq!(reasons(&answer.json(), "00081198"), [0xA900]);
+    let same_study = stow("/dicomweb/studies/1.2.3", related(&parts[..1]));
+    assert_eq!(neighbour.server.send(same_study).await.status, 200);
+    // One slice is no volume.
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["state"], "nothing");
+    assert_eq!(arrival["reason"]["name"], "dicom-too-few-slices");
+}
+
+#[tokio::test]
+async fn what_is_no_request_of_this_kind_is_refused_and_leaves_nothing() {
+    let neighbour = Neighbour::start(|config| config.limits.max_upload_bytes = 1 << 20).await;
+    let server = &neighbour.server;
+    let sound = related(&[Slice::number(0).file(Syntax::Explicit)]);
+    let cut = sound[..sound.len() - 40].to_vec();
+    let large = related(&[vec![7; 5 << 20]]);
+    for (body, status, kind) in [
+        (cut, 400, "body-unreadable"),
+        (related(&[]), 400, "no-images"),
+        (b"no boundary".to_vec(), 400, "body-unreadable"),
+        (large, 413, "body-too-large"),
+    ] {
+        let answer = server.send(stow("/dicomweb/studies", body)).await;
+        assert_eq!(
+            (answer.status.as_u16(), answer.problem().as_str()),
+            (status, kind)
+        );
+    }
+    let mut request = stow("/dicomweb/studies", sound.clone());
+    let form = "multipart/form-data; boundary=x".parse().unwrap();
+    request.headers_mut().insert("content-type", form);
+    assert_eq!(server.send(request).await.status, 415);
+    let mut request = stow("/dicomweb/studies", sound.clone());
+    let xml = "application/dicom+xml".parse().unwrap();
+    request.headers_mut().insert("accept", xml);
+    assert_eq!(server.send(request).await.status, 406);
+    let answer = server.send(stow("/dicomweb/studies/Smith", sound)).await;
+    assert_eq!(answer.problem(), "not-a-uid");
+    for (address, kind) in [
+        ("/v1/arrivals?limit=0", "query-value-out-of-range"),
+        ("/v1/arrivals?after=x", "query-value-out-of-range"),
+        ("/v1/arrivals?x=y", "query-unreadable"),
+        ("/v1/arrivals/x", "no-such-arrival"),
+        (
+            "/v1/retrievals/00000000000000000000000000000000",
+            "no-such-retrieval",
+        ),
+    ] {
+        assert_eq!(server.get(address).await.problem(), kind, "{address}");
+    }
+    let unknown = json!({"node": "x", "study": "1.2", "series": "1.3"}).to_string();
+    let unknown = Request::post("/v1/retrievals").body(Body::from(unknown));
+    let answer = server.send(unknown.unwrap()).await;
+    assert_eq!(answer.problem(), "no-such-node");
+    server.is_empty_and_well().await;
+}
+
+#[tokio::test]
+async fn the_token_opens_these_routes_too_and_may_be_the_password_of_basic() {
+    let neighbour = Neighbour::start(|config| {
+        config.http.token = Some(isocortex::config::Secret("0123456789abcdef".to_owned()));
+    })
+    .await;
+    let server = &neighbour.server;
+    for address in ["/v1/arrivals", "/v1/retrievals/x"] {
+        assert_eq!(server.get(address).await.status, 401);
+    }
+    let none = server.send(stow("/dicomweb/studies", related(&[]))).await;
+    assert_eq!(none.status, 401);
+    // "orthanc:0123456789abcdef"
+    let basic = "Basic b3J0aGFuYzowMTIzNDU2Nzg5YWJjZGVm";
+    let headers = [("authorization", basic)];
+    let answer = server.get_with("/v1/arrivals", &headers).await;
+    assert_eq!(answer.status, 200);
+    // The page of a launch holds no data.
+    let page = server.get("/launch?StudyInstanceUIDs=1.2.3").await;
+    assert_eq!(page.status, 200);
+    assert!(!String::from_utf8_lossy(&page.body).contains("1.2.3"));
+}
+
+/// The file of a slice with more texts, or other ones.
+pub(crate) fn with_texts(slice: &Slice, texts: &[([u16; 2], &str, &str)]) -> Vec<u8> {
+    let mut set = slice.data_set(Syntax::Explicit);
+    let mut elements = BTreeMap::new();
+    let mut rest = std::mem::take(&mut set.bytes);
+    while !rest.is_empty() {
+        let number = |at: usize| u16::from_le_bytes([rest[at], rest[at + 1]]);
+        let end = 8 + usize::from(number(6));
+        let (tag, after) = ([number(0), number(2)], rest.split_off(end));
+        elements.insert(tag, std::mem::replace(&mut rest, after));
+    }
+    for &(tag, vr, text) in texts {
+        let mut element = DataSet::new(Syntax::Explicit);
+        element.text(tag, vr, text);
+        elements.insert(tag, element.bytes);
+    }
+    set.bytes = elements.into_values().flatten().collect();
+    let samples: Vec<u8> = slice
+        .samples
+        .iter()
+        .flat_map(|sample| sample.to_le_bytes())
+        .collect();
+    set.bytes([0x7FE0, 0x10], "OW", &samples);
+    set.file()
+}
+
+/// A slice with a canary in every attribute that may name somebody.
+fn with_canaries(slice: &Slice) -> Vec<u8> {
+    with_texts(
+        slice,
+        &[
+            ([0x08, 0x0050], "SH", "CANARY-1"),
+            ([0x08, 0x0080], "LO", "CANARY-2"),
+            ([0x08, 0x0081], "ST", "CANARY-3"),
+            ([0x08, 0x0090], "PN", "CANARY^4"),
+            ([0x08, 0x1010], "SH", "CANARY-5"),
+            ([0x08, 0x1030], "LO", "CANARY-6"),
+            ([0x08, 0x103E], "LO", "t1 CANARY-7"),
+            ([0x08, 0x1048], "PN", "CANARY^8"),
+            ([0x10, 0x0010], "PN", "CANARY^9"),
+            ([0x10, 0x0020], "LO", "CANARY-10"),
+            ([0x10, 0x0030], "DA", "19670312"),
+            ([0x10, 0x1000], "LO", "CANARY-11"),
+            ([0x10, 0x1040], "LO", "CANARY-12"),
+            ([0x10, 0x4000], "LT", "CANARY-13"),
+            ([0x18, 0x1030], "LO", "CANARY-14"),
+            ([0x20, 0x0010], "SH", "CANARY-15"),
+            ([0x20, 0x4000], "LT", "CANARY-16"),
+        ],
+    )
+}
+
+/// Log lines of this thread.
+#[derive(Clone, Default)]
+struct Lines(Arc<Mutex<Vec<u8>>>);
+
+impl std::io::Write for Lines {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[tokio::test]
+async fn another_volume_of_the_study_becomes_a_layer_although_it_came_first() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let flair: Vec<_> = head_slices()
+        .into_iter()
+        .map(|slice| Slice {
+            description: "flair",
+            series_uid: "1.2.3.77".to_owned(),
+            series_number: 7,
+            sop_uid: format!("1.2.3.77.{}", slice.instance),
+            ..slice
+        })
+        .collect();
+    assert_eq!(
+        neighbour
+            .store(&files(&flair, Syntax::Explicit))
+            .await
+            .status,
+        200
+    );
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["reason"]["name"], "series-not-t1", "{arrival}");
+    let t1 = files(&head_slices(), Syntax::Explicit);
+    assert_eq!(neighbour.store(&t1).await.status, 200);
+    for _ in 0..600 {
+        let list = server.get("/v1/arrivals").await.json();
+        let arrivals = list["arrivals"].as_array().unwrap().clone();
+        let of = |state: &str| arrivals.iter().find(|each| each["state"] == state).cloned();
+        if let (Some(case), Some(layer)) = (of("case"), of("layer")) {
+            assert_eq!(layer["case"], case["case"]);
+            assert_eq!(layer["reason"]["name"], "series-is-layer");
+            let address = format!("/v1/cases/{}", case["case"].as_str().unwrap());
+            server.until_ready(&address).await;
+            let layers = server.get(&format!("{address}/layers")).await.json();
+            let text = layers.to_string();
+            assert!(text.contains("FLAIR"), "{text}");
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    panic!(
+        "no layer came of it: {}",
+        server.get("/v1/arrivals").await.json()
+    );
+}
+
+/// What would tell whose head it is.
+const IDENTITY: [&str; 5] = ["CANARY", "19670312", "P-77", "Secret", "1.2.3.4."];
+
+fn tells_nothing(texts: &[Vec<u8>]) {
+    for text in texts {
+        for canary in IDENTITY {
+            let found = memchr::memmem::find(text, canary.as_bytes());
+            assert_eq!(found, None, "{canary} in {} bytes", text.len());
+        }
+    }
+}
+
+#[tokio::test]
+async fn with_deidentify_nothing_is_kept_that_tells_whose_head_it_is() {
+    let neighbour = Neighbour::start(|config| {
+        config.pacs.deidentify = true;
+        config.pacs.keep_source = true;
+        crate::results::add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let slices = head_slices();
+    let images: Vec<_> = slices.iter().map(with_canaries).collect();
+    let stored = neighbour.store(&images).await;
+    assert_eq!(stored.status, 200, "{stored:?}");
+    // The sender knows its images by their own names.
+    let answered = stored.json();
+    let listed = &items(&answered, "00081199")[0]["00081155"]["Value"][0];
+    assert!(listed.as_str().unwrap().starts_with("1.2.3.4."));
+    tells_nothing(&server.everything());
+    // The same images again are still the same.
+    assert_eq!(neighbour.store(&images[..3]).await.status, 200);
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["state"], "case", "{arrival}");
+    assert_eq!(arrival["instances"], slices.len());
+    let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    server.until_ready(&case).await;
+    let [study, series] = ["study", "series"].map(|name| arrival[name].as_str().unwrap());
+    assert!(study.starts_with("2.25.") && series.starts_with("2.25."));
+    let of_series = format!("/dicomweb/studies/{study}/series/{series}");
+    let mut texts = server.everything();
+    for address in [
+        "/v1/arrivals".to_owned(),
+        case.clone(),
+        format!("{case}/dicom"),
+        "/dicomweb/studies?includefield=all".to_owned(),
+        format!("{of_series}/metadata"),
+        of_series.clone(),
+    ] {
+        let answer = server.get(&address).await;
+        assert_eq!(answer.status, 200, "{address}: {answer:?}");
+        texts.push(answer.body.to_vec());
+    }
+    tells_nothing(&texts);
+    // What remains is the volume.
+    let known = server.get(&format!("{of_series}/metadata")).await.json();
+    assert_eq!(known[0]["00120062"]["Value"][0], "YES");
+    assert_eq!(known[0]["0008103E"]["Value"][0], "t1");
+    for body in [
+        json!({"what": "view"}),
+        json!({"what": "view", "node": "away"}),
+    ] {
+        let refused = crate::results::result(server, &case, &body).await;
+        assert_eq!(refused.problem(), "deidentified");
+    }
+    let asked = json!({"node": "away", "study": "1.2", "series": "1.3"}).to_string();
+    let asked = Request::post("/v1/retrievals").body(Body::from(asked));
+    let refused = server.send(asked.unwrap()).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (422, "deidentified")
+    );
+}
+
+#[tokio::test]
+async fn no_attribute_of_an_image_shows_anywhere_else() {
+    let lines = Lines::default();
+    let written = lines.clone();
+    let subscriber = tracing_subscriber::fmt()
+        .with_max_level(tracing_subscriber::filter::LevelFilter::TRACE)
+        .with_writer(move || written.clone())
+        .finish();
+    let _logging = tracing::subscriber::set_default(subscriber);
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let images: Vec<_> = head_slices().iter().map(with_canaries).collect();
+    let stored = neighbour.store(&images).await;
+    assert_eq!(stored.status, 200);
+    let mut cut = images[0].clone();
+    cut.truncate(600);
+    let refused = neighbour.store(&[cut]).await;
+    assert_eq!(refused.status, 409);
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["state"], "case", "{arrival}");
+    let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    server.until_ready(&case).await;
+    let launched = json!({"query": "accessionNumber=CANARY-1"}).to_string();
+    let launched = Request::post("/v1/launch").body(Body::from(launched));
+    let launched = server.send(launched.unwrap()).await;
+    assert_eq!(launched.json()["state"], "ready");
+    let mut texts = vec![stored.body, refused.body, launched.body];
+    for address in [
+        "/v1/arrivals".to_owned(),
+        "/v1/cases".to_owned(),
+        "/metrics".to_owned(),
+        case.clone(),
+        format!("{case}/quality"),
+        format!("{case}/layers"),
+        format!("{case}/render?depth_mm=5&width=160&height=160&annotate=true"),
+    ] {
+        texts.push(server.get(&address).await.body);
+    }
+    for (body, status) in [
+        (
+            json!({"what": "sheet", "render": {"width": 64, "height": 64}, "node": "CANARY"}),
+            404,
+        ),
+        (json!({"what": "view", "CANARY": 1}), 400),
+        (
+            json!({"what": "view", "study": {"StudyInstanceUID": "1.2", "PatientID": "CANARY"}}),
+            400,
+        ),
+        (json!({"what": "mask", "render": {}}), 400),
+    ] {
+        let refused = crate::results::result(server, &case, &body).await;
+        assert_eq!(refused.status, status, "{body}");
+        texts.push(refused.body);
+    }
+    let sent = json!({"what": "view", "render": {"width": 64, "height": 64}});
+    assert_eq!(
+        crate::results::result(server, &case, &sent).await.status,
+        200
+    );
+    let mut texts: Vec<Vec<u8>> = texts.into_iter().map(Into::into).collect();
+    for file in server.stored_files() {
+        texts.push(file.to_string_lossy().into_owned().into_bytes());
+    }
+    let logged = lines.0.lock().unwrap().clone();
+    assert!(memchr::memmem::find(&logged, b"a series became a case").is_some());
+    texts.push(logged);
+    for text in texts {
+        for canary in ["CANARY", "19670312"] {
+            let found = memchr::memmem::find(&text, canary.as_bytes());
+            assert_eq!(found, None, "{}", String::from_utf8_lossy(&text));
+        }
+    }
+    // Whoever asks for the attributes of the case gets them.
+    let attributes = server.get(&format!("{case}/dicom")).await;
+    assert_eq!(attributes.json()["attributes"]["PatientName"], "CANARY^9");
+}
+
+/// A listener for C-STORE on a free port.
+async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::net::SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    let pacs = neighbour.server.pacs.clone();
+    let grace = Duration::from_secs(1);
+    tokio::spawn(::pacs::dimse::serve(
+        listener,
+        pacs,
+        options,
+        std::future::pending(),
+        grace,
+    ));
+    address
+}
+
+fn dimse_options() -> DimseOptions {
+    DimseOptions {
+        peers: vec![Peer {
+            aet: "SENDER".to_owned(),
+            address: [127, 0, 0, 1].into(),
+        }],
+        idle: Duration::from_millis(1500),
+        max_associations: 4,
+        ..DimseOptions::default()
+    }
+}
+
+/// A program of DCMTK, if it is installed.
+pub(crate) fn dcmtk(name: &str) -> Option<std::path::PathBuf> {
+    // A Python package has programs of the same names.
+    let path = std::path::Path::new("/usr/bin").join(name);
+    let is_there = path.exists();
+    if !is_there {
+        eprintln!("SKIPPED: {name} of DCMTK is not installed");
+    }
+    is_there.then_some(path)
+}
+
+async fn run(program: &std::path::Path, arguments: &[&str]) -> std::process::Output {
+    let program = program.to_owned();
+    let arguments: Vec<String> = arguments.iter().map(|&text| text.to_owned()).collect();
+    let run = move || std::process::Command::new(program).args(arguments).output();
+    tokio::task::spawn_blocking(run).await.unwrap().unwrap()
+}
+
+#[tokio::test]
+async fn storescu_stores_a_series_in_every_syntax_and_echoscu_is_answered() {
+    let (Some(echoscu), Some(storescu)) = (dcmtk("echoscu"), dcmtk("storescu")) else {
+        return;
+    };
+    let neighbour = Neighbour::start(|_| {}).await;
+    let address = dimse(&neighbour, dimse_options()).await;
+    let port = address.port().to_string();
+    let to_us = ["-aet", "SENDER", "-aec", "ISOCORTEX", "127.0.0.1", &port];
+    let echo = run(&echoscu, &to_us).await;
+    assert!(echo.status.success(), "{echo:?}");
+    let folder = tempfile::tempdir().unwrap();
+    let slices = head_slices();
+    let third = slices.len() / 3;
+    for (number, slice) in slices.iter().enumerate() {
+        let syntax = match number / third {
+            0 => Syntax::Explicit,
+            1 => Syntax::Implicit,
+            _ => Syntax::BigEndian,
+        };
+        let path = folder.path().join(format!("{number}.dcm"));
+        std::fs::write(path, slice.file(syntax)).unwrap();
+    }
+    let mut arguments = vec!["-R", "+sd"];
+    arguments.extend(to_us);
+    let path = folder.path().to_str().unwrap();
+    arguments.push(path);
+    let stored = run(&storescu, &arguments).await;
+    assert!(stored.status.success(), "{stored:?}");
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["state"], "case", "{arrival}");
+    assert_eq!(arrival["source"], "c-store");
+    assert_eq!(arrival["instances"], slices.len());
+    // Strangers are rejected.
+    for strangers in [
+        ["-aet", "OTHER", "-aec", "ISOCORTEX"],
+        ["-aet", "SENDER", "-aec", "OTHER"],
+    ] {
+        let mut arguments = strangers.to_vec();
+        arguments.extend(["127.0.0.1", &port]);
+        assert!(!run(&echoscu, &arguments).await.status.success());
+    }
+    let echo = run(&echoscu, &to_us).await;
+    assert!(echo.status.success());
+}
+
+/// What comes back until the connection is closed.
+async fn answered(stream: &mut TcpStream) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let read = tokio::time::timeout(Duration::from_secs(20), stream.read_to_end(&mut bytes));
+    // A reset is an end, too.
+    let _ = read.await.expect("the connection is closed in time");
+    bytes
+}
+
+/// A request for an association that would be accepted.
+fn association_request() -> Vec<u8> {
+    let item = |kind: u8, value: &[u8]| {
+        let mut item = vec![kind, 0];
+        item.extend((value.len() as u16).to_be_bytes());
+        item.extend(value);
+        item
+    };
+    let mut context = vec![1, 0, 0, 0];
+    context.extend(item(0x30, b"1.2.840.10008.5.1.4.1.1.4"));
+    context.extend(item(0x40, b"1.2.840.10008.1.2"));
+    let mut body = vec![0, 1, 0, 0];
+    body.extend(b"ISOCORTEX       SENDER          ");
+    body.extend([0; 32]);
+    body.extend(item(0x10, b"1.2.840.10008.3.1.1.1"));
+    body.extend(item(0x20, &context));
+    body.extend(item(0x50, &item(0x51, &16384_u32.to_be_bytes())));
+    let mut pdu = vec![1, 0];
+    pdu.extend((body.len() as u32).to_be_bytes());
+    pdu.extend(body);
+    pdu
+}
+
+#[tokio::test]
+async fn peers_that_stall_lie_or_come_in_crowds_harm_nothing() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let address = dimse(&neighbour, dimse_options()).await;
+    let connect = async || TcpStream::connect(address).await.unwrap();
+    let request = association_request();
+    let four_gigabytes = [4, 0, 0xFF, 0xFF, 0xFF, 0xFF];
+    let lying_fragment = [4, 0, 0, 0, 0, 6, 0xFF, 0xFF, 0xFF, 0xFF, 1, 3];
+    let lying_command = [
+        4, 0, 0, 0, 0, 14, 0, 0, 0, 10, 1, 3, 0, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF,
+    ];
+    let no_data = [4, 0, 0, 0, 0, 6, 0, 0, 0, 2, 1, 1];
+    let data_first = [4, 0, 0, 0, 0, 8, 0, 0, 0, 4, 1, 2, 0, 0];
+    for attack in [
+        &b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"[..],
+        &four_gigabytes,
+        &[5, 0, 0, 0, 0, 4, 0, 0, 0, 0],
+        &request[..40],
+        &[&request[..], &four_gigabytes].concat(),
+        &[&request[..], &lying_fragment].concat(),
+        &[&request[..], &lying_command].concat(),
+        &[&request[..], &data_first].concat(),
+        &[&request[..], &no_data].concat(),
+        &[&request[..], &[4, 0, 0, 0, 0, 0]].concat(),
+        &[&request[..], &request].concat(),
+        &request,
+    ] {
+        let mut stream = connect().await;
+        stream.write_all(attack).await.unwrap();
+        let answer = answered(&mut stream).await;
+        // An abort is the last that is heard, if anything is.
+        let last = answer.len().saturating_sub(10);
+        assert!(answer.is_empty() || answer[last] == 7, "{answer:?}");
+    }
+    // No more than four at a time; the fifth is rejected for now. A place is free a moment after its connection is closed.
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let mut crowd = Vec::new();
+    for _ in 0..4 {
+        let mut stream = connect().await;
+        stream.write_all(&request).await.unwrap();
+        let mut head = [0; 6];
+        stream.read_exact(&mut head).await.unwrap();
+        assert_eq!(head[0], 2, "it is accepted");
+        crowd.push(stream);
+    }
+    let mut fifth = connect().await;
+    fifth.write_all(&request).await.unwrap();
+    // A-ASSOCIATE-RJ: transient, by the provider (presentation), local limit exceeded.
+    assert_eq!(answered(&mut fifth).await, [3, 0, 0, 0, 0, 4, 0, 2, 3, 2]);
+    drop(crowd);
+    neighbour.server.is_empty_and_well().await;
+}

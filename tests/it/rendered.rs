@@ -1,0 +1,225 @@
+//! Pictures in DICOMweb's own terms: `rendered3D`, `rendered` and `thumbnail`.
+
+use image::RgbImage;
+use serde_json::Value;
+
+use crate::pacs::Neighbour;
+use crate::results::identified_case;
+use crate::server::{Answer, Server};
+
+const STUDY: &str = "/dicomweb/studies/1.2.3";
+const PNG: [(&str, &str); 1] = [("accept", "image/png")];
+
+fn pixels(answer: &Answer) -> RgbImage {
+    assert_eq!(answer.status, 200, "{answer:?}");
+    image::load_from_memory(&answer.body).unwrap().into_rgb8()
+}
+
+fn are_near(a: &RgbImage, b: &RgbImage) -> bool {
+    let near = a.iter().zip(b.iter()).all(|(a, b)| a.abs_diff(*b) <= 1);
+    a.dimensions() == b.dimensions() && near
+}
+
+/// The parts of a multipart answer.
+fn parts(answer: &Answer) -> Vec<Vec<u8>> {
+    let kind = answer.header("content-type");
+    let (_, boundary) = kind.split_once("boundary=").unwrap();
+    let delimiter = format!("--{boundary}");
+    let mut places: Vec<_> = memchr::memmem::find_iter(&answer.body, &delimiter).collect();
+    let last = places.pop().unwrap();
+    let ends: Vec<_> = places[1..].iter().copied().chain([last]).collect();
+    let part = |(begin, end): (&usize, usize)| {
+        let part = &answer.body[*begin..end];
+        let head = memchr::memmem::find(part, b"\r\n\r\n").unwrap();
+        part[head + 4..part.len() - 2].to_vec()
+    };
+    places.iter().zip(ends).map(part).collect()
+}
+
+fn list(value: &Value) -> String {
+    let values = value["Value"].as_array().unwrap();
+    let texts: Vec<String> = values.iter().map(ToString::to_string).collect();
+    texts.join(",")
+}
+
+/// The query with an explicit viewpoint that the metadata of another query tells.
+async fn fed_back(server: &Server, query: &str) -> String {
+    let address = format!("{STUDY}/rendered3D?{query}&renderedvolumetricmetadata=yes");
+    let answer = server.get(&address).await;
+    assert_eq!(answer.status, 200, "{answer:?}");
+    assert_eq!(answer.header("content-type"), "application/dicom+json");
+    let told = &answer.json()[0];
+    assert_eq!(told["00701602"]["Value"][0], "ORTHOGRAPHIC");
+    let function = match told["00281056"]["Value"][0].as_str().unwrap() {
+        "LINEAR" => "linear",
+        "LINEAR_EXACT" => "linear-exact",
+        other => panic!("{other}"),
+    };
+    format!(
+        "viewpointposition={}&viewpointlookat={}&viewpointup={}&window={},{},{function}&viewport={},{}",
+        list(&told["00701603"]),
+        list(&told["00701604"]),
+        list(&told["00701605"]),
+        list(&told["00281050"]),
+        list(&told["00281051"]),
+        list(&told["00280011"]),
+        list(&told["00280010"]),
+    )
+}
+
+#[tokio::test]
+async fn a_study_is_rendered_in_the_terms_of_the_standard() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    // JPEG is the default; both spellings, the study and its series show the same.
+    let first = server.get(&format!("{STUDY}/rendered3D")).await;
+    assert_eq!(first.header("content-type"), "image/jpeg");
+    assert_eq!(pixels(&first).dimensions(), (512, 512));
+    for same in [
+        "rendered3d",
+        "series/1.2.3.1/rendered3D",
+        "series/1.2.3.1/rendered",
+    ] {
+        let answer = server.get(&format!("{STUDY}/{same}")).await;
+        assert!(answer.body == first.body, "{same}");
+    }
+    let thumbnail = server
+        .get(&format!("{STUDY}/series/1.2.3.1/thumbnail"))
+        .await;
+    assert_eq!(pixels(&thumbnail).dimensions(), (128, 128));
+    let coarse = server.get(&format!("{STUDY}/rendered3D?quality=10")).await;
+    assert!(coarse.body.len() < first.body.len());
+
+    // What it shows is what `render` shows.
+    for (letter, view) in [
+        ("l", "left"),
+        ("r", "right"),
+        ("a", "anterior"),
+        ("h", "superior"),
+    ] {
+        let ours = format!("{case}/render?depth_mm=5&width=160&height=120&view={view}");
+        let ours = pixels(&server.get(&ours).await);
+        let address =
+            format!("{STUDY}/rendered3D?depth_mm=5&viewport=160,120&orientation={letter}");
+        let theirs = server.get_with(&address, &PNG).await;
+        assert_eq!(theirs.header("content-type"), "image/png");
+        assert!(are_near(&ours, &pixels(&theirs)), "{letter}");
+    }
+
+    // The told values give the same picture, byte for byte.
+    for query in [
+        "orientation=r&viewport=150,130",
+        "orientation=h",
+        "viewpointposition=-130.1,-77.77,33.3&viewpointlookat=1.5,2.5,-3.25&viewpointup=0.1,0.2,0.9&viewport=160,120",
+        "window=600.5,700.25,linear-exact&viewport=120,120",
+    ] {
+        let again = fed_back(server, query).await;
+        for headers in [&PNG[..], &[]] {
+            let [one, other] = [query, &again].map(|query| format!("{STUDY}/rendered3D?{query}"));
+            let [one, other] = [
+                server.get_with(&one, headers).await,
+                server.get_with(&other, headers).await,
+            ];
+            assert_eq!(other.status, 200, "{again}: {other:?}");
+            assert!(one.body == other.body, "{query} and {again} differ");
+        }
+    }
+
+    // A turn comes in parts, and as no GIF.
+    let turn = format!("{STUDY}/rendered3D?swivelrange=360&animationstepsize=90&viewport=100,100");
+    let headers = [("accept", "multipart/related; type=\"image/png\"")];
+    let turned = parts(&server.get_with(&turn, &headers).await);
+    assert_eq!(turned.len(), 4);
+    let left = format!("{STUDY}/rendered3D?viewport=100,100");
+    let left = pixels(&server.get_with(&left, &PNG).await);
+    let shown = image::load_from_memory(&turned[0]).unwrap().into_rgb8();
+    assert!(are_near(&shown, &left), "a full turn begins at the view");
+    assert_ne!(turned[0], turned[1]);
+    for (address, accept) in [
+        (&turn, "image/jpeg"),
+        (&turn, "image/gif"),
+        (&format!("{STUDY}/rendered3D"), "image/gif"),
+    ] {
+        let refused = server.get_with(address, &[("accept", accept)]).await;
+        assert_eq!(refused.status, 406, "{address} {accept}");
+        assert_eq!(refused.problem(), "not-acceptable");
+    }
+}
+
+#[tokio::test]
+async fn what_cannot_be_rendered_is_refused_with_its_reason() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let none = server.get(&format!("{STUDY}/rendered3D")).await;
+    assert_eq!(none.problem(), "no-such-study");
+    identified_case(&neighbour).await;
+    for other in [
+        "/dicomweb/studies/1.2.99/rendered3D",
+        "/dicomweb/studies/Smith/rendered3D",
+        "/dicomweb/studies/1.2.3/series/1.2/thumbnail",
+    ] {
+        let refused = server.get(other).await;
+        assert_eq!(refused.problem(), "no-such-study");
+        assert!(!String::from_utf8_lossy(&refused.body).contains("Smith"));
+    }
+    for (query, kind, named) in [
+        ("depht_mm=5", "query-unknown-key", "depth_mm"),
+        ("orientation=x", "query-value-out-of-range", "`orientation`"),
+        (
+            "orientation=l&viewpointup=0,0,1",
+            "query-value-out-of-range",
+            "`orientation`",
+        ),
+        (
+            "viewpointup=0,0,1",
+            "query-value-out-of-range",
+            "`viewpointposition`",
+        ),
+        (
+            "viewpointposition=0,0,0&viewpointlookat=0,0,0&viewpointup=0,0,1",
+            "query-value-out-of-range",
+            "`viewpointposition`",
+        ),
+        (
+            "viewpointposition=0,0,9&viewpointlookat=0,0,0&viewpointup=0,0,1",
+            "query-value-out-of-range",
+            "`viewpointup`",
+        ),
+        (
+            "window=50,100,sigmoid",
+            "query-value-out-of-range",
+            "sigmoid",
+        ),
+        ("viewport=0,5", "query-value-out-of-range", "`viewport`"),
+        ("quality=101", "query-value-out-of-range", "`quality`"),
+        (
+            "renderingmethod=maximum_ip",
+            "query-value-out-of-range",
+            "`renderingmethod`",
+        ),
+        (
+            "animationstepsize=5",
+            "query-value-out-of-range",
+            "`swivelrange`",
+        ),
+        (
+            "swivelrange=360&animationstepsize=1",
+            "query-value-out-of-range",
+            "`animationstepsize`",
+        ),
+        (
+            "annotation=name",
+            "query-value-out-of-range",
+            "`annotation`",
+        ),
+        ("depth_mm=NaN", "query-value-out-of-range", "`depth_mm`"),
+        ("colormap=pink", "query-value-out-of-range", "`colormap`"),
+    ] {
+        let refused = server.get(&format!("{STUDY}/rendered3D?{query}")).await;
+        assert_eq!(refused.status, 400, "{query}");
+        assert_eq!(refused.problem(), kind, "{query}");
+        let detail = refused.json()["detail"].as_str().unwrap().to_owned();
+        assert!(detail.contains(named), "{query}: {detail}");
+    }
+}

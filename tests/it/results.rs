@@ -1,0 +1,490 @@
+//! Results as DICOM objects: valid, of the right patient, with the pixels that were asked for, and sent until they are there.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::http::{Method, Request, StatusCode};
+use axum::routing::post;
+use isocortex::config::{Config, Node};
+use serde_json::{Value, json};
+use tokio::net::TcpListener;
+
+use crate::dicom::head_slices;
+use crate::head::{mask_of, plain_head};
+use crate::pacs::{Neighbour, with_texts};
+use crate::server::{Answer, Server};
+
+const IDENTITY: [([u16; 2], &str, &str); 10] = [
+    ([0x08, 0x0005], "CS", "ISO_IR 192"),
+    ([0x08, 0x0020], "DA", "20261101"),
+    ([0x08, 0x0030], "TM", "101112"),
+    ([0x08, 0x0050], "SH", "A-1"),
+    ([0x08, 0x0090], "PN", "Doe^Referring"),
+    ([0x10, 0x0010], "PN", "Müller^Änne"),
+    ([0x10, 0x0030], "DA", "19670312"),
+    ([0x10, 0x0040], "CS", "F"),
+    ([0x20, 0x0010], "SH", "S-1"),
+    ([0x20, 0x0052], "UI", "1.2.3.9"),
+];
+
+/// The files of the head, with an identity and a frame of reference.
+pub(crate) fn identified_head() -> Vec<Vec<u8>> {
+    let slices = head_slices();
+    slices
+        .iter()
+        .map(|slice| with_texts(slice, &IDENTITY))
+        .collect()
+}
+
+/// The address of the case of [`identified_head`], ready.
+pub(crate) async fn identified_case(neighbour: &Neighbour) -> String {
+    let stored = neighbour.store(&identified_head()).await;
+    assert_eq!(stored.status, 200, "{stored:?}");
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["state"], "case", "{arrival}");
+    let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    neighbour.server.until_ready(&case).await;
+    case
+}
+
+/// Requests a result.
+pub(crate) async fn result(server: &Server, case: &str, body: &Value) -> Answer {
+    let request = Request::post(format!("{case}/dicom-results"));
+    let request = request.body(Body::from(body.to_string()));
+    server.send(request.unwrap()).await
+}
+
+/// A small picture, to be quick.
+pub(crate) fn small() -> Value {
+    json!({"depth_mm": 5, "width": 160, "height": 120})
+}
+
+/// The objects of each kind, in a folder.
+struct Objects {
+    _neighbour: Neighbour,
+    case: Value,
+    folder: tempfile::TempDir,
+    files: Vec<PathBuf>,
+}
+
+async fn objects() -> Objects {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = Vec::new();
+    let size = json!({"width": 160, "height": 120});
+    for (name, body) in [
+        ("view", json!({"what": "view", "render": small()})),
+        (
+            "annotated",
+            json!({"what": "view", "render": {"view": "right", "annotate": true}}),
+        ),
+        ("sheet", json!({"what": "sheet", "render": size})),
+        (
+            "turn",
+            json!({"what": "cine", "render": small(), "cine": {"frames": 4}}),
+        ),
+        (
+            "depths",
+            json!({"what": "cine", "render": size, "cine": {"frames": 3, "depths_mm": [0, 8]}}),
+        ),
+        ("envelope", json!({"what": "envelope"})),
+        ("mask", json!({"what": "mask"})),
+        (
+            "list",
+            json!({"what": "key-object", "key_object": {"instances": ["1.2.3.4.20", "1.2.3.4.21"]}}),
+        ),
+    ] {
+        let answer = result(server, &case, &body).await;
+        assert_eq!(answer.status, 200, "{name}: {answer:?}");
+        assert_eq!(answer.header("content-type"), "application/dicom");
+        assert_eq!(answer.header("cache-control"), "no-store");
+        let again = result(server, &case, &body).await;
+        assert!(answer.body == again.body, "{name} differs the second time");
+        let file = folder.path().join(format!("{name}.dcm"));
+        std::fs::write(&file, &answer.body).unwrap();
+        files.push(file);
+    }
+    // The pixels of the view are those of the picture.
+    let picture = server
+        .get(&format!("{case}/render?depth_mm=5&width=160&height=120"))
+        .await;
+    let picture = image::load_from_memory(&picture.body).unwrap().into_rgb8();
+    let object = std::fs::read(&files[0]).unwrap();
+    assert!(object.ends_with(picture.as_raw()));
+    assert!(picture.iter().any(|&value| value > 20));
+    Objects {
+        case: server.get(&case).await.json(),
+        _neighbour: neighbour,
+        folder,
+        files,
+    }
+}
+
+/// The texts that a program prints; `None`, loudly, if it is not installed.
+fn printed(program: &str, arguments: &[&Path]) -> Option<String> {
+    let Ok(output) = Command::new(program).args(arguments).output() else {
+        eprintln!("SKIPPED: {program} is not installed");
+        return None;
+    };
+    let both = [output.stdout, output.stderr].concat();
+    Some(String::from_utf8_lossy(&both).into_owned())
+}
+
+/// A Python with a package; `None`, loudly, if there is none.
+pub(crate) fn python_with(package: &str) -> Option<PathBuf> {
+    let ours = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/python/bin/python");
+    let mut candidates = [ours, "python3"].map(PathBuf::from).into_iter();
+    let imports = |python: &PathBuf| {
+        let tried = Command::new(python)
+            .args(["-c", &format!("import {package}")])
+            .output();
+        tried.is_ok_and(|output| output.status.success())
+    };
+    let found = candidates.find(imports);
+    if found.is_none() {
+        eprintln!("SKIPPED: no Python with {package} is installed");
+    }
+    found
+}
+
+#[tokio::test]
+async fn every_object_is_valid_of_the_right_patient_and_the_same_every_time() {
+    let objects = objects().await;
+    for file in &objects.files {
+        let name = file.file_stem().unwrap().to_str().unwrap();
+        if let Some(report) = printed("dciodvfy", &[Path::new("-new"), file]) {
+            let errors: Vec<_> = report
+                .lines()
+                .filter(|line| line.contains("Error"))
+                .collect();
+            assert!(errors.is_empty(), "{name}: {report}");
+        }
+        let Some(dump) = printed("/usr/bin/dcmdump", &[Path::new("+L"), file]) else {
+            continue;
+        };
+        for expected in [
+            "[Müller^Änne]",
+            "[P-77]",
+            "[19670312]",
+            "(0020,000d) UI [1.2.3] ",
+            "(0008,0050) SH [A-1]",
+            "(0020,0010) SH [S-1]",
+            "[ISO_IR 192]",
+            "research use only",
+            // A slice through the middle of the brain.
+            "(0008,1155) UI [1.2.3.4.20]",
+        ] {
+            assert!(dump.contains(expected), "{name} lacks {expected}");
+        }
+        if name == "list" {
+            assert!(
+                dump.contains("[Of Interest]") && dump.contains("CS [KO]"),
+                "{dump}"
+            );
+            continue;
+        }
+        assert!(dump.contains("(0028,2110) CS [00]"), "{name}");
+        let burned = format!(
+            "(0028,0301) CS [{}]",
+            if name == "annotated" { "YES" } else { "NO " }
+        );
+        assert!(
+            dump.contains(burned.trim_end_matches(" ]")),
+            "{name}: {dump}"
+        );
+        let is_sound = objects.case["quality"]["state"] == "ok";
+        assert_eq!(dump.contains("(0028,0302) CS [NO]"), is_sound, "{name}");
+    }
+    let uid = |file: &PathBuf| {
+        let bytes = std::fs::read(file).unwrap();
+        let at = memchr::memmem::find(&bytes, b"\x08\0\x18\0UI").unwrap();
+        bytes[at + 8..at + 30].to_vec()
+    };
+    let mut uids: Vec<_> = objects.files.iter().map(uid).collect();
+    uids.dedup();
+    assert_eq!(uids.len(), objects.files.len());
+    assert!(uids.iter().all(|uid| uid.starts_with(b"2.25.")));
+}
+
+#[tokio::test]
+async fn highdicom_reads_lists_and_segmentations_where_the_slices_are() {
+    let Some(python) = python_with("highdicom") else {
+        return;
+    };
+    let objects = objects().await;
+    for (number, file) in identified_head().iter().enumerate() {
+        let path = objects.folder.path().join(format!("slice-{number}.dcm"));
+        std::fs::write(path, file).unwrap();
+    }
+    let script = r#"
+import glob, sys, warnings, numpy, pydicom, highdicom
+warnings.simplefilter("ignore")
+folder = sys.argv[1]
+slices = {s.SOPInstanceUID: s for s in map(pydicom.dcmread, glob.glob(folder + "/slice-*.dcm"))}
+listed = highdicom.ko.KeyObjectSelectionDocument.from_dataset(pydicom.dcmread(folder + "/list.dcm"))
+source = slices["1.2.3.4.21"]
+assert listed.resolve_reference("1.2.3.4.21") == (source.StudyInstanceUID, source.SeriesInstanceUID, "1.2.3.4.21")
+assert len(listed.content.get_references()) == 2, listed
+for name in ["mask", "envelope"]:
+    seg = highdicom.seg.segread(f"{folder}/{name}.dcm")
+    for frame in seg.PerFrameFunctionalGroupsSequence:
+        source = frame.DerivationImageSequence[0].SourceImageSequence[0].ReferencedSOPInstanceUID
+        here = frame.PlanePositionSequence[0].ImagePositionPatient
+        assert numpy.allclose(here, slices[source].ImagePositionPatient, atol=1e-3), (here, source)
+    uids = sorted(slices, key=lambda uid: slices[uid].ImagePositionPatient[2])
+    pixels = seg.get_pixels_by_source_instance(uids, ignore_spatial_locations=True, assert_missing_frames_are_empty=True)
+    first = next(iter(slices.values()))
+    voxel = float(numpy.prod(first.PixelSpacing)) * float(seg.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence[0].SpacingBetweenSlices)
+    # The brain is brighter than the air around it, wherever it is.
+    values = numpy.stack([numpy.frombuffer(slices[uid].PixelData, "<i2").reshape(first.Rows, first.Columns) for uid in uids])
+    inside = pixels[..., 0] > 0
+    print(name, int(pixels.sum()) * voxel / 1000, float(values[inside].mean()), float(values[~inside].mean()))
+"#;
+    let output = Command::new(python)
+        .args(["-c", script])
+        .arg(objects.folder.path())
+        .output()
+        .unwrap();
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{output:?}");
+    let numbers: Vec<f64> = printed
+        .split_whitespace()
+        .filter_map(|word| word.parse().ok())
+        .collect();
+    let [brain_ml, inside, outside, envelope_ml, ..] = numbers[..] else {
+        panic!("{printed}");
+    };
+    let expected = objects.case["quality"]["numbers"]["brain_ml"]
+        .as_f64()
+        .unwrap();
+    assert!(
+        (brain_ml / expected - 1.0).abs() < 0.02,
+        "{printed} {expected}"
+    );
+    assert!(envelope_ml >= brain_ml, "{printed}");
+    assert!(inside > 2.0 * outside, "{printed}");
+}
+
+#[tokio::test]
+async fn a_case_without_a_patient_is_refused_unless_the_request_names_the_study() {
+    let server = Server::start().await;
+    let mask = mask_of(&plain_head()).bytes();
+    let case = server
+        .prepared(&[("volume", &plain_head().bytes()), ("mask", &mask)])
+        .await;
+    let body = json!({"what": "view", "render": small()});
+    let refused = result(&server, &case, &body).await;
+    assert_eq!(refused.status, 422);
+    assert_eq!(refused.problem(), "no-patient");
+    let study =
+        json!({"StudyInstanceUID": "1.2.77", "PatientID": "P-9", "PatientName": "Canary^Bird"});
+    let body = json!({"what": "view", "render": small(), "study": study});
+    let made = result(&server, &case, &body).await;
+    assert_eq!(made.status, 200, "{made:?}");
+    for text in ["1.2.77", "P-9", "Canary^Bird"] {
+        assert!(memchr::memmem::find(&made.body, text.as_bytes()).is_some());
+    }
+    let body = json!({"what": "mask", "study": study});
+    let refused = result(&server, &case, &body).await;
+    assert_eq!(refused.problem(), "no-frame-of-reference");
+    for (body, kind) in [
+        (json!({"what": "view", "node": "x"}), "no-such-node"),
+        (json!({"what": "picture"}), "body-unreadable"),
+        (json!({"what": "view", "who": "x"}), "body-unreadable"),
+        (
+            json!({"what": "view", "render": {"zoom": "x"}}),
+            "body-unreadable",
+        ),
+        (
+            json!({"what": "view", "render": {"zoom": 0}}),
+            "query-value-out-of-range",
+        ),
+        (
+            json!({"what": "mask", "render": {}}),
+            "body-value-out-of-range",
+        ),
+        (
+            json!({"what": "view", "study": {"StudyInstanceUID": "Smith", "PatientID": "P"}}),
+            "body-value-out-of-range",
+        ),
+    ] {
+        let refused = result(&server, &case, &body).await;
+        assert_eq!(refused.problem(), kind, "{body}");
+        assert!(!String::from_utf8_lossy(&refused.body).contains("Smith"));
+    }
+    let unknown = "/v1/cases/00000000000000000000000000000000";
+    let refused = result(&server, unknown, &json!({"what": "view"})).await;
+    assert_eq!(refused.problem(), "no-such-case");
+    let missing = server.get("/v1/dicom-results/x").await;
+    assert_eq!(missing.problem(), "no-such-result");
+}
+
+/// A node that is busy at first, and keeps what it is sent.
+async fn busy_node(busy: u32) -> (u16, Arc<std::sync::Mutex<Vec<Bytes>>>) {
+    let received = Arc::<std::sync::Mutex<Vec<Bytes>>>::default();
+    let (asked, kept) = (Arc::new(AtomicU32::new(0)), Arc::clone(&received));
+    let store = move |body: Bytes| {
+        let number = asked.fetch_add(1, Ordering::Relaxed);
+        kept.lock().unwrap().push(body);
+        async move {
+            match number < busy {
+                true => (StatusCode::SERVICE_UNAVAILABLE, String::new()),
+                false => (StatusCode::OK, "<NativeDicomModel/>".to_owned()),
+            }
+        }
+    };
+    let routes = Router::new()
+        .route("/rs/studies", post(store))
+        .layer(axum::extract::DefaultBodyLimit::disable());
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    tokio::spawn(async move { axum::serve(listener, routes).await.unwrap() });
+    (port, received)
+}
+
+pub(crate) fn add_node(config: &mut Config, name: &str, url: String) {
+    config.pacs.nodes.push(Node {
+        name: name.to_owned(),
+        url,
+        user: None,
+        password_file: None,
+        token_file: None,
+    });
+}
+
+/// What becomes of a result that is sent.
+pub(crate) async fn until_sent(server: &Server, accepted: &Answer) -> Value {
+    assert_eq!(accepted.status, 202, "{accepted:?}");
+    for _ in 0..600 {
+        let sent = server.get(accepted.header("location")).await.json();
+        if sent["state"] == "done" || sent["state"] == "failed" {
+            return sent;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    panic!("the result is not sent");
+}
+
+#[tokio::test]
+async fn a_result_is_sent_until_the_node_has_it_and_a_refusal_is_told() {
+    let (port, received) = busy_node(1).await;
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "busy", format!("http://127.0.0.1:{port}/rs"));
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let case = identified_case(&neighbour).await;
+    let body = |node: &str| json!({"what": "view", "render": small(), "node": node});
+    let accepted = result(&neighbour.server, &case, &body("busy")).await;
+    assert_eq!(accepted.status, 202, "{accepted:?}");
+    let queued = accepted.json();
+    assert_eq!(queued["state"], "queued");
+    let background = pacs::Background::start(neighbour.server.pacs.clone());
+    let sent = until_sent(&neighbour.server, &accepted).await;
+    assert_eq!(
+        (&sent["state"], &sent["attempts"]),
+        (&json!("done"), &json!(2))
+    );
+    // Requested again, it is sent again: the same object, under the same name.
+    let again = result(&neighbour.server, &case, &body("busy")).await;
+    assert_eq!(again.json()["id"], queued["id"]);
+    until_sent(&neighbour.server, &again).await;
+    let bodies: Vec<Bytes> = received.lock().unwrap().clone();
+    assert_eq!(bodies.len(), 3);
+    assert!(bodies.iter().all(|body| *body == bodies[0]));
+    let direct = json!({"what": "view", "render": small()});
+    let direct = result(&neighbour.server, &case, &direct).await;
+    assert!(memchr::memmem::find(&bodies[0], &direct.body).is_some());
+
+    // A node that is away is asked again later, also after a restart.
+    let accepted = result(&neighbour.server, &case, &body("away")).await;
+    for _ in 0..100 {
+        let state = neighbour
+            .server
+            .get(accepted.header("location"))
+            .await
+            .json();
+        if state["attempts"] == 1 && state["state"] == "queued" {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    background.shut_down(Duration::from_secs(5)).await;
+    let state = neighbour
+        .server
+        .get(accepted.header("location"))
+        .await
+        .json();
+    assert_eq!(state["state"], "queued", "{state}");
+    // Deleting the case leaves nothing.
+    let deleted = neighbour.server.method(Method::DELETE, &case).await;
+    assert_eq!(deleted.status, 204);
+    let gone = neighbour.server.get(accepted.header("location")).await;
+    assert_eq!(gone.problem(), "no-such-result");
+    neighbour.server.is_empty_and_well().await;
+}
+
+#[tokio::test]
+async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
+    let (port, received) = busy_node(0).await;
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "pacs", format!("http://127.0.0.1:{port}/rs"));
+    })
+    .await;
+    let case = identified_case(&neighbour).await;
+    let body = json!({"what": "view", "render": small(), "node": "pacs"});
+    let accepted = result(&neighbour.server, &case, &body).await;
+    // A process takes it, and ends before it has sent anything.
+    let rows = neighbour.server.state.cases.store().rows();
+    let leased = rows.lease_result(Duration::from_secs(3600)).await.unwrap();
+    assert!(leased.is_some());
+    let server = neighbour.restarted().await;
+    let _background = pacs::Background::start(server.pacs.clone());
+    let sent = until_sent(&server, &accepted).await;
+    assert_eq!(
+        (&sent["state"], &sent["attempts"]),
+        (&json!("done"), &json!(2))
+    );
+    let again = result(&server, &case, &body).await;
+    assert_eq!(again.json()["id"], sent["id"]);
+    until_sent(&server, &again).await;
+    let bodies = received.lock().unwrap().clone();
+    assert_eq!(bodies.len(), 2);
+    assert_eq!(bodies[0], bodies[1], "it is one object");
+}
+
+#[tokio::test]
+async fn a_node_that_refuses_an_object_is_believed() {
+    // Another Isocortex stores MR and CT images only.
+    let other = Server::start_with(|config| config.dicom_program = crate::dicom::reader()).await;
+    let socket = other.on_a_socket().await;
+    let neighbour = Neighbour::start(|config| {
+        add_node(
+            config,
+            "other",
+            format!("http://{}/dicomweb", socket.address),
+        );
+        add_node(config, "none", format!("http://{}/nothing", socket.address));
+    })
+    .await;
+    let case = identified_case(&neighbour).await;
+    let _background = pacs::Background::start(neighbour.server.pacs.clone());
+    for (node, reason) in [
+        ("other", "node-did-not-store"),
+        ("none", "node-has-no-stow"),
+    ] {
+        let body = json!({"what": "mask", "node": node});
+        let accepted = result(&neighbour.server, &case, &body).await;
+        let sent = until_sent(&neighbour.server, &accepted).await;
+        assert_eq!(sent["state"], "failed");
+        assert_eq!(sent["reason"]["name"], reason, "{sent}");
+    }
+    other.is_empty_and_well().await;
+}

@@ -1,0 +1,359 @@
+#version 300 es
+
+precision highp float;
+precision highp int;
+
+struct Picture {
+    mat4x4 field_from_frame;
+    mat4x4 volume_from_field;
+    mat4x4 field_from_patient;
+    mat4x4 clip_from_patient;
+    vec3 volume_size;
+    float stored_scale;
+    vec3 field_size;
+    float stored_offset;
+    vec3 towards_viewer;
+    float depth_scale;
+    vec3 box_low;
+    float depth;
+    vec3 box_high;
+    float voxel_mm;
+    vec3 sphere_centre;
+    float sphere_radius;
+    vec2 size;
+    float ambient;
+    uint color_row;
+    float window_black;
+    float window_factor;
+    float window_offset;
+    uint slab_count;
+    float slab_first;
+    float slab_step;
+    float clip_reach;
+    float clip_piece;
+    float smooth_share;
+    vec4 cuts[6];
+    mat4x4 overlay_from_field;
+    vec3 overlay_size;
+    float overlay_scale;
+    float overlay_offset;
+    float overlay_low;
+    float overlay_factor;
+    float overlay_threshold;
+    float overlay_steepness;
+    float overlay_opacity;
+    uint overlay_color_row;
+    uint overlay_is_diverging;
+    uint volume_has_gaps;
+    uint overlay_is_nearest;
+};
+struct OnScreen {
+    vec4 position;
+    vec2 place_in_frame;
+};
+struct Contours {
+    vec4 levels[4];
+    uint count;
+    float depth_px;
+};
+const vec3 CONTOUR_COLORS[8] = vec3[8](vec3(255.0, 225.0, 60.0), vec3(80.0, 170.0, 255.0), vec3(255.0, 140.0, 40.0), vec3(90.0, 220.0, 110.0), vec3(200.0, 120.0, 255.0), vec3(60.0, 230.0, 230.0), vec3(255.0, 90.0, 90.0), vec3(255.0, 255.0, 255.0));
+const float HALF_WIDTH = 0.6;
+const float LEAST_SLOPE = 0.2;
+const float LEVEL_MARGIN = 0.001;
+const float FAR = 3.0;
+
+layout(std140) uniform Picture_block_0Fragment { Picture _group_0_binding_0_fs; };
+
+uniform highp sampler3D _group_0_binding_1_fs;
+
+uniform highp sampler3D _group_0_binding_2_fs;
+
+uniform highp sampler2D _group_0_binding_4_fs;
+
+uniform highp sampler3D _group_0_binding_7_fs;
+
+layout(std140) uniform Contours_block_1Fragment { Contours _group_1_binding_0_fs; };
+
+smooth in vec2 _vs2fs_location0;
+layout(location = 0) out vec4 _fs2p_location0;
+
+vec2 defined_part(vec2 texel) {
+    return vec2((texel.x / max(texel.y, 1e-6)), texel.y);
+}
+
+vec2 stored_at(vec3 position) {
+    vec2 texel_1 = vec2(0.0);
+    vec3 _e6 = _group_0_binding_0_fs.volume_size;
+    vec3 place_2 = ((position + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place_2), 0.0);
+    texel_1 = _e11.xy;
+    uint _e16 = _group_0_binding_0_fs.volume_has_gaps;
+    if ((_e16 == 0u)) {
+        texel_1.y = 1.0;
+    }
+    vec2 _e21 = texel_1;
+    vec2 _e22 = defined_part(_e21);
+    float _e26 = _group_0_binding_0_fs.stored_scale;
+    float _e30 = _group_0_binding_0_fs.stored_offset;
+    return vec2(((_e22.x * _e26) + _e30), _e22.y);
+}
+
+bool is_in_volume(vec3 position_1) {
+    vec3 _e5 = _group_0_binding_0_fs.volume_size;
+    return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
+}
+
+float brightness(float stored) {
+    float _e3 = _group_0_binding_0_fs.window_black;
+    float _e7 = _group_0_binding_0_fs.window_factor;
+    float _e11 = _group_0_binding_0_fs.window_offset;
+    float ramp = (((stored - _e3) * _e7) + _e11);
+    return clamp(ramp, 0.0, 255.0);
+}
+
+vec3 color_in(uint row, float level) {
+    ivec2 texel_3 = ivec2(int((level + 0.5)), int(row));
+    vec4 _e9 = texelFetch(_group_0_binding_4_fs, texel_3, 0);
+    return (_e9.xyz * 255.0);
+}
+
+float overlay_share(float value) {
+    uint _e4 = _group_0_binding_0_fs.overlay_is_diverging;
+    float size = ((_e4 > 0u) ? abs(value) : value);
+    float _e10 = _group_0_binding_0_fs.overlay_threshold;
+    float _e14 = _group_0_binding_0_fs.overlay_steepness;
+    float rise = clamp(((size - _e10) * _e14), 0.0, 1.0);
+    float _e21 = _group_0_binding_0_fs.overlay_opacity;
+    return (_e21 * ((rise * rise) * (3.0 - (2.0 * rise))));
+}
+
+vec3 under_overlay(vec3 color, vec3 position_in_field) {
+    float _e4 = _group_0_binding_0_fs.overlay_opacity;
+    if ((_e4 <= 0.0)) {
+        return color;
+    }
+    mat4x4 _e9 = _group_0_binding_0_fs.overlay_from_field;
+    vec3 position_5 = (_e9 * vec4(position_in_field, 1.0)).xyz;
+    vec3 _e18 = _group_0_binding_0_fs.overlay_size;
+    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e18 - vec3(0.5))), position_5));
+    vec3 _e33 = _group_0_binding_0_fs.overlay_size;
+    vec3 nearest_1 = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e33 - vec3(1.0)));
+    uint _e40 = _group_0_binding_0_fs.overlay_is_nearest;
+    vec3 _e49 = _group_0_binding_0_fs.overlay_size;
+    vec3 place_3 = ((((_e40 > 0u) ? nearest_1 : position_5) + vec3(0.5)) / _e49);
+    vec4 _e54 = textureLod(_group_0_binding_7_fs, vec3(place_3), 0.0);
+    vec2 _e56 = defined_part(_e54.xy);
+    float _e60 = _group_0_binding_0_fs.overlay_scale;
+    float _e64 = _group_0_binding_0_fs.overlay_offset;
+    float value_1 = ((_e56.x * _e60) + _e64);
+    float _e68 = _group_0_binding_0_fs.overlay_low;
+    float _e72 = _group_0_binding_0_fs.overlay_factor;
+    float level_1 = clamp(((value_1 - _e68) * _e72), 0.0, 255.0);
+    float _e80 = overlay_share(value_1);
+    float share = ((is_inside ? _e56.y : 0.0) * _e80);
+    uint _e84 = _group_0_binding_0_fs.overlay_color_row;
+    vec3 _e85 = color_in(_e84, level_1);
+    return (color + (share * (_e85 - color)));
+}
+
+float light_on(float facing) {
+    float _e3 = _group_0_binding_0_fs.ambient;
+    float _e6 = _group_0_binding_0_fs.ambient;
+    return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
+}
+
+vec2 stored_on(vec3 position_4, vec3 inward) {
+    float sum = 0.0;
+    float count = 0.0;
+    uint index = 0u;
+    bool local_1 = false;
+    mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
+    float _e11 = _group_0_binding_0_fs.voxel_mm;
+    vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
+    while(true) {
+        float _e22 = _group_0_binding_0_fs.slab_first;
+        uint _e23 = index;
+        float _e27 = _group_0_binding_0_fs.slab_step;
+        float offset_mm = (_e22 + (float(_e23) * _e27));
+        vec3 sample_ = (position_4 + (offset_mm * along));
+        vec2 _e32 = stored_at(sample_);
+        bool _e33 = is_in_volume(sample_);
+        if (_e33) {
+            local_1 = (_e32.y >= 0.5);
+        } else {
+            local_1 = false;
+        }
+        bool _e40 = local_1;
+        float is_there = (_e40 ? 1.0 : 0.0);
+        float _e44 = sum;
+        sum = (_e44 + (is_there * _e32.x));
+        float _e48 = count;
+        count = (_e48 + is_there);
+        uint _e51 = index;
+        index = (_e51 + 1u);
+        uint _e53 = index;
+        uint _e56 = _group_0_binding_0_fs.slab_count;
+        if ((_e53 >= _e56)) {
+            break;
+        }
+    }
+    float _e58 = sum;
+    float _e59 = count;
+    float _e63 = count;
+    return vec2((_e58 / max(_e59, 1.0)), min(_e63, 1.0));
+}
+
+float known_at(vec3 position_in_field_1) {
+    float known = 1.0;
+    int index_1 = 0;
+    vec4 place_4 = vec4(position_in_field_1, 1.0);
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            int _e24 = index_1;
+            index_1 = (_e24 + 1);
+        }
+        loop_init = false;
+        int _e7 = index_1;
+        if ((_e7 < 6)) {
+        } else {
+            break;
+        }
+        {
+            float _e10 = known;
+            int _e13 = index_1;
+            vec4 _e15 = _group_0_binding_0_fs.cuts[_e13];
+            known = (_e10 * ((dot(_e15, place_4) >= 0.0) ? 1.0 : 0.0));
+        }
+    }
+    float _e26 = known;
+    return _e26;
+}
+
+vec3 foot_of(vec2 place_in_frame) {
+    mat4x4 _e3 = _group_0_binding_0_fs.field_from_frame;
+    return (_e3 * vec4(place_in_frame, 0.0, 1.0)).xyz;
+}
+
+vec3 at_height(vec3 foot, float height) {
+    vec3 _e4 = _group_0_binding_0_fs.towards_viewer;
+    return (foot + (height * _e4));
+}
+
+float depth_at(vec2 place_in_frame_1) {
+    vec3 _e1 = foot_of(place_in_frame_1);
+    vec3 _e7 = _group_0_binding_0_fs.field_size;
+    vec3 place_5 = ((_e1 + vec3(0.5)) / _e7);
+    vec4 _e12 = textureLod(_group_0_binding_2_fs, vec3(place_5), 0.0);
+    float _e16 = _group_1_binding_0_fs.depth_px;
+    return (_e12.x * _e16);
+}
+
+vec3 depths_beside(vec2 place) {
+    float _e5 = depth_at((place - vec2(1.0, 0.0)));
+    float _e6 = depth_at(place);
+    float _e11 = depth_at((place + vec2(1.0, 0.0)));
+    return vec3(_e5, _e6, _e11);
+}
+
+vec3 under_contours(vec3 color_1, vec2 place_1) {
+    float nearest = FAR;
+    uint index_2 = 0u;
+    vec3 result = vec3(0.0);
+    uint index_3 = 0u;
+    bool local_2 = false;
+    float _e2 = depth_at(place_1);
+    bool loop_init_1 = true;
+    while(true) {
+        if (!loop_init_1) {
+            uint _e28 = index_2;
+            index_2 = (_e28 + 1u);
+        }
+        loop_init_1 = false;
+        uint _e7 = index_2;
+        uint _e10 = _group_1_binding_0_fs.count;
+        if ((_e7 < _e10)) {
+        } else {
+            break;
+        }
+        {
+            float _e12 = nearest;
+            uint _e15 = index_2;
+            uint _e19 = index_2;
+            float _e23 = _group_1_binding_0_fs.levels[(_e15 / 4u)][(_e19 % 4u)];
+            nearest = min(_e12, abs((_e2 - _e23)));
+        }
+    }
+    float _e30 = nearest;
+    if ((_e30 >= FAR)) {
+        return color_1;
+    }
+    vec3 _e37 = depths_beside((place_1 - vec2(0.0, 1.0)));
+    vec3 _e38 = depths_beside(place_1);
+    vec3 _e43 = depths_beside((place_1 + vec2(0.0, 1.0)));
+    float slope = max((0.5 * length(vec2((_e38.z - _e38.x), (_e43.y - _e37.y)))), LEAST_SLOPE);
+    vec3 lows = min(min(_e37, _e38), _e43);
+    vec3 highs = max(max(_e37, _e38), _e43);
+    float least = min(min(lows.x, lows.y), lows.z);
+    float greatest = max(max(highs.x, highs.y), highs.z);
+    result = color_1;
+    bool loop_init_2 = true;
+    while(true) {
+        if (!loop_init_2) {
+            uint _e119 = index_3;
+            index_3 = (_e119 + 1u);
+        }
+        loop_init_2 = false;
+        uint _e73 = index_3;
+        uint _e76 = _group_1_binding_0_fs.count;
+        if ((_e73 < _e76)) {
+        } else {
+            break;
+        }
+        {
+            uint _e80 = index_3;
+            uint _e84 = index_3;
+            float wanted = _group_1_binding_0_fs.levels[(_e80 / 4u)][(_e84 % 4u)];
+            float passed = (wanted - LEVEL_MARGIN);
+            float cover = clamp((1.1 - (abs((_e2 - wanted)) / slope)), 0.0, 1.0);
+            if ((least <= passed)) {
+                local_2 = (passed <= greatest);
+            } else {
+                local_2 = false;
+            }
+            bool _e104 = local_2;
+            float share_1 = (_e104 ? cover : 0.0);
+            vec3 _e107 = result;
+            uint _e109 = index_3;
+            result = floor((mix(_e107, CONTOUR_COLORS[(_e109 % 8u)], share_1) + vec3(0.5)));
+        }
+    }
+    vec3 _e121 = result;
+    return _e121;
+}
+
+void main() {
+    OnScreen pixel = OnScreen(gl_FragCoord, _vs2fs_location0);
+    bool local = false;
+    vec3 _e2 = foot_of(pixel.place_in_frame);
+    mat4x4 _e5 = _group_0_binding_0_fs.volume_from_field;
+    vec3 position_6 = (_e5 * vec4(_e2, 1.0)).xyz;
+    vec2 _e10 = stored_at(position_6);
+    bool _e11 = is_in_volume(position_6);
+    if (_e11) {
+        local = (_e10.y >= 0.5);
+    } else {
+        local = false;
+    }
+    bool is_there_1 = local;
+    uint _e23 = _group_0_binding_0_fs.color_row;
+    float _e25 = brightness(_e10.x);
+    vec3 _e26 = color_in(_e23, _e25);
+    vec3 shown = (is_there_1 ? _e26 : vec3(0.0));
+    vec3 _e28 = under_overlay(shown, _e2);
+    vec3 color_2 = floor((_e28 + vec3(0.5)));
+    vec3 _e34 = under_contours(color_2, pixel.place_in_frame);
+    _fs2p_location0 = vec4((_e34 / vec3(255.0)), 1.0);
+    return;
+}
+

@@ -1,0 +1,102 @@
+// What the server has of a case's layers: how far they are, their voxels, and the places that it lists.
+
+import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
+import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
+import type { Candidate } from "../model/maps.ts";
+import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
+
+/** How long to wait before asking again while layers are being made, in ms. */
+const WAIT_MS = 1000;
+/** As many as are asked for. */
+const CANDIDATES = 20;
+/** The voxels of so many layers are kept. */
+const MOST_KEPT = 4;
+
+export class CaseLayers {
+  readonly #id: string;
+  readonly #gone = new AbortController();
+  readonly #hear: (list: LayerList) => void;
+  readonly #voxels = new Map<string, Promise<Block>>();
+  #list: LayerList | null = null;
+  #asking: Promise<void> | null = null;
+  #isStale = false;
+
+  /** `hear` is called whenever the layers have been listed. */
+  constructor(id: string, hear: (list: LayerList) => void) {
+    this.#id = id;
+    this.#hear = hear;
+  }
+
+  /** A layer that is ready, by the name of a map or the id of an added one. */
+  ready(id: string): Layer | null {
+    return this.#list?.layers.find((one) => one.id === id && isReady(one)) ?? null;
+  }
+
+  /** Asks until no layer is being made. What is asked for already is asked for once. */
+  ask(): Promise<void> {
+    if (this.#list && !this.#list.layers.some(isBusy) && !this.#isStale) return Promise.resolve();
+    return (this.#asking ??= this.#ask().finally(() => (this.#asking = null)));
+  }
+
+  /** Asks again: something has changed. */
+  async again(): Promise<void> {
+    this.#isStale = true;
+    // What is being asked may be of before.
+    await this.#asking;
+    await this.ask();
+  }
+
+  /** The voxels of a layer that is ready; fetched once. */
+  voxels(name: string): Promise<Block> {
+    const voxels = this.#voxels.get(name) ?? this.#fetch(name);
+    this.#voxels.delete(name);
+    this.#voxels.set(name, voxels);
+    for (const old of [...this.#voxels.keys()].slice(0, -MOST_KEPT)) this.#voxels.delete(old);
+    // A failed request is repeated.
+    voxels.catch(() => this.#voxels.delete(name));
+    return voxels;
+  }
+
+  candidates(): Promise<readonly Candidate[]> {
+    return patiently(() => getCandidates(this.#id, CANDIDATES), this.#gone.signal);
+  }
+
+  dispose(): void {
+    this.#gone.abort();
+  }
+
+  async #ask(): Promise<void> {
+    for (;;) {
+      this.#isStale = false;
+      const list = await listLayers(this.#id);
+      if (this.#gone.signal.aborted) return;
+      this.#list = list;
+      this.#hear(list);
+      if (this.#isStale) continue;
+      if (!list.layers.some(isBusy)) return;
+      await wait(WAIT_MS);
+    }
+  }
+
+  async #fetch(name: string): Promise<Block> {
+    const { signal } = this.#gone;
+    const path = `v1/cases/${this.#id}/layers/${name}/volume`;
+    const answer = await patiently(() => send(path, { signal }), signal);
+    return decodeVolume(await answer.arrayBuffer(), readLayout(answer.headers));
+  }
+}
+
+/** Asks again as long as the layer is being made: it may be lost, and made once more. */
+export async function patiently<T>(ask: () => Promise<T>, signal: AbortSignal): Promise<T> {
+  for (;;) {
+    try {
+      return await ask();
+    } catch (problem) {
+      const isMaking = problem instanceof Problem && problem.kind === "layer-not-ready";
+      if (!isMaking || signal.aborted) throw problem;
+      await wait(1000 * problem.retryAfter || WAIT_MS);
+    }
+  }
+}
+
+export const wait = (time_ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, time_ms));

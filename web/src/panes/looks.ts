@@ -1,0 +1,87 @@
+// What of a state the painter draws.
+
+import type { ReadyCase } from "../model/case.ts";
+import { type LayerOverlay, isDiverging, styleOf } from "../model/maps.ts";
+import { type SliceView, isFlipped, sliceCamera, sliceCenter } from "../model/slice-geometry.ts";
+import type { Vec2 } from "../model/space.ts";
+import { type ViewState, isHalved, partsOf, slabOf } from "../model/state.ts";
+import { colorRow } from "../gl/colors.ts";
+import type { Painter } from "../gl/painter.ts";
+import type { Pane, SliceLook } from "../gl/scene.ts";
+import type { Look, OverlayLook } from "../gl/uniforms.ts";
+
+function overlayLook(overlay: LayerOverlay): OverlayLook {
+  const { name, threshold, opacity } = overlay;
+  const style = styleOf(overlay);
+  return {
+    name,
+    window: style.window,
+    threshold,
+    opacity,
+    color_row: colorRow(style.colormap),
+    is_diverging: isDiverging(style),
+    is_nearest: style.colormap === "labels",
+  };
+}
+
+const lookOf = (state: ViewState): Look => ({
+  ...state,
+  overlay: state.overlay && overlayLook(state.overlay),
+  slab_mm: slabOf(state),
+  color_row: colorRow(state.colormap),
+  isMirrored: false,
+});
+
+/** The panes of a canvas of so many pixels. */
+export function panesOf(state: ViewState, [width, height]: Vec2): Pane[] {
+  const across = Math.floor(isHalved(state) ? width / 2 : width);
+  const views = isHalved(state) ? [false, true] : [false];
+  return views.flatMap((isMirrored) =>
+    partsOf(state).map(([part, clip]) => ({
+      look: { ...lookOf(part), isMirrored },
+      left: isMirrored ? width - across : 0,
+      size: [across, height],
+      clip,
+    })),
+  );
+}
+
+/** A slice: flat, lit everywhere alike. */
+export const sliceLookOf = (
+  state: ViewState,
+  view: SliceView,
+  { envelope_sphere }: ReadyCase,
+  contours_mm: readonly number[],
+): SliceLook => ({
+  look: { ...lookOf(state), ...sliceCamera(view), depth_mm: 0, slab_mm: 0, ambient: 1 },
+  center_in_patient: sliceCenter(view, envelope_sphere),
+  contours_mm,
+});
+
+/** The picture of a slice; each of its parts is drawn whole, and the columns of the others are put in. */
+export async function slicePicture(
+  painter: Pick<Painter, "slice">,
+  state: ViewState,
+  view: SliceView,
+  shown: ReadyCase,
+  contours_mm: readonly number[],
+  size: Vec2,
+): Promise<ImageData | null> {
+  const draw = (part: ViewState): Promise<ImageData | null> =>
+    painter.slice(sliceLookOf(part, view, shown, contours_mm), size);
+  const picture = await draw(state);
+  if (!picture) return null;
+  const { width, height, data } = picture;
+  for (const [part, [from, to]] of partsOf(state).slice(0, -1)) {
+    const other = (await draw(part))?.data;
+    if (!other) return null;
+    // The pane flips what it is given.
+    const [first, end] = isFlipped(view.plane, view.convention) ? [1 - to, 1 - from] : [from, to];
+    const [left, right] = [Math.round(first * width), Math.round(end * width)];
+    for (let row = 0; row < height; row += 1) {
+      const at = 4 * row * width;
+      data.set(other.subarray(at + 4 * left, at + 4 * right), at + 4 * left);
+    }
+  }
+  return picture;
+}
