@@ -233,16 +233,20 @@ test(
     const table: string[] = [];
     const compare = async (what: string, query: string, positions: readonly number[]): Promise<void> => {
       for (const [at, plane] of PLANES.entries()) {
-        const { own: picture, size } = await sliceOf(own, plane);
-        const address = `/v1/cases/${id}/slices/${plane}?position_mm=${positions[at]}&${query}&${size}`;
-        const share = await picturesAgree(own, picture, address);
+        // Until the slice follows, the canvas shows what was asked for before.
+        const followed = async (): Promise<number> => {
+          const { own: picture, size } = await sliceOf(own, plane);
+          const address = `/v1/cases/${id}/slices/${plane}?position_mm=${positions[at]}&${query}&${size}`;
+          return picturesAgree(own, picture, address);
+        };
+        const share = await until(followed, (alike) => alike >= 0.99, 60);
         table.push(`${what}, ${plane}: ${(100 * share).toFixed(2)} %`);
         assert.ok(share >= 0.99, table.at(-1));
       }
     };
     const { center, width } = (await facts()).intensity.window;
     await compare("three contours", `depth_mm=12,5,20&window=${center},${width}`, [-15, 10, -20]);
-    // Another position is another picture, so that the comparison can fail.
+    // The slice at another position is another picture, so that the comparison can fail.
     const { own: picture, size } = await sliceOf(own, "axial");
     const wrong = `/v1/cases/${id}/slices/axial?position_mm=-5&depth_mm=12,5,20&window=${center},${width}&${size}`;
     assert.ok((await picturesAgree(own, picture, wrong)) < 0.95);
