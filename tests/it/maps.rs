@@ -593,9 +593,11 @@ async fn a_head_of_coarse_voxels_has_no_maps_and_says_why() {
     let detail = answer.json()["detail"].clone();
     assert!(detail.as_str().unwrap().contains("4.00 mm"), "{detail}");
     let said = server.get(&case).await.json()["maps"].clone();
-    assert_eq!(said, json!({"state": "undefined", "reason": detail}));
+    let expected = json!({"state": "undefined", "reason": detail, "reason_code": "coarse-voxels"});
+    assert_eq!(said, expected);
     let layer = server.get(&format!("{case}/layers/blur")).await.json();
     assert_eq!(layer["state"], "undefined");
+    assert_eq!(layer["reason_code"], "coarse-voxels");
     let refused = server.get(&format!("{case}/render?overlay=blur")).await;
     assert_eq!(refused.problem(), "maps-undefined");
     let plain = server.get(&format!("{case}/render")).await;

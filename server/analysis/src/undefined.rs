@@ -32,3 +32,16 @@ pub enum MapsUndefined {
     #[error("no voxel of the volume is 3 mm below the envelope")]
     NothingDeep,
 }
+
+impl MapsUndefined {
+    /// The stable name, for programs and translations: `coarse-voxels`.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::CoarseVoxels { .. } => "coarse-voxels",
+            Self::LowContrast { .. } => "low-contrast",
+            Self::NoWhiteMatter => "no-white-matter",
+            Self::FailedEnvelope => "failed-envelope",
+            Self::NothingDeep => "nothing-deep",
+        }
+    }
+}

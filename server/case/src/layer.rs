@@ -375,6 +375,9 @@ pub struct PlacementFacts {
     /// The reason for `review`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// The stable name of that reason: `place-not-compared`, `space-not-stated` or `covers-too-little`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason_code: Option<String>,
     /// Normalised mutual information where the header places it: 1 for none, 2 for complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nmi_before: Option<f64>,

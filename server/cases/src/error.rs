@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use case::{CaseState, Failure};
 use geometry::GeometryError;
+use pipeline::maps::NoMaps;
 use render::RenderError;
 use storage::{ObjectError, StoreError};
 
@@ -37,11 +38,8 @@ pub enum Error {
     #[error("another layer of the case has this name; choose another name")]
     LayerNameTaken,
     /// The case has no maps.
-    #[error("{reason}")]
-    MapsUndefined {
-        /// The reason, as a sentence.
-        reason: String,
-    },
+    #[error(transparent)]
+    MapsUndefined(NoMaps),
     /// The input cannot be used, as found now or during its preparation.
     #[error(transparent)]
     Failure(#[from] Failure),

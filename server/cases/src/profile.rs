@@ -5,7 +5,7 @@ use std::sync::Arc;
 use case::{CaseFacts, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
-use pipeline::maps::{JunctionWidth, stored_plane, width_table};
+use pipeline::maps::{JunctionWidth, NoMaps, stored_plane, width_table};
 use serde::Serialize;
 
 use crate::error::Error;
@@ -146,7 +146,7 @@ pub struct ProfileSample {
 /// [`Error::Parameter`] if the point is outside the envelope.
 pub fn profile(
     warm: &WarmModel,
-    maps: Result<&LoadedMaps, String>,
+    maps: Result<&LoadedMaps, NoMaps>,
     layers: &[SampledLayer],
     position_in_patient: DVec3,
 ) -> Result<Profile, Error> {
@@ -166,7 +166,7 @@ pub fn profile(
     Ok(Profile {
         own,
         mirrored: plane.and_then(|plane| probe.point(plane.reflected(position_in_patient))),
-        maps_undefined: maps.err(),
+        maps_undefined: maps.err().map(|reason| reason.sentence.into_owned()),
         layers: layers.iter().map(|layer| layer.about.clone()).collect(),
     })
 }

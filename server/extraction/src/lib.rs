@@ -26,6 +26,7 @@ pub use methods::{CLOSING_RADIUS_MM, Extraction, Method, predict, prune};
 pub use network::{Network, Prediction};
 pub use observe::Observe;
 pub use probability::Probability;
+pub use pruning::{PruningParameters, prune_with};
 pub use quality::{Doubt, MaskNumbers, Quality, Reason, Verdict};
 pub use rim::Rim;
 pub use supplied::{Judgement, Supplied, judge};

@@ -3,8 +3,9 @@
 use geometry::{BrainMask, DistanceMap, Volume, cut_envelope, distance_map};
 
 use crate::observe::go_on;
+use crate::pruning::{PruningParameters, prune_with};
 use crate::quality::{Because, Quality};
-use crate::{ExtractionError, Network, Observe, pruning};
+use crate::{ExtractionError, Network, Observe};
 
 /// How a brain was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,7 +70,9 @@ pub(crate) fn pruned(
     because: Because,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
-    let pruned = pruning::prune(volume, &|done| observe(0.9 * done))?;
+    let pruned = prune_with(volume, &PruningParameters::STANDARD, &|done| {
+        observe(0.9 * done)
+    })?;
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
     let closed = closed(&brain, volume)?;

@@ -276,7 +276,7 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
         Error::NoSuchLayer => (StatusCode::NOT_FOUND, "no-such-layer"),
         Error::TooManyLayers { .. } => (StatusCode::CONFLICT, "too-many-layers"),
         Error::LayerNameTaken => (StatusCode::CONFLICT, "layer-name-taken"),
-        Error::MapsUndefined { .. } => (StatusCode::CONFLICT, "maps-undefined"),
+        Error::MapsUndefined(_) => (StatusCode::CONFLICT, "maps-undefined"),
         Error::Failure(failure) => return (status_of(failure.kind), failure.name.clone().into()),
         Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
         Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),

@@ -1,5 +1,7 @@
 //! The maps of a case: the sharpness of its junction of grey and white matter, computed once and stored as one object.
 
+use std::borrow::Cow;
+
 use analysis::{
     Candidate, DepthBand, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined,
     MidsagittalPlane, Side, StoredMap, WidthTable, midsagittal_plane,
@@ -7,6 +9,7 @@ use analysis::{
 use case::{CandidateFacts, CaseFacts, JunctionBandFacts, MapName, PatientSide, QualityState};
 use geometry::{DepthField, Envelope, Volume};
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 pub use analysis::{JunctionWidth, Scale, UNDEFINED as UNDEFINED_CODE};
 
@@ -24,8 +27,27 @@ pub struct CaseMaps {
     pub junction_by_depth: Vec<JunctionBandFacts>,
 }
 
-/// The maps of a case, or the reason why it has none, as a sentence.
-pub type MapsOrReason = Result<CaseMaps, String>;
+/// Why a case has no maps.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[error("{sentence}")]
+pub struct NoMaps {
+    /// The stable name of the reason: `coarse-voxels`.
+    pub code: Cow<'static, str>,
+    /// The reason, for people.
+    pub sentence: Cow<'static, str>,
+}
+
+impl From<MapsUndefined> for NoMaps {
+    fn from(reason: MapsUndefined) -> Self {
+        Self {
+            code: reason.code().into(),
+            sentence: reason.to_string().into(),
+        }
+    }
+}
+
+/// The maps of a case, or the reason why it has none.
+pub type MapsOrReason = Result<CaseMaps, NoMaps>;
 
 impl CaseMaps {
     /// One of the maps.
@@ -82,15 +104,14 @@ pub fn maps_of(
 ) -> MapsOrReason {
     let quality = facts.quality.as_ref().map(|quality| quality.state);
     if quality == Some(QualityState::Failed) {
-        return Err(MapsUndefined::FailedEnvelope.to_string());
+        return Err(MapsUndefined::FailedEnvelope.into());
     }
     let head = Head {
         volume,
         depth,
         plane,
     };
-    let mut maps =
-        analysis::maps(head, &MapParameters::STANDARD).map_err(|reason| reason.to_string())?;
+    let mut maps = analysis::maps(head, &MapParameters::STANDARD)?;
     let candidates = std::mem::take(&mut maps.candidates);
     Ok(CaseMaps {
         candidates: candidates.iter().map(candidate_facts).collect(),
@@ -201,8 +222,20 @@ mod tests {
         facts.quality.as_mut().unwrap().state = QualityState::Failed;
         let none = maps(&facts);
         let reason = none.as_ref().unwrap_err();
-        assert!(reason.contains("mask is rated `failed`"), "{reason}");
+        assert!(
+            reason.sentence.contains("mask is rated `failed`"),
+            "{reason}"
+        );
+        assert_eq!(reason.code, "failed-envelope");
         assert_eq!(decode_maps(&encode_maps(&none)), Some(none));
+    }
+
+    #[test]
+    fn a_reason_that_was_stored_without_a_code_is_computed_again() {
+        let head = format!("{{\"format\":{MAPS_FORMAT},\"undefined\":\"it is a fruit\"}}");
+        let mut payload = (head.len() as u32).to_le_bytes().to_vec();
+        payload.extend_from_slice(head.as_bytes());
+        assert_eq!(decode_maps(&payload), None);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use case::{CandidateFacts, CaseId, JunctionBandFacts, MapName};
 use geometry::Grid;
 use glam::DAffine3;
-use pipeline::maps::{CaseMaps, map_unit};
+use pipeline::maps::{CaseMaps, NoMaps, map_unit};
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
@@ -86,8 +86,8 @@ impl LoadedMaps {
 pub enum MapsState {
     /// They are available.
     Ready(Arc<LoadedMaps>),
-    /// There are none; the reason, as a sentence.
-    Undefined(Arc<str>),
+    /// There are none.
+    Undefined(NoMaps),
     /// They are being computed.
     Making,
     /// This server computes none.
@@ -95,7 +95,7 @@ pub enum MapsState {
 }
 
 /// The cached state of the maps of a case.
-pub(super) type Known = Result<Arc<LoadedMaps>, Arc<str>>;
+pub(super) type Known = Result<Arc<LoadedMaps>, NoMaps>;
 
 /// Whether stored maps suffice, or must also be readable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

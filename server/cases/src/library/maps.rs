@@ -51,8 +51,7 @@ impl Library {
         let read = async {
             let read = self.read_maps(id).await.map_err(NotRead::Failed)?;
             let maps = read.ok_or(NotRead::NotStored)?;
-            let loaded = maps.map(|maps| Arc::new(LoadedMaps::new(id.number(), maps)));
-            Ok(loaded.map_err(Arc::from))
+            Ok(maps.map(|maps| Arc::new(LoadedMaps::new(id.number(), maps))))
         };
         match desk.known.get_or_insert_async(id, read).await {
             Ok(Ok(maps)) => Ok(Some(MapsState::Ready(maps))),
@@ -137,8 +136,8 @@ impl Library {
                 &envelope_of(facts, envelope)?,
                 &decode_volume(volume)?,
             );
-            let words = maps.as_ref().err().cloned();
-            Some((encode_maps(&maps), words, facts.clone()))
+            let undefined = maps.as_ref().err().map(|reason| reason.code.clone());
+            Some((encode_maps(&maps), undefined, facts.clone()))
         };
         let Some((payload, undefined, facts)) = self.load(id, KINDS, compute).await? else {
             // Deleted meanwhile.
@@ -149,7 +148,11 @@ impl Library {
         self.store().publish(publisher, &framed, &facts).await?;
         desk.known.remove(id);
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
-        tracing::info!(took_ms, undefined, "computed the maps of a case");
+        tracing::info!(
+            took_ms,
+            undefined = undefined.as_deref(),
+            "computed the maps of a case"
+        );
         Ok(())
     }
 

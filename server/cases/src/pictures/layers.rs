@@ -1,10 +1,11 @@
 //! The layers of a picture, and their display.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
 
 use case::{CaseId, Layer, LayerFacts, LayerKind, MapName};
-use pipeline::maps::MAPS_FORMAT;
+use pipeline::maps::{MAPS_FORMAT, NoMaps};
 use render::{ColorMap, KeyedLayer, KeyedLayers, OverlayParameters, OverlayStyle, Window};
 use serde::{Deserialize, Serialize};
 
@@ -376,20 +377,20 @@ impl MapsState {
     /// # Errors
     /// [`Error::LayerNotReady`] or [`Error::MapsUndefined`].
     pub fn found(self) -> Result<Arc<LoadedMaps>, Error> {
-        let undefined = |reason: &str| Error::MapsUndefined {
-            reason: reason.to_owned(),
-        };
         match self {
             Self::Ready(maps) => Ok(maps),
-            Self::Undefined(reason) => Err(undefined(&reason)),
-            Self::Off => Err(undefined(MAPS_OFF)),
+            Self::Undefined(reason) => Err(Error::MapsUndefined(reason)),
+            Self::Off => Err(Error::MapsUndefined(MAPS_OFF)),
             Self::Making => Err(Error::LayerNotReady),
         }
     }
 }
 
 /// The reason for missing maps on a server that computes none.
-pub const MAPS_OFF: &str = "this server computes no maps, because `limits.maps` is off";
+pub const MAPS_OFF: NoMaps = NoMaps {
+    code: Cow::Borrowed("maps-off"),
+    sentence: Cow::Borrowed("this server computes no maps, because `limits.maps` is off"),
+};
 
 #[cfg(test)]
 mod tests {

@@ -15,11 +15,6 @@ const BINS: usize = 1024;
 /// The quantile of the upper end of the histogram.
 const BRIGHTEST: f64 = 0.999;
 
-/// The intensity that becomes white, as a fraction of the way from the dark class to the median of the marker. In T1,
-/// grey matter is about two thirds as bright as white matter, and the marker is mostly white matter: both become white,
-/// and only the border of the brain remains.
-const WHITE_SHARE: f32 = 0.7;
-
 /// Intensities on a grid of cubes, in two classes.
 #[derive(Debug)]
 pub(super) struct Intensities {
@@ -59,9 +54,13 @@ impl Intensities {
         Mask::new(self.grid.clone(), voxels)
     }
 
-    /// The enhanced image: 0 to 4095 along an S-shaped curve from the mean of the dark class to [`WHITE_SHARE`] of the
+    /// The enhanced image: 0 to 4095 along an S-shaped curve from the mean of the dark class to `white_share` of the
     /// way to the median of the marker.
-    pub(super) fn enhanced(self, marker: &Mask) -> Result<Image, ExtractionError> {
+    pub(super) fn enhanced(
+        self,
+        marker: &Mask,
+        white_share: f32,
+    ) -> Result<Image, ExtractionError> {
         let pairs = self.values.iter().zip(marker.voxels());
         let mut marked: Vec<f32> = pairs
             .filter_map(|(&value, &is_marked)| is_marked.then_some(value))
@@ -69,7 +68,7 @@ impl Intensities {
         let rank = marked.len() / 2;
         let median = *marked.select_nth_unstable_by(rank, f32::total_cmp).1;
         let dark = self.classes.dark;
-        let bright = dark + WHITE_SHARE * (median - dark);
+        let bright = dark + white_share * (median - dark);
         let enhance = |&value: &f32| (WHITE * weight(value, [dark, bright])) as u16;
         Ok(Image {
             values: self.values.par_iter().map(enhance).collect(),

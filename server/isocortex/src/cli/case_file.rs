@@ -79,7 +79,7 @@ impl LocalCase {
         let envelope = self.distance.envelope();
         let maps = compute_maps(&self.facts, envelope, self.model.volume());
         maps.map(|maps| LoadedMaps::new(0, maps))
-            .map_err(|reason| Error::MapsUndefined { reason })
+            .map_err(Error::MapsUndefined)
     }
 
     /// The mesh at a depth.

@@ -5,7 +5,7 @@ use case::{CandidateFacts, JunctionBandFacts};
 use serde::{Deserialize, Serialize};
 
 use super::bytes::Reader;
-use crate::maps::{CaseMaps, MAPS_FORMAT, MapsOrReason};
+use crate::maps::{CaseMaps, MAPS_FORMAT, MapsOrReason, NoMaps};
 
 /// The longest accepted head.
 const MAX_HEAD_BYTES: u32 = 1 << 20;
@@ -15,7 +15,7 @@ const MAX_HEAD_BYTES: u32 = 1 << 20;
 struct ObjectHead {
     format: u32,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    undefined: Option<String>,
+    undefined: Option<NoMaps>,
     #[serde(default)]
     candidates: Vec<CandidateFacts>,
     #[serde(default)]

@@ -92,6 +92,32 @@ fn is_same_grid(case: &LayerCase<'_>, layer: &Volume) -> bool {
         })
 }
 
+/// Why a layer that lies where its header places it must be checked by eye.
+#[derive(Debug, Clone, Copy, thiserror::Error)]
+enum PlaceDoubt {
+    #[error("it lies where its header places it; it was not compared with the volume of the case")]
+    NotCompared,
+    #[error(
+        "it lies where its header places it; its header does not state that this is the space of the case"
+    )]
+    SpaceNotStated,
+    #[error(
+        "it lies where its header places it; it shows too little of the head to be compared with the volume of the case"
+    )]
+    CoversTooLittle,
+}
+
+impl PlaceDoubt {
+    /// The stable name, for programs and translations.
+    fn code(self) -> &'static str {
+        match self {
+            Self::NotCompared => "place-not-compared",
+            Self::SpaceNotStated => "space-not-stated",
+            Self::CoversTooLittle => "covers-too-little",
+        }
+    }
+}
+
 /// Finds the place of a layer.
 ///
 /// # Errors
@@ -102,7 +128,7 @@ pub(super) fn place(
     parameters: &LayerParameters,
     space: &Space,
 ) -> Result<PlacementFacts, Failure> {
-    let header = |doubt: Option<&str>| PlacementFacts {
+    let header = |doubt: Option<PlaceDoubt>| PlacementFacts {
         case_from_layer: rows_of(DAffine3::IDENTITY),
         origin: MatrixOrigin::Header,
         verdict: PlacementVerdict::Unchecked,
@@ -110,7 +136,8 @@ pub(super) fn place(
             Some(_) => QualityState::Review,
             None => QualityState::Ok,
         },
-        reason: doubt.map(str::to_owned),
+        reason: doubt.map(|doubt| doubt.to_string()),
+        reason_code: doubt.map(|doubt| doubt.code().to_owned()),
         nmi_before: None,
         nmi_after: None,
         overlap: None,
@@ -123,14 +150,10 @@ pub(super) fn place(
             origin: MatrixOrigin::ByHand,
             ..header(None)
         }),
-        Transform::None if is_acquired => Ok(header(Some(
-            "it lies where its header places it; it was not compared with the volume of the case",
-        ))),
+        Transform::None if is_acquired => Ok(header(Some(PlaceDoubt::NotCompared))),
         Transform::Auto | Transform::None if !is_acquired => {
             let is_shared = space.is_shared(case, layer);
-            Ok(header((!is_shared).then_some(
-                "it lies where its header places it; its header does not state that this is the space of the case",
-            )))
+            Ok(header((!is_shared).then_some(PlaceDoubt::SpaceNotStated)))
         }
         transform => {
             let found = register(case.volume, case.envelope, layer);
@@ -161,9 +184,7 @@ pub(super) fn place(
             // Too little to compare says nothing against the header.
             let is_silent = matches!(doubt, Doubt::Overlap | Doubt::NoContrast);
             if transform == Transform::Auto && is_silent && space.is_shared(case, layer) {
-                return Ok(measured(header(Some(
-                    "it lies where its header places it; it shows too little of the head to be compared with the volume of the case",
-                ))));
+                return Ok(measured(header(Some(PlaceDoubt::CoversTooLittle))));
             }
             Err(not_registered(doubt, &found))
         }

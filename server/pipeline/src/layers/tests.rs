@@ -86,6 +86,7 @@ fn a_moved_volume_is_registered_and_keeps_its_place() {
     assert!(voxels.grid().voxel_count() <= case.0.volume.grid().voxel_count());
     let kept = PlacementFacts {
         reason: Some("of an earlier preparation".to_owned()),
+        reason_code: None,
         ..placement.clone()
     };
     let again = prepare(&case, &source, &of_kind(LayerKind::Mr), Some(&kept)).unwrap();
@@ -139,6 +140,7 @@ fn what_is_no_image_of_the_head_is_refused_and_can_be_placed_by_hand() {
             .placement;
         assert_eq!((placed.origin, placed.quality), (origin, quality));
         assert_eq!(placed.reason.is_some(), quality == QualityState::Review);
+        assert_eq!(placed.reason_code.is_some(), placed.reason.is_some());
     }
 }
 
@@ -215,6 +217,10 @@ fn maps_and_labels_lie_where_their_header_says_and_doubt_is_told() {
     let placed = prepare(&case, &source, &of_kind(LayerKind::Map), None).unwrap();
     assert_eq!(placed.facts.placement.quality, QualityState::Review);
     assert!(placed.facts.placement.reason.is_some());
+    assert_eq!(
+        placed.facts.placement.reason_code.as_deref(),
+        Some("space-not-stated")
+    );
 }
 
 fn gunzipped(bytes: &[u8]) -> Vec<u8> {

@@ -174,8 +174,8 @@ pub async fn get_profile(
     cases.ready(&id).await?;
     let maps = match cases.library.maps(&id).await? {
         MapsState::Ready(maps) => Ok(maps),
-        MapsState::Undefined(reason) => Err(reason.to_string()),
-        MapsState::Off => Err(MAPS_OFF.to_owned()),
+        MapsState::Undefined(reason) => Err(reason),
+        MapsState::Off => Err(MAPS_OFF),
         MapsState::Making => return Err(Error::LayerNotReady.into()),
     };
     let question = Question {

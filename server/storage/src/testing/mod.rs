@@ -57,6 +57,7 @@ pub fn layer_facts() -> LayerFacts {
             verdict: PlacementVerdict::Registered,
             quality: QualityState::Ok,
             reason: None,
+            reason_code: None,
             nmi_before: Some(1.1),
             nmi_after: Some(1.2),
             overlap: Some(1.0),

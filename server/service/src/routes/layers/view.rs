@@ -4,7 +4,7 @@ use case::{CaseId, CaseState, LabelFacts, Layer, LayerKind, MapName, PlacementFa
 use cases::dicom::Choice;
 use cases::library::MapsState;
 use cases::pictures::{LayerStyle, MAPS_OFF};
-use pipeline::maps::{MAPS_FORMAT, map_unit};
+use pipeline::maps::{MAPS_FORMAT, NoMaps, map_unit};
 use render::ColorMap;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -32,6 +32,10 @@ pub struct LayerView {
     /// The reason why it is undefined or off.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
+    /// The stable name of that reason: `coarse-voxels`, `low-contrast`, `no-white-matter`, `failed-envelope`,
+    /// `nothing-deep` or `maps-off`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason_code: Option<String>,
     /// The reason why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Problem>,
@@ -158,6 +162,9 @@ pub struct MapsView {
     /// The reason why they are undefined or off.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
+    /// The stable name of that reason.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason_code: Option<String>,
 }
 
 /// A word, or 4 rows of 4 numbers.
@@ -182,10 +189,17 @@ impl From<&MapsState> for MapsView {
         let (state, reason) = match state {
             MapsState::Ready(_) => (MapsStateName::Ready, None),
             MapsState::Making => (MapsStateName::Making, None),
-            MapsState::Undefined(reason) => (MapsStateName::Undefined, Some(reason.to_string())),
-            MapsState::Off => (MapsStateName::Off, Some(MAPS_OFF.to_owned())),
+            MapsState::Undefined(reason) => (MapsStateName::Undefined, Some(reason.clone())),
+            MapsState::Off => (MapsStateName::Off, Some(MAPS_OFF)),
         };
-        Self { state, reason }
+        let (reason, reason_code) = reason
+            .map(|NoMaps { code, sentence }| (sentence.into_owned(), code.into_owned()))
+            .unzip();
+        Self {
+            state,
+            reason,
+            reason_code,
+        }
     }
 }
 
@@ -199,6 +213,7 @@ impl LayerView {
             unit: map_unit(name).to_owned(),
             state: maps.state.into(),
             reason: maps.reason.clone(),
+            reason_code: maps.reason_code.clone(),
             format: Some(MAPS_FORMAT),
             volume: format!("/v1/cases/{id}/layers/{}/volume", name.name()),
             ..Self::empty()
@@ -267,6 +282,7 @@ impl LayerView {
             unit: String::new(),
             state: LayerState::Queued,
             reason: None,
+            reason_code: None,
             error: None,
             window: None,
             colormap: None,
