@@ -22,14 +22,19 @@ fn stored_on(position: vec3<f32>, inward: vec3<f32>) -> vec2<f32> {
     return vec2<f32>(sum / max(count, 1.0), min(count, 1.0));
 }
 
-// Whether a point of the isosurface is known, 1 or 0: beside a face that cuts the brain it is not.
-fn known_at(position_in_field: vec3<f32>) -> f32 {
+// How far a point is from where the isosurface is unknown, in mm: beside a face that cuts the brain. Negative: it is unknown.
+fn known_mm(position_in_field: vec3<f32>) -> f32 {
     let place = vec4<f32>(position_in_field, 1.0);
-    var known = 1.0;
-    for (var index = 0; index < 6; index++) {
-        known *= select(0.0, 1.0, dot(picture.cuts[index], place) >= 0.0);
+    var least = dot(picture.cuts[0], place);
+    for (var index = 1; index < 6; index++) {
+        least = min(least, dot(picture.cuts[index], place));
     }
-    return known;
+    return least;
+}
+
+// Whether a point of the isosurface is known, 1 or 0.
+fn known_at(position_in_field: vec3<f32>) -> f32 {
+    return select(0.0, 1.0, known_mm(position_in_field) >= 0.0);
 }
 
 // The pixel of a surface point in voxel coordinates of the depth field: background where the volume holds nothing or the isosurface is unknown.

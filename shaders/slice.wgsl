@@ -6,6 +6,9 @@ struct Contours {
     count: u32,
     // Pixels of depth in a texel of 1 of the depth field.
     depth_px: f32,
+    // Pixels in 1 mm, and the depth of the isosurface of which `picture.cuts` are, in pixels.
+    px_per_mm: f32,
+    cuts_px: f32,
 }
 
 @group(1) @binding(0) var<uniform> contours: Contours;
@@ -21,8 +24,8 @@ const CONTOUR_COLORS = array<vec3<f32>, 8>(
     vec3<f32>(255.0, 90.0, 90.0),
     vec3<f32>(255.0, 255.0, 255.0),
 );
-// Half the width of a contour, in pixels; half a pixel more fades out.
-const HALF_WIDTH: f32 = 0.6;
+// How far a contour reaches from its middle, in pixels; the last pixel fades out.
+const REACH: f32 = 1.1;
 // The least slope of the depth; near a ridge, a contour would become a blot.
 const LEAST_SLOPE: f32 = 0.2;
 // A depth equal to a level counts as below it, because the samples of a flat piece differ by rounding.
@@ -45,8 +48,8 @@ fn depths_beside(place: vec2<f32>) -> vec3<f32> {
     );
 }
 
-// A colour, 0 to 255 for red, green and blue, with the contours over it. A contour is drawn if the depth passes its level,
-// not if it stays on the level.
+// A colour, 0 to 255 for red, green and blue, with the contours over it. A contour is drawn where its depth is known and
+// the depth passes its level, not if it stays on the level.
 fn under_contours(color: vec3<f32>, place: vec2<f32>) -> vec3<f32> {
     let depth = depth_at(place);
     var nearest = FAR;
@@ -64,12 +67,13 @@ fn under_contours(color: vec3<f32>, place: vec2<f32>) -> vec3<f32> {
     let highs = max(max(above, level), under);
     let least = min(min(lows.x, lows.y), lows.z);
     let greatest = max(max(highs.x, highs.y), highs.z);
+    let known = known_mm(foot_of(place)) * contours.px_per_mm + contours.cuts_px;
     var result = color;
     for (var index = 0u; index < contours.count; index++) {
         let wanted = contours.levels[index / 4u][index % 4u];
         let passed = wanted - LEVEL_MARGIN;
-        let cover = clamp(HALF_WIDTH + 0.5 - abs(depth - wanted) / slope, 0.0, 1.0);
-        let share = select(0.0, cover, least <= passed && passed <= greatest);
+        let cover = clamp(REACH - abs(depth - wanted) / slope, 0.0, 1.0);
+        let share = select(0.0, cover, least <= passed && passed <= greatest && wanted + REACH <= known);
         result = floor(mix(result, CONTOUR_COLORS[index % 8u], share) + 0.5);
     }
     return result;

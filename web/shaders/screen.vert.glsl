@@ -100,31 +100,38 @@ float light_on(float facing) {
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
-float known_at(vec3 position_in_field_1) {
-    float known = 1.0;
-    int index_1 = 0;
+float known_mm(vec3 position_in_field_1) {
+    float least = 0.0;
+    int index_1 = 1;
     vec4 place = vec4(position_in_field_1, 1.0);
+    vec4 _e6 = _group_0_binding_0_vs.cuts[0];
+    least = dot(_e6, place);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
-            int _e24 = index_1;
-            index_1 = (_e24 + 1);
+            int _e23 = index_1;
+            index_1 = (_e23 + 1);
         }
         loop_init = false;
-        int _e7 = index_1;
-        if ((_e7 < 6)) {
+        int _e11 = index_1;
+        if ((_e11 < 6)) {
         } else {
             break;
         }
         {
-            float _e10 = known;
-            int _e13 = index_1;
-            vec4 _e15 = _group_0_binding_0_vs.cuts[_e13];
-            known = (_e10 * ((dot(_e15, place) >= 0.0) ? 1.0 : 0.0));
+            float _e14 = least;
+            int _e17 = index_1;
+            vec4 _e19 = _group_0_binding_0_vs.cuts[_e17];
+            least = min(_e14, dot(_e19, place));
         }
     }
-    float _e26 = known;
-    return _e26;
+    float _e25 = least;
+    return _e25;
+}
+
+float known_at(vec3 position_in_field_2) {
+    float _e1 = known_mm(position_in_field_2);
+    return ((_e1 >= 0.0) ? 1.0 : 0.0);
 }
 
 vec3 foot_of(vec2 place_in_frame) {

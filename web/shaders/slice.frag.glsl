@@ -55,9 +55,11 @@ struct Contours {
     vec4 levels[4];
     uint count;
     float depth_px;
+    float px_per_mm;
+    float cuts_px;
 };
 const vec3 CONTOUR_COLORS[8] = vec3[8](vec3(255.0, 225.0, 60.0), vec3(80.0, 170.0, 255.0), vec3(255.0, 140.0, 40.0), vec3(90.0, 220.0, 110.0), vec3(200.0, 120.0, 255.0), vec3(60.0, 230.0, 230.0), vec3(255.0, 90.0, 90.0), vec3(255.0, 255.0, 255.0));
-const float HALF_WIDTH = 0.6;
+const float REACH = 1.1;
 const float LEAST_SLOPE = 0.2;
 const float LEVEL_MARGIN = 0.001;
 const float FAR = 3.0;
@@ -203,31 +205,38 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     return vec2((_e58 / max(_e59, 1.0)), min(_e63, 1.0));
 }
 
-float known_at(vec3 position_in_field_1) {
-    float known = 1.0;
-    int index_1 = 0;
+float known_mm(vec3 position_in_field_1) {
+    float least = 0.0;
+    int index_1 = 1;
     vec4 place_4 = vec4(position_in_field_1, 1.0);
+    vec4 _e6 = _group_0_binding_0_fs.cuts[0];
+    least = dot(_e6, place_4);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
-            int _e24 = index_1;
-            index_1 = (_e24 + 1);
+            int _e23 = index_1;
+            index_1 = (_e23 + 1);
         }
         loop_init = false;
-        int _e7 = index_1;
-        if ((_e7 < 6)) {
+        int _e11 = index_1;
+        if ((_e11 < 6)) {
         } else {
             break;
         }
         {
-            float _e10 = known;
-            int _e13 = index_1;
-            vec4 _e15 = _group_0_binding_0_fs.cuts[_e13];
-            known = (_e10 * ((dot(_e15, place_4) >= 0.0) ? 1.0 : 0.0));
+            float _e14 = least;
+            int _e17 = index_1;
+            vec4 _e19 = _group_0_binding_0_fs.cuts[_e17];
+            least = min(_e14, dot(_e19, place_4));
         }
     }
-    float _e26 = known;
-    return _e26;
+    float _e25 = least;
+    return _e25;
+}
+
+float known_at(vec3 position_in_field_2) {
+    float _e1 = known_mm(position_in_field_2);
+    return ((_e1 >= 0.0) ? 1.0 : 0.0);
 }
 
 vec3 foot_of(vec2 place_in_frame) {
@@ -262,6 +271,7 @@ vec3 under_contours(vec3 color_1, vec2 place_1) {
     vec3 result = vec3(0.0);
     uint index_3 = 0u;
     bool local_2 = false;
+    bool local_3 = false;
     float _e2 = depth_at(place_1);
     bool loop_init_1 = true;
     while(true) {
@@ -294,42 +304,53 @@ vec3 under_contours(vec3 color_1, vec2 place_1) {
     float slope = max((0.5 * length(vec2((_e38.z - _e38.x), (_e43.y - _e37.y)))), LEAST_SLOPE);
     vec3 lows = min(min(_e37, _e38), _e43);
     vec3 highs = max(max(_e37, _e38), _e43);
-    float least = min(min(lows.x, lows.y), lows.z);
+    float least_1 = min(min(lows.x, lows.y), lows.z);
     float greatest = max(max(highs.x, highs.y), highs.z);
+    vec3 _e70 = foot_of(place_1);
+    float _e71 = known_mm(_e70);
+    float _e74 = _group_1_binding_0_fs.px_per_mm;
+    float _e78 = _group_1_binding_0_fs.cuts_px;
+    float known = ((_e71 * _e74) + _e78);
     result = color_1;
     bool loop_init_2 = true;
     while(true) {
         if (!loop_init_2) {
-            uint _e119 = index_3;
-            index_3 = (_e119 + 1u);
+            uint _e136 = index_3;
+            index_3 = (_e136 + 1u);
         }
         loop_init_2 = false;
-        uint _e73 = index_3;
-        uint _e76 = _group_1_binding_0_fs.count;
-        if ((_e73 < _e76)) {
+        uint _e83 = index_3;
+        uint _e86 = _group_1_binding_0_fs.count;
+        if ((_e83 < _e86)) {
         } else {
             break;
         }
         {
-            uint _e80 = index_3;
-            uint _e84 = index_3;
-            float wanted = _group_1_binding_0_fs.levels[(_e80 / 4u)][(_e84 % 4u)];
+            uint _e90 = index_3;
+            uint _e94 = index_3;
+            float wanted = _group_1_binding_0_fs.levels[(_e90 / 4u)][(_e94 % 4u)];
             float passed = (wanted - LEVEL_MARGIN);
-            float cover = clamp((1.1 - (abs((_e2 - wanted)) / slope)), 0.0, 1.0);
-            if ((least <= passed)) {
+            float cover = clamp((REACH - (abs((_e2 - wanted)) / slope)), 0.0, 1.0);
+            if ((least_1 <= passed)) {
                 local_2 = (passed <= greatest);
             } else {
                 local_2 = false;
             }
-            bool _e104 = local_2;
-            float share_1 = (_e104 ? cover : 0.0);
-            vec3 _e107 = result;
-            uint _e109 = index_3;
-            result = floor((mix(_e107, CONTOUR_COLORS[(_e109 % 8u)], share_1) + vec3(0.5)));
+            bool _e114 = local_2;
+            if (_e114) {
+                local_3 = ((wanted + REACH) <= known);
+            } else {
+                local_3 = false;
+            }
+            bool _e121 = local_3;
+            float share_1 = (_e121 ? cover : 0.0);
+            vec3 _e124 = result;
+            uint _e126 = index_3;
+            result = floor((mix(_e124, CONTOUR_COLORS[(_e126 % 8u)], share_1) + vec3(0.5)));
         }
     }
-    vec3 _e121 = result;
-    return _e121;
+    vec3 _e138 = result;
+    return _e138;
 }
 
 void main() {

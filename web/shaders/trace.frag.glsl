@@ -236,47 +236,54 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     return vec2((_e58 / max(_e59, 1.0)), min(_e63, 1.0));
 }
 
-float known_at(vec3 position_in_field_1) {
-    float known = 1.0;
-    int index_1 = 0;
+float known_mm(vec3 position_in_field_1) {
+    float least = 0.0;
+    int index_1 = 1;
     vec4 place_4 = vec4(position_in_field_1, 1.0);
+    vec4 _e6 = _group_0_binding_0_fs.cuts[0];
+    least = dot(_e6, place_4);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
-            int _e24 = index_1;
-            index_1 = (_e24 + 1);
+            int _e23 = index_1;
+            index_1 = (_e23 + 1);
         }
         loop_init = false;
-        int _e7 = index_1;
-        if ((_e7 < 6)) {
+        int _e11 = index_1;
+        if ((_e11 < 6)) {
         } else {
             break;
         }
         {
-            float _e10 = known;
-            int _e13 = index_1;
-            vec4 _e15 = _group_0_binding_0_fs.cuts[_e13];
-            known = (_e10 * ((dot(_e15, place_4) >= 0.0) ? 1.0 : 0.0));
+            float _e14 = least;
+            int _e17 = index_1;
+            vec4 _e19 = _group_0_binding_0_fs.cuts[_e17];
+            least = min(_e14, dot(_e19, place_4));
         }
     }
-    float _e26 = known;
-    return _e26;
+    float _e25 = least;
+    return _e25;
 }
 
-vec4 shaded(vec3 position_in_field_2) {
-    vec3 _e1 = inward_at(position_in_field_2);
+float known_at(vec3 position_in_field_2) {
+    float _e1 = known_mm(position_in_field_2);
+    return ((_e1 >= 0.0) ? 1.0 : 0.0);
+}
+
+vec4 shaded(vec3 position_in_field_3) {
+    vec3 _e1 = inward_at(position_in_field_3);
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_6 = (_e4 * vec4(position_in_field_2, 1.0)).xyz;
+    vec3 position_6 = (_e4 * vec4(position_in_field_3, 1.0)).xyz;
     vec2 _e9 = stored_on(position_6, _e1);
     vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
     float facing_1 = -(dot(_e1, _e12));
     uint _e17 = _group_0_binding_0_fs.color_row;
     float _e19 = brightness(_e9.x);
     vec3 _e20 = color_in(_e17, _e19);
-    vec3 _e21 = under_overlay(_e20, position_in_field_2);
+    vec3 _e21 = under_overlay(_e20, position_in_field_3);
     float _e22 = light_on(facing_1);
     vec3 lit = (_e21 * _e22);
-    float _e35 = known_at(position_in_field_2);
+    float _e35 = known_at(position_in_field_3);
     return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y) * _e35);
 }
 

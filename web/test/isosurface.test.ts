@@ -1,11 +1,16 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { NAMED_VIEWS } from "../src/model/camera.ts";
+import type { ReadyCase } from "../src/model/case.ts";
 import { depthsOf, firstHit, smoothShare, wayIn } from "../src/model/isosurface.ts";
+import { Points } from "../src/model/points.ts";
 import { PROFILE_STEP_MM, profileAt } from "../src/model/profile.ts";
 import { samplerOf } from "../src/model/sampler.ts";
 import { length, subtract, type Vec3 } from "../src/model/space.ts";
+import { firstState } from "../src/model/state.ts";
 import type { Block } from "../src/model/wire.ts";
+import { SHOWN } from "./shown.ts";
 
 /** A ball of 24 mm about (5, −7, 9), 1 mm voxels; depth in 1/128 mm. */
 const CENTRE: Vec3 = [5, -7, 9];
@@ -94,4 +99,30 @@ test("outside the volume there is no intensity", () => {
   const sampler = samplerOf(field);
   assert.ok(Number.isNaN(sampler.atPatient([CENTRE[0] + 40, CENTRE[1], CENTRE[2]])));
   assert.ok(Math.abs(sampler.atPatient(CENTRE) - RADIUS) < 1e-9);
+});
+
+test("beside a cut through the brain no depth is known, nothing is picked, and a profile has a gap", () => {
+  // The volume ends 12 mm to the left of the ball's centre.
+  const cut = { normal: [-1, 0, 0] as const, offset_mm: -(CENTRE[0] + 12) };
+  const plain: ReadyCase = { ...SHOWN, envelope_sphere: { center_in_patient: CENTRE, radius_mm: RADIUS } };
+  const [whole, points] = [plain, { ...plain, cuts: [cut] }].map(
+    (shown) => new Points(shown, depths, samplerOf(field)),
+  ) as [Points, Points];
+  const at = (x: number, y: number): Vec3 => [CENTRE[0] + x, CENTRE[1] + y, CENTRE[2]];
+  // 18 mm in front of the centre the depth is 6 mm: known where the cut is 6.98 mm away or more.
+  assert.ok(Math.abs(points.probe(at(0, -18)).depth_mm - 6) < 0.1);
+  assert.ok(Number.isNaN(points.probe(at(7, -18)).depth_mm));
+  assert.ok(Number.isFinite(whole.probe(at(7, -18)).depth_mm));
+  assert.equal(points.probe(at(7, -18)).intensity, whole.probe(at(7, -18)).intensity);
+  // Straight in from the front, known to 11 mm.
+  const curve = points.profile(at(0, -20))?.intensity ?? [];
+  assert.ok(curve.slice(0, 43).every(Number.isFinite), String(curve));
+  assert.ok(curve.slice(46).every(Number.isNaN), String(curve));
+  assert.ok(whole.profile(at(0, -20))?.intensity.slice(46, 80).every(Number.isFinite));
+  const state = { ...firstState(plain), depth_mm: 6, orientation: NAMED_VIEWS.anterior };
+  const pane = [200, 200] as const;
+  const picked = (from: Points, x: number): unknown => from.pick(state, [100 + x, 100], pane);
+  assert.ok(picked(points, 0));
+  for (const x of [-60, 60]) assert.ok(picked(whole, x));
+  assert.equal([-60, 60].filter((x) => picked(points, x) !== null).length, 1);
 });

@@ -214,7 +214,7 @@ test("a map is sampled through its own grid, coloured between its ends; without 
 
 test("what is nearer to a cut than the depth is behind its plane", () => {
   const without = pictureFields(LOOK, MAPS, SIZE)["cuts"] as readonly number[];
-  assert.deepEqual(without, new Array<number>(24).fill(0));
+  assert.deepEqual(without, Array.from({ length: 6 }, () => [0, 0, 0, 1e9]).flat());
   // The head is cut at 12 mm, and seen at a depth of 8 mm with voxels of 2 mm: known from 12 + 8 + 1.96 mm on.
   const cut = { normal: [0, 0, 1] as const, offset_mm: 12 };
   const planes = pictureFields(LOOK, { ...MAPS, cuts: [cut] }, SIZE)["cuts"] as readonly number[];
@@ -230,6 +230,8 @@ test("what is nearer to a cut than the depth is behind its plane", () => {
 
 test("contours are at their depths in pixels, and so are the depths of the texture", () => {
   // A picture of 200 × 100 pixels has 2 mm pixels, and the field voxels of 2 mm.
-  const { levels, count, depth_px } = contoursFields(LOOK, MAPS, SIZE, [8, 5]);
+  const { levels, count, depth_px, px_per_mm, cuts_px } = contoursFields(LOOK, MAPS, SIZE, [8, 5]);
   assert.deepEqual([levels, count, depth_px], [[4, 2.5], 2, 1]);
+  // The planes of the cuts are those of the look's depth of 8 mm.
+  assert.deepEqual([px_per_mm, cuts_px], [0.5, 4]);
 });

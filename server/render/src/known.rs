@@ -38,8 +38,17 @@ pub(crate) fn leave_bare(planes: &[CutPlane], rays: &Rays, row: usize, points: &
     }
 }
 
-fn is_known(planes: &[CutPlane], [x, y, z]: [f32; 3]) -> bool {
-    planes.iter().all(|[along_x, along_y, along_z, offset]| {
-        along_x * x + along_y * y + along_z * z + offset >= 0.0
-    })
+/// The greatest depth that is known at a place in voxel coordinates of the depth field, in mm; `planes` are the
+/// [`cut_planes`] at depth 0.
+pub(crate) fn deepest_known_mm(planes: &[CutPlane], place: [f32; 3]) -> f32 {
+    let distances = planes.iter().map(|plane| distance(*plane, place));
+    distances.fold(f32::INFINITY, f32::min)
+}
+
+fn is_known(planes: &[CutPlane], place: [f32; 3]) -> bool {
+    planes.iter().all(|&plane| distance(plane, place) >= 0.0)
+}
+
+fn distance([along_x, along_y, along_z, offset]: CutPlane, [x, y, z]: [f32; 3]) -> f32 {
+    along_x * x + along_y * y + along_z * z + offset
 }

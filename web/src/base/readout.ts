@@ -45,6 +45,8 @@ export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: 
   return { mm, pixels: mm / mm_per_pixel };
 }
 
-/** The depth of a position; outside of the envelope it has none. */
-export const depthAtWords = (depth_mm: number): string =>
-  depth_mm <= -0.05 ? t("point.outside") : `${number(depth_mm, 1)} mm`;
+/** The depth of a position; outside of the envelope it has none, and beside a cut it is unknown. */
+export function depthAtWords(depth_mm: number): string {
+  if (Number.isNaN(depth_mm)) return "–";
+  return depth_mm <= -0.05 ? t("point.outside") : `${number(depth_mm, 1)} mm`;
+}

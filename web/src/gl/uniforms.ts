@@ -5,6 +5,7 @@ import { project, towardsViewer, type Projection, type View } from "../model/cam
 import type { MirrorPlane, Sphere, Window } from "../model/case.ts";
 import { smoothShare } from "../model/isosurface.ts";
 import { SOFT_PART } from "../model/maps.ts";
+import { CUT_REACH } from "../model/points.ts";
 import { reflected, reflection } from "../model/midsagittal.ts";
 import { windowEnds } from "../model/state.ts";
 import { add, inverted, length, subtract, transform, type Affine, type Vec2, type Vec3 } from "../model/space.ts";
@@ -85,9 +86,8 @@ const BOX_MARGIN = 2.01;
 const BALL_MARGIN = 4;
 /** How far the mesh may be outside of the ball around the envelope, in voxels. */
 const CLIP_MARGIN = 4;
-// How many faces can cut a brain, and how near to one its voxels are unknown at any depth, in voxels.
+/** How many faces can cut a brain. */
 const MOST_CUTS = 6;
-const CUT_REACH = 0.98;
 /**
  * How far the samples of a pixel may be apart, in pixels, to be of one piece of the surface: `render::gpu::uniforms`.
  */
@@ -151,7 +151,8 @@ function cutPlanes({ field, cuts, spacing_mm }: Maps, depth_mm: number): number[
     );
     return [...along.slice(0, 3), (along[3] ?? 0) - offset_mm - least_mm];
   });
-  return [...planes, ...Array.from({ length: 4 * MOST_CUTS - planes.length }, () => 0)];
+  const none = Array.from({ length: MOST_CUTS - planes.length / 4 }, () => [0, 0, 0, 1e9]);
+  return [...planes, ...none.flat()];
 }
 
 /** The threshold of a map that has none. */
@@ -236,6 +237,8 @@ export function contoursFields(look: Look, { field, sphere }: Maps, size: Vec2, 
     levels: depths_mm.map((depth_mm) => depth_mm / mm_per_pixel),
     count: depths_mm.length,
     depth_px: (field.texelScale * voxelMm(field)) / mm_per_pixel,
+    px_per_mm: 1 / mm_per_pixel,
+    cuts_px: look.depth_mm / mm_per_pixel,
   };
 }
 

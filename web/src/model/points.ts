@@ -6,7 +6,7 @@ import { type Depths, firstHit } from "./isosurface.ts";
 import { mirrorPlane, reflected } from "./midsagittal.ts";
 import { type Profile, profileAt } from "./profile.ts";
 import type { Sampler } from "./sampler.ts";
-import { type Vec2, type Vec3, scale } from "./space.ts";
+import { type Vec2, type Vec3, dot, scale } from "./space.ts";
 import { type ViewState, isHalved } from "./state.ts";
 
 /** The point of the surface that is seen at a place of the pane. */
@@ -21,9 +21,17 @@ export interface Picked {
 
 /** The depth and intensity at a position. */
 export interface Probed {
+  /** NaN beside a cut through the brain, where it is unknown. */
   readonly depth_mm: number;
   readonly intensity: number;
 }
+
+/** How near to a cut voxels are unknown at any depth, in voxels. */
+export const CUT_REACH = 0.98;
+
+/** Whether a depth at a position is known: it is not if a face that cuts the brain is nearer than any dura. */
+const isKnown = ({ cuts = [], grid }: ReadyCase, position: Vec3, depth_mm: number): boolean =>
+  cuts.every(({ normal, offset_mm }) => dot(normal, position) - offset_mm >= depth_mm + CUT_REACH * grid.spacing_mm);
 
 /** How far before the envelope's sphere a line of sight begins. */
 const MARGIN_MM = 10;
@@ -56,7 +64,7 @@ export class Points {
     const from = project(view, sphere, size).positionOf([...place, reach_mm]);
     const direction = scale(towardsViewer(view.orientation), -1);
     const position = firstHit(this.#depths, { from, direction, reach_mm: 2 * reach_mm }, state.depth_mm);
-    if (!position) return null;
+    if (!position || !isKnown(this.#case, position, state.depth_mm)) return null;
     const intensity = this.#volume.atPatient(position);
     return {
       position_in_patient: position,
@@ -67,10 +75,19 @@ export class Points {
   }
 
   profile(position: Vec3): Profile | null {
-    return profileAt(this.#depths, this.#volume, position, reflected(position, mirrorPlane(this.#case)));
+    const volume = {
+      atPatient: (place: Vec3) => (Number.isNaN(this.#depthAt(place)) ? NaN : this.#volume.atPatient(place)),
+    };
+    return profileAt(this.#depths, volume, position, reflected(position, mirrorPlane(this.#case)));
   }
 
   probe(position: Vec3): Probed {
-    return { depth_mm: this.#depths.depthAt(position), intensity: this.#volume.atPatient(position) };
+    return { depth_mm: this.#depthAt(position), intensity: this.#volume.atPatient(position) };
+  }
+
+  /** The depth at a position; NaN where it is unknown. */
+  #depthAt(position: Vec3): number {
+    const depth_mm = this.#depths.depthAt(position);
+    return isKnown(this.#case, position, depth_mm) ? depth_mm : NaN;
   }
 }

@@ -8,7 +8,7 @@ import type { Vec3 } from "./space.ts";
 export interface Profile {
   /** From 0, equally spaced. */
   readonly depth_mm: readonly number[];
-  /** NaN outside the volume. */
+  /** NaN outside the volume, and where the depth is unknown. */
   readonly intensity: readonly number[];
   /** The same at the mirrored point of the other hemisphere. */
   readonly mirrored: readonly number[];
@@ -40,11 +40,16 @@ export interface Measured {
 export const PROFILE_STEP_MM = 0.25;
 
 /** The intensities on the shortest way in through a position. */
-const intensitiesAlong = (depths: Depths, volume: Sampler, position: Vec3): number[] =>
+const intensitiesAlong = (depths: Depths, volume: Pick<Sampler, "atPatient">, position: Vec3): number[] =>
   wayIn(depths, position, PROFILE_STEP_MM).map((point) => volume.atPatient(point));
 
 /** The curves at a position and at its mirrored one; null where no way leads in from the position. */
-export function profileAt(depths: Depths, volume: Sampler, position: Vec3, opposite: Vec3): Profile | null {
+export function profileAt(
+  depths: Depths,
+  volume: Pick<Sampler, "atPatient">,
+  position: Vec3,
+  opposite: Vec3,
+): Profile | null {
   const [own, other] = [position, opposite].map((point) => intensitiesAlong(depths, volume, point));
   if (!own?.length) return null;
   return {

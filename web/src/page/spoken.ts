@@ -38,7 +38,7 @@ export function spokenCommand(command: ChangingCommand): string | null {
 
 function placeWords(position: Vec3, places: Places): string {
   const probed = places.probe(position);
-  if (!probed || probed.depth_mm < 0 || !Number.isFinite(probed.intensity)) return positionWords(position);
+  if (!probed || !(probed.depth_mm >= 0) || !Number.isFinite(probed.intensity)) return positionWords(position);
   return t("said.place", {
     position: positionWords(position),
     depth: number(probed.depth_mm, 1),

@@ -384,7 +384,7 @@ export class Viewer {
       },
       depthOfCross: () => {
         const depth_mm = this.#state.crosshair_mm && this.#surface.probe(this.#state.crosshair_mm)?.depth_mm;
-        if (typeof depth_mm === "number") this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true);
+        if (Number.isFinite(depth_mm)) this.#change({ depth_mm: clampDepth(Number(depth_mm), this.shown) }, true);
       },
       screenshot: (times) => this.#onDemand.savePicture(times),
       copyPicture: (times) => this.#onDemand.copyPicture(times),

@@ -118,10 +118,11 @@ pub(super) fn picture(
     }
 }
 
-/// The planes beyond which the isosurface is unknown; nothing is beyond a plane of zeros.
+/// The planes beyond which the isosurface is unknown, and planes beyond which nothing is.
 fn cuts(scene: &Scene<'_>, depth_mm: f64) -> [CutPlane; MOST_CUTS] {
+    const FAR: CutPlane = [0.0, 0.0, 0.0, 1e9];
     let planes = cut_planes(scene.field, depth_mm);
-    std::array::from_fn(|index| planes.get(index).copied().unwrap_or_default())
+    std::array::from_fn(|index| planes.get(index).copied().unwrap_or(FAR))
 }
 
 /// From voxel coordinates of the depth field to texels of the volume's texture.

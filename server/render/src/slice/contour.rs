@@ -6,6 +6,7 @@ use geometry::DepthField;
 use rayon::prelude::*;
 
 use crate::Projection;
+use crate::known::{CutPlane, cut_planes, deepest_known_mm};
 use crate::rays::Rays;
 use crate::sampler::Sampler;
 
@@ -26,8 +27,8 @@ pub(crate) fn color(number: usize) -> [u8; 3] {
     COLORS[number % COLORS.len()]
 }
 
-/// Half the width of a contour, in pixels; half a pixel more fades out.
-const HALF_WIDTH: f32 = 0.6;
+/// How far a contour reaches from its middle, in pixels; the last pixel fades out.
+const REACH: f32 = 1.1;
 
 /// The least slope of the depth, in mm of depth per mm, for a contour; near a ridge, a contour would become a blot.
 const LEAST_SLOPE: f32 = 0.2;
@@ -38,6 +39,9 @@ const LEVEL_MARGIN_PX: f32 = 1e-3;
 /// The depth at every pixel of a slice and a pixel beyond each side.
 pub(super) struct Contours {
     columns: usize,
+    rays: Rays,
+    cuts: Vec<CutPlane>,
+    px_per_mm: f32,
     depths_px: Vec<f32>,
     levels_px: Vec<(f32, [u8; 3])>,
 }
@@ -69,13 +73,16 @@ impl Contours {
             .collect();
         Self {
             columns,
+            rays,
+            cuts: cut_planes(field, 0.0),
+            px_per_mm: px_per_mm as f32,
             depths_px,
             levels_px,
         }
     }
 
-    /// The colour of a pixel with the contours over it. A contour is drawn if the depth passes a level, not if it stays
-    /// on the level, as in a slice along a flat side of the head.
+    /// The colour of a pixel with the contours over it. A contour is drawn where its depth is known and the depth passes
+    /// its level; not if the depth stays on the level, as in a slice along a flat side of the head.
     pub(super) fn over(&self, column: usize, row: usize, color: [u8; 3]) -> [u8; 3] {
         let here = (row + 1) * self.columns + column + 1;
         let depth = self.depths_px[here];
@@ -84,12 +91,16 @@ impl Contours {
             0.5 * (self.depths_px[here + self.columns] - self.depths_px[here - self.columns]);
         let slope = (across * across + down * down).sqrt().max(LEAST_SLOPE);
         let passes = self.range_around(here);
+        let known_px = || {
+            let ray = self.rays.through(column as f32 + 0.5, row as f32 + 0.5);
+            deepest_known_mm(&self.cuts, ray.at(0.0)) * self.px_per_mm
+        };
         self.levels_px.iter().fold(color, |color, (level, line)| {
-            if !passes.contains(&(level - LEVEL_MARGIN_PX)) {
+            if !passes.contains(&(level - LEVEL_MARGIN_PX)) || level + REACH > known_px() {
                 return color;
             }
             let distance = (depth - level).abs() / slope;
-            let cover = (HALF_WIDTH + 0.5 - distance).clamp(0.0, 1.0);
+            let cover = (REACH - distance).clamp(0.0, 1.0);
             std::array::from_fn(|channel| {
                 let [under, over] = [color[channel], line[channel]].map(f32::from);
                 (under + cover * (over - under) + 0.5) as u8

@@ -1,6 +1,6 @@
 //! Slices through a ball whose contours are circles.
 
-use geometry::{BoundingSphere, Grid, phantom};
+use geometry::{BoundingSphere, Cut, Envelope, Face, Grid, phantom};
 use glam::DVec3;
 
 use super::*;
@@ -28,6 +28,12 @@ fn parameters(plane: SlicePlane, position_mm: f64) -> SliceParameters {
 fn draw_shape(is_inside: impl Fn(DVec3) -> bool, parameters: SliceParameters) -> Frame {
     let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
     let envelope = phantom::envelope(&grid, is_inside);
+    draw_envelope(envelope, parameters)
+}
+
+/// An envelope at 1 mm, and the same volume around it.
+fn draw_envelope(envelope: Envelope, parameters: SliceParameters) -> Frame {
+    let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
     // Brighter to the left (+100), to posterior (+40) and to superior (+20).
     let volume = phantom::volume(grid, |position| {
         let [left, posterior, superior] = position
@@ -45,6 +51,51 @@ fn draw_shape(is_inside: impl Fn(DVec3) -> bool, parameters: SliceParameters) ->
         ..Scene::from(&model)
     };
     draw_slice(&scene, &SliceRequest::new(parameters).unwrap())
+}
+
+#[test]
+fn beside_a_cut_there_is_no_contour_where_its_depth_is_unknown() {
+    let cut = Cut {
+        face: Face::Left,
+        inward: DVec3::NEG_X,
+        offset_mm: -10.0,
+    };
+    let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
+    let is_seen = |position: DVec3| position.length() <= 25.0 && cut.distance_mm(position) >= 0.0;
+    let of_cut_ball = |cuts: Vec<Cut>, depth_mm: f64| {
+        let envelope = phantom::envelope(&grid, is_seen).with_cuts(cuts);
+        let parameters = SliceParameters {
+            depths_mm: vec![depth_mm],
+            ..parameters(SlicePlane::Axial, 0.0)
+        };
+        draw_envelope(envelope, parameters)
+    };
+    // Pixels of 0.5 mm, the patient's left on the right: the contour of 8 mm is known up to 2 - 0.98 mm left of the middle, less
+    // the 1.1 pixels that it reaches.
+    let colored = |frame: &Frame| {
+        let pixels = frame.bytes().as_chunks::<3>().0.iter();
+        let colored = pixels.map(|[red, green, blue]| red != green || green != blue);
+        colored.collect::<Vec<_>>()
+    };
+    let [known, every] = [vec![cut], Vec::new()].map(|cuts| colored(&of_cut_ball(cuts, 8.0)));
+    let column_of = |index: usize| index % 160;
+    let rightmost = |pixels: &[bool]| {
+        let columns = (0..pixels.len())
+            .filter(|&index| pixels[index])
+            .map(column_of);
+        columns.max().unwrap()
+    };
+    assert!(
+        (79..=81).contains(&rightmost(&known)),
+        "{}",
+        rightmost(&known)
+    );
+    assert!(rightmost(&every) >= 83, "{}", rightmost(&every));
+    // Elsewhere it is the same.
+    for index in (0..known.len()).filter(|&index| column_of(index) < 80) {
+        assert_eq!(known[index], every[index], "{index}");
+    }
+    assert!(known.iter().filter(|&&is_colored| is_colored).count() > 80);
 }
 
 #[test]
