@@ -1,33 +1,12 @@
 //! Checking, moving, backing up and restoring a store, by the commands of `docs/backup.md`.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 use storage::testing::files_below;
 use storage::testing::postgres::PostgresServer;
 
+use crate::command_line::{done, run};
 use crate::head::plain_head;
-use crate::several_machines::program;
-
-/// Runs a command of the program; its status, and what it wrote.
-fn run(arguments: &[&str]) -> (Option<i32>, String) {
-    let output: Output = Command::new(program())
-        .args(arguments)
-        .env_remove("ISOCORTEX_CONFIG")
-        .env_remove("ISOCORTEX_DATA")
-        .env_remove("ISOCORTEX_NETWORK")
-        .output()
-        .unwrap();
-    let written = [output.stdout, output.stderr].concat();
-    (output.status.code(), String::from_utf8(written).unwrap())
-}
-
-/// The same, which must end well.
-fn done(arguments: &[&str]) -> String {
-    let (status, written) = run(arguments);
-    assert_eq!(status, Some(0), "{arguments:?}: {written}");
-    written
-}
 
 fn object(folder: &Path, kind: &str) -> PathBuf {
     let mut files = files_below(&folder.join(kind));

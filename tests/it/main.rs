@@ -4,6 +4,7 @@ mod agreement;
 mod attacks;
 mod backup;
 mod circles;
+mod command_line;
 mod dicom;
 mod dicomweb;
 mod extraction;

@@ -1,12 +1,12 @@
 //! Further volumes of the head of a case: submitted, listed, changed and deleted.
 
-use case::{CaseId, CaseState, Layer, LayerId, LayerKind, LayerParameters};
+use case::{CaseId, CaseState, Failure, Layer, LayerId, LayerKind, LayerParameters};
 use imaging::START_BYTES;
 use pipeline::layers::{LayerSource, check_layer};
 use storage::{ChangedLayer, LayerChange, LayerName, LayerUpload, SubmittedLayer};
 
 use crate::application::Cases;
-use crate::dicom::{Choice, Options};
+use crate::dicom::{Choice, Options, SeriesView};
 use crate::error::Error;
 use crate::fair::Client;
 use crate::intake::VolumeFiles;
@@ -42,6 +42,27 @@ pub struct AddedLayer {
     pub created: bool,
     /// The choice among DICOM files.
     pub choice: Option<Choice>,
+}
+
+/// The parameters of a layer: its kind and unit as stated, otherwise those of its DICOM series.
+///
+/// # Errors
+/// If they do not fit together.
+pub fn parameters_of(
+    series: Option<&SeriesView>,
+    kind: Option<LayerKind>,
+    unit: Option<String>,
+    others: LayerParameters,
+) -> Result<LayerParameters, Failure> {
+    let kind = kind.or(series.map(|series| LayerKind::of_modality(&series.modality)));
+    let unit = unit.or(series.and_then(|series| series.unit.clone()));
+    let parameters = LayerParameters {
+        kind: kind.unwrap_or_default(),
+        unit: unit.unwrap_or_default(),
+        ..others
+    };
+    parameters.check()?;
+    Ok(parameters)
 }
 
 impl Cases {
@@ -86,16 +107,7 @@ impl Cases {
             });
         }
         let series = choice.as_ref().map(|choice| &choice.series);
-        let kind = new
-            .kind
-            .or(series.map(|series| LayerKind::of_modality(&series.modality)));
-        let unit = new.unit.or(series.and_then(|series| series.unit.clone()));
-        let parameters = LayerParameters {
-            kind: kind.unwrap_or_default(),
-            unit: unit.unwrap_or_default(),
-            ..new.parameters
-        };
-        parameters.check()?;
+        let parameters = parameters_of(series, new.kind, new.unit, new.parameters)?;
         let usual = || match series.map(|series| series.name.as_str()) {
             Some(name) if !name.is_empty() => name.to_owned(),
             _ => parameters.kind.name().to_owned(),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use bytes::Bytes;
 use case::{CaseId, CaseState, Layer, LayerKind, LayerParameters, QualityState};
 use cases::dicom::{DicomReader, Input, Options, Program, Purpose};
+use cases::layers::parameters_of;
 use clap::Args;
 use imaging::sniff;
 use pipeline::Limits;
@@ -150,15 +151,7 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
             None,
         )
     };
-    let modality = series
-        .as_ref()
-        .map(|series| LayerKind::of_modality(&series.modality));
-    let unit = file.unit.or(series.and_then(|series| series.unit));
-    let parameters = LayerParameters {
-        kind: file.kind.or(modality).unwrap_or_default(),
-        unit: unit.unwrap_or_default(),
-        ..file.parameters
-    };
+    let parameters = parameters_of(series.as_ref(), file.kind, file.unit, file.parameters)?;
     check_layer(&source, &parameters, &Limits::default())?;
     let spooled = async |bytes: Option<Bytes>| match bytes {
         Some(bytes) => store.spool_all(bytes).await.map(Some),

@@ -1,0 +1,62 @@
+//! The program on the command line.
+
+use std::process::{Command, Output};
+
+use crate::head::plain_head;
+use crate::several_machines::program;
+
+/// Runs a command of the program; its status, and what it wrote.
+pub(crate) fn run(arguments: &[&str]) -> (Option<i32>, String) {
+    let output: Output = Command::new(program())
+        .args(arguments)
+        .env_remove("ISOCORTEX_CONFIG")
+        .env_remove("ISOCORTEX_DATA")
+        .env_remove("ISOCORTEX_NETWORK")
+        .output()
+        .unwrap();
+    let written = [output.stdout, output.stderr].concat();
+    (output.status.code(), String::from_utf8(written).unwrap())
+}
+
+/// The same, which must end well.
+pub(crate) fn done(arguments: &[&str]) -> String {
+    let (status, written) = run(arguments);
+    assert_eq!(status, Some(0), "{arguments:?}: {written}");
+    written
+}
+
+#[test]
+fn layers_are_prepared_with_their_case_and_wrong_ones_are_named() {
+    let root = tempfile::tempdir().unwrap();
+    let path = |name: &str| root.path().join(name).display().to_string();
+    let (head, flair, data) = (path("head.nii"), path("flair.nii"), path("data"));
+    std::fs::write(&head, plain_head().bytes()).unwrap();
+    std::fs::write(&flair, plain_head().bytes()).unwrap();
+    let with = |layer: &str, options: &[&str]| {
+        let first = ["prepare", &head, "--data", &data, "--layer", layer];
+        run(&[&first[..], options].concat())
+    };
+    let unit = |unit| with(&flair, &["--layer-unit", unit]);
+
+    let (status, written) = unit("a\nb");
+    assert_eq!(status, Some(65), "{written}");
+    assert!(written.contains("layer flair: the unit must have"), "{written}");
+    let (status, written) = with(&path("none.nii"), &[]);
+    assert_eq!(status, Some(66), "{written}");
+    let (status, written) = with(&flair, &["--layer-kind", "mr", "--layer-kind", "ct"]);
+    assert_eq!(status, Some(2), "{written}");
+    assert!(
+        written.contains("--layer-kind once for each --layer"),
+        "{written}"
+    );
+
+    let (status, written) = with(&format!("T2={flair}"), &["--layer-unit", "a.u."]);
+    assert_eq!(status, Some(0), "{written}");
+    assert!(written.contains("layer T2: "), "{written}");
+    let id = written.lines().next().unwrap().to_owned();
+    let picture = path("picture.png");
+    let drawn = done(&[
+        "render", &id, "--data", &data, "--layer", "T2", "--output", &picture,
+    ]);
+    assert!(std::fs::metadata(&picture).unwrap().len() > 1000, "{drawn}");
+}
