@@ -112,7 +112,7 @@ mod tests {
     use super::*;
     use crate::sql::SqlRows;
     use crate::sql::connection::Database;
-    use crate::{CaseRows as _, ObjectName, Pinned, testing};
+    use crate::{CaseRows as _, ObjectName, Pinned, Published, testing};
 
     const HOUR: Duration = Duration::from_secs(3600);
 
@@ -158,6 +158,35 @@ mod tests {
         // The connection was closed; another one does not have its limit.
         rows.check().await.unwrap();
         rows.pin(&many_pins(), HOUR).await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_claim_that_a_power_cut_lost_gives_its_number_to_nobody_else() {
+        let directory = tempfile::tempdir().unwrap();
+        let rows = SqlRows::sqlite(&directory.path().join("rows.sqlite"))
+            .await
+            .unwrap();
+        let new = testing::new_case(&rows, "volume").await;
+        rows.insert(&new).await.unwrap();
+        let lost = testing::claim(&rows).await.unwrap();
+        // As if its commit had not reached the disk, while its holder goes on.
+        sqlx::raw_sql(
+            "UPDATE fence SET value = 0;
+             UPDATE jobs SET attempts = 0, fence = 0, lease_until = NULL;
+             UPDATE cases SET state = 'queued'",
+        )
+        .execute(pool(&rows))
+        .await
+        .unwrap();
+        let again = testing::claim(&rows).await.unwrap();
+        assert_eq!(again.id, lost.id);
+        assert!(again.fence > lost.fence, "{} {}", again.fence, lost.fence);
+        let derived = testing::pinned(&rows, &[]).await;
+        let late = rows.publish(&lost, &derived, &testing::facts()).await;
+        assert_eq!(late.unwrap(), Published::Fenced);
+        let derived = testing::pinned(&rows, &[]).await;
+        let done = rows.publish(&again, &derived, &testing::facts()).await;
+        assert_eq!(done.unwrap(), Published::Done);
     }
 
     /// A file with a ready case, whose facts hold a word that is nowhere else.
