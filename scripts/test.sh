@@ -8,7 +8,7 @@ set -euo pipefail
 
 need_rust
 readonly mode=${1:-all}
-passed=() failed=() skipped=() counted=0
+passed=() failed=() skipped=() repeated=() counted=0
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 
@@ -24,6 +24,7 @@ step() {
   fi
   say "== $name: $((SECONDS - started)) s"
   count_tests
+  mapfile -O "${#repeated[@]}" -t repeated < <(sed 's/\x1b\[[0-9;]*m//g' "$log" | grep -aE '^ *FLAKY [0-9]+/|^REPEATED: ' | sort -u)
 }
 
 skip() {
@@ -42,10 +43,10 @@ count_tests() {
     -e 's/^[#ℹ] pass ([0-9]+)$/\1/p')
 }
 
-# rust_tests TARGETS...: uses nextest if it is installed.
+# rust_tests TARGETS...: uses nextest if it is installed. It runs a failed test once more and reports it as flaky if it passes then.
 rust_tests() {
   if have cargo-nextest; then
-    cargo nextest run --locked --workspace --no-fail-fast --no-tests=pass "$@"
+    cargo nextest run --locked --workspace --no-fail-fast --no-tests=pass --retries 1 "$@"
   else
     cargo test --locked --workspace --no-fail-fast "$@"
   fi
@@ -54,8 +55,18 @@ rust_tests() {
 shell_scripts() { git ls-files -z 'scripts/*.sh' .ci/run | xargs -0 shellcheck -x; }
 
 page_tests() { npm test --silent --prefix web; }
+# Tests of a browser depend on the machine's speed: a file with a failed test is run once more, and reported.
 browser_tests() {
-  node web/build.mjs tests && ISOCORTEX_BINARY=$(target_dir)/debug/isocortex node --test web/build/browser/
+  local file status=0
+  node web/build.mjs tests || return 1
+  ISOCORTEX_BINARY=$(target_dir)/debug/isocortex
+  export ISOCORTEX_BINARY
+  for file in web/build/browser/*.test.mjs; do
+    node --test "$file" && continue
+    say "REPEATED: $file"
+    node --test "$file" || status=1
+  done
+  return "$status"
 }
 
 [ -d "${ISOCORTEX_TEST_DATA:-../shared/data}" ] ||
@@ -100,6 +111,7 @@ fi
 
 say ""
 for name in "${skipped[@]}"; do say "skipped: $name"; done
+for name in "${repeated[@]}"; do say "failed at first: $name"; done
 for name in "${failed[@]}"; do say "FAILED: $name"; done
 say "summary: ${#passed[@]} steps passed, ${#failed[@]} failed, ${#skipped[@]} skipped; $counted tests passed; $SECONDS s"
 [ "${#failed[@]}" = 0 ]

@@ -241,7 +241,8 @@ impl Plot {
             .x_label_area_size(44)
             .y_label_area_size(64);
         if self.is_log {
-            self.fill(chart.build_cartesian_2d(x, y.log_scale())?)?;
+            let y = with_room_below(y).log_scale();
+            self.fill(chart.build_cartesian_2d(x, y)?)?;
         } else {
             self.fill(chart.build_cartesian_2d(x, 0.0..y.end)?)?;
         }
@@ -291,6 +292,11 @@ impl Plot {
             .draw()?;
         Ok(())
     }
+}
+
+/// A range whose logarithm reaches downwards by a third more, for the legend.
+fn with_room_below(range: std::ops::Range<f64>) -> std::ops::Range<f64> {
+    range.start * (range.start / range.end).cbrt()..range.end
 }
 
 /// A range from slightly below the least positive number to slightly above the greatest; never empty.
