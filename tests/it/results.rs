@@ -352,10 +352,8 @@ async fn busy_node(busy: u32) -> (u16, Arc<std::sync::Mutex<Vec<Bytes>>>) {
 pub(crate) fn add_node(config: &mut Config, name: &str, url: String) {
     config.pacs.nodes.push(Node {
         name: name.to_owned(),
-        url,
-        user: None,
-        password_file: None,
-        token_file: None,
+        url: Some(url),
+        ..Node::default()
     });
 }
 

@@ -7,7 +7,6 @@
 
 mod arrivals;
 mod background;
-pub mod dimse;
 mod error;
 mod fetch;
 mod held;

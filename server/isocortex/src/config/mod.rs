@@ -128,7 +128,9 @@ pub enum ConfigError {
         source: ::pacs::node::BadNode,
     },
     /// The credentials of a node are incomplete, or of two kinds.
-    #[error("the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them")]
+    #[error(
+        "the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them, and they need `url`"
+    )]
     NodeCredentials {
         /// Its name.
         name: String,

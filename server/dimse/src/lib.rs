@@ -1,13 +1,19 @@
-//! DIMSE (PS3.7, PS3.8): a listener for C-ECHO and C-STORE, for listed peers.
+//! DIMSE (PS3.7, PS3.8): a listener for C-ECHO and C-STORE, for listed peers, and C-STORE to a node.
 //!
 //! A message is framed by PDUs, whose lengths are compared with a limit before anything is read. The command is read
 //! here; the data set goes to the disk as it comes, and only the limited child parses it.
 
 mod association;
 mod command;
+mod head;
 mod listen;
 mod negotiate;
+mod node;
 mod options;
+mod outcome;
+mod wire;
 
 pub use self::listen::serve;
-pub use self::options::{DimseOptions, Peer};
+pub use self::node::{BadStorageNode, StorageNode};
+pub use self::options::{DimseOptions, Peer, is_aet};
+pub use self::outcome::NotStored;

@@ -12,6 +12,12 @@ pub struct Peer {
     pub address: IpAddr,
 }
 
+/// Whether a text is an application entity title (PS3.5 §6.2).
+pub fn is_aet(text: &str) -> bool {
+    let allowed = |byte: u8| (b'!'..=b'~').contains(&byte) && byte != b'\\';
+    (1..=16).contains(&text.len()) && text.bytes().all(allowed)
+}
+
 /// The options of the listener.
 #[derive(Debug, Clone)]
 pub struct DimseOptions {
@@ -41,7 +47,7 @@ impl Default for DimseOptions {
 
 impl DimseOptions {
     /// Whether a peer is listed; without a title, whether its address is.
-    pub(super) fn knows(&self, address: IpAddr, aet: Option<&str>) -> bool {
+    pub(crate) fn knows(&self, address: IpAddr, aet: Option<&str>) -> bool {
         // An IPv4 address may come in the form of IPv6.
         let address = address.to_canonical();
         self.peers.iter().any(|peer| {
