@@ -5,6 +5,7 @@
 //! Only the framing of messages is read in this process, by bounded parsers. Data sets are read by the limited child of
 //! `cases`.
 
+mod address;
 mod arrivals;
 mod background;
 mod error;
