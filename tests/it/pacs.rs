@@ -149,6 +149,8 @@ async fn a_series_that_is_stored_becomes_a_case_and_late_images_make_a_version_o
         }
     }
     // What was deleted does not come back, and leaves nothing.
+    let address = format!("/v1/cases/{second}");
+    neighbour.server.until_ready(&address).await;
     for case in [&second, &first] {
         let address = format!("/v1/cases/{case}");
         let deleted = neighbour
