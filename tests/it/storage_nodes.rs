@@ -1,11 +1,13 @@
-//! Results that are sent by C-STORE: to storescp of DCMTK, and to another Isocortex, which stores MR and CT images only.
+//! Results that are sent by C-STORE: to storescp of DCMTK, and to another Isocortex, which stores MR and CT images only; and
+//! TLS in both directions.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Request;
+use dimse::{TlsAuthority, TlsIdentity, listening_tls};
 use isocortex::config::{Config, Node};
 use serde_json::{Value, json};
 
@@ -117,7 +119,7 @@ async fn tried(server: &Server, address: &str) -> Value {
         if state["attempts"].as_u64() >= Some(1) && state["state"] != "running" {
             return state;
         }
-        tokio::time::sleep(Duration::from_millis(50)).await;
+        tokio::time::sleep(Duration::from_millis(100)).await;
     }
     panic!("nothing was tried");
 }
@@ -295,4 +297,142 @@ async fn a_node_that_refuses_is_believed_and_one_that_aborts_is_asked_again() {
     assert!(told.contains("our application entity title"), "{told}");
     let arrivals = other.server.get("/v1/arrivals").await.json();
     assert_eq!(arrivals["arrivals"], json!([]));
+}
+
+/// An authority, and a certificate of this machine that it has issued.
+struct Certificates(tempfile::TempDir);
+
+impl Certificates {
+    /// `None`, loudly, if openssl is not installed.
+    fn make() -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let openssl = |arguments: &str| {
+            let output = Command::new("openssl")
+                .args(arguments.split(' '))
+                .current_dir(folder.path())
+                .output();
+            output.map(|output| assert!(output.status.success(), "{output:?}"))
+        };
+        let authority = "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 30 -subj /CN=authority";
+        if openssl(authority).is_err() {
+            eprintln!("SKIPPED: openssl is not installed");
+            return None;
+        }
+        for step in [
+            "req -newkey rsa:2048 -nodes -keyout key.pem -out request.pem -subj /CN=machine -addext subjectAltName=IP:127.0.0.1",
+            "x509 -req -in request.pem -CA ca.pem -CAkey ca.key -CAcreateserial -copy_extensions copy -days 30 -out cert.pem",
+        ] {
+            openssl(step).unwrap();
+        }
+        Some(Self(folder))
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_owned()
+    }
+
+    fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap()
+    }
+
+    /// Shows its certificate, and accepts those of its authority.
+    fn of_dcmtk(&self) -> [String; 5] {
+        let [key, certificate, authority] =
+            ["key.pem", "cert.pem", "ca.pem"].map(|name| self.text(name));
+        [
+            "+tls".to_owned(),
+            key,
+            certificate,
+            "+cf".to_owned(),
+            authority,
+        ]
+    }
+}
+
+#[tokio::test]
+async fn results_go_by_tls_to_a_node_whose_authority_is_known() {
+    let (Some(ours), Some(other)) = (Certificates::make(), Certificates::make()) else {
+        return;
+    };
+    let port = free_port();
+    let options = ours.of_dcmtk();
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+    let Some(storescp) = Storescp::start(port, &options).await else {
+        return;
+    };
+    let add = |config: &mut Config, name: &str, authority: &Path| {
+        add_storage_node(config, name, "ARCHIVE", port);
+        let node = config.pacs.nodes.last_mut().unwrap();
+        node.tls_authority = Some(authority.to_owned());
+    };
+    let neighbour = Neighbour::start(|config| {
+        config.pacs.dimse.tls_certificate = Some(ours.path("cert.pem"));
+        config.pacs.dimse.tls_key = Some(ours.path("key.pem"));
+        add(config, "archive", &ours.path("ca.pem"));
+        add(config, "stranger", &other.path("ca.pem"));
+    })
+    .await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let _background = pacs::Background::start(server.pacs.clone());
+    let body = every_kind()[0].1.clone();
+    let accepted = result(server, &case, &to_node(&body, "archive")).await;
+    let sent = until_sent(server, &accepted).await;
+    assert_eq!(sent["state"], "done", "{sent}");
+    assert_eq!(storescp.files().len(), 1);
+    let accepted = result(server, &case, &to_node(&body, "stranger")).await;
+    let sent = until_sent(server, &accepted).await;
+    assert_eq!(sent["reason"]["name"], "node-refused", "{sent}");
+    let told = sent["reason"]["detail"].as_str().unwrap();
+    assert!(told.contains("TLS"), "{told}");
+    assert_eq!(storescp.files().len(), 1);
+}
+
+#[tokio::test]
+async fn peers_are_served_by_tls_alone_if_it_is_configured() {
+    let (Some(ours), Some(other)) = (Certificates::make(), Certificates::make()) else {
+        return;
+    };
+    let Some(echoscu) = dcmtk("echoscu") else {
+        return;
+    };
+    let identity = TlsIdentity::read(&ours.read("cert.pem"), &ours.read("key.pem")).unwrap();
+    let authority = TlsAuthority::read(&ours.read("ca.pem")).unwrap();
+    let neighbour = Neighbour::start(|_| {}).await;
+    let with_tls = |authority: Option<&TlsAuthority>| dimse::DimseOptions {
+        tls: Some(listening_tls(&identity, authority).unwrap()),
+        ..dimse_options()
+    };
+    let open = dimse(&neighbour, with_tls(None)).await.port();
+    let closed = dimse(&neighbour, with_tls(Some(&authority))).await.port();
+    let nothing: [String; 0] = [];
+    let anonymous = ["+tla", "+cf", &ours.text("ca.pem")].map(str::to_owned);
+    let mut mistaken = other.of_dcmtk();
+    mistaken[4] = ours.text("ca.pem");
+    for (port, security, is_served) in [
+        (open, &anonymous[..], true),
+        (open, &ours.of_dcmtk(), true),
+        (open, &other.of_dcmtk(), false),
+        (open, &nothing, false),
+        (closed, &ours.of_dcmtk(), true),
+        (closed, &mistaken, false),
+        (closed, &anonymous, false),
+        (closed, &nothing, false),
+    ] {
+        let mut command = Command::new(&echoscu);
+        command.args(["-to", "30", "-ta", "30", "-td", "30", "-aet", "SENDER"]);
+        command.args(["-aec", "ISOCORTEX"]).args(security);
+        command.args(["127.0.0.1", &port.to_string()]);
+        let output = tokio::task::spawn_blocking(move || command.output());
+        let output = output.await.unwrap().unwrap();
+        assert_eq!(
+            output.status.success(),
+            is_served,
+            "{security:?}: {output:?}"
+        );
+    }
 }

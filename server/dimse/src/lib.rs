@@ -11,9 +11,13 @@ mod negotiate;
 mod node;
 mod options;
 mod outcome;
+mod tls;
 mod wire;
 
 pub use self::listen::serve;
 pub use self::node::{BadStorageNode, StorageNode};
 pub use self::options::{DimseOptions, Peer, is_aet};
 pub use self::outcome::NotStored;
+pub use self::tls::{
+    BadTls, ConnectingTls, ListeningTls, TlsAuthority, TlsIdentity, connecting_tls, listening_tls,
+};

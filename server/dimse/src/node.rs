@@ -1,5 +1,6 @@
 //! C-STORE to a node (PS3.4 B, PS3.7 §9.1.1): one association for each object.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -8,12 +9,15 @@ use dicom_ul::pdu::{
 };
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::pki_types::ServerName;
 
 use crate::command::{self, status_of_store, store_request};
 use crate::head::FileHead;
 use crate::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
 use crate::options::is_aet;
 use crate::outcome::{NotStored, is_stored, rejected};
+use crate::tls::ConnectingTls;
 use crate::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// How long to wait for a connection.
@@ -34,10 +38,12 @@ const RELEASE: Duration = Duration::from_secs(5);
 /// The only presentation context.
 const CONTEXT: u8 = 1;
 
-/// A node that objects are sent to.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// A node that objects are sent to. Cheap to clone.
+#[derive(Debug, Clone)]
 pub struct StorageNode {
     address: String,
+    /// TLS, and the name in the certificate of the node.
+    tls: Option<(ConnectingTls, ServerName<'static>)>,
     /// Its application entity title.
     aet: String,
     /// Ours.
@@ -74,8 +80,26 @@ impl StorageNode {
         }
         Ok(Self {
             address: address.to_owned(),
+            tls: None,
             aet: aet.to_owned(),
             our_aet: our_aet.to_owned(),
+        })
+    }
+
+    /// The same node by TLS.
+    ///
+    /// # Errors
+    /// [`BadStorageNode::Address`] if its host cannot be in a certificate.
+    pub fn with_tls(self, tls: ConnectingTls) -> Result<Self, BadStorageNode> {
+        let host = self.address.rsplit_once(':').map_or("", |(host, _)| host);
+        let host = host
+            .trim_start_matches('[')
+            .trim_end_matches(']')
+            .to_owned();
+        let name = ServerName::try_from(host).map_err(|_| BadStorageNode::Address)?;
+        Ok(Self {
+            tls: Some((tls, name)),
+            ..self
         })
     }
 
@@ -96,6 +120,13 @@ impl StorageNode {
         if let Err(error) = stream.set_nodelay(true) {
             tracing::debug!(%error, "TCP_NODELAY refused");
         }
+        let Some((tls, name)) = &self.tls else {
+            return self.store_over(stream, object).await;
+        };
+        let connecting = TlsConnector::from(Arc::clone(tls)).connect(name.clone(), stream);
+        let stream = tokio::time::timeout(CONNECT, connecting).await;
+        let stream = stream.map_err(|_elapsed| NotStored::Silent)?;
+        let stream = stream.map_err(WireError::Lost)?;
         self.store_over(stream, object).await
     }
 

@@ -3,6 +3,8 @@
 use std::net::IpAddr;
 use std::time::Duration;
 
+use crate::tls::ListeningTls;
+
 /// A peer that may store images.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Peer {
@@ -31,6 +33,8 @@ pub struct DimseOptions {
     pub idle: Duration,
     /// How long an association may last.
     pub whole: Duration,
+    /// TLS; without it, nothing is encrypted.
+    pub tls: Option<ListeningTls>,
 }
 
 impl Default for DimseOptions {
@@ -41,6 +45,7 @@ impl Default for DimseOptions {
             max_associations: 20,
             idle: Duration::from_secs(30),
             whole: Duration::from_secs(3600),
+            tls: None,
         }
     }
 }

@@ -1,5 +1,7 @@
 //! What becomes of an object that is sent to a node.
 
+use std::io;
+
 use dicom_ul::pdu::{
     AssociationRJ, AssociationRJResult, AssociationRJServiceUserReason, AssociationRJSource,
 };
@@ -21,6 +23,11 @@ pub enum NotStored {
     /// There is no connection.
     #[error("the node cannot be reached")]
     Unreachable,
+    /// There is no TLS between us.
+    #[error(
+        "no connection by TLS: the node speaks another protocol, or its certificate or ours is not accepted"
+    )]
+    Tls,
     /// The connection ended too early.
     #[error("the connection to the node was lost")]
     Lost,
@@ -66,7 +73,8 @@ impl NotStored {
             Self::Status(status) => {
                 status & 0xFF00 == OUT_OF_RESOURCES || status == PROCESSING_FAILURE
             }
-            Self::OurTitle
+            Self::Tls
+            | Self::OurTitle
             | Self::ItsTitle
             | Self::Rejected
             | Self::Class
@@ -79,6 +87,8 @@ impl NotStored {
 impl From<WireError> for NotStored {
     fn from(error: WireError) -> Self {
         match error {
+            // An alert of TLS may also come after the handshake, when the node has seen our certificate.
+            WireError::Lost(error) if error.kind() == io::ErrorKind::InvalidData => Self::Tls,
             WireError::Lost(_) => Self::Lost,
             WireError::Silent => Self::Silent,
             WireError::TooLong(_) | WireError::BadPdu => Self::Unreadable,

@@ -28,6 +28,11 @@ pub(crate) enum WireError {
     BadPdu,
 }
 
+/// A connection, encrypted or not.
+pub(crate) trait Connection: AsyncRead + AsyncWrite + Unpin + Send {}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> Connection for S {}
+
 /// The largest PDU that the peer accepts; without a statement, or with 0, any.
 pub(crate) fn peer_max_length(variables: &[UserVariableItem]) -> usize {
     let stated = variables.iter().find_map(|item| match item {

@@ -1,12 +1,15 @@
 //! `[pacs]`: images from a PACS.
 
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ::pacs::node::{self, Credentials, WebNode};
 use cases::arrivals::{ArrivalOptions, SeriesRule};
-use dimse::{DimseOptions, StorageNode, is_aet};
+use dimse::{
+    DimseOptions, ListeningTls, StorageNode, TlsAuthority, TlsIdentity, connecting_tls, is_aet,
+    listening_tls,
+};
 use serde::Deserialize;
 
 use super::{ConfigError, read_secret};
@@ -72,6 +75,12 @@ pub struct Dimse {
     pub max_associations: usize,
     /// How long a peer may send nothing, in seconds.
     pub idle_secs: u64,
+    /// A file with our certificate, for TLS.
+    pub tls_certificate: Option<PathBuf>,
+    /// A file with its key.
+    pub tls_key: Option<PathBuf>,
+    /// A file with the certificates that those of peers are issued by.
+    pub tls_authority: Option<PathBuf>,
 }
 
 impl Default for Dimse {
@@ -83,6 +92,9 @@ impl Default for Dimse {
             peers: Vec::new(),
             max_associations: usual.max_associations,
             idle_secs: usual.idle.as_secs(),
+            tls_certificate: None,
+            tls_key: None,
+            tls_authority: None,
         }
     }
 }
@@ -115,6 +127,47 @@ pub struct Node {
     pub aet: Option<String>,
     /// Its host and port for C-STORE.
     pub address: Option<String>,
+    /// A file with the certificates that that of the node is issued by, if it is sent results by TLS.
+    pub tls_authority: Option<PathBuf>,
+}
+
+impl Dimse {
+    /// Our certificate and its key, if there are any.
+    fn identity(&self) -> Result<Option<TlsIdentity>, ConfigError> {
+        match (&self.tls_certificate, &self.tls_key) {
+            (None, None) => Ok(None),
+            (Some(certificate), Some(key)) => {
+                let certificate = read_file(certificate)?;
+                let key = read_secret(key, "the file of the key for TLS")?;
+                let identity = TlsIdentity::read(certificate.as_bytes(), key.as_bytes());
+                Ok(Some(identity?))
+            }
+            _ => Err(ConfigError::DimseTls),
+        }
+    }
+
+    /// TLS of the listener.
+    fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
+        let Some(identity) = self.identity()? else {
+            return match self.tls_authority {
+                Some(_) => Err(ConfigError::DimseTls),
+                None => Ok(None),
+            };
+        };
+        let authority = self.tls_authority.as_deref().map(authority).transpose()?;
+        Ok(Some(listening_tls(&identity, authority.as_ref())?))
+    }
+}
+
+fn read_file(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn authority(path: &Path) -> Result<TlsAuthority, ConfigError> {
+    Ok(TlsAuthority::read(read_file(path)?.as_bytes())?)
 }
 
 impl Pacs {
@@ -139,7 +192,7 @@ impl Pacs {
         let nodes: Vec<_> = self
             .nodes
             .iter()
-            .map(|node| node.open(&self.dimse.aet))
+            .map(|node| node.open(&self.dimse))
             .collect::<Result<_, _>>()?;
         for (number, node) in self.nodes.iter().enumerate() {
             if self.nodes[..number]
@@ -173,6 +226,7 @@ impl Pacs {
             peers: self.dimse.peers.iter().map(peer).collect(),
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
+            tls: self.dimse.tls()?,
             ..DimseOptions::default()
         };
         Ok(Some((listen, options)))
@@ -193,7 +247,7 @@ impl Pacs {
 }
 
 impl Node {
-    fn open(&self, our_aet: &str) -> Result<node::Node, ConfigError> {
+    fn open(&self, dimse: &Dimse) -> Result<node::Node, ConfigError> {
         let invalid = |source| ConfigError::Node {
             name: self.name.clone(),
             source,
@@ -209,10 +263,19 @@ impl Node {
             }
         };
         let storage = match (&self.aet, &self.address) {
-            (None, None) => None,
+            (None, None) if self.tls_authority.is_none() => None,
             (Some(aet), Some(address)) => {
-                let node = StorageNode::new(address, aet, our_aet);
-                Some(node.map_err(|source| invalid(source.into()))?)
+                let node = StorageNode::new(address, aet, &dimse.aet);
+                let node = node.map_err(|source| invalid(source.into()))?;
+                Some(match &self.tls_authority {
+                    None => node,
+                    Some(file) => {
+                        let identity = dimse.identity()?;
+                        let tls = connecting_tls(&authority(file)?, identity.as_ref())?;
+                        let node = node.with_tls(tls);
+                        node.map_err(|source| invalid(source.into()))?
+                    }
+                })
             }
             _ => return Err(invalid(node::BadNode::NoService)),
         };
@@ -327,5 +390,25 @@ mod tests {
             let refused = opened(keys).err();
             assert!(matches!(refused, Some(BadNode::Storage(_))), "{keys}");
         }
+    }
+
+    #[test]
+    fn tls_needs_both_files_and_what_they_should_have() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "CANARY\n").unwrap();
+        let path = file.path().display();
+        let dimse = |keys: &str| {
+            let text = format!("[dimse]\nlisten = \"127.0.0.1:1\"\n{keys}");
+            parsed(&text).dimse().map(|found| found.is_some())
+        };
+        let [certificate, key, authority] =
+            ["certificate", "key", "authority"].map(|name| format!("tls_{name} = \"{path}\"\n"));
+        assert!(dimse("").unwrap());
+        for half in [&certificate, &key, &authority] {
+            assert!(matches!(dimse(half), Err(ConfigError::DimseTls)), "{half}");
+        }
+        let refused = dimse(&[certificate, key].concat()).unwrap_err();
+        assert!(matches!(refused, ConfigError::BadTls(_)));
+        assert!(!refused.to_string().contains("CANARY"));
     }
 }

@@ -81,7 +81,10 @@ impl NodeError {
             Self::NotStored(_) | Self::NotStoredAtAll => "node-did-not-store",
             Self::Dimse(error) => match error {
                 NotStored::Unreachable | NotStored::Silent | NotStored::Lost => "node-unreachable",
-                NotStored::OurTitle | NotStored::ItsTitle | NotStored::Rejected => "node-refused",
+                NotStored::Tls
+                | NotStored::OurTitle
+                | NotStored::ItsTitle
+                | NotStored::Rejected => "node-refused",
                 NotStored::Busy | NotStored::Aborted | NotStored::Unreadable => "node-failed",
                 NotStored::Class | NotStored::Status(_) => "node-did-not-store",
                 NotStored::Object => "result-lost",
