@@ -49,6 +49,7 @@ PLACES = {
     "service": Place(1, 1, 2, ("HTTP: routes, wire formats", "carries the page")),
     "http-support": Place(2, 1, 2, ("problems, conditional requests, access", "limits on connections and bodies")),
     "pacs": Place(1, 0, 1, ("what a PACS asks", "and sends")),
+    "dimse": Place(2, 0, 1, ("C-STORE, in both directions", "and C-ECHO")),
     "cases": Place(3, 0, 3, ("the application: library, workers, warm models, pictures", "errors without a protocol")),
     "bench": Place(3, 3, 1, ("experiments", "program isocortex-bench")),
     "shader-translate": Place(3, 4, 1, ("WGSL to the page's GLSL", "a developer's program")),

@@ -44,6 +44,8 @@ struct Picture {
     clip_piece: f32,
     // How much of the smoothed depth there is in the isosurface's: near the envelope, whose voxels would show.
     smooth_share: f32,
+    // 1 if the brightness is 255 / (1 + exp(-x)) of the ramp x.
+    window_is_sigmoid: u32,
     // Planes in voxel coordinates of the depth field: the distance in mm from where the isosurface becomes unknown, 1e9 for no cut.
     cuts: array<vec4<f32>, 6>,
     overlay_from_field: mat4x4<f32>,

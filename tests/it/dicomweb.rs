@@ -146,6 +146,22 @@ async fn a_viewer_s_list_of_queries_finds_what_is_here() {
 }
 
 #[tokio::test]
+async fn a_search_looks_at_a_bounded_number_of_studies() {
+    let (neighbour, _case) = held(false).await;
+    let server = &neighbour.server;
+    let named = |others: usize| {
+        let others = (0..others).map(|number| format!("2.25.{number}"));
+        let uids: Vec<_> = others.chain(["1.2.3".to_owned()]).collect();
+        format!("/studies?StudyInstanceUID={}", uids.join(","))
+    };
+    let found = list(server, &named(1999)).await;
+    assert_eq!(first(&found[0], "0020000D"), "1.2.3");
+    let refused = server.get(&format!("/dicomweb{}", named(2000))).await;
+    assert_eq!(refused.status, 413);
+    assert_eq!(refused.problem(), "search-too-broad");
+}
+
+#[tokio::test]
 async fn what_is_kept_is_retrieved_as_it_was_and_deleted_with_its_case() {
     let (neighbour, case) = held(true).await;
     let server = &neighbour.server;

@@ -118,8 +118,13 @@ const LAYERS: &[Layer] = &[
         never: &["clap"],
     },
     Layer {
-        name: "pacs",
+        name: "dimse",
         needs: HTTP_SUPPORT_NEEDS,
+        never: &["clap"],
+    },
+    Layer {
+        name: "pacs",
+        needs: PACS_NEEDS,
         never: &["clap", "tower-http"],
     },
 ];
@@ -140,6 +145,20 @@ const HTTP_SUPPORT_NEEDS: &[&str] = &[
     "analysis",
     "case",
     "cases",
+    "extraction",
+    "geometry",
+    "imaging",
+    "objects",
+    "pipeline",
+    "render",
+    "storage",
+];
+
+const PACS_NEEDS: &[&str] = &[
+    "analysis",
+    "case",
+    "cases",
+    "dimse",
     "extraction",
     "geometry",
     "imaging",
@@ -190,6 +209,7 @@ fn no_layer_needs_what_is_above_or_beside_it() {
             "objects",
             "storage",
             "cases",
+            "dimse",
             "http-support",
             "service",
             "pacs",
@@ -208,6 +228,7 @@ fn the_program_stands_on_all_of_them() {
     for below in [
         "case",
         "cases",
+        "dimse",
         "geometry",
         "http-support",
         "imaging",

@@ -38,6 +38,7 @@ mod several_machines;
 mod short_faults;
 mod sides;
 mod sockets;
+mod storage_nodes;
 mod stored;
 mod uploads;
 #[path = "../../server/extraction/tests/it/wrong_heads.rs"]

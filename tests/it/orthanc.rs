@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Request;
+use dimse::{DimseOptions, Peer};
 use isocortex::config::Node;
-use pacs::dimse::{DimseOptions, Peer};
 use serde_json::{Value, json};
 use tokio::net::TcpListener;
 
@@ -17,13 +17,14 @@ use crate::dicom::head_slices;
 use crate::pacs::{Neighbour, dcmtk};
 use crate::results::{identified_case, result, until_sent};
 use crate::series_builder::Syntax;
+use crate::storage_nodes::{every_kind, to_node};
 
 const PLUGIN: &str = "/usr/share/orthanc/plugins/libOrthancDicomWeb.so";
 const USER: &str = "alice:orthanctest";
 const TOKEN: &str = "0123456789abcdef";
 
 /// A port that is free now.
-fn free_port() -> u16 {
+pub(crate) fn free_port() -> u16 {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     listener.local_addr().unwrap().port()
 }
@@ -159,10 +160,10 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
     std::fs::write(secret.path(), "orthanctest\n").unwrap();
     let node = |name: &str, password_file: &Path| Node {
         name: name.to_owned(),
-        url: format!("http://127.0.0.1:{}/dicom-web/", ports[0]),
+        url: Some(format!("http://127.0.0.1:{}/dicom-web/", ports[0])),
         user: Some("alice".to_owned()),
         password_file: Some(password_file.to_owned()),
-        token_file: None,
+        ..Node::default()
     };
     let wrong = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(wrong.path(), "wrong").unwrap();
@@ -183,9 +184,9 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
     };
     let stop = std::future::pending();
     let grace = Duration::from_secs(1);
-    tokio::spawn(pacs::dimse::serve(
+    tokio::spawn(dimse::serve(
         listener,
-        server.pacs.clone(),
+        server.state.cases.clone(),
         options,
         stop,
         grace,
@@ -278,10 +279,10 @@ async fn a_notice_of_orthanc_s_script_fetches_each_new_series() {
         config.http.token = Some(isocortex::config::Secret(TOKEN.to_owned()));
         config.pacs.nodes = vec![Node {
             name: "orthanc".to_owned(),
-            url: format!("http://127.0.0.1:{}/dicom-web", ports[0]),
+            url: Some(format!("http://127.0.0.1:{}/dicom-web", ports[0])),
             user: Some("alice".to_owned()),
             password_file: Some(secret.path().to_owned()),
-            token_file: None,
+            ..Node::default()
         }];
     })
     .await;
@@ -313,10 +314,10 @@ async fn orthanc_stores_results_once_and_shows_them() {
     let neighbour = Neighbour::start(|config| {
         config.pacs.nodes = vec![Node {
             name: "orthanc".to_owned(),
-            url: format!("http://127.0.0.1:{}/dicom-web", ports[0]),
+            url: Some(format!("http://127.0.0.1:{}/dicom-web", ports[0])),
             user: Some("alice".to_owned()),
             password_file: Some(secret.path().to_owned()),
-            token_file: None,
+            ..Node::default()
         }];
     })
     .await;
@@ -383,5 +384,59 @@ async fn orthanc_stores_results_once_and_shows_them() {
                 assert!(shown == picture, "Orthanc shows what was drawn");
             }
         }
+    }
+}
+
+#[tokio::test]
+async fn orthanc_has_each_kind_of_result_once_by_c_store() {
+    if program().is_none() {
+        return;
+    }
+    let ports = [free_port(), free_port()];
+    let secret = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(secret.path(), "orthanctest").unwrap();
+    // A node with both: series come from its DICOMweb, results go by C-STORE.
+    let neighbour = Neighbour::start(|config| {
+        config.pacs.nodes = vec![Node {
+            name: "orthanc".to_owned(),
+            url: Some("http://127.0.0.1:1/dicom-web".to_owned()),
+            user: Some("alice".to_owned()),
+            password_file: Some(secret.path().to_owned()),
+            aet: Some("ORTHANCTEST".to_owned()),
+            address: Some(format!("127.0.0.1:{}", ports[1])),
+            ..Node::default()
+        }];
+    })
+    .await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    let orthanc = Orthanc::start(ports, "http://127.0.0.1:1", free_port(), &[])
+        .await
+        .unwrap();
+    let _background = pacs::Background::start(server.pacs.clone());
+    let kinds = every_kind();
+    let mut instances = Vec::new();
+    for (name, body) in kinds.iter().chain(&kinds) {
+        let accepted = result(server, &case, &to_node(body, "orthanc")).await;
+        let sent = until_sent(server, &accepted).await;
+        assert_eq!(sent["state"], "done", "{name}: {sent}");
+        instances.push(sent["instance"].as_str().unwrap().to_owned());
+    }
+    let stored = orthanc.ask("/instances", None).await.unwrap();
+    assert_eq!(stored.as_array().unwrap().len(), kinds.len());
+    for ((name, body), instance) in kinds.iter().zip(&instances) {
+        let object = result(server, &case, body).await.body;
+        let address = format!("/instances?SOPInstanceUID={instance}");
+        let found = orthanc.ask(&format!("/dicom-web{address}"), None).await;
+        let found = found.unwrap();
+        assert_eq!(found[0]["0020000D"]["Value"][0], "1.2.3", "{name}");
+        let series = found[0]["0020000E"]["Value"][0].as_str().unwrap();
+        let address = format!("/studies/1.2.3/series/{series}/instances/{instance}");
+        let accept = "multipart/related; type=\"application/dicom\"; transfer-syntax=*";
+        let file = orthanc.bytes(&address, accept).await.unwrap();
+        // Orthanc writes the lengths of sequences anew. What follows the attributes is the pixels, if there are any.
+        let pixels = &object[object.len() - 1000..];
+        let is_whole = *name == "list" || memchr::memmem::find(&file, pixels).is_some();
+        assert!(is_whole, "{name} has other pixels");
     }
 }

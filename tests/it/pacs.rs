@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 
-use pacs::dimse::{DimseOptions, Peer};
+use dimse::{DimseOptions, Peer};
 
 use crate::dicom::{head_slices, reader};
 use crate::series_builder::{DataSet, Slice, Syntax, files};
@@ -149,6 +149,8 @@ async fn a_series_that_is_stored_becomes_a_case_and_late_images_make_a_version_o
         }
     }
     // What was deleted does not come back, and leaves nothing.
+    let address = format!("/v1/cases/{second}");
+    neighbour.server.until_ready(&address).await;
     for case in [&second, &first] {
         let address = format!("/v1/cases/{case}");
         let deleted = neighbour
@@ -534,14 +536,14 @@ async fn no_attribute_of_an_image_shows_anywhere_else() {
 }
 
 /// A listener for C-STORE on a free port.
-async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::net::SocketAddr {
+pub(crate) async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::net::SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    let pacs = neighbour.server.pacs.clone();
+    let cases = neighbour.server.state.cases.clone();
     let grace = Duration::from_secs(1);
-    tokio::spawn(::pacs::dimse::serve(
+    tokio::spawn(dimse::serve(
         listener,
-        pacs,
+        cases,
         options,
         std::future::pending(),
         grace,
@@ -549,7 +551,7 @@ async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::net::Socket
     address
 }
 
-fn dimse_options() -> DimseOptions {
+pub(crate) fn dimse_options() -> DimseOptions {
     DimseOptions {
         peers: vec![Peer {
             aet: "SENDER".to_owned(),

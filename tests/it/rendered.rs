@@ -53,6 +53,7 @@ async fn fed_back(server: &Server, query: &str) -> String {
     let function = match told["00281056"]["Value"][0].as_str().unwrap() {
         "LINEAR" => "linear",
         "LINEAR_EXACT" => "linear-exact",
+        "SIGMOID" => "sigmoid",
         other => panic!("{other}"),
     };
     format!(
@@ -113,6 +114,8 @@ async fn a_study_is_rendered_in_the_terms_of_the_standard() {
         "orientation=h",
         "viewpointposition=-130.1,-77.77,33.3&viewpointlookat=1.5,2.5,-3.25&viewpointup=0.1,0.2,0.9&viewport=160,120",
         "window=600.5,700.25,linear-exact&viewport=120,120",
+        "window=600.5,0.75,sigmoid&viewport=120,120",
+        "window=600.5,700.25,sigmoid&viewport=120,120",
     ] {
         let again = fed_back(server, query).await;
         for headers in [&PNG[..], &[]] {
@@ -145,6 +148,56 @@ async fn a_study_is_rendered_in_the_terms_of_the_standard() {
         assert_eq!(refused.status, 406, "{address} {accept}");
         assert_eq!(refused.problem(), "not-acceptable");
     }
+}
+
+/// The brightness 0 to 255 of a value through a sigmoid (PS3.3 C.11.2.1.3.1).
+fn sigmoid(value: f64, centre: f64, width: f64) -> f64 {
+    255.0 / (1.0 + (-4.0 * (value - centre) / width).exp())
+}
+
+#[tokio::test]
+async fn a_sigmoid_window_is_that_of_the_standard() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    // A wide linear window tells the intensities themselves: from 0 to 2550, ten to a level.
+    let flat = "viewport=150,130&ambient=1&depth_mm=5";
+    let linear = format!("{STUDY}/rendered3D?{flat}&window=1275,2550,linear-exact");
+    let linear = pixels(&server.get_with(&linear, &PNG).await);
+    let (centre, width) = (600.0, 900.0);
+    let curved = format!("{STUDY}/rendered3D?{flat}&window={centre},{width},sigmoid");
+    let curved = pixels(&server.get_with(&curved, &PNG).await);
+    let ours = format!(
+        "{case}/render?view=left&width=150&height=130&ambient=1&depth_mm=5&window={centre},{width}&window_function=sigmoid"
+    );
+    let ours = pixels(&server.get(&ours).await);
+    assert!(are_near(&ours, &curved));
+    let mut shown = 0;
+    for (x, y, brightness) in curved.enumerate_pixels() {
+        // Pixels near the edge of the head are mixed with the background.
+        let around = (-2..=2).flat_map(|down| (-2..=2).map(move |right| (right, down)));
+        let mut around = around.map(|(right, down)| {
+            let place = (x.checked_add_signed(right), y.checked_add_signed(down));
+            let (Some(x), Some(y)) = place else { return 0 };
+            linear.get_pixel_checked(x, y).map_or(0, |pixel| pixel[0])
+        });
+        let level = f64::from(linear.get_pixel(x, y)[0]);
+        if around.any(|level| level == 0) || level == 255.0 {
+            continue;
+        }
+        let [least, most] = [-5.5, 5.5].map(|half| sigmoid(10.0 * level + half, centre, width));
+        let found = f64::from(brightness[0]);
+        assert!(
+            (least - 0.6..=most + 0.6).contains(&found),
+            "{level}: {found} is not within {least} to {most}"
+        );
+        shown += 1;
+    }
+    assert!(shown > 1000, "{shown} pixels");
+    let alone = server
+        .get(&format!("{case}/render?window_function=sigmoid"))
+        .await;
+    assert_eq!(alone.problem(), "query-value-out-of-range");
 }
 
 #[tokio::test]
@@ -186,11 +239,8 @@ async fn what_cannot_be_rendered_is_refused_with_its_reason() {
             "query-value-out-of-range",
             "`viewpointup`",
         ),
-        (
-            "window=50,100,sigmoid",
-            "query-value-out-of-range",
-            "sigmoid",
-        ),
+        ("window=50,0,sigmoid", "query-value-out-of-range", "sigmoid"),
+        ("window=50,100,cubic", "query-value-out-of-range", "sigmoid"),
         ("viewport=0,5", "query-value-out-of-range", "`viewport`"),
         ("quality=101", "query-value-out-of-range", "`quality`"),
         (

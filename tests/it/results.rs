@@ -137,6 +137,13 @@ fn printed(program: &str, arguments: &[&Path]) -> Option<String> {
     Some(String::from_utf8_lossy(&both).into_owned())
 }
 
+/// What dciodvfy finds wrong with a file; nothing, loudly, if it is not installed.
+fn errors_in(file: &Path) -> Vec<String> {
+    let report = printed("dciodvfy", &[Path::new("-new"), file]).unwrap_or_default();
+    let lines = report.lines().filter(|line| line.contains("Error"));
+    lines.map(str::to_owned).collect()
+}
+
 /// A Python with a package; `None`, loudly, if there is none.
 pub(crate) fn python_with(package: &str) -> Option<PathBuf> {
     let ours = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/python/bin/python");
@@ -159,13 +166,7 @@ async fn every_object_is_valid_of_the_right_patient_and_the_same_every_time() {
     let objects = objects().await;
     for file in &objects.files {
         let name = file.file_stem().unwrap().to_str().unwrap();
-        if let Some(report) = printed("dciodvfy", &[Path::new("-new"), file]) {
-            let errors: Vec<_> = report
-                .lines()
-                .filter(|line| line.contains("Error"))
-                .collect();
-            assert!(errors.is_empty(), "{name}: {report}");
-        }
+        assert_eq!(errors_in(file), Vec::<String>::new(), "{name}");
         let Some(dump) = printed("/usr/bin/dcmdump", &[Path::new("+L"), file]) else {
             continue;
         };
@@ -294,6 +295,27 @@ async fn a_case_without_a_patient_is_refused_unless_the_request_names_the_study(
     let body = json!({"what": "mask", "study": study});
     let refused = result(&server, &case, &body).await;
     assert_eq!(refused.problem(), "no-frame-of-reference");
+    // Without images of a source, each is valid, too.
+    let folder = tempfile::tempdir().unwrap();
+    let curved =
+        json!({"width": 64, "height": 48, "window": [500, 700], "window_function": "sigmoid"});
+    for (name, mut body) in [
+        ("view", json!({"what": "view", "render": curved})),
+        ("sheet", json!({"what": "sheet", "render": curved})),
+        (
+            "cine",
+            json!({"what": "cine", "render": curved, "cine": {"frames": 3}}),
+        ),
+    ] {
+        body["study"] = study.clone();
+        let made = result(&server, &case, &body).await;
+        assert_eq!(made.status, 200, "{name}: {made:?}");
+        let file = folder.path().join(format!("{name}.dcm"));
+        std::fs::write(&file, &made.body).unwrap();
+        assert_eq!(errors_in(&file), Vec::<String>::new(), "{name}");
+        let derived = b"sigmoid window centre 500 and width 700";
+        assert!(memchr::memmem::find(&made.body, derived).is_some());
+    }
     for (body, kind) in [
         (json!({"what": "view", "node": "x"}), "no-such-node"),
         (json!({"what": "picture"}), "body-unreadable"),
@@ -352,10 +374,8 @@ async fn busy_node(busy: u32) -> (u16, Arc<std::sync::Mutex<Vec<Bytes>>>) {
 pub(crate) fn add_node(config: &mut Config, name: &str, url: String) {
     config.pacs.nodes.push(Node {
         name: name.to_owned(),
-        url,
-        user: None,
-        password_file: None,
-        token_file: None,
+        url: Some(url),
+        ..Node::default()
     });
 }
 

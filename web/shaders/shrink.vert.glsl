@@ -32,6 +32,7 @@ struct Picture {
     float clip_reach;
     float clip_piece;
     float smooth_share;
+    uint window_is_sigmoid;
     vec4 cuts[6];
     mat4x4 overlay_from_field;
     vec3 overlay_size;

@@ -32,6 +32,7 @@ struct Picture {
     float clip_reach;
     float clip_piece;
     float smooth_share;
+    uint window_is_sigmoid;
     vec4 cuts[6];
     mat4x4 overlay_from_field;
     vec3 overlay_size;
@@ -141,6 +142,10 @@ float brightness(float stored) {
     float _e7 = _group_0_binding_0_fs.window_factor;
     float _e11 = _group_0_binding_0_fs.window_offset;
     float ramp = (((stored - _e3) * _e7) + _e11);
+    uint _e15 = _group_0_binding_0_fs.window_is_sigmoid;
+    if ((_e15 == 1u)) {
+        return (255.0 / (1.0 + exp(-(ramp))));
+    }
     return clamp(ramp, 0.0, 255.0);
 }
 

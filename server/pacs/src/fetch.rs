@@ -9,7 +9,7 @@ use storage::{Spooled, StoreError};
 
 use cases::dicom::InstanceIdentity;
 
-use crate::node::{Node, NodeError};
+use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
 
@@ -50,7 +50,7 @@ pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
 /// Why a series was not fetched.
 #[derive(Debug, thiserror::Error)]
 enum FetchError {
-    #[error("no node of the configuration has this name any more")]
+    #[error("no node of the configuration has this name and a `url` any more")]
     NoSuchNode,
     #[error(transparent)]
     Node(#[from] NodeError),
@@ -102,7 +102,8 @@ impl FetchError {
 }
 
 async fn fetch(pacs: &Pacs, retrieval: &Retrieval) -> Result<(), FetchError> {
-    let node = pacs.node(&retrieval.node).ok_or(FetchError::NoSuchNode)?;
+    let node = pacs.node(&retrieval.node).and_then(Node::web);
+    let node = node.ok_or(FetchError::NoSuchNode)?;
     let uids = &retrieval.uids;
     let expected = node.count(uids).await?;
     let mut images = Images {
@@ -137,7 +138,7 @@ struct Images<'a> {
 }
 
 impl Images<'_> {
-    async fn read(&mut self, node: &Node) -> Result<(), FetchError> {
+    async fn read(&mut self, node: &WebNode) -> Result<(), FetchError> {
         let (boundary, body) = node.series(&self.retrieval.uids).await?;
         let mut parts = Parts::new(body, &boundary, *self.pacs.limits());
         while let Some(kind) = parts.next().await? {

@@ -36,6 +36,7 @@ pub(crate) struct StableSeries {
         )),
         (status = 400, description = "The body cannot be read"),
         (status = 404, description = "No node has this name"),
+        (status = 422, description = "The node has no DICOMweb (`node-without-dicomweb`), or the server keeps no identity (`deidentified`)"),
     )
 )]
 pub(crate) async fn stable_series(State(pacs): State<Pacs>, request: Request) -> Response {

@@ -228,6 +228,7 @@ async fn find(pacs: &Pacs, query: &SeriesQuery) -> Result<LaunchView, PacsError>
         found.nodes = pacs
             .nodes()
             .iter()
+            .filter(|node| node.web().is_some())
             .map(|node| node.name().to_owned())
             .collect();
         found.study = Some(study.as_str().to_owned());

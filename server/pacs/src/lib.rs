@@ -5,9 +5,9 @@
 //! Only the framing of messages is read in this process, by bounded parsers. Data sets are read by the limited child of
 //! `cases`.
 
+mod address;
 mod arrivals;
 mod background;
-pub mod dimse;
 mod error;
 mod fetch;
 mod held;

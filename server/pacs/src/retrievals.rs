@@ -111,6 +111,7 @@ fn place(error: &serde_path_to_error::Error<serde_json::Error>) -> String {
         )),
         (status = 400, description = "The body cannot be read"),
         (status = 404, description = "No node has this name"),
+        (status = 422, description = "The node has no DICOMweb (`node-without-dicomweb`), or the server keeps no identity (`deidentified`)"),
     )
 )]
 pub(crate) async fn create_retrieval(State(pacs): State<Pacs>, request: Request) -> Response {
@@ -131,13 +132,15 @@ pub(crate) async fn queue(
     series: &str,
 ) -> Result<Response, PacsError> {
     pacs.needs_identity()?;
-    // Neither the name nor the UIDs are repeated, because they may be anything.
-    let node = pacs.node(node).ok_or_else(|| {
-        PacsError::not_found(
-            "no-such-node",
-            "no node of the configuration has this name; add it to `pacs.nodes`",
-        )
-    })?;
+    let node = pacs.named_node(node)?;
+    if node.web().is_none() {
+        return Err(PacsError::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "node-without-dicomweb",
+            "series are fetched by DICOMweb, and this node is only sent results; add its `url` to `pacs.nodes`",
+        ));
+    }
+    // The UIDs are not repeated, because they may be anything.
     let uid = |text: &str, name: &str| {
         Uid::parse(text).ok_or_else(|| {
             PacsError::bad_request(

@@ -31,7 +31,7 @@ pub struct UploadLimits {
 pub struct Options {
     /// What requests with images may take.
     pub uploads: UploadLimits,
-    /// The nodes from which series are fetched.
+    /// The nodes from which series are fetched and to which results are sent.
     pub nodes: Vec<Node>,
     /// Whether the images that cases were made of are served.
     pub serves_source: bool,
@@ -96,6 +96,16 @@ impl Pacs {
 
     pub(crate) fn node(&self, name: &str) -> Option<&Node> {
         self.nodes().iter().find(|node| node.name() == name)
+    }
+
+    /// The node that a request names. The name is not repeated, because it may be anything.
+    pub(crate) fn named_node(&self, name: &str) -> Result<&Node, PacsError> {
+        self.node(name).ok_or_else(|| {
+            PacsError::not_found(
+                "no-such-node",
+                "no node of the configuration has this name; add it to `pacs.nodes`",
+            )
+        })
     }
 
     /// Room for one more request with images, until it is dropped.

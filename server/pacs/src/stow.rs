@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use storage::Spooled;
 use storage::arrivals::{ArrivalSource, Uid};
 
+use crate::address::StudyPath;
 use crate::error::PacsError;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
@@ -66,7 +67,7 @@ pub(crate) async fn store_study(State(pacs): State<Pacs>, request: Request) -> R
 /// As `POST /dicomweb/studies`; images of other studies are not stored.
 #[utoipa::path(
     post, path = "/dicomweb/studies/{study}", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID")),
+    params(StudyPath),
     request_body(content = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
     responses(
         (status = 200, description = "All images are stored", content_type = "application/dicom+json"),
@@ -77,10 +78,10 @@ pub(crate) async fn store_study(State(pacs): State<Pacs>, request: Request) -> R
 )]
 pub(crate) async fn store_in_study(
     State(pacs): State<Pacs>,
-    Path(study): Path<String>,
+    Path(path): Path<StudyPath>,
     request: Request,
 ) -> Response {
-    let stored = match Uid::parse(&study) {
+    let stored = match Uid::parse(&path.study) {
         Some(study) => store(&pacs, Some(study), request).await,
         None => Err(PacsError::not_found(
             "not-a-uid",

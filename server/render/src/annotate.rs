@@ -6,7 +6,7 @@ use crate::canvas::Canvas;
 use crate::slice::contour_color;
 use crate::{
     ColorMap, Frame, FrameSize, Layer, LayerValues, Layers, Overlay, Projection, RenderRequest,
-    SHORT_NOTICE, SlicePlane, SliceRequest, Window,
+    SHORT_NOTICE, SlicePlane, SliceRequest, Window, WindowFunction,
 };
 
 /// The smallest side of an annotated picture, in pixels: the notice needs this much.
@@ -93,7 +93,12 @@ fn canvas_of(frame: Frame) -> Canvas {
 
 /// The lines in the corner of a picture: its place, its window, and the texture if that is a layer.
 fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
-    let window = format!("C {} W {}", short(window.centre()), short(window.width()));
+    let function = match window.function() {
+        WindowFunction::Linear => "",
+        WindowFunction::Sigmoid => " sigmoid",
+    };
+    let [centre, width] = [window.centre(), window.width()].map(short);
+    let window = format!("C {centre} W {width}{function}");
     let base = layers.base.map(Layer::title);
     [place, window].into_iter().chain(base).collect()
 }

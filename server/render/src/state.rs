@@ -3,7 +3,7 @@
 use glam::DQuat;
 
 use crate::annotate::edge_letters;
-use crate::{Background, Camera, Layers, RenderRequest, SliceRequest, Window};
+use crate::{Background, Camera, Layers, RenderRequest, SliceRequest, Window, WindowFunction};
 
 /// The name of the program in each picture.
 const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
@@ -39,6 +39,9 @@ pub fn state_texts(
         ("ambient", parameters.light.ambient().to_string()),
         ("background", background.to_owned()),
     ]);
+    if parameters.window.function() == WindowFunction::Sigmoid {
+        texts.push(("window_function", "sigmoid".to_owned()));
+    }
     texts.extend(layer_texts(layers));
     texts
 }

@@ -5,7 +5,7 @@ use geometry::{DeformableModel, MeshSize};
 use render::choice::Renderer;
 use render::{
     Background, Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, NamedView,
-    RenderParameters, RenderRequest, Window,
+    RenderParameters, RenderRequest, Window, WindowFunction,
 };
 use serde::{Deserialize, Serialize};
 
@@ -90,6 +90,11 @@ pub struct PictureRequest {
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "80,120"))]
     pub window: Option<Numbers<2>>,
+    /// The function of `window`; `sigmoid` is that of DICOM: the brightness is 1 / (1 + exp(-4 (x - c) / w)), and the
+    /// width above 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub window_function: Option<WindowFunction>,
     /// The colour map.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
@@ -167,6 +172,7 @@ impl Default for PictureRequest {
             zoom: default_zoom(),
             pan: None,
             window: None,
+            window_function: None,
             colormap: ColorMap::default(),
             slab_mm: 0.0,
             ambient: default_ambient(),
@@ -196,7 +202,7 @@ impl PictureRequest {
         let camera = self.camera()?;
         check_annotation(self.annotate, [self.width, self.height])?;
         self.layers().check()?;
-        let window = self.window.map(window_of_numbers).transpose()?;
+        let window = self.window()?;
         let request = RenderRequest::new(RenderParameters {
             depth_mm: 0.0,
             camera,
@@ -214,6 +220,19 @@ impl PictureRequest {
             window,
             request,
         })
+    }
+
+    fn window(&self) -> Result<Option<Window>, Error> {
+        match (self.window, self.window_function) {
+            (None, Some(_)) => {
+                let detail = "is only accepted with `window`";
+                Err(Error::out_of_range("window_function", detail))
+            }
+            (Some(Numbers([centre, width])), Some(WindowFunction::Sigmoid)) => {
+                Ok(Some(Window::sigmoid(centre, width)?))
+            }
+            (window, _) => window.map(window_of_numbers).transpose(),
+        }
     }
 
     fn camera(&self) -> Result<Camera, Error> {

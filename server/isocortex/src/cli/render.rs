@@ -148,6 +148,7 @@ impl PictureArgs {
             zoom: self.zoom,
             pan: self.pan,
             window: self.window,
+            window_function: None,
             colormap: self.colormap,
             slab_mm: self.slab,
             ambient: self.ambient,

@@ -17,7 +17,7 @@ use cases::arrivals::ArrivalReader;
 use cases::jobs::Workers;
 use cases::pictures::GpuUse;
 use http_support::listen;
-use pacs::{Background, dimse};
+use pacs::Background;
 use service::state::AppState;
 
 /// The variable for the token. There is no flag, because everyone on a machine can see command lines.
@@ -105,7 +105,7 @@ impl Server {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "listening for C-STORE");
                 let stop = state.stopping().begun();
-                let serving = dimse::serve(listener, pacs.clone(), options, stop, grace);
+                let serving = dimse::serve(listener, state.cases.clone(), options, stop, grace);
                 Some(tokio::spawn(serving))
             }
             None => None,

@@ -128,7 +128,9 @@ pub enum ConfigError {
         source: ::pacs::node::BadNode,
     },
     /// The credentials of a node are incomplete, or of two kinds.
-    #[error("the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them")]
+    #[error(
+        "the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them, and they need `url`"
+    )]
     NodeCredentials {
         /// Its name.
         name: String,
@@ -141,6 +143,14 @@ pub enum ConfigError {
         "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without spaces and backslashes"
     )]
     Aet,
+    /// TLS of DIMSE is configured incompletely.
+    #[error(
+        "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
+    )]
+    DimseTls,
+    /// A file for TLS of DIMSE is invalid.
+    #[error("TLS of DIMSE: {0}")]
+    BadTls(#[from] dimse::BadTls),
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
     Zero {

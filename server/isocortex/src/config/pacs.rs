@@ -1,12 +1,15 @@
 //! `[pacs]`: images from a PACS.
 
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use ::pacs::dimse::{self, DimseOptions};
-use ::pacs::node::{self, Credentials};
+use ::pacs::node::{self, Credentials, WebNode};
 use cases::arrivals::{ArrivalOptions, SeriesRule};
+use dimse::{
+    DimseOptions, ListeningTls, StorageNode, TlsAuthority, TlsIdentity, connecting_tls, is_aet,
+    listening_tls,
+};
 use serde::Deserialize;
 
 use super::{ConfigError, read_secret};
@@ -29,7 +32,7 @@ pub struct Pacs {
     pub series: SeriesUse,
     /// Images by C-STORE.
     pub dimse: Dimse,
-    /// Nodes from which series are fetched.
+    /// Nodes from which series are fetched and to which results are sent.
     pub nodes: Vec<Node>,
 }
 
@@ -64,7 +67,7 @@ impl Default for Pacs {
 pub struct Dimse {
     /// The address to listen on; without one, there is no listener.
     pub listen: Option<SocketAddr>,
-    /// Our application entity title.
+    /// Our application entity title, also to nodes.
     pub aet: String,
     /// Who may store images. Nobody else may connect.
     pub peers: Vec<Peer>,
@@ -72,6 +75,12 @@ pub struct Dimse {
     pub max_associations: usize,
     /// How long a peer may send nothing, in seconds.
     pub idle_secs: u64,
+    /// A file with our certificate, for TLS.
+    pub tls_certificate: Option<PathBuf>,
+    /// A file with its key.
+    pub tls_key: Option<PathBuf>,
+    /// A file with the certificates that those of peers are issued by.
+    pub tls_authority: Option<PathBuf>,
 }
 
 impl Default for Dimse {
@@ -83,6 +92,9 @@ impl Default for Dimse {
             peers: Vec::new(),
             max_associations: usual.max_associations,
             idle_secs: usual.idle.as_secs(),
+            tls_certificate: None,
+            tls_key: None,
+            tls_authority: None,
         }
     }
 }
@@ -97,20 +109,65 @@ pub struct Peer {
     pub address: IpAddr,
 }
 
-/// A node.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+/// A node. It has a DICOMweb root, an address for C-STORE, or both.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Node {
     /// Its name in requests.
     pub name: String,
     /// The address of its DICOMweb root.
-    pub url: String,
+    pub url: Option<String>,
     /// The user, if it requires a password.
     pub user: Option<String>,
     /// A file with the password.
     pub password_file: Option<PathBuf>,
     /// A file with a bearer token, instead of user and password.
     pub token_file: Option<PathBuf>,
+    /// Its application entity title, if results are sent by C-STORE.
+    pub aet: Option<String>,
+    /// Its host and port for C-STORE.
+    pub address: Option<String>,
+    /// A file with the certificates that that of the node is issued by, if it is sent results by TLS.
+    pub tls_authority: Option<PathBuf>,
+}
+
+impl Dimse {
+    /// Our certificate and its key, if there are any.
+    fn identity(&self) -> Result<Option<TlsIdentity>, ConfigError> {
+        match (&self.tls_certificate, &self.tls_key) {
+            (None, None) => Ok(None),
+            (Some(certificate), Some(key)) => {
+                let certificate = read_file(certificate)?;
+                let key = read_secret(key, "the file of the key for TLS")?;
+                let identity = TlsIdentity::read(certificate.as_bytes(), key.as_bytes());
+                Ok(Some(identity?))
+            }
+            _ => Err(ConfigError::DimseTls),
+        }
+    }
+
+    /// TLS of the listener.
+    fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
+        let Some(identity) = self.identity()? else {
+            return match self.tls_authority {
+                Some(_) => Err(ConfigError::DimseTls),
+                None => Ok(None),
+            };
+        };
+        let authority = self.tls_authority.as_deref().map(authority).transpose()?;
+        Ok(Some(listening_tls(&identity, authority.as_ref())?))
+    }
+}
+
+fn read_file(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn authority(path: &Path) -> Result<TlsAuthority, ConfigError> {
+    Ok(TlsAuthority::read(read_file(path)?.as_bytes())?)
 }
 
 impl Pacs {
@@ -135,7 +192,7 @@ impl Pacs {
         let nodes: Vec<_> = self
             .nodes
             .iter()
-            .map(Node::open)
+            .map(|node| node.open(&self.dimse))
             .collect::<Result<_, _>>()?;
         for (number, node) in self.nodes.iter().enumerate() {
             if self.nodes[..number]
@@ -169,6 +226,7 @@ impl Pacs {
             peers: self.dimse.peers.iter().map(peer).collect(),
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
+            tls: self.dimse.tls()?,
             ..DimseOptions::default()
         };
         Ok(Some((listen, options)))
@@ -188,15 +246,44 @@ impl Pacs {
     }
 }
 
-/// Whether a text is an application entity title (PS3.5 §6.2).
-fn is_aet(text: &str) -> bool {
-    let allowed = |byte: u8| (b'!'..=b'~').contains(&byte) && byte != b'\\';
-    (1..=16).contains(&text.len()) && text.bytes().all(allowed)
-}
-
 impl Node {
-    fn open(&self) -> Result<node::Node, ConfigError> {
-        let credentials = match (&self.user, &self.password_file, &self.token_file) {
+    fn open(&self, dimse: &Dimse) -> Result<node::Node, ConfigError> {
+        let invalid = |source| ConfigError::Node {
+            name: self.name.clone(),
+            source,
+        };
+        let credentials = self.credentials()?;
+        let web = match &self.url {
+            Some(url) => Some(WebNode::new(url, &credentials).map_err(invalid)?),
+            None if credentials == Credentials::None => None,
+            None => {
+                return Err(ConfigError::NodeCredentials {
+                    name: self.name.clone(),
+                });
+            }
+        };
+        let storage = match (&self.aet, &self.address) {
+            (None, None) if self.tls_authority.is_none() => None,
+            (Some(aet), Some(address)) => {
+                let node = StorageNode::new(address, aet, &dimse.aet);
+                let node = node.map_err(|source| invalid(source.into()))?;
+                Some(match &self.tls_authority {
+                    None => node,
+                    Some(file) => {
+                        let identity = dimse.identity()?;
+                        let tls = connecting_tls(&authority(file)?, identity.as_ref())?;
+                        let node = node.with_tls(tls);
+                        node.map_err(|source| invalid(source.into()))?
+                    }
+                })
+            }
+            _ => return Err(invalid(node::BadNode::NoService)),
+        };
+        node::Node::new(&self.name, web, storage).map_err(invalid)
+    }
+
+    fn credentials(&self) -> Result<Credentials, ConfigError> {
+        Ok(match (&self.user, &self.password_file, &self.token_file) {
             (None, None, None) => Credentials::None,
             (Some(user), Some(file), None) => {
                 let password = read_secret(file, "the file of the password of a node")?;
@@ -211,17 +298,14 @@ impl Node {
                     name: self.name.clone(),
                 });
             }
-        };
-        let node = node::Node::new(&self.name, &self.url, &credentials);
-        node.map_err(|source| ConfigError::Node {
-            name: self.name.clone(),
-            source,
         })
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use ::pacs::node::BadNode;
+
     use super::*;
 
     fn parsed(text: &str) -> Pacs {
@@ -268,10 +352,63 @@ mod tests {
         }
         let half = node("user = \"alice\"").nodes();
         assert!(matches!(half, Err(ConfigError::NodeCredentials { .. })));
+        let for_nothing = format!("[[nodes]]\nname = \"a\"\ntoken_file = \"{path}\"");
+        let for_nothing = parsed(&for_nothing).nodes();
+        assert!(matches!(
+            for_nothing,
+            Err(ConfigError::NodeCredentials { .. })
+        ));
         let twice = format!(
             "{0}{0}",
             "[[nodes]]\nname = \"a\"\nurl = \"http://orthanc/\"\n"
         );
         assert!(matches!(parsed(&twice).nodes(), Err(ConfigError::SameNode)));
+    }
+
+    #[test]
+    fn a_node_for_c_store_has_a_title_and_an_address() {
+        let opened = |keys: &str| {
+            let nodes = parsed(&format!("[[nodes]]\nname = \"archive\"\n{keys}")).nodes();
+            nodes.map_err(|error| match error {
+                ConfigError::Node { source, .. } => source,
+                other => panic!("{other}"),
+            })
+        };
+        let (aet, address) = ("aet = \"ARCHIVE\"\n", "address = \"192.0.2.7:104\"\n");
+        let url = "url = \"http://orthanc/\"\n";
+        for keys in [[aet, address, ""], [aet, address, url]] {
+            assert_eq!(opened(&keys.concat()).unwrap().len(), 1);
+        }
+        for keys in [["", ""], [aet, ""], ["", address], [url, aet]] {
+            let refused = opened(&keys.concat()).err();
+            assert_eq!(refused, Some(BadNode::NoService), "{keys:?}");
+        }
+        for keys in [
+            "aet = \"A B\"\naddress = \"192.0.2.7:104\"",
+            "aet = \"ARCHIVE\"\naddress = \"192.0.2.7\"",
+        ] {
+            let refused = opened(keys).err();
+            assert!(matches!(refused, Some(BadNode::Storage(_))), "{keys}");
+        }
+    }
+
+    #[test]
+    fn tls_needs_both_files_and_what_they_should_have() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "CANARY\n").unwrap();
+        let path = file.path().display();
+        let dimse = |keys: &str| {
+            let text = format!("[dimse]\nlisten = \"127.0.0.1:1\"\n{keys}");
+            parsed(&text).dimse().map(|found| found.is_some())
+        };
+        let [certificate, key, authority] =
+            ["certificate", "key", "authority"].map(|name| format!("tls_{name} = \"{path}\"\n"));
+        assert!(dimse("").unwrap());
+        for half in [&certificate, &key, &authority] {
+            assert!(matches!(dimse(half), Err(ConfigError::DimseTls)), "{half}");
+        }
+        let refused = dimse(&[certificate, key].concat()).unwrap_err();
+        assert!(matches!(refused, ConfigError::BadTls(_)));
+        assert!(!refused.to_string().contains("CANARY"));
     }
 }

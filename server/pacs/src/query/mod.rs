@@ -12,6 +12,7 @@ use serde_json::{Map, Value};
 use storage::arrivals::{AccessionNumber, SeriesQuery, Uid};
 
 use self::keys::SearchKeys;
+use crate::address::{Named, SeriesPath, StudyPath};
 use crate::error::PacsError;
 use crate::held::{HeldStudy, Values};
 use crate::state::{Pacs, fresh_json};
@@ -116,7 +117,7 @@ type Pairs = Result<Query<Vec<(String, String)>>, QueryRejection>;
     )
 )]
 pub(crate) async fn studies(State(pacs): State<Pacs>, keys: Pairs, headers: HeaderMap) -> Response {
-    let scope = Scope::of(Level::Study, None, None);
+    let scope = Scope::everywhere(Level::Study);
     pacs.answer(search(&pacs, scope, keys, &headers).await)
 }
 
@@ -135,7 +136,7 @@ pub(crate) async fn all_series(
     keys: Pairs,
     headers: HeaderMap,
 ) -> Response {
-    let scope = Scope::of(Level::Series, None, None);
+    let scope = Scope::everywhere(Level::Series);
     pacs.answer(search(&pacs, scope, keys, &headers).await)
 }
 
@@ -154,7 +155,7 @@ pub(crate) async fn all_instances(
     keys: Pairs,
     headers: HeaderMap,
 ) -> Response {
-    let scope = Scope::of(Level::Instance, None, None);
+    let scope = Scope::everywhere(Level::Instance);
     pacs.answer(search(&pacs, scope, keys, &headers).await)
 }
 
@@ -163,7 +164,7 @@ pub(crate) async fn all_instances(
 /// As `GET /dicomweb/studies`: the series that cases were made of, then the results that were sent.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID")),
+    params(StudyPath),
     responses(
         (status = 200, description = "The series", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
@@ -171,11 +172,11 @@ pub(crate) async fn all_instances(
 )]
 pub(crate) async fn series_of_study(
     State(pacs): State<Pacs>,
-    Path(study): Path<String>,
+    Path(path): Path<StudyPath>,
     keys: Pairs,
     headers: HeaderMap,
 ) -> Response {
-    let scope = Scope::of(Level::Series, Some(study), None);
+    let scope = Scope::within(path.into(), Level::Series);
     pacs.answer(search(&pacs, scope, keys, &headers).await)
 }
 
@@ -184,7 +185,7 @@ pub(crate) async fn series_of_study(
 /// As `GET /dicomweb/studies`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/instances", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID")),
+    params(StudyPath),
     responses(
         (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
@@ -192,11 +193,11 @@ pub(crate) async fn series_of_study(
 )]
 pub(crate) async fn instances_of_study(
     State(pacs): State<Pacs>,
-    Path(study): Path<String>,
+    Path(path): Path<StudyPath>,
     keys: Pairs,
     headers: HeaderMap,
 ) -> Response {
-    let scope = Scope::of(Level::Instance, Some(study), None);
+    let scope = Scope::within(path.into(), Level::Instance);
     pacs.answer(search(&pacs, scope, keys, &headers).await)
 }
 
@@ -205,7 +206,7 @@ pub(crate) async fn instances_of_study(
 /// As `GET /dicomweb/studies`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/instances", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    params(SeriesPath),
     responses(
         (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
@@ -213,11 +214,11 @@ pub(crate) async fn instances_of_study(
 )]
 pub(crate) async fn instances_of_series(
     State(pacs): State<Pacs>,
-    Path((study, series)): Path<(String, String)>,
+    Path(path): Path<SeriesPath>,
     keys: Pairs,
     headers: HeaderMap,
 ) -> Response {
-    let scope = Scope::of(Level::Instance, Some(study), Some(series));
+    let scope = Scope::within(path.into(), Level::Instance);
     pacs.answer(search(&pacs, scope, keys, &headers).await)
 }
 
@@ -229,11 +230,19 @@ struct Scope {
 }
 
 impl Scope {
-    fn of(level: Level, study: Option<String>, series: Option<String>) -> Self {
+    fn everywhere(level: Level) -> Self {
         Self {
             level,
-            study,
-            series,
+            study: None,
+            series: None,
+        }
+    }
+
+    fn within(named: Named, level: Level) -> Self {
+        Self {
+            level,
+            study: Some(named.study),
+            series: named.series,
         }
     }
 

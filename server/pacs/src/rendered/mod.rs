@@ -18,6 +18,7 @@ use storage::arrivals::{SeriesQuery, Uid};
 
 use self::media::{Answer, Kind, accepted};
 use self::query::{RenderedQuery, Shown};
+use crate::address::{Named, SeriesPath, StudyPath};
 use crate::error::PacsError;
 use crate::results::draw::{Drawing, Drawn};
 use crate::results::request::{Layout, PicturePlan};
@@ -39,7 +40,7 @@ type Keys = Result<Query<BTreeMap<String, String>>, QueryRejection>;
 /// `depth_mm`, `renderer`, `colormap`, `slab_mm`, `ambient`, `layer`, `overlay`, `overlay_window`, `overlay_threshold`, `overlay_opacity`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID")),
+    params(StudyPath),
     responses(
         (status = 200, description = "The picture, several pictures, or the values of the view (`renderedvolumetricmetadata=yes`)", content(
             (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "multipart/related"), (serde_json::Value = "application/dicom+json"),
@@ -53,11 +54,11 @@ type Keys = Result<Query<BTreeMap<String, String>>, QueryRejection>;
 )]
 pub(crate) async fn of_study(
     State(pacs): State<Pacs>,
-    Path(study): Path<String>,
+    Path(path): Path<StudyPath>,
     keys: Keys,
     headers: HeaderMap,
 ) -> Response {
-    let picture = render(&pacs, (&study, None), keys, &headers, USUAL_SIDE).await;
+    let picture = render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await;
     pacs.answer(picture)
 }
 
@@ -66,7 +67,7 @@ pub(crate) async fn of_study(
 /// As `GET /dicomweb/studies/{study}/rendered3D`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/rendered3D", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    params(SeriesPath),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
         (status = 404, description = "There is no case of this series"),
@@ -74,12 +75,11 @@ pub(crate) async fn of_study(
 )]
 pub(crate) async fn of_series(
     State(pacs): State<Pacs>,
-    Path((study, series)): Path<(String, String)>,
+    Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
 ) -> Response {
-    let uids = (&*study, Some(&*series));
-    let picture = render(&pacs, uids, keys, &headers, USUAL_SIDE).await;
+    let picture = render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await;
     pacs.answer(picture)
 }
 
@@ -88,7 +88,7 @@ pub(crate) async fn of_series(
 /// The same as its `rendered3D`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/rendered", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    params(SeriesPath),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
         (status = 404, description = "There is no case of this series"),
@@ -96,7 +96,7 @@ pub(crate) async fn of_series(
 )]
 pub(crate) async fn picture_of_series(
     state: State<Pacs>,
-    path: Path<(String, String)>,
+    path: Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
 ) -> Response {
@@ -108,7 +108,7 @@ pub(crate) async fn picture_of_series(
 /// A picture of 128 × 128 pixels, with the keys of its `rendered3D`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/thumbnail", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    params(SeriesPath),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
         (status = 404, description = "There is no case of this series"),
@@ -116,18 +116,17 @@ pub(crate) async fn picture_of_series(
 )]
 pub(crate) async fn thumbnail_of_series(
     State(pacs): State<Pacs>,
-    Path((study, series)): Path<(String, String)>,
+    Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
 ) -> Response {
-    let uids = (&*study, Some(&*series));
-    let picture = render(&pacs, uids, keys, &headers, THUMBNAIL_SIDE).await;
+    let picture = render(&pacs, path.into(), keys, &headers, THUMBNAIL_SIDE).await;
     pacs.answer(picture)
 }
 
 async fn render(
     pacs: &Pacs,
-    (study, series): (&str, Option<&str>),
+    named: Named,
     keys: Keys,
     headers: &HeaderMap,
     side: u32,
@@ -140,7 +139,7 @@ async fn render(
     })?;
     let asked = RenderedQuery::read(&keys)?;
     let cases = pacs.cases();
-    let id = held_case(pacs, study, series).await?;
+    let id = held_case(pacs, &named).await?;
     let facts = cases.ready(&id).await?;
     let shown = asked.shown(&facts, side)?;
     if asked.is_metadata() {
@@ -158,13 +157,14 @@ async fn render(
 }
 
 /// The newest ready case of a study or a series.
-async fn held_case(pacs: &Pacs, study: &str, series: Option<&str>) -> Result<CaseId, PacsError> {
+async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, PacsError> {
     let missing = || {
         let detail = "there is no case of this study or series";
         PacsError::not_found("no-such-study", detail)
     };
     let uid = |text: &str| Uid::parse(text).ok_or_else(missing);
-    let query = SeriesQuery::Study(uid(study)?, series.map(uid).transpose()?);
+    let series = named.series.as_deref().map(uid);
+    let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
     let store = pacs.cases().store();
     let mut other = None;
     for series in store.rows().cases_of(&query).await? {

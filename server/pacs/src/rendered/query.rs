@@ -6,6 +6,7 @@ use case::{CaseFacts, SphereFacts};
 use cases::Error;
 use cases::pictures::{CheckedPicture, Numbers, PictureRequest, window_of};
 use glam::{DMat3, DQuat, DVec3};
+use render::WindowFunction;
 use serde::de::IntoDeserializer as _;
 use serde::de::value::StrDeserializer;
 
@@ -78,6 +79,7 @@ pub(crate) struct Viewpoint {
 pub(crate) enum Function {
     Linear,
     LinearExact,
+    Sigmoid,
 }
 
 impl Function {
@@ -86,6 +88,7 @@ impl Function {
         match self {
             Self::Linear => "LINEAR",
             Self::LinearExact => "LINEAR_EXACT",
+            Self::Sigmoid => "SIGMOID",
         }
     }
 }
@@ -312,6 +315,7 @@ impl<'a> RenderedQuery<'a> {
     ) -> Result<PictureRequest, PacsError> {
         let usual = PictureRequest::default();
         let (orientation, pan) = camera(viewpoint, facts.envelope_sphere.center_in_patient)?;
+        let shown_window = self.shows_intensities(window)?;
         let depth_mm = self.number("depth_mm", 0.0..=1000.0)?;
         let annotation = self.text("annotation").map(|text| {
             let known = |word: &str| ["patient", "technique"].contains(&word);
@@ -324,7 +328,12 @@ impl<'a> RenderedQuery<'a> {
             depth_mm: depth_mm.map_or(USUAL_DEPTH_MM, |depth| depth as f32),
             orientation: Some(Numbers(orientation)),
             pan: Some(Numbers(pan)),
-            window: self.shows_intensities(window)?,
+            window: shown_window,
+            // A window that is not shown was not requested, and is linear.
+            window_function: match window.function {
+                Function::Sigmoid => Some(WindowFunction::Sigmoid),
+                Function::Linear | Function::LinearExact => None,
+            },
             width,
             height,
             annotate: annotation.transpose()?.unwrap_or(false),
@@ -352,12 +361,16 @@ impl<'a> RenderedQuery<'a> {
             width,
             function,
         } = window;
-        let is_wide = width >= 1.0 || function == Function::LinearExact && width > 0.0;
+        let is_wide = match function {
+            Function::Linear => width >= 1.0,
+            Function::LinearExact | Function::Sigmoid => width > 0.0,
+        };
         if !is_wide {
-            return Err(wrong("window", "of a width of at least 1"));
+            let rule = "of a width of at least 1, or above 0 if it is linear-exact or sigmoid";
+            return Err(wrong("window", rule));
         }
         Ok(Some(match function {
-            Function::Linear => Numbers([centre, width]),
+            Function::Linear | Function::Sigmoid => Numbers([centre, width]),
             // LINEAR begins at centre - 0.5 - (width - 1) / 2, and its ramp is width - 1 long (PS3.3 C.11.2.1.2).
             Function::LinearExact => Numbers([centre + 0.5, width + 1.0]),
         }))
@@ -366,17 +379,12 @@ impl<'a> RenderedQuery<'a> {
 
 /// Centre, width and, if given, function.
 fn given_window(text: &str) -> Result<AskedWindow, PacsError> {
-    let rule = "centre,width,linear or centre,width,linear-exact";
+    let rule = "centre,width,function with the function linear, linear-exact or sigmoid";
     let (values, function) = text.rsplit_once(',').ok_or_else(|| wrong("window", rule))?;
     let (values, function) = match function {
         "linear" => (values, Function::Linear),
         "linear-exact" => (values, Function::LinearExact),
-        "sigmoid" => {
-            return Err(wrong(
-                "window",
-                "linear or linear-exact; sigmoid is not supported",
-            ));
-        }
+        "sigmoid" => (values, Function::Sigmoid),
         // The function may be omitted.
         _ => (text, Function::Linear),
     };
@@ -514,7 +522,8 @@ mod tests {
         assert_eq!(shown("100,50,linear-exact"), Some([75.0, 125.0]));
         assert_eq!(shown("100,0.5,linear-exact"), Some([99.75, 100.25]));
         for refused in [
-            "100,50,sigmoid",
+            "100,0,sigmoid",
+            "100,50,cubic",
             "100",
             "100,0,linear",
             "a,b,linear",
@@ -522,6 +531,15 @@ mod tests {
         ] {
             assert_eq!(shown(refused), None, "{refused}");
         }
+    }
+
+    #[test]
+    fn a_sigmoid_is_passed_on_with_its_centre_and_width() {
+        let window = given_window("100,0.5,sigmoid").unwrap();
+        assert_eq!(window.function.dicom_name(), "SIGMOID");
+        let keys = query("window=100,0.5,sigmoid");
+        let shown = RenderedQuery(&keys).shows_intensities(window).unwrap();
+        assert_eq!(shown, Some(Numbers([100.0, 0.5])));
     }
 
     #[test]

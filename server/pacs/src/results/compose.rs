@@ -13,6 +13,7 @@ use imaging::dicom::write::{
 };
 use imaging::dicom::{Attributes, Instance};
 use pipeline::codec::{decode_brain, decode_envelope};
+use render::WindowFunction;
 use storage::arrivals::Uid;
 use storage::results::ResultSeries;
 
@@ -391,7 +392,11 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
     };
     text += &match first.window {
         Some(cases::pictures::Numbers([centre, width])) => {
-            format!("window centre {centre} and width {width}, ")
+            let function = match first.window_function {
+                Some(WindowFunction::Sigmoid) => "sigmoid ",
+                Some(WindowFunction::Linear) | None => "",
+            };
+            format!("{function}window centre {centre} and width {width}, ")
         }
         None if first.layer.is_some() => "window of the layer, ".to_owned(),
         None => {

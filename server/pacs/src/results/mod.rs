@@ -71,7 +71,7 @@ impl From<SentResult> for ResultView {
 /// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), a cine (Multi-frame True Color
 /// Secondary Capture), or the envelope or the brain mask (Segmentation on the slices of the source). Patient and study
 /// are those of the source. Without `node`, the answer is the object; with `node`, the object is kept and sent there by
-/// STOW-RS, again and again for about ten minutes if the node does not answer. Equal requests give one object.
+/// STOW-RS or C-STORE, again and again for about ten minutes if the node does not answer. Equal requests give one object.
 #[utoipa::path(
     post, path = "/v1/cases/{id}/dicom-results", tag = "pacs",
     params(("id" = String, Path, description = "The case")),
@@ -103,7 +103,7 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let known = "`what`, `render`, `sheet`, `cine`, `node` and `study`";
     let asked: ResultRequest = read_json(request, known).await?;
     pacs.needs_identity()?;
-    let node = asked.node.as_deref().map(|name| find_node(pacs, name));
+    let node = asked.node.as_deref().map(|name| pacs.named_node(name));
     let node = node.transpose()?;
     let plan = asked.plan()?;
     let composer = Composer::begin(pacs.cases(), id, &asked, plan).await?;
@@ -134,15 +134,6 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     }
     headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
     Ok(response)
-}
-
-fn find_node<'a>(pacs: &'a Pacs, name: &str) -> Result<&'a Node, PacsError> {
-    pacs.node(name).ok_or_else(|| {
-        PacsError::not_found(
-            "no-such-node",
-            "no node of the configuration has this name; add it to `pacs.nodes`",
-        )
-    })
 }
 
 async fn queue(

@@ -14,6 +14,7 @@ use storage::ObjectName;
 use storage::arrivals::Uid;
 
 use self::media::{Accepted, DICOM, FRAME};
+use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::error::PacsError;
 use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values};
 use crate::state::{Pacs, fresh_json};
@@ -28,7 +29,7 @@ const MAX_FRAMES: usize = 64;
 /// were made of (WADO-RS, PS3.18 §10.4).
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID")),
+    params(StudyPath),
     responses(
         (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
         (status = 404, description = "It is not here, or its images are not kept"),
@@ -38,11 +39,10 @@ const MAX_FRAMES: usize = 64;
 )]
 pub(crate) async fn study(
     State(pacs): State<Pacs>,
-    Path(study): Path<String>,
+    Path(path): Path<StudyPath>,
     headers: HeaderMap,
 ) -> Response {
-    let wanted = Wanted::of(&study, None, None);
-    pacs.answer(files(&pacs, wanted, &headers).await)
+    pacs.answer(files(&pacs, path.into(), &headers).await)
 }
 
 /// Retrieve a series
@@ -50,7 +50,7 @@ pub(crate) async fn study(
 /// As `GET /dicomweb/studies/{study}`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    params(SeriesPath),
     responses(
         (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
         (status = 404, description = "It is not here, or its images are not kept"),
@@ -58,11 +58,10 @@ pub(crate) async fn study(
 )]
 pub(crate) async fn series(
     State(pacs): State<Pacs>,
-    Path((study, series)): Path<(String, String)>,
+    Path(path): Path<SeriesPath>,
     headers: HeaderMap,
 ) -> Response {
-    let wanted = Wanted::of(&study, Some(&series), None);
-    pacs.answer(files(&pacs, wanted, &headers).await)
+    pacs.answer(files(&pacs, path.into(), &headers).await)
 }
 
 /// Retrieve an instance
@@ -70,10 +69,7 @@ pub(crate) async fn series(
 /// As `GET /dicomweb/studies/{study}`; with `Accept: application/dicom` the file itself.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}", tag = "pacs",
-    params(
-        ("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID"),
-        ("instance" = String, Path, description = "The SOP Instance UID"),
-    ),
+    params(InstancePath),
     responses(
         (status = 200, description = "The file", content(
             (Vec<u8> = "multipart/related; type=\"application/dicom\""), (Vec<u8> = "application/dicom"),
@@ -83,11 +79,10 @@ pub(crate) async fn series(
 )]
 pub(crate) async fn instance(
     State(pacs): State<Pacs>,
-    Path((study, series, instance)): Path<(String, String, String)>,
+    Path(path): Path<InstancePath>,
     headers: HeaderMap,
 ) -> Response {
-    let wanted = Wanted::of(&study, Some(&series), Some(&instance));
-    pacs.answer(files(&pacs, wanted, &headers).await)
+    pacs.answer(files(&pacs, path.into(), &headers).await)
 }
 
 /// Retrieve the attributes of a study
@@ -96,7 +91,7 @@ pub(crate) async fn instance(
 /// them.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/metadata", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID")),
+    params(StudyPath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 404, description = "It is not here"),
@@ -105,11 +100,10 @@ pub(crate) async fn instance(
 )]
 pub(crate) async fn study_metadata(
     State(pacs): State<Pacs>,
-    Path(study): Path<String>,
+    Path(path): Path<StudyPath>,
     headers: HeaderMap,
 ) -> Response {
-    let wanted = Wanted::of(&study, None, None);
-    pacs.answer(metadata(&pacs, wanted, &headers).await)
+    pacs.answer(metadata(&pacs, path.into(), &headers).await)
 }
 
 /// Retrieve the attributes of a series
@@ -117,7 +111,7 @@ pub(crate) async fn study_metadata(
 /// As `GET /dicomweb/studies/{study}/metadata`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/metadata", tag = "pacs",
-    params(("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID")),
+    params(SeriesPath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 404, description = "It is not here"),
@@ -125,11 +119,10 @@ pub(crate) async fn study_metadata(
 )]
 pub(crate) async fn series_metadata(
     State(pacs): State<Pacs>,
-    Path((study, series)): Path<(String, String)>,
+    Path(path): Path<SeriesPath>,
     headers: HeaderMap,
 ) -> Response {
-    let wanted = Wanted::of(&study, Some(&series), None);
-    pacs.answer(metadata(&pacs, wanted, &headers).await)
+    pacs.answer(metadata(&pacs, path.into(), &headers).await)
 }
 
 /// Retrieve the attributes of an instance
@@ -137,10 +130,7 @@ pub(crate) async fn series_metadata(
 /// As `GET /dicomweb/studies/{study}/metadata`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata", tag = "pacs",
-    params(
-        ("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID"),
-        ("instance" = String, Path, description = "The SOP Instance UID"),
-    ),
+    params(InstancePath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 404, description = "It is not here"),
@@ -148,11 +138,10 @@ pub(crate) async fn series_metadata(
 )]
 pub(crate) async fn instance_metadata(
     State(pacs): State<Pacs>,
-    Path((study, series, instance)): Path<(String, String, String)>,
+    Path(path): Path<InstancePath>,
     headers: HeaderMap,
 ) -> Response {
-    let wanted = Wanted::of(&study, Some(&series), Some(&instance));
-    pacs.answer(metadata(&pacs, wanted, &headers).await)
+    pacs.answer(metadata(&pacs, path.into(), &headers).await)
 }
 
 /// Retrieve frames
@@ -160,10 +149,7 @@ pub(crate) async fn instance_metadata(
 /// Uncompressed samples in little endian, as parts; one frame also as itself.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}", tag = "pacs",
-    params(
-        ("study" = String, Path, description = "The Study Instance UID"), ("series" = String, Path, description = "The Series Instance UID"),
-        ("instance" = String, Path, description = "The SOP Instance UID"), ("frames" = String, Path, description = "Numbers from 1, with commas"),
-    ),
+    params(FramesPath),
     responses(
         (status = 200, description = "The frames", content(
             (Vec<u8> = "multipart/related; type=\"application/octet-stream\""), (Vec<u8> = "application/octet-stream"),
@@ -175,19 +161,11 @@ pub(crate) async fn instance_metadata(
 )]
 pub(crate) async fn frames(
     State(pacs): State<Pacs>,
-    Path((study, series, instance, frames)): Path<(String, String, String, String)>,
+    Path(path): Path<FramesPath>,
     headers: HeaderMap,
 ) -> Response {
-    let wanted = Wanted::of(&study, Some(&series), Some(&instance));
-    pacs.answer(pixels(&pacs, wanted, &frames, &headers).await)
-}
-
-/// What an address names.
-#[derive(Clone, Copy)]
-struct Wanted<'a> {
-    study: &'a str,
-    series: Option<&'a str>,
-    instance: Option<&'a str>,
+    let (named, numbers) = path.parts();
+    pacs.answer(pixels(&pacs, named, &numbers, &headers).await)
 }
 
 fn missing() -> PacsError {
@@ -202,32 +180,23 @@ fn not_kept() -> PacsError {
     )
 }
 
-impl<'a> Wanted<'a> {
-    fn of(study: &'a str, series: Option<&'a str>, instance: Option<&'a str>) -> Self {
-        Self {
-            study,
-            series,
-            instance,
-        }
+/// The study with what the address names of it.
+async fn load(pacs: &Pacs, named: &Named) -> Result<HeldStudy, PacsError> {
+    let uid = Uid::parse(&named.study).ok_or_else(missing)?;
+    let study = HeldStudy::load(pacs, &uid).await?;
+    let mut study = study.ok_or_else(missing)?;
+    let is_named = |uid: &Uid, named: &Option<String>| {
+        named.as_deref().is_none_or(|named| named == uid.as_str())
+    };
+    study.series.retain_mut(|series: &mut HeldSeries| {
+        let instances = &mut series.instances;
+        instances.retain(|instance: &HeldInstance| is_named(&instance.uid, &named.instance));
+        is_named(&series.uid, &named.series) && !instances.is_empty()
+    });
+    if study.series.is_empty() {
+        return Err(missing());
     }
-
-    /// The study with what the address names of it.
-    async fn load(self, pacs: &Pacs) -> Result<HeldStudy, PacsError> {
-        let uid = Uid::parse(self.study).ok_or_else(missing)?;
-        let study = HeldStudy::load(pacs, &uid).await?;
-        let mut study = study.ok_or_else(missing)?;
-        let is_named =
-            |uid: &Uid, named: Option<&str>| named.is_none_or(|named| named == uid.as_str());
-        study.series.retain_mut(|series: &mut HeldSeries| {
-            let instances = &mut series.instances;
-            instances.retain(|instance: &HeldInstance| is_named(&instance.uid, self.instance));
-            is_named(&series.uid, self.series) && !instances.is_empty()
-        });
-        if study.series.is_empty() {
-            return Err(missing());
-        }
-        Ok(study)
-    }
+    Ok(study)
 }
 
 /// The files of those instances that may be retrieved.
@@ -240,13 +209,9 @@ fn objects(study: &HeldStudy) -> Result<Vec<ObjectName>, PacsError> {
     Ok(objects)
 }
 
-async fn files(
-    pacs: &Pacs,
-    wanted: Wanted<'_>,
-    headers: &HeaderMap,
-) -> Result<Response, PacsError> {
-    let accepted = Accepted::read(headers, DICOM, wanted.instance.is_some())?;
-    let objects = objects(&wanted.load(pacs).await?)?;
+async fn files(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
+    let accepted = Accepted::read(headers, DICOM, named.instance.is_some())?;
+    let objects = objects(&load(pacs, &named).await?)?;
     let syntaxes = accepted.syntaxes;
     let files = pacs.cases().stored_files(&objects, syntaxes).await?;
     let files = files.ok_or_else(not_kept)?;
@@ -290,13 +255,9 @@ fn streamed(files: StoredFiles, boundary: String) -> Body {
     Body::from_stream(parts)
 }
 
-async fn metadata(
-    pacs: &Pacs,
-    wanted: Wanted<'_>,
-    headers: &HeaderMap,
-) -> Result<Response, PacsError> {
+async fn metadata(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
     refuse_other_answers(headers)?;
-    let study = wanted.load(pacs).await?;
+    let study = load(pacs, &named).await?;
     let instances = study.series.iter().flat_map(|series| &series.instances);
     let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
     let read = match objects.is_empty() {
@@ -336,13 +297,13 @@ fn what_is_known(study: &Values, series: &HeldSeries, instance: &HeldInstance) -
 
 async fn pixels(
     pacs: &Pacs,
-    wanted: Wanted<'_>,
+    named: Named,
     numbers: &str,
     headers: &HeaderMap,
 ) -> Result<Response, PacsError> {
     let numbers = numbers_of(numbers)?;
     let accepted = Accepted::read(headers, FRAME, numbers.len() == 1)?;
-    let object = objects(&wanted.load(pacs).await?)?[0];
+    let object = objects(&load(pacs, &named).await?)?[0];
     let frames = pacs.cases().stored_frames(object, numbers).await?;
     let frames: Option<Vec<Bytes>> = frames.ok_or_else(not_kept)?.into_iter().collect();
     let frames = frames.ok_or_else(|| {

@@ -94,7 +94,8 @@ pub(super) fn picture(
         slab_step: slab.get(1).map_or(0.0, |second| second - slab[0]),
         clip_reach: (reach_mm / voxel_mm) as f32,
         smooth_share: smooth_share(depth as f32),
-        _padding: [0.0; 3],
+        window_is_sigmoid: u32::from(window.is_sigmoid),
+        _padding: [0.0; 2],
         cuts: cuts(scene, parameters.depth_mm),
         overlay_from_field: columns(overlay.map_or(DAffine3::IDENTITY, |overlay| {
             overlay.voxel_from_case * patient_from_field

@@ -11,12 +11,14 @@ mod item;
 mod key_object;
 mod pictures;
 mod segmentation;
+mod syntax;
 mod uid;
 
 pub use common::{Head, WriteError};
 pub use key_object::{KeyObjectTitle, Listed, key_object};
 pub use pictures::{Cine, Pictures, pictures};
 pub use segmentation::{Algorithm, Segment, segmentation};
+pub use syntax::implicit_file;
 pub use uid::uid_of;
 
 /// The class of a picture.

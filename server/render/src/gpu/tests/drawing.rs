@@ -336,6 +336,10 @@ fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
             ..plain
         },
         RenderParameters {
+            window: Window::sigmoid(140.0, 61.0).unwrap(),
+            ..plain
+        },
+        RenderParameters {
             light: Light::new(1.0).unwrap(),
             ..plain
         },

@@ -77,7 +77,7 @@ fn the_twins_lie_in_memory_as_the_shaders_want_them() {
         volume_size, stored_scale, field_size, stored_offset, towards_viewer, depth_scale,
         box_low, depth, box_high, voxel_mm, sphere_centre, sphere_radius,
         size, ambient, color_row, window_black, window_factor, window_offset, slab_count,
-        slab_first, slab_step, clip_reach, clip_piece, smooth_share, cuts,
+        slab_first, slab_step, clip_reach, clip_piece, smooth_share, window_is_sigmoid, cuts,
         overlay_from_field, overlay_size, overlay_scale, overlay_offset, overlay_low, overlay_factor,
         overlay_threshold, overlay_steepness, overlay_opacity, overlay_color_row, overlay_is_diverging,
         volume_has_gaps, overlay_is_nearest);

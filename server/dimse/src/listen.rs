@@ -4,13 +4,15 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use cases::Cases;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
+use tokio_rustls::TlsAcceptor;
 
-use super::association::{associate, reject_for_now};
-use super::options::DimseOptions;
-use crate::state::Pacs;
+use crate::association::{Abort, associate, reject_for_now};
+use crate::options::DimseOptions;
+use crate::wire::{Connection, WireError};
 
 /// As many connections beyond the limit of associations are told so at a time; more are closed.
 const MAX_REFUSALS: usize = 16;
@@ -23,7 +25,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// Serves associations until `stop` resolves; then running ones may end within `grace`.
 pub async fn serve(
     listener: TcpListener,
-    pacs: Pacs,
+    cases: Cases,
     options: DimseOptions,
     stop: impl Future<Output = ()>,
     grace: Duration,
@@ -52,12 +54,12 @@ pub async fn serve(
             tracing::warn!("a connection for DIMSE from an address that is not listed was closed");
             continue;
         }
-        let (pacs, options) = (pacs.clone(), Arc::clone(&options));
+        let (cases, options) = (cases.clone(), Arc::clone(&options));
         let Ok(place) = Arc::clone(&room).try_acquire_owned() else {
             tracing::warn!("too many associations: a request was rejected");
             if let Ok(turn) = Arc::clone(&door).try_acquire_owned() {
                 associations.spawn(async move {
-                    let rejection = reject_for_now(stream, &options);
+                    let rejection = refuse_one(stream, &options);
                     let _ = tokio::time::timeout(LONGEST_REFUSAL, rejection).await;
                     drop(turn);
                 });
@@ -65,7 +67,7 @@ pub async fn serve(
             continue;
         };
         associations.spawn(async move {
-            serve_one(stream, address, &pacs, &options).await;
+            serve_one(stream, address, &cases, &options).await;
             drop(place);
         });
     }
@@ -76,11 +78,32 @@ pub async fn serve(
     }
 }
 
-async fn serve_one(stream: TcpStream, address: IpAddr, pacs: &Pacs, options: &DimseOptions) {
+/// The connection, by TLS if that is configured.
+async fn secured(
+    stream: TcpStream,
+    options: &DimseOptions,
+) -> Result<Box<dyn Connection>, WireError> {
+    let Some(tls) = &options.tls else {
+        return Ok(Box::new(stream));
+    };
+    let accepting = TlsAcceptor::from(Arc::clone(tls)).accept(stream);
+    let accepted = tokio::time::timeout(options.idle, accepting).await;
+    Ok(Box::new(accepted.map_err(|_elapsed| WireError::Silent)??))
+}
+
+async fn refuse_one(stream: TcpStream, options: &DimseOptions) -> Result<(), Abort> {
+    let stream = secured(stream, options).await?;
+    reject_for_now(stream, options).await
+}
+
+async fn serve_one(stream: TcpStream, address: IpAddr, cases: &Cases, options: &DimseOptions) {
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(%error, "TCP_NODELAY refused");
     }
-    let association = associate(stream, address, pacs, options);
+    let association = async {
+        let stream = secured(stream, options).await?;
+        associate(stream, address, cases, options).await
+    };
     match tokio::time::timeout(options.whole, association).await {
         Ok(Ok(images)) => tracing::debug!(images, "an association ended"),
         Ok(Err(error)) => tracing::info!(%error, "an association was aborted"),

@@ -10,8 +10,9 @@ use dicom_ul::pdu::{
 };
 use imaging::dicom::{IMAGE_CLASSES, TRANSFER_SYNTAXES};
 
-use super::command::VERIFICATION;
-use super::options::DimseOptions;
+use crate::command::VERIFICATION;
+use crate::options::DimseOptions;
+use crate::wire::MAX_PDU_LENGTH;
 
 /// The context of all DICOM applications (PS3.7 A.2.1).
 const APPLICATION_CONTEXT: &str = "1.2.840.10008.3.1.1.1";
@@ -25,29 +26,32 @@ const IMPLEMENTATION_VERSION: &str = concat!(
     env!("CARGO_PKG_VERSION_MINOR")
 );
 
-/// The largest PDU that we accept, without its head.
-pub(super) const MAX_PDU_LENGTH: u32 = 128 << 10;
+/// Explicit VR Little Endian, in which we write.
+pub(crate) const EXPLICIT: &str = TRANSFER_SYNTAXES[0];
+
+/// Implicit VR Little Endian, which every node accepts (PS3.5 §10.1).
+pub(crate) const IMPLICIT: &str = TRANSFER_SYNTAXES[1];
 
 /// What a presentation context is for.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Context {
-    pub(super) id: u8,
-    pub(super) abstract_syntax: String,
-    pub(super) transfer_syntax: String,
+pub(crate) struct Context {
+    pub(crate) id: u8,
+    pub(crate) abstract_syntax: String,
+    pub(crate) transfer_syntax: String,
 }
 
 /// An association that was accepted.
 #[derive(Debug, Clone)]
-pub(super) struct Accepted {
-    pub(super) answer: AssociationAC,
-    pub(super) contexts: Vec<Context>,
+pub(crate) struct Accepted {
+    pub(crate) answer: AssociationAC,
+    pub(crate) contexts: Vec<Context>,
 }
 
 /// Accepts a request from a listed peer.
 ///
 /// # Errors
 /// The rejection.
-pub(super) fn negotiate(
+pub(crate) fn negotiate(
     request: &AssociationRQ,
     address: IpAddr,
     options: &DimseOptions,
@@ -84,17 +88,43 @@ pub(super) fn negotiate(
         called_ae_title: request.called_ae_title.clone(),
         application_context_name: APPLICATION_CONTEXT.to_owned(),
         presentation_contexts: results,
-        user_variables: vec![
-            UserVariableItem::MaxLength(MAX_PDU_LENGTH),
-            UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS.to_owned()),
-            UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION.to_owned()),
-        ],
+        user_variables: user_variables(),
     };
     Ok(Accepted { answer, contexts })
 }
 
+/// What we state about ourselves.
+fn user_variables() -> Vec<UserVariableItem> {
+    vec![
+        UserVariableItem::MaxLength(MAX_PDU_LENGTH),
+        UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS.to_owned()),
+        UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION.to_owned()),
+    ]
+}
+
+/// A request for an association to store an object of a class.
+pub(crate) fn request_to_store(
+    context: u8,
+    class: &str,
+    calling: &str,
+    called: &str,
+) -> AssociationRQ {
+    AssociationRQ {
+        protocol_version: 1,
+        calling_ae_title: calling.to_owned(),
+        called_ae_title: called.to_owned(),
+        application_context_name: APPLICATION_CONTEXT.to_owned(),
+        presentation_contexts: vec![PresentationContextProposed {
+            id: context,
+            abstract_syntax: class.to_owned(),
+            transfer_syntaxes: [EXPLICIT, IMPLICIT].map(str::to_owned).into(),
+        }],
+        user_variables: user_variables(),
+    }
+}
+
 /// The rejection of a request beyond the limit of associations, which may be sent again.
-pub(super) fn congestion() -> AssociationRJ {
+pub(crate) fn congestion() -> AssociationRJ {
     let reason = AssociationRJServiceProviderPresentationReason::LocalLimitExceeded;
     AssociationRJ {
         result: AssociationRJResult::Transient,
@@ -122,8 +152,8 @@ fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
         proposed.any(|syntax| syntax.trim_end_matches('\0') == **ours)
     };
     let (reason, syntax) = match (ours, ours.iter().find(is_proposed)) {
-        ([], _) => (Reason::AbstractSyntaxNotSupported, TRANSFER_SYNTAXES[1]),
-        (_, None) => (Reason::TransferSyntaxesNotSupported, TRANSFER_SYNTAXES[1]),
+        ([], _) => (Reason::AbstractSyntaxNotSupported, IMPLICIT),
+        (_, None) => (Reason::TransferSyntaxesNotSupported, IMPLICIT),
         (_, Some(syntax)) => (Reason::Acceptance, *syntax),
     };
     PresentationContextResult {
@@ -135,8 +165,8 @@ fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
 
 #[cfg(test)]
 mod tests {
-    use super::super::options::Peer;
     use super::*;
+    use crate::options::Peer;
 
     const MR: &str = "1.2.840.10008.5.1.4.1.1.4";
 

@@ -1,8 +1,4 @@
-//! A DICOMweb node from which series are fetched and to which results are sent (PS3.18 §10.4 WADO-RS, §10.5 STOW-RS,
-//! §10.6 QIDO-RS).
-//!
-//! Only nodes of the configuration are ever asked: clients name a node, never an address, and redirections are not
-//! followed. Errors contain no texts of a node.
+//! A node by DICOMweb (PS3.18 §10.4 WADO-RS, §10.5 STOW-RS, §10.6 QIDO-RS). Redirections are not followed.
 
 use std::fmt;
 use std::time::Duration;
@@ -20,6 +16,7 @@ use hyper_util::rt::{TokioExecutor, TokioTimer};
 use serde_json::Value;
 use storage::arrivals::{SeriesUids, Uid};
 
+use super::{BadNode, NodeError};
 use crate::multipart::MediaType;
 
 /// How long to wait for a connection.
@@ -58,95 +55,27 @@ impl fmt::Debug for Credentials {
     }
 }
 
-/// Why a node of the configuration cannot be used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum BadNode {
-    /// Its name.
-    #[error("the name of a node must be 1 to 32 letters, digits, hyphens or underscores")]
-    Name,
-    /// Its address.
-    #[error(
-        "the address of a node must be http:// or https://, a host and a path, without a name, a password or a query"
-    )]
-    Address,
-    /// Its credentials.
-    #[error("the credentials of a node have characters that no header can have")]
-    Credentials,
-    /// The roots of TLS.
-    #[error("the system has no trusted roots for TLS")]
-    Roots,
-}
-
-/// Why a request to a node failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub(crate) enum NodeError {
-    #[error("the node cannot be reached")]
-    Unreachable,
-    #[error("the node did not answer in time")]
-    Silent,
-    #[error("the node refused our credentials")]
-    Refused,
-    #[error("the node does not have this series")]
-    NotFound,
-    #[error("the node answered with status {0}")]
-    Status(u16),
-    #[error("the answer of the node cannot be read")]
-    Unreadable,
-    #[error("the node did not store the object (failure reason {0:04X})")]
-    NotStored(u16),
-    #[error("the node did not store the object")]
-    NotStoredAtAll,
-}
-
-impl NodeError {
-    /// Whether the same request may succeed later.
-    pub(crate) fn may_pass(self) -> bool {
-        match self {
-            Self::Unreachable | Self::Silent => true,
-            Self::Status(status) => status >= 500 || status == 429,
-            // Out of resources (PS3.18 table I.2-2).
-            Self::NotStored(reason) => reason & 0xFF00 == 0xA700,
-            Self::Refused | Self::NotFound | Self::Unreadable | Self::NotStoredAtAll => false,
-        }
-    }
-
-    pub(crate) fn kind(self) -> &'static str {
-        match self {
-            Self::Unreachable | Self::Silent => "node-unreachable",
-            Self::Refused => "node-refused",
-            Self::NotFound => "node-has-no-such-series",
-            Self::Status(_) | Self::Unreadable => "node-failed",
-            Self::NotStored(_) | Self::NotStoredAtAll => "node-did-not-store",
-        }
-    }
-}
-
-/// A node. Cheap to clone.
+/// A DICOMweb server. Cheap to clone.
 #[derive(Clone)]
-pub struct Node {
-    name: String,
+pub struct WebNode {
     /// Without a slash at its end.
     base: String,
     authorization: Option<HeaderValue>,
     client: Client<HttpsConnector<HttpConnector>, Full<Bytes>>,
 }
 
-impl fmt::Debug for Node {
+impl fmt::Debug for WebNode {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "Node({})", self.name)
+        formatter.write_str("WebNode(…)")
     }
 }
 
-impl Node {
-    /// A node with the address of its DICOMweb root.
+impl WebNode {
+    /// A server with the address of its DICOMweb root.
     ///
     /// # Errors
     /// [`BadNode`].
-    pub fn new(name: &str, address: &str, credentials: &Credentials) -> Result<Self, BadNode> {
-        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if !(1..=32).contains(&name.len()) || !name.chars().all(allowed) {
-            return Err(BadNode::Name);
-        }
+    pub fn new(address: &str, credentials: &Credentials) -> Result<Self, BadNode> {
         check_address(address)?;
         let mut http = HttpConnector::new();
         http.enforce_http(false);
@@ -158,7 +87,6 @@ impl Node {
             .enable_http1()
             .wrap_connector(http);
         Ok(Self {
-            name: name.to_owned(),
             base: address.trim_end_matches('/').to_owned(),
             authorization: authorization(credentials)?,
             client: Client::builder(TokioExecutor::new())
@@ -166,11 +94,6 @@ impl Node {
                 .pool_idle_timeout(IDLE)
                 .build(connector),
         })
-    }
-
-    /// Its name in requests.
-    pub fn name(&self) -> &str {
-        &self.name
     }
 
     /// How many images a series has, if the node states it.
@@ -325,13 +248,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_node_has_a_plain_name_and_a_plain_address() {
+    fn the_address_of_a_node_is_plain() {
         let none = Credentials::None;
         for address in [
             "http://orthanc:8042/dicom-web",
             "https://pacs.example/dcm4chee-arc/aets/DCM4CHEE/rs/",
         ] {
-            let node = Node::new("orthanc", address, &none).unwrap();
+            let node = WebNode::new(address, &none).unwrap();
             assert!(!node.base.ends_with('/'));
         }
         for address in [
@@ -341,19 +264,15 @@ mod tests {
             "http://a:b@orthanc/",
             "http://orthanc/?x=1",
         ] {
-            let refused = Node::new("orthanc", address, &none).err();
+            let refused = WebNode::new(address, &none).err();
             assert_eq!(refused, Some(BadNode::Address), "{address}");
-        }
-        for name in ["", "a b", "../x"] {
-            let refused = Node::new(name, "http://orthanc/", &none).err();
-            assert_eq!(refused, Some(BadNode::Name));
         }
     }
 
     #[test]
     fn credentials_are_never_shown() {
         let credentials = Credentials::Basic("alice".to_owned(), "CANARY".to_owned());
-        let node = Node::new("a", "http://orthanc/", &credentials).unwrap();
+        let node = WebNode::new("http://orthanc/", &credentials).unwrap();
         let header = node.authorization.clone().unwrap();
         assert_eq!(header, "Basic YWxpY2U6Q0FOQVJZ");
         let shown = format!("{node:?} {credentials:?} {header:?}");
@@ -362,7 +281,7 @@ mod tests {
             "{shown}"
         );
         let bad = Credentials::Bearer("a\nb".to_owned());
-        let refused = Node::new("a", "http://orthanc/", &bad).err();
+        let refused = WebNode::new("http://orthanc/", &bad).err();
         assert_eq!(refused, Some(BadNode::Credentials));
     }
 

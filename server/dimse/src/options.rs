@@ -3,6 +3,8 @@
 use std::net::IpAddr;
 use std::time::Duration;
 
+use crate::tls::ListeningTls;
+
 /// A peer that may store images.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Peer {
@@ -10,6 +12,12 @@ pub struct Peer {
     pub aet: String,
     /// The address that it connects from.
     pub address: IpAddr,
+}
+
+/// Whether a text is an application entity title (PS3.5 §6.2).
+pub fn is_aet(text: &str) -> bool {
+    let allowed = |byte: u8| (b'!'..=b'~').contains(&byte) && byte != b'\\';
+    (1..=16).contains(&text.len()) && text.bytes().all(allowed)
 }
 
 /// The options of the listener.
@@ -25,6 +33,8 @@ pub struct DimseOptions {
     pub idle: Duration,
     /// How long an association may last.
     pub whole: Duration,
+    /// TLS; without it, nothing is encrypted.
+    pub tls: Option<ListeningTls>,
 }
 
 impl Default for DimseOptions {
@@ -35,13 +45,14 @@ impl Default for DimseOptions {
             max_associations: 20,
             idle: Duration::from_secs(30),
             whole: Duration::from_secs(3600),
+            tls: None,
         }
     }
 }
 
 impl DimseOptions {
     /// Whether a peer is listed; without a title, whether its address is.
-    pub(super) fn knows(&self, address: IpAddr, aet: Option<&str>) -> bool {
+    pub(crate) fn knows(&self, address: IpAddr, aet: Option<&str>) -> bool {
         // An IPv4 address may come in the form of IPv6.
         let address = address.to_canonical();
         self.peers.iter().any(|peer| {

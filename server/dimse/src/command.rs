@@ -1,10 +1,10 @@
 //! Command sets (PS3.7 §6.3): a few short elements in implicit little endian.
 
 /// Verification (PS3.4 A).
-pub(super) const VERIFICATION: &str = "1.2.840.10008.1.1";
+pub(crate) const VERIFICATION: &str = "1.2.840.10008.1.1";
 
 /// The longest command set, in bytes. Those of C-STORE have some 200.
-pub(super) const MAX_LENGTH: usize = 16 << 10;
+pub(crate) const MAX_LENGTH: usize = 16 << 10;
 
 const C_STORE: u16 = 0x0001;
 const C_ECHO: u16 = 0x0030;
@@ -13,16 +13,30 @@ const RESPONSE: u16 = 0x8000;
 /// The value of (0000,0800) without a data set.
 const NO_DATA_SET: u16 = 0x0101;
 
+/// A value of (0000,0800) with one.
+const SOME_DATA_SET: u16 = 0x0001;
+
+const MEDIUM_PRIORITY: u16 = 0x0000;
+
+/// Each association of ours has one request.
+const OUR_MESSAGE_ID: u16 = 1;
+
+/// The class and the instance of an object.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ObjectName {
+    pub(crate) sop_class_uid: String,
+    pub(crate) sop_instance_uid: String,
+}
+
 /// A request.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Request {
+pub(crate) enum Request {
     Echo {
         message_id: u16,
     },
     Store {
         message_id: u16,
-        sop_class_uid: String,
-        sop_instance_uid: String,
+        object: ObjectName,
     },
     /// Another one, which may be followed by a data set.
     Other {
@@ -34,7 +48,7 @@ pub(super) enum Request {
 
 /// A status (PS3.7 C, PS3.4 B.2.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Status {
+pub(crate) enum Status {
     Success = 0x0000,
     OutOfResources = 0xA700,
     DataSetDoesNotMatch = 0xA900,
@@ -46,20 +60,12 @@ pub(super) enum Status {
 
 impl Request {
     /// Reads a command set; `None` if it is damaged or not a request.
-    pub(super) fn parse(bytes: &[u8]) -> Option<Self> {
+    pub(crate) fn parse(bytes: &[u8]) -> Option<Self> {
         let mut command_field = None;
         let (mut message_id, mut data_set) = (None, None);
         let (mut class, mut instance) = (None, None);
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let (head, after) = rest.split_at_checked(8)?;
-            let length = u32::from_le_bytes(head[4..8].try_into().ok()?);
-            let (value, after) = after.split_at_checked(usize::try_from(length).ok()?)?;
-            rest = after;
-            if head[..2] != [0, 0] {
-                return None;
-            }
-            match u16::from_le_bytes([head[2], head[3]]) {
+        for (tag, value) in elements(bytes)? {
+            match tag {
                 0x0002 => class = Some(uid(value)?),
                 0x0100 => command_field = Some(number(value)?),
                 0x0110 => message_id = Some(number(value)?),
@@ -74,8 +80,10 @@ impl Request {
             C_ECHO if !has_data_set => Some(Self::Echo { message_id }),
             C_STORE if has_data_set => Some(Self::Store {
                 message_id,
-                sop_class_uid: class?,
-                sop_instance_uid: instance?,
+                object: ObjectName {
+                    sop_class_uid: class?,
+                    sop_instance_uid: instance?,
+                },
             }),
             response if response & RESPONSE != 0 => None,
             command_field => Some(Self::Other {
@@ -87,7 +95,7 @@ impl Request {
     }
 
     /// The response to it.
-    pub(super) fn response(&self, status: Status) -> Vec<u8> {
+    pub(crate) fn response(&self, status: Status) -> Vec<u8> {
         let (field, message_id) = match self {
             Self::Echo { message_id } => (C_ECHO, *message_id),
             Self::Store { message_id, .. } => (C_STORE, *message_id),
@@ -100,8 +108,8 @@ impl Request {
         let mut elements = Vec::new();
         match self {
             Self::Echo { .. } => element(&mut elements, 0x0002, &padded(VERIFICATION)),
-            Self::Store { sop_class_uid, .. } => {
-                element(&mut elements, 0x0002, &padded(sop_class_uid));
+            Self::Store { object, .. } => {
+                element(&mut elements, 0x0002, &padded(&object.sop_class_uid));
             }
             Self::Other { .. } => {}
         }
@@ -109,25 +117,72 @@ impl Request {
         element(&mut elements, 0x0120, &message_id.to_le_bytes());
         element(&mut elements, 0x0800, &NO_DATA_SET.to_le_bytes());
         element(&mut elements, 0x0900, &(status as u16).to_le_bytes());
-        if let Self::Store {
-            sop_instance_uid, ..
-        } = self
-        {
-            element(&mut elements, 0x1000, &padded(sop_instance_uid));
+        if let Self::Store { object, .. } = self {
+            element(&mut elements, 0x1000, &padded(&object.sop_instance_uid));
         }
-        let mut set = Vec::new();
-        let length = u32::try_from(elements.len()).unwrap_or(u32::MAX);
-        element(&mut set, 0x0000, &length.to_le_bytes());
-        set.extend(elements);
-        set
+        command_set(elements)
     }
+}
+
+/// Our request to store an object, which its data set follows.
+pub(crate) fn store_request(object: &ObjectName) -> Vec<u8> {
+    let mut elements = Vec::new();
+    element(&mut elements, 0x0002, &padded(&object.sop_class_uid));
+    element(&mut elements, 0x0100, &C_STORE.to_le_bytes());
+    element(&mut elements, 0x0110, &OUR_MESSAGE_ID.to_le_bytes());
+    element(&mut elements, 0x0700, &MEDIUM_PRIORITY.to_le_bytes());
+    element(&mut elements, 0x0800, &SOME_DATA_SET.to_le_bytes());
+    element(&mut elements, 0x1000, &padded(&object.sop_instance_uid));
+    command_set(elements)
+}
+
+/// The status in the response to [`store_request`]; `None` if it is another message or damaged.
+pub(crate) fn status_of_store(bytes: &[u8]) -> Option<u16> {
+    let (mut field, mut message_id, mut status) = (None, None, None);
+    for (tag, value) in elements(bytes)? {
+        match tag {
+            0x0100 => field = Some(number(value)?),
+            0x0120 => message_id = Some(number(value)?),
+            0x0900 => status = Some(number(value)?),
+            _ => {}
+        }
+    }
+    let is_ours = field? == C_STORE | RESPONSE && message_id? == OUR_MESSAGE_ID;
+    status.filter(|_| is_ours)
+}
+
+/// The elements of a command set by the second half of their tags; `None` if it is damaged.
+fn elements(bytes: &[u8]) -> Option<Vec<(u16, &[u8])>> {
+    let mut found = Vec::new();
+    let mut rest = bytes;
+    while !rest.is_empty() {
+        let (head, after) = rest.split_at_checked(8)?;
+        let length = u32::from_le_bytes(head[4..8].try_into().ok()?);
+        let (value, after) = after.split_at_checked(usize::try_from(length).ok()?)?;
+        rest = after;
+        if head[..2] != [0, 0] {
+            return None;
+        }
+        found.push((u16::from_le_bytes([head[2], head[3]]), value));
+    }
+    Some(found)
+}
+
+/// Elements with the length of all.
+fn command_set(elements: Vec<u8>) -> Vec<u8> {
+    let mut set = Vec::new();
+    let length = u32::try_from(elements.len()).unwrap_or(u32::MAX);
+    element(&mut set, 0x0000, &length.to_le_bytes());
+    set.extend(elements);
+    set
 }
 
 fn number(value: &[u8]) -> Option<u16> {
     Some(u16::from_le_bytes(value.try_into().ok()?))
 }
 
-fn uid(value: &[u8]) -> Option<String> {
+/// A UID, with the byte that makes its length even or without it.
+pub(crate) fn uid(value: &[u8]) -> Option<String> {
     let text = std::str::from_utf8(value).ok()?;
     storage::arrivals::Uid::parse(text).map(|uid| uid.as_str().to_owned())
 }
@@ -141,7 +196,7 @@ fn element(set: &mut Vec<u8>, number: u16, value: &[u8]) {
 }
 
 /// A UID of even length.
-pub(super) fn padded(uid: &str) -> Vec<u8> {
+pub(crate) fn padded(uid: &str) -> Vec<u8> {
     let mut bytes = uid.as_bytes().to_vec();
     if bytes.len() % 2 == 1 {
         bytes.push(0);
@@ -172,8 +227,10 @@ mod tests {
         let request = Request::parse(&store()).unwrap();
         let expected = Request::Store {
             message_id: 7,
-            sop_class_uid: "1.2.840.10008.5.1.4.1.1.4".to_owned(),
-            sop_instance_uid: "1.2.3".to_owned(),
+            object: ObjectName {
+                sop_class_uid: "1.2.840.10008.5.1.4.1.1.4".to_owned(),
+                sop_instance_uid: "1.2.3".to_owned(),
+            },
         };
         assert_eq!(request, expected);
         let response = request.response(Status::OutOfResources);
@@ -182,6 +239,24 @@ mod tests {
         assert_eq!(Request::parse(&response), None, "it is no request");
         let status = [0, 0, 0x00, 0x09, 2, 0, 0, 0, 0x00, 0xA7];
         assert!(memchr::memmem::find(&response, &status).is_some());
+    }
+
+    #[test]
+    fn our_request_is_understood_and_its_response_has_its_status() {
+        let object = ObjectName {
+            sop_class_uid: "1.2.840.10008.5.1.4.1.1.7".to_owned(),
+            sop_instance_uid: "2.25.7".to_owned(),
+        };
+        let request = Request::parse(&store_request(&object)).unwrap();
+        let message_id = OUR_MESSAGE_ID;
+        assert_eq!(request, Request::Store { message_id, object });
+        let response = request.response(Status::OutOfResources);
+        assert_eq!(status_of_store(&response), Some(0xA700));
+        assert_eq!(status_of_store(&response[..40]), None);
+        let echo = Request::Echo { message_id };
+        assert_eq!(status_of_store(&echo.response(Status::Success)), None);
+        let other = Request::parse(&store()).unwrap();
+        assert_eq!(status_of_store(&other.response(Status::Success)), None);
     }
 
     #[test]
@@ -206,6 +281,7 @@ mod tests {
                 let at = at.index(set.len());
                 set[at] = byte;
             }
+            status_of_store(&set);
             if let Some(request) = Request::parse(&set) {
                 request.response(Status::Success);
             }

@@ -1,0 +1,23 @@
+//! DIMSE (PS3.7, PS3.8): a listener for C-ECHO and C-STORE, for listed peers, and C-STORE to a node.
+//!
+//! A message is framed by PDUs, whose lengths are compared with a limit before anything is read. The command is read
+//! here; the data set goes to the disk as it comes, and only the limited child parses it.
+
+mod association;
+mod command;
+mod head;
+mod listen;
+mod negotiate;
+mod node;
+mod options;
+mod outcome;
+mod tls;
+mod wire;
+
+pub use self::listen::serve;
+pub use self::node::{BadStorageNode, StorageNode};
+pub use self::options::{DimseOptions, Peer, is_aet};
+pub use self::outcome::NotStored;
+pub use self::tls::{
+    BadTls, ConnectingTls, ListeningTls, TlsAuthority, TlsIdentity, connecting_tls, listening_tls,
+};

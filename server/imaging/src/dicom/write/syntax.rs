@@ -1,0 +1,28 @@
+//! A result in the transfer syntax that every node accepts (PS3.5 §10.1).
+
+use dicom_dictionary_std::uids;
+use dicom_object::{FileMetaTableBuilder, from_reader};
+
+use super::WriteError;
+
+/// A result in Implicit VR Little Endian.
+///
+/// The file must be one that this crate has written, because nothing limits what another one may take.
+///
+/// # Errors
+/// [`WriteError::Encoding`] if it is damaged.
+pub fn implicit_file(file: &[u8]) -> Result<Vec<u8>, WriteError> {
+    let object = from_reader(file).map_err(|_| WriteError::Encoding)?;
+    let meta = FileMetaTableBuilder::new()
+        .transfer_syntax(uids::IMPLICIT_VR_LITTLE_ENDIAN)
+        .media_storage_sop_class_uid(&object.meta().media_storage_sop_class_uid)
+        .media_storage_sop_instance_uid(&object.meta().media_storage_sop_instance_uid)
+        .build()
+        .map_err(|_| WriteError::Encoding)?;
+    let mut bytes = Vec::with_capacity(file.len());
+    let object = object.into_inner().with_exact_meta(meta);
+    object
+        .write_all(&mut bytes)
+        .map_err(|_| WriteError::Encoding)?;
+    Ok(bytes)
+}

@@ -1,0 +1,174 @@
+//! The nodes of the configuration, from which series are fetched by DICOMweb, and to which results are sent by STOW-RS or
+//! C-STORE.
+//!
+//! Only these are ever asked: clients name a node, never an address. Errors contain no texts of a node.
+
+mod web;
+
+use bytes::Bytes;
+use dimse::{BadStorageNode, NotStored, StorageNode};
+use storage::arrivals::Uid;
+
+pub use self::web::{Credentials, WebNode};
+
+/// Why a node of the configuration cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum BadNode {
+    /// Its name.
+    #[error("the name of a node must be 1 to 32 letters, digits, hyphens or underscores")]
+    Name,
+    /// Its address.
+    #[error(
+        "`url` must be http:// or https://, a host and a path, without a name, a password or a query"
+    )]
+    Address,
+    /// Its credentials.
+    #[error("the credentials of a node have characters that no header can have")]
+    Credentials,
+    /// The roots of TLS.
+    #[error("the system has no trusted roots for TLS")]
+    Roots,
+    /// It can be used for nothing.
+    #[error("a node needs `url` (DICOMweb), or `aet` and `address` (C-STORE), or all three")]
+    NoService,
+    /// Its title or its address for C-STORE.
+    #[error(transparent)]
+    Storage(#[from] BadStorageNode),
+}
+
+/// Why a request to a node failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum NodeError {
+    #[error("the node cannot be reached")]
+    Unreachable,
+    #[error("the node did not answer in time")]
+    Silent,
+    #[error("the node refused our credentials")]
+    Refused,
+    #[error("the node does not have this series")]
+    NotFound,
+    #[error("the node answered with status {0}")]
+    Status(u16),
+    #[error("the answer of the node cannot be read")]
+    Unreadable,
+    #[error("the node did not store the object (failure reason {0:04X})")]
+    NotStored(u16),
+    #[error("the node did not store the object")]
+    NotStoredAtAll,
+    #[error(transparent)]
+    Dimse(#[from] NotStored),
+}
+
+impl NodeError {
+    /// Whether the same request may succeed later.
+    pub(crate) fn may_pass(self) -> bool {
+        match self {
+            Self::Unreachable | Self::Silent => true,
+            Self::Status(status) => status >= 500 || status == 429,
+            // The reasons are the statuses of C-STORE (PS3.18 table I.2-2).
+            Self::NotStored(reason) => NotStored::Status(reason).may_pass(),
+            Self::Dimse(error) => error.may_pass(),
+            Self::Refused | Self::NotFound | Self::Unreadable | Self::NotStoredAtAll => false,
+        }
+    }
+
+    pub(crate) fn kind(self) -> &'static str {
+        match self {
+            Self::Unreachable | Self::Silent => "node-unreachable",
+            Self::Refused => "node-refused",
+            Self::NotFound => "node-has-no-such-series",
+            Self::Status(_) | Self::Unreadable => "node-failed",
+            Self::NotStored(_) | Self::NotStoredAtAll => "node-did-not-store",
+            Self::Dimse(error) => match error {
+                NotStored::Unreachable | NotStored::Silent | NotStored::Lost => "node-unreachable",
+                NotStored::Tls
+                | NotStored::OurTitle
+                | NotStored::ItsTitle
+                | NotStored::Rejected => "node-refused",
+                NotStored::Busy | NotStored::Aborted | NotStored::Unreadable => "node-failed",
+                NotStored::Class | NotStored::Status(_) => "node-did-not-store",
+                NotStored::Object => "result-lost",
+            },
+        }
+    }
+}
+
+/// A node. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Node {
+    name: String,
+    web: Option<WebNode>,
+    recipient: Recipient,
+}
+
+/// Where results go.
+#[derive(Debug, Clone)]
+enum Recipient {
+    Web(WebNode),
+    Storage(StorageNode),
+}
+
+impl Node {
+    /// A node from which series are fetched by DICOMweb, and to which results are sent by C-STORE, or else by STOW-RS.
+    ///
+    /// # Errors
+    /// [`BadNode`].
+    pub fn new(
+        name: &str,
+        web: Option<WebNode>,
+        storage: Option<StorageNode>,
+    ) -> Result<Self, BadNode> {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if !(1..=32).contains(&name.len()) || !name.chars().all(allowed) {
+            return Err(BadNode::Name);
+        }
+        let recipient = match (storage, &web) {
+            (Some(storage), _) => Recipient::Storage(storage),
+            (None, Some(web)) => Recipient::Web(web.clone()),
+            (None, None) => return Err(BadNode::NoService),
+        };
+        Ok(Self {
+            name: name.to_owned(),
+            web,
+            recipient,
+        })
+    }
+
+    /// Its name in requests.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its DICOMweb server, if it has one.
+    pub(crate) fn web(&self) -> Option<&WebNode> {
+        self.web.as_ref()
+    }
+
+    /// Stores an object. Afterwards the node has it.
+    pub(crate) async fn store(&self, instance: &Uid, file: &Bytes) -> Result<(), NodeError> {
+        match &self.recipient {
+            Recipient::Web(web) => web.store(instance, file).await,
+            Recipient::Storage(node) => Ok(node.store(file).await?),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_node_has_a_plain_name_and_some_service() {
+        let web = || WebNode::new("http://orthanc/", &Credentials::None).unwrap();
+        let storage = || StorageNode::new("orthanc:104", "ORTHANC", "ISOCORTEX").unwrap();
+        for name in ["", "a b", "../x"] {
+            let refused = Node::new(name, Some(web()), None).err();
+            assert_eq!(refused, Some(BadNode::Name));
+        }
+        assert_eq!(Node::new("a", None, None).err(), Some(BadNode::NoService));
+        let both = Node::new("a", Some(web()), Some(storage())).unwrap();
+        assert!(both.web().is_some() && matches!(both.recipient, Recipient::Storage(_)));
+        let results_only = Node::new("a", None, Some(storage())).unwrap();
+        assert!(results_only.web().is_none());
+    }
+}
