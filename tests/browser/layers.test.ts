@@ -238,9 +238,7 @@ test(
       [8, 120],
     ]);
     // Hover, table and file have the values of the layers too.
-    const chart = await page.locator(".chart").boundingBox();
-    assert.ok(chart);
-    await page.mouse.move(chart.x + chart.width / 2, chart.y + chart.height / 2);
+    await page.locator(".chart").hover();
     await page
       .locator(".profile-read", { hasText: /mm: .+, mirrored .+ · FLAIR \S+, mirrored \S+ · PET \S+, mirrored/ })
       .waitFor();
