@@ -173,7 +173,7 @@ async function sources() {
 }
 
 /** Long names of members that, like those in camelCase, no JSON, shader, attribute or browser has. */
-const OWN = `announce averages_shallow bare_window comparison complain contour_count contours_mm crosshair_mm
+const OWN = `about announce averages_shallow bare_window comparison complain contour_count contours_mm convention crosshair_mm
   equipment fetched gradients measured mm_per_pixel outlines_mm painter pictures placing
   points_per_contour preferences trouble unread voxel_from_patient voxels wanted`;
 
@@ -181,7 +181,8 @@ const OWN = `announce averages_shallow bare_window comparison complain contour_c
 async function membersOfItsOwn() {
   const text = (await sources()).join("\n");
   const declared = text.matchAll(/^ {2}(?:readonly |async |get |\*)*([a-z]+[A-Z]\w*)\??[(:<]/gm);
-  const isData = (name) => text.includes(`dataset.${name}`);
+  const words = await readFile(path.join(web, "src/words.en.json"), "utf8");
+  const isData = (name) => text.includes(`dataset.${name}`) || words.includes(`{${name}}`);
   const names = [...OWN.split(/\s+/), ...[...declared].map(([, name]) => name)].filter((name) => !isData(name));
   return new RegExp(`^(${[...new Set(names)].join("|")})$`);
 }
