@@ -9,6 +9,8 @@ struct Contours {
     // Pixels in 1 mm, and the depth of the isosurface of which `picture.cuts` are, in pixels.
     px_per_mm: f32,
     cuts_px: f32,
+    // 1 if the overlay is drawn as its edges alone.
+    has_edges: u32,
 }
 
 @group(1) @binding(0) var<uniform> contours: Contours;
@@ -86,6 +88,12 @@ fn slice_shaded(pixel: OnScreen) -> @location(0) vec4<f32> {
     let stored = stored_at(position);
     let is_there = is_in_volume(position) && stored.y >= 0.5;
     let shown = select(vec3<f32>(0.0), color_in(picture.color_row, brightness(stored.x)), is_there);
-    let color = floor(under_overlay(shown, foot) + 0.5);
+    var color = shown;
+    if contours.has_edges > 0u {
+        color = under_edges(shown, pixel.place_in_frame);
+    } else {
+        color = under_overlay(shown, foot);
+    }
+    color = floor(color + 0.5);
     return vec4<f32>(under_contours(color, pixel.place_in_frame) / 255.0, 1.0);
 }

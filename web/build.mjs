@@ -53,11 +53,13 @@ const FOLDERS = ["model", "gl", "base", "panes", "page"];
  * with the content of both: a page that is open while the server is replaced never gets a part of another version.
  */
 async function scripts() {
-  const short = await shortKeys();
+  const [keys, members, constants] = [await shortKeys(), await membersOfItsOwn(), await glConstants()];
+  const short = { keys, members, cache: { props: new Map() } };
   const modules = await modulesOf(FIRST, [leftOut]);
   const shared = await sharedNames(new Set(modules));
-  const later = await squeezed(await script(`export * from "./${LATER}";`, [takenFromFirst(shared)]), short);
-  const first = await squeezed(await script(`${inOrder(modules)}${handedOn(shared)}`, [leftOut]), short);
+  const [laterOnly, all] = [`export * from "./${LATER}";`, `${inOrder(modules)}${handedOn(shared)}`];
+  const later = await squeezed(await script(laterOnly, [takenFromFirst(shared), constants]), short);
+  const first = await squeezed(await script(all, [leftOut, constants]), short);
   const digest = createHash("sha256").update(first).update(later).digest("hex").slice(0, 8);
   const name = `later-parts-${digest}.js`;
   return new Map([
@@ -127,7 +129,7 @@ async function sharedNames(modules) {
 /** All that is shared, in the order in which it is handed on. */
 const inTurn = (shared) => [...shared.values()].flatMap((names) => [...names.values()]);
 
-/** The first script exports one array of all that the second needs: positions take fewer bytes than names. */
+/** The first script exports one array of all that the second needs: take fewer bytes than names. */
 const handedOn = (shared) => {
   const imports = [...shared].map(
     ([file, names]) => `import { ${[...names].map(([name, own]) => `${name} as ${own}`)} } from "./${file}";\n`,
@@ -152,24 +154,62 @@ const takenFromFirst = (shared) =>
     },
   );
 
-/** A script in fewer bytes than the bundler's, with short keys of words. */
-async function squeezed(text, short) {
+/** A script in fewer bytes than the bundler's, with short keys of words and short names of its own members. */
+async function squeezed(text, { keys, members, cache }) {
   const { code } = await minify(text, {
     module: true,
     ecma: 2020,
     compress: { passes: 4, unsafe: true, unsafe_arrows: true, unsafe_methods: true, pure_getters: true },
+    mangle: { properties: { regex: members, keep_quoted: true, cache } },
   });
-  return code.replace(/"([\w-]+(?:\.[\w-]+)+)"/g, (whole, key) => (short.has(key) ? `"${short.get(key)}"` : whole));
+  return code.replace(/"([\w-]+(?:\.[\w-]+)+)"/g, (whole, key) => (keys.has(key) ? `"${keys.get(key)}"` : whole));
+}
+
+/** The texts of all modules. */
+async function sources() {
+  const folder = path.join(web, "src");
+  const names = (await readdir(folder, { recursive: true })).filter((name) => name.endsWith(".ts"));
+  return Promise.all(names.map((name) => readFile(path.join(folder, name), "utf8")));
+}
+
+/** Long names of members that, like those in camelCase, no JSON, shader, attribute or browser has. */
+const OWN = `about announce averages_shallow bare_window comparison complain contour_count contours_mm convention crosshair_mm
+  equipment fetched gradients measured mm_per_pixel outlines_mm painter pictures placing
+  points_per_contour preferences trouble unread voxel_from_patient voxels wanted`;
+
+/** Finds the members that only the page names: JSON has none in camelCase, and the minifier leaves those of the browser. */
+async function membersOfItsOwn() {
+  const text = (await sources()).join("\n");
+  const declared = text.matchAll(/^ {2}(?:readonly |async |get |\*)*([a-z]+[A-Z]\w*)\??[(:<]/gm);
+  const words = await readFile(path.join(web, "src/words.en.json"), "utf8");
+  const isData = (name) => text.includes(`dataset.${name}`) || words.includes(`{${name}}`);
+  const names = [...OWN.split(/\s+/), ...[...declared].map(([, name]) => name)].filter((name) => !isData(name));
+  return new RegExp(`^(${[...new Set(names)].join("|")})$`);
+}
+
+/** Writes the constants of WebGL as numbers, from the table of TypeScript. */
+async function glConstants() {
+  const [tables] = await filesNamed("node_modules/@typescript", "lib/lib.dom.d.ts");
+  const lines = (await readFile(tables, "utf8")).matchAll(/readonly ([A-Z]\w+): (0x[0-9A-F]+);/g);
+  const numbers = new Map([...lines].map(([, name, number]) => [name, Number(number)]));
+  const number = (whole, name) => String(numbers.get(name) ?? whole);
+  return {
+    name: "constants of WebGL",
+    setup({ onLoad }) {
+      onLoad({ filter: /src.gl.\w+\.ts$/, namespace: "file" }, async ({ path: file }) => ({
+        contents: (await readFile(file, "utf8")).replace(/\b(?:this\.#)?gl\.([A-Z]\w+)/g, number),
+        loader: "ts",
+      }));
+    },
+  };
 }
 
 /** Short names for the keys of words that no script puts together from parts. */
 async function shortKeys() {
-  const folder = path.join(web, "src");
-  const names = (await readdir(folder, { recursive: true })).filter((name) => name.endsWith(".ts"));
-  const texts = await Promise.all(names.map((name) => readFile(path.join(folder, name), "utf8")));
+  const texts = await sources();
   const parts = texts.flatMap((text) => [...text.matchAll(/`([\w.-]*)\$\{/g)]).map(([, part]) => part);
   const isPut = (key) => parts.some((part) => part.includes(".") && key.startsWith(part));
-  const keys = Object.keys(JSON.parse(await readFile(path.join(folder, "words.en.json"), "utf8")));
+  const keys = Object.keys(JSON.parse(await readFile(path.join(web, "src/words.en.json"), "utf8")));
   const isWhole = (key) => key.includes(".") && !isPut(key) && texts.some((text) => text.includes(`"${key}"`));
   return new Map(keys.filter(isWhole).map((key, number) => [key, `.${number.toString(36)}`]));
 }
@@ -186,6 +226,12 @@ async function shaders() {
     colors: await json("colors.json"),
     probe: await Promise.all(["vert", "frag"].map((kind) => glsl(`src/gl/probe.${kind}.glsl`))),
   };
+}
+
+/** A file of each package of a scope that has it. */
+async function filesNamed(scope, file) {
+  const packages = await readdir(path.join(web, scope), { recursive: true });
+  return packages.filter((name) => name.endsWith(file)).map((name) => path.join(web, scope, name));
 }
 
 const filesBelow = async (folder) =>

@@ -26,8 +26,11 @@ let server: Server;
 let browser: Browser;
 let id: string;
 let flair: string;
+let ball: string;
 
 const FLAIR = nifti((x, y, z) => (isBrain(x, y, z) ? Math.round(600 + 300 * Math.sin(x / 7) * Math.cos(z / 9)) : 0));
+/** A ball of 30 mm around the middle of the head. */
+const BALL = nifti((x, y, z) => (Math.hypot(x, y, z) < 30 ? 1000 : 100));
 
 before(
   async () => {
@@ -43,13 +46,18 @@ before(
     };
     await send("v1/cases", { volume: markedVolume(), mask: brainMask() });
     id = await readyCase(server.address);
-    const parameters = JSON.stringify({ name: "FLAIR", kind: "mr", transform: "none" });
-    flair = (await send(`v1/cases/${id}/layers`, { parameters, volume: FLAIR })).id;
-    const layer = await until(
-      async () => (await (await fetch(new URL(`v1/cases/${id}/layers/${flair}`, server.address))).json()) as unknown,
-      (one) => /ready|failed/.test((one as { state: string }).state),
-    );
-    assert.equal((layer as { state: string }).state, "ready", JSON.stringify(layer));
+    const layer = async (name: string, volume: Buffer): Promise<string> => {
+      const parameters = JSON.stringify({ name, kind: "mr", transform: "none" });
+      const { id: made } = await send(`v1/cases/${id}/layers`, { parameters, volume });
+      const found = await until(
+        () => described(made),
+        ({ state }) => /ready|failed/.test(state),
+      );
+      assert.equal(found.state, "ready", JSON.stringify(found));
+      return made;
+    };
+    flair = await layer("FLAIR", FLAIR);
+    ball = await layer("Ball", BALL);
     browser = await launchBrowser();
   },
   { timeout: 600_000 },
@@ -60,6 +68,40 @@ after(async () => {
   await server?.stop();
   await scratch?.clean();
 });
+
+interface Described {
+  readonly id: string;
+  readonly name: string;
+  readonly state: string;
+  readonly kind: string;
+  readonly origin?: string;
+  readonly case_from_layer?: readonly (readonly number[])[];
+}
+
+/** What the server says of a layer. */
+const described = async (layer: string): Promise<Described> =>
+  (await (await fetch(new URL(`v1/cases/${id}/layers/${layer}`, server.address))).json()) as Described;
+
+/** Where the edges on a slice are: how many pixels they have, their middle, and the circle they make. */
+const edgesOn = (page: Page, plane: string) =>
+  page.evaluate((selector) => {
+    const canvas = document.querySelector<HTMLCanvasElement>(selector);
+    const image = canvas?.getContext("2d")?.getImageData(0, 0, canvas.width, canvas.height);
+    const places: [number, number][] = [];
+    for (let at = 0; image && at < image.data.length; at += 4) {
+      const [red = 0, green = 0, blue = 0] = image.data.slice(at, at + 3);
+      if (red > 180 && blue > 140 && green < 110)
+        places.push([(at / 4) % image.width, Math.floor(at / 4 / image.width)]);
+    }
+    const ends = ([0, 1] as const).map((axis) => {
+      const along = places.map((place) => place[axis]);
+      return [Math.min(...along), Math.max(...along)] as const;
+    });
+    const middle = ends.map(([low, high]) => (low + high) / 2) as [number, number];
+    const radius = ends.reduce((sum, [low, high]) => sum + (high - low) / 4, 0);
+    const farthest = Math.max(...places.map(([x, y]) => Math.abs(Math.hypot(x - middle[0], y - middle[1]) - radius)));
+    return { count: places.length, middle, radius, deviation: farthest / radius };
+  }, `.slice.${plane} canvas`);
 
 /** The two sides of a picture as data URLs, without what is near the line between them. */
 async function sides(page: Page, selector: string): Promise<{ readonly left: string; readonly right: string }> {
@@ -146,10 +188,118 @@ test("the layer is hidden while b is held, and blinks by its button", { skip }, 
   // Without a layer there is nothing to compare.
   await page.focus("#surface");
   await page.keyboard.press("l");
+  await shows(ball);
+  await page.keyboard.press("l");
   await shows("");
   await page.keyboard.press("v");
   assert.match((await page.textContent("#live")) ?? "", /Show a layer first/);
   assert.ok(await blink.isHidden());
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test(
+  "slices show the edges of a layer over the case, which is moved by hand and added where it was moved to",
+  { skip, timeout: 600_000 },
+  async () => {
+    const { page, troubles, context } = await openPage(browser);
+    await page.goto(`${new URL("/", server.address)}#${id}&l=slices&r=mesh&y=${ball}`);
+    await shown(page);
+    await page.waitForSelector("canvas.cortex[data-whole=true]", { state: "attached" });
+    const slices = (attributes: string): Promise<unknown> =>
+      Promise.all(
+        ["axial", "coronal", "sagittal"].map((plane) =>
+          page.waitForSelector(`.slice.${plane}[data-way=page]${attributes}`),
+        ),
+      );
+    await slices(`[data-layer="${ball}"][data-edges=""]`);
+    assert.equal((await edgesOn(page, "coronal")).count, 0);
+    await page.focus("#surface");
+    await page.keyboard.press("e");
+    await slices(`[data-edges="${ball}"]`);
+    assert.equal((await fragment(page)).h, "1");
+    assert.match(await page.locator(".slice.axial .pane-title").innerText(), /Edges: Ball$/);
+    await keep(page, "edges");
+    const before = await edgesOn(page, "coronal");
+    // A thin circle: some 1.2 pixels wide.
+    assert.ok(before.count > 3 * before.radius && before.count < 14 * before.radius, JSON.stringify(before));
+    // Voxels have 2 mm.
+    assert.ok(before.deviation < 0.07, JSON.stringify(before));
+
+    // Ten steps of 0.5 mm to the left, which is at the right of a coronal slice.
+    await page.focus("#surface");
+    await page.keyboard.press("n");
+    for (let step = 0; step < 9; step += 1) await page.keyboard.press("ArrowRight");
+    await page.getByRole("button", { name: "0.5 mm to the left" }).click();
+    await slices(`[data-moved^="1,0,0,5,"]`);
+    await page.locator("#surface .layer-title", { hasText: "Ball, moved by hand, not added" }).waitFor();
+    assert.match(await page.locator(".nudge").innerText(), /L\s5\.0 · P\s0\.0 · S\s0\.0 mm, turned by 0\.0°/);
+    const moved = await edgesOn(page, "coronal");
+    const shift_mm = ((moved.middle[0] - before.middle[0]) * 30) / before.radius;
+    assert.ok(Math.abs(shift_mm - 5) < 0.8, `moved by ${shift_mm} mm`);
+    await keep(page, "nudged");
+
+    await page.getByRole("button", { name: "Add as a layer" }).click();
+    await page.waitForSelector(".slice.coronal[data-way=page][data-edges]:not([data-edges=''])[data-moved='']");
+    const added = await until(
+      async () => (await fragment(page)).y ?? "",
+      (layer) => layer !== ball && layer !== "",
+    );
+    await slices(`[data-edges="${added}"]`);
+    const { name, kind, origin, case_from_layer } = await described(added);
+    assert.deepEqual([name, kind, origin], ["Ball 2", "mr", "by-hand"]);
+    const rows = case_from_layer?.map((row) => row.map((value) => Math.round(value * 1e6) / 1e6));
+    assert.deepEqual(rows?.slice(0, 3), [
+      [1, 0, 0, 5],
+      [0, 1, 0, 0],
+      [0, 0, 1, 0],
+    ]);
+    const kept = await edgesOn(page, "coronal");
+    assert.ok(
+      Math.hypot(kept.middle[0] - moved.middle[0], kept.middle[1] - moved.middle[1]) < 1.1,
+      JSON.stringify(kept),
+    );
+    await page.locator("#surface .layer-title", { hasText: "Ball 2, placed by hand" }).waitFor();
+    const enlarge = page.locator(".slice.axial .slice-view > .icon-button");
+    await enlarge.click();
+    await page.locator(".slice.axial.large .pane-title", { hasText: "Edges: Ball 2, placed by hand" }).waitFor();
+    await keep(page, "edges-large");
+    await enlarge.click();
+
+    // What is discarded is where it was.
+    await page.getByRole("button", { name: "Face up by 0.5°" }).click();
+    await page.waitForSelector(".slice.sagittal[data-moved]:not([data-moved=''])");
+    assert.match(await page.locator(".nudge").innerText(), /turned by 0\.5°/);
+    await page.getByRole("button", { name: "Discard" }).click();
+    await slices("[data-moved='']");
+    await page.focus("#surface");
+    await page.keyboard.press("e");
+    await slices("[data-edges='']");
+    assert.deepEqual(troubles, []);
+    await context.close();
+  },
+);
+
+test("slices of the acquired plane say which image of which series they are", { skip }, async () => {
+  const { page, troubles, context } = await openPage(browser);
+  await page.route(
+    (url) => /\/v1\/cases(\/[0-9a-f]{32})?$/.test(url.pathname),
+    async (route) => {
+      const response = await route.fetch();
+      const json = (await response.json()) as { volume: object } & { cases?: readonly { volume: object }[] };
+      const images = [{ slice: 1, count: 60, number: 60, step: -1 }];
+      const told = <One extends { volume: object }>(one: One): One => ({
+        ...one,
+        volume: { ...one.volume, series_number: 3, images },
+      });
+      await route.fulfill({ response, json: json.cases ? { ...json, cases: json.cases.map(told) } : told(json) });
+    },
+  );
+  // Slices are 2 mm apart from −59 mm on: 11 mm above the middle lies the 36th, whose image is number 25.
+  await page.goto(`${new URL("/", server.address)}#${id}&l=slices&x=0,0,11`);
+  await shown(page);
+  await page.locator(".slice.axial .pane-title", { hasText: "image 25 of 60, series 3" }).waitFor();
+  assert.doesNotMatch(await page.locator(".slice.coronal .pane-title").innerText(), /image/);
   assert.deepEqual(troubles, []);
   await context.close();
 });

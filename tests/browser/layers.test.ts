@@ -1,6 +1,7 @@
 // Layers in the page: added, listed, shown in grey and in colours as the server shows them, changed and deleted.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
@@ -236,6 +237,22 @@ test(
       [8, 120],
       [8, 120],
     ]);
+    // Hover, table and file have the values of the layers too.
+    await page.locator(".chart").hover();
+    await page
+      .locator(".profile-read", { hasText: /mm: .+, mirrored .+ · FLAIR \S+, mirrored \S+ · PET \S+, mirrored/ })
+      .waitFor();
+    const columns = await page.locator(".as-table th[scope=col]").allTextContents();
+    assert.deepEqual(columns.slice(3), ["FLAIR", "FLAIR, Mirrored", "PET", "PET, Mirrored"]);
+    const [download] = await Promise.all([
+      page.waitForEvent("download"),
+      page.getByRole("button", { name: "Save as CSV" }).click(),
+    ]);
+    const table = (await readFile(await download.path(), "utf8")).split("\r\n").map((line) => line.split(","));
+    assert.deepEqual(table[0]?.slice(3), ['"FLAIR"', '"mirrored FLAIR"', '"PET"', '"mirrored PET"']);
+    const flairs = table.slice(1, -1).map((cells) => cells[3] ?? "");
+    const filled = flairs.filter((cell) => cell !== "").map(Number);
+    assert.ok(filled.length > 20 && filled.every((value) => value >= 300 && value <= 900), flairs.join());
     // Another depth is the same point: nothing is asked for again.
     await page.locator("#depth-number").fill("6");
     await page.keyboard.press("Enter");

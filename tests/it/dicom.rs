@@ -232,6 +232,76 @@ async fn gaps_are_filled_where_that_is_asked_for_and_it_is_said() {
         case["volume"]["interpolated_slices"],
         serde_json::json!([21])
     );
+    // The image of slice 21 was number 21, and is missing.
+    let images = case["volume"]["images"].as_array().unwrap();
+    assert_eq!(
+        (images[0]["count"].clone(), images[1].clone()),
+        (
+            20.into(),
+            serde_json::json!({"slice": 22, "count": slices.len() - 20, "number": 22, "step": 1})
+        )
+    );
+}
+
+#[tokio::test]
+async fn a_case_states_which_images_of_which_series_its_slices_are() {
+    let server = server().await;
+    let mut slices = head_slices();
+    let count = slices.len() as i64;
+    // The images are numbered from the top down, and arrive in another order.
+    for (slice, number) in slices.iter_mut().zip((1..=count).rev()) {
+        slice.instance = number;
+        slice.series_number = 3;
+    }
+    slices.rotate_left(7);
+    slices.swap(2, 11);
+    let archive = zipped(&files(&slices, Syntax::Explicit));
+    let case = server.prepared(&[("volume", &archive)]).await;
+    let volume = server.get(&case).await.json()["volume"].clone();
+    assert_eq!(volume["series_number"], 3);
+    assert_eq!(
+        volume["images"],
+        serde_json::json!([{"slice": 1, "count": count, "number": count, "step": -1}])
+    );
+    // Slice 1 is the lowest, whose image was numbered last.
+    let third_axis = volume["patient_from_voxel"][2][2].as_f64().unwrap();
+    assert!(third_axis > 0.0);
+
+    let mut interleaved = head_slices();
+    for (slice, one) in interleaved.iter_mut().enumerate() {
+        one.patient_id = "P-78";
+        one.instance = [1, 101][slice % 2] + slice as i64 / 2;
+    }
+    let archive = zipped(&files(&interleaved, Syntax::Explicit));
+    let case = server.prepared(&[("volume", &archive)]).await;
+    let case = server.get(&case).await.json();
+    let images = case["volume"]["images"].as_array().unwrap();
+    let number_of = |slice: i64| {
+        let of = |run: &serde_json::Value, key: &str| run[key].as_i64().unwrap();
+        images.iter().find_map(|run| {
+            let within = slice - of(run, "slice");
+            let is_within = (0..of(run, "count")).contains(&within);
+            is_within.then(|| of(run, "number") + within * of(run, "step"))
+        })
+    };
+    for (slice, one) in (1..).zip(&interleaved) {
+        assert_eq!(number_of(slice), Some(one.instance), "slice {slice}");
+    }
+    assert_eq!(number_of(count + 1), None);
+}
+
+#[tokio::test]
+async fn images_that_are_not_numbered_apart_are_not_stated() {
+    let server = server().await;
+    let mut slices = head_slices();
+    for slice in &mut slices {
+        slice.instance = 0;
+    }
+    let archive = zipped(&files(&slices, Syntax::Explicit));
+    let case = server.prepared(&[("volume", &archive)]).await;
+    let volume = server.get(&case).await.json()["volume"].clone();
+    assert_eq!(volume["series_number"], 4);
+    assert_eq!(volume["images"], serde_json::Value::Null);
 }
 
 #[tokio::test]

@@ -129,33 +129,41 @@ float overlay_share(float value) {
     return (_e21 * ((rise * rise) * (3.0 - (2.0 * rise))));
 }
 
-vec3 under_overlay(vec3 color, vec3 position_in_field) {
+vec2 overlay_at(vec3 position_in_field) {
+    mat4x4 _e3 = _group_0_binding_0_fs.overlay_from_field;
+    vec3 position_5 = (_e3 * vec4(position_in_field, 1.0)).xyz;
+    vec3 _e12 = _group_0_binding_0_fs.overlay_size;
+    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e12 - vec3(0.5))), position_5));
+    vec3 _e27 = _group_0_binding_0_fs.overlay_size;
+    vec3 nearest = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e27 - vec3(1.0)));
+    uint _e34 = _group_0_binding_0_fs.overlay_is_nearest;
+    vec3 _e43 = _group_0_binding_0_fs.overlay_size;
+    vec3 place_2 = ((((_e34 > 0u) ? nearest : position_5) + vec3(0.5)) / _e43);
+    vec4 _e48 = textureLod(_group_0_binding_7_fs, vec3(place_2), 0.0);
+    vec2 _e50 = defined_part(_e48.xy);
+    float _e54 = _group_0_binding_0_fs.overlay_scale;
+    float _e58 = _group_0_binding_0_fs.overlay_offset;
+    return vec2(((_e50.x * _e54) + _e58), (is_inside ? _e50.y : 0.0));
+}
+
+float overlay_level(float value_1) {
+    float _e3 = _group_0_binding_0_fs.overlay_low;
+    float _e7 = _group_0_binding_0_fs.overlay_factor;
+    return clamp(((value_1 - _e3) * _e7), 0.0, 255.0);
+}
+
+vec3 under_overlay(vec3 color, vec3 position_in_field_1) {
     float _e4 = _group_0_binding_0_fs.overlay_opacity;
     if ((_e4 <= 0.0)) {
         return color;
     }
-    mat4x4 _e9 = _group_0_binding_0_fs.overlay_from_field;
-    vec3 position_5 = (_e9 * vec4(position_in_field, 1.0)).xyz;
-    vec3 _e18 = _group_0_binding_0_fs.overlay_size;
-    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e18 - vec3(0.5))), position_5));
-    vec3 _e33 = _group_0_binding_0_fs.overlay_size;
-    vec3 nearest = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e33 - vec3(1.0)));
-    uint _e40 = _group_0_binding_0_fs.overlay_is_nearest;
-    vec3 _e49 = _group_0_binding_0_fs.overlay_size;
-    vec3 place_2 = ((((_e40 > 0u) ? nearest : position_5) + vec3(0.5)) / _e49);
-    vec4 _e54 = textureLod(_group_0_binding_7_fs, vec3(place_2), 0.0);
-    vec2 _e56 = defined_part(_e54.xy);
-    float _e60 = _group_0_binding_0_fs.overlay_scale;
-    float _e64 = _group_0_binding_0_fs.overlay_offset;
-    float value_1 = ((_e56.x * _e60) + _e64);
-    float _e68 = _group_0_binding_0_fs.overlay_low;
-    float _e72 = _group_0_binding_0_fs.overlay_factor;
-    float level_1 = clamp(((value_1 - _e68) * _e72), 0.0, 255.0);
-    float _e80 = overlay_share(value_1);
-    float share = ((is_inside ? _e56.y : 0.0) * _e80);
-    uint _e84 = _group_0_binding_0_fs.overlay_color_row;
-    vec3 _e85 = color_in(_e84, level_1);
-    return (color + (share * (_e85 - color)));
+    vec2 _e7 = overlay_at(position_in_field_1);
+    float _e10 = overlay_share(_e7.x);
+    float share = (_e7.y * _e10);
+    uint _e14 = _group_0_binding_0_fs.overlay_color_row;
+    float _e16 = overlay_level(_e7.x);
+    vec3 _e17 = color_in(_e14, _e16);
+    return (color + (share * (_e17 - color)));
 }
 
 float light_on(float facing) {
@@ -205,10 +213,10 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     return vec2((_e58 / max(_e59, 1.0)), min(_e63, 1.0));
 }
 
-float known_mm(vec3 position_in_field_1) {
+float known_mm(vec3 position_in_field_2) {
     float least = 0.0;
     int index_1 = 1;
-    vec4 place_3 = vec4(position_in_field_1, 1.0);
+    vec4 place_3 = vec4(position_in_field_2, 1.0);
     vec4 _e6 = _group_0_binding_0_fs.cuts[0];
     least = dot(_e6, place_3);
     bool loop_init = true;
@@ -234,25 +242,25 @@ float known_mm(vec3 position_in_field_1) {
     return _e25;
 }
 
-float known_at(vec3 position_in_field_2) {
-    float _e1 = known_mm(position_in_field_2);
+float known_at(vec3 position_in_field_3) {
+    float _e1 = known_mm(position_in_field_3);
     return ((_e1 >= 0.0) ? 1.0 : 0.0);
 }
 
-vec4 shaded(vec3 position_in_field_3) {
-    vec3 _e1 = inward_at(position_in_field_3);
+vec4 shaded(vec3 position_in_field_4) {
+    vec3 _e1 = inward_at(position_in_field_4);
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_6 = (_e4 * vec4(position_in_field_3, 1.0)).xyz;
+    vec3 position_6 = (_e4 * vec4(position_in_field_4, 1.0)).xyz;
     vec2 _e9 = stored_on(position_6, _e1);
     vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
     float facing_1 = -(dot(_e1, _e12));
     uint _e17 = _group_0_binding_0_fs.color_row;
     float _e19 = brightness(_e9.x);
     vec3 _e20 = color_in(_e17, _e19);
-    vec3 _e21 = under_overlay(_e20, position_in_field_3);
+    vec3 _e21 = under_overlay(_e20, position_in_field_4);
     float _e22 = light_on(facing_1);
     vec3 lit = (_e21 * _e22);
-    float _e35 = known_at(position_in_field_3);
+    float _e35 = known_at(position_in_field_4);
     return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y) * _e35);
 }
 

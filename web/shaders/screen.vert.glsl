@@ -99,16 +99,22 @@ float overlay_share(float value) {
     return (_e21 * ((rise * rise) * (3.0 - (2.0 * rise))));
 }
 
+float overlay_level(float value_1) {
+    float _e3 = _group_0_binding_0_vs.overlay_low;
+    float _e7 = _group_0_binding_0_vs.overlay_factor;
+    return clamp(((value_1 - _e3) * _e7), 0.0, 255.0);
+}
+
 float light_on(float facing) {
     float _e3 = _group_0_binding_0_vs.ambient;
     float _e6 = _group_0_binding_0_vs.ambient;
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
-float known_mm(vec3 position_in_field_1) {
+float known_mm(vec3 position_in_field_2) {
     float least = 0.0;
     int index_1 = 1;
-    vec4 place = vec4(position_in_field_1, 1.0);
+    vec4 place = vec4(position_in_field_2, 1.0);
     vec4 _e6 = _group_0_binding_0_vs.cuts[0];
     least = dot(_e6, place);
     bool loop_init = true;
@@ -134,8 +140,8 @@ float known_mm(vec3 position_in_field_1) {
     return _e25;
 }
 
-float known_at(vec3 position_in_field_2) {
-    float _e1 = known_mm(position_in_field_2);
+float known_at(vec3 position_in_field_3) {
+    float _e1 = known_mm(position_in_field_3);
     return ((_e1 >= 0.0) ? 1.0 : 0.0);
 }
 

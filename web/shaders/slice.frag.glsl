@@ -58,7 +58,13 @@ struct Contours {
     float depth_px;
     float px_per_mm;
     float cuts_px;
+    uint has_edges;
 };
+const vec3 EDGE_COLOR = vec3(255.0, 70.0, 200.0);
+const float LEAST_RISE = 10.0;
+const float FULL_RISE = 20.0;
+const float EDGE_HALF_WIDTH = 0.6;
+const float RISE_REACH = 0.75;
 const vec3 CONTOUR_COLORS[8] = vec3[8](vec3(255.0, 225.0, 60.0), vec3(80.0, 170.0, 255.0), vec3(255.0, 140.0, 40.0), vec3(90.0, 220.0, 110.0), vec3(200.0, 120.0, 255.0), vec3(60.0, 230.0, 230.0), vec3(255.0, 90.0, 90.0), vec3(255.0, 255.0, 255.0));
 const float REACH = 1.1;
 const float LEAST_SLOPE = 0.2;
@@ -87,8 +93,8 @@ vec2 defined_part(vec2 texel) {
 vec2 stored_at(vec3 position) {
     vec2 texel_1 = vec2(0.0);
     vec3 _e6 = _group_0_binding_0_fs.volume_size;
-    vec3 place_2 = ((position + vec3(0.5)) / _e6);
-    vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place_2), 0.0);
+    vec3 place_4 = ((position + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_1_fs, vec3(place_4), 0.0);
     texel_1 = _e11.xy;
     uint _e16 = _group_0_binding_0_fs.volume_has_gaps;
     if ((_e16 == 0u)) {
@@ -134,33 +140,41 @@ float overlay_share(float value) {
     return (_e21 * ((rise * rise) * (3.0 - (2.0 * rise))));
 }
 
-vec3 under_overlay(vec3 color, vec3 position_in_field) {
+vec2 overlay_at(vec3 position_in_field) {
+    mat4x4 _e3 = _group_0_binding_0_fs.overlay_from_field;
+    vec3 position_5 = (_e3 * vec4(position_in_field, 1.0)).xyz;
+    vec3 _e12 = _group_0_binding_0_fs.overlay_size;
+    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e12 - vec3(0.5))), position_5));
+    vec3 _e27 = _group_0_binding_0_fs.overlay_size;
+    vec3 nearest_1 = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e27 - vec3(1.0)));
+    uint _e34 = _group_0_binding_0_fs.overlay_is_nearest;
+    vec3 _e43 = _group_0_binding_0_fs.overlay_size;
+    vec3 place_5 = ((((_e34 > 0u) ? nearest_1 : position_5) + vec3(0.5)) / _e43);
+    vec4 _e48 = textureLod(_group_0_binding_7_fs, vec3(place_5), 0.0);
+    vec2 _e50 = defined_part(_e48.xy);
+    float _e54 = _group_0_binding_0_fs.overlay_scale;
+    float _e58 = _group_0_binding_0_fs.overlay_offset;
+    return vec2(((_e50.x * _e54) + _e58), (is_inside ? _e50.y : 0.0));
+}
+
+float overlay_level(float value_1) {
+    float _e3 = _group_0_binding_0_fs.overlay_low;
+    float _e7 = _group_0_binding_0_fs.overlay_factor;
+    return clamp(((value_1 - _e3) * _e7), 0.0, 255.0);
+}
+
+vec3 under_overlay(vec3 color_1, vec3 position_in_field_1) {
     float _e4 = _group_0_binding_0_fs.overlay_opacity;
     if ((_e4 <= 0.0)) {
-        return color;
+        return color_1;
     }
-    mat4x4 _e9 = _group_0_binding_0_fs.overlay_from_field;
-    vec3 position_5 = (_e9 * vec4(position_in_field, 1.0)).xyz;
-    vec3 _e18 = _group_0_binding_0_fs.overlay_size;
-    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e18 - vec3(0.5))), position_5));
-    vec3 _e33 = _group_0_binding_0_fs.overlay_size;
-    vec3 nearest_1 = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e33 - vec3(1.0)));
-    uint _e40 = _group_0_binding_0_fs.overlay_is_nearest;
-    vec3 _e49 = _group_0_binding_0_fs.overlay_size;
-    vec3 place_3 = ((((_e40 > 0u) ? nearest_1 : position_5) + vec3(0.5)) / _e49);
-    vec4 _e54 = textureLod(_group_0_binding_7_fs, vec3(place_3), 0.0);
-    vec2 _e56 = defined_part(_e54.xy);
-    float _e60 = _group_0_binding_0_fs.overlay_scale;
-    float _e64 = _group_0_binding_0_fs.overlay_offset;
-    float value_1 = ((_e56.x * _e60) + _e64);
-    float _e68 = _group_0_binding_0_fs.overlay_low;
-    float _e72 = _group_0_binding_0_fs.overlay_factor;
-    float level_1 = clamp(((value_1 - _e68) * _e72), 0.0, 255.0);
-    float _e80 = overlay_share(value_1);
-    float share = ((is_inside ? _e56.y : 0.0) * _e80);
-    uint _e84 = _group_0_binding_0_fs.overlay_color_row;
-    vec3 _e85 = color_in(_e84, level_1);
-    return (color + (share * (_e85 - color)));
+    vec2 _e7 = overlay_at(position_in_field_1);
+    float _e10 = overlay_share(_e7.x);
+    float share = (_e7.y * _e10);
+    uint _e14 = _group_0_binding_0_fs.overlay_color_row;
+    float _e16 = overlay_level(_e7.x);
+    vec3 _e17 = color_in(_e14, _e16);
+    return (color_1 + (share * (_e17 - color_1)));
 }
 
 float light_on(float facing) {
@@ -210,12 +224,12 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     return vec2((_e58 / max(_e59, 1.0)), min(_e63, 1.0));
 }
 
-float known_mm(vec3 position_in_field_1) {
+float known_mm(vec3 position_in_field_2) {
     float least = 0.0;
     int index_1 = 1;
-    vec4 place_4 = vec4(position_in_field_1, 1.0);
+    vec4 place_6 = vec4(position_in_field_2, 1.0);
     vec4 _e6 = _group_0_binding_0_fs.cuts[0];
-    least = dot(_e6, place_4);
+    least = dot(_e6, place_6);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
@@ -232,15 +246,15 @@ float known_mm(vec3 position_in_field_1) {
             float _e14 = least;
             int _e17 = index_1;
             vec4 _e19 = _group_0_binding_0_fs.cuts[_e17];
-            least = min(_e14, dot(_e19, place_4));
+            least = min(_e14, dot(_e19, place_6));
         }
     }
     float _e25 = least;
     return _e25;
 }
 
-float known_at(vec3 position_in_field_2) {
-    float _e1 = known_mm(position_in_field_2);
+float known_at(vec3 position_in_field_3) {
+    float _e1 = known_mm(position_in_field_3);
     return ((_e1 >= 0.0) ? 1.0 : 0.0);
 }
 
@@ -254,30 +268,76 @@ vec3 at_height(vec3 foot, float height) {
     return (foot + (height * _e4));
 }
 
-float depth_at(vec2 place_in_frame_1) {
+vec2 edge_level(vec2 place_in_frame_1) {
     vec3 _e1 = foot_of(place_in_frame_1);
+    vec2 _e2 = overlay_at(_e1);
+    float _e4 = overlay_level(_e2.x);
+    return vec2(_e4, _e2.y);
+}
+
+vec3 edge_rise(vec2 place, float reach) {
+    vec2 _e5 = edge_level((place + vec2(reach, 0.0)));
+    vec2 _e9 = edge_level((place - vec2(reach, 0.0)));
+    vec2 _e13 = edge_level((place + vec2(0.0, reach)));
+    vec2 _e17 = edge_level((place - vec2(0.0, reach)));
+    float defined = min(min(_e5.y, _e9.y), min(_e13.y, _e17.y));
+    return vec3((vec2((_e5.x - _e9.x), (_e13.x - _e17.x)) / vec2((2.0 * reach))), defined);
+}
+
+vec3 under_edges(vec3 color_2, vec2 place_1) {
+    vec4 right = _group_0_binding_0_fs.field_from_frame[0];
+    vec4 under = _group_0_binding_0_fs.field_from_frame[1];
+    float _e14 = _group_0_binding_0_fs.voxel_mm;
+    float mm_per_pixel = (length(right.xyz) * _e14);
+    mat4x4 _e18 = _group_0_binding_0_fs.overlay_from_field;
+    mat4x4 _e24 = _group_0_binding_0_fs.overlay_from_field;
+    float voxels = min(length((_e18 * right).xyz), length((_e24 * under).xyz));
+    float reach_1 = max((RISE_REACH / min(mm_per_pixel, voxels)), 1.0);
+    vec3 _e34 = edge_rise(place_1, reach_1);
+    float here = length(_e34.xy);
+    if ((here <= (LEAST_RISE * mm_per_pixel))) {
+        return color_2;
+    }
+    vec2 across = ((_e34.xy / vec2(here)) * reach_1);
+    vec3 _e45 = edge_rise((place_1 - across), reach_1);
+    float before = length(_e45.xy);
+    vec3 _e49 = edge_rise((place_1 + across), reach_1);
+    float after = length(_e49.xy);
+    float bend = (((2.0 * here) - before) - after);
+    if ((bend <= 0.0)) {
+        return color_2;
+    }
+    float distance_ = (abs(((0.5 * (after - before)) / bend)) * reach_1);
+    float cover = clamp((1.1 - distance_), 0.0, 1.0);
+    float strength = smoothstep(LEAST_RISE, FULL_RISE, (here / mm_per_pixel));
+    float share_1 = ((_e34.z > 0.5) ? (cover * strength) : 0.0);
+    return mix(color_2, EDGE_COLOR, share_1);
+}
+
+float depth_at(vec2 place_in_frame_2) {
+    vec3 _e1 = foot_of(place_in_frame_2);
     vec3 _e7 = _group_0_binding_0_fs.field_size;
-    vec3 place_5 = ((_e1 + vec3(0.5)) / _e7);
-    vec4 _e12 = textureLod(_group_0_binding_2_fs, vec3(place_5), 0.0);
+    vec3 place_7 = ((_e1 + vec3(0.5)) / _e7);
+    vec4 _e12 = textureLod(_group_0_binding_2_fs, vec3(place_7), 0.0);
     float _e16 = _group_1_binding_0_fs.depth_px;
     return (_e12.x * _e16);
 }
 
-vec3 depths_beside(vec2 place) {
-    float _e5 = depth_at((place - vec2(1.0, 0.0)));
-    float _e6 = depth_at(place);
-    float _e11 = depth_at((place + vec2(1.0, 0.0)));
+vec3 depths_beside(vec2 place_2) {
+    float _e5 = depth_at((place_2 - vec2(1.0, 0.0)));
+    float _e6 = depth_at(place_2);
+    float _e11 = depth_at((place_2 + vec2(1.0, 0.0)));
     return vec3(_e5, _e6, _e11);
 }
 
-vec3 under_contours(vec3 color_1, vec2 place_1) {
+vec3 under_contours(vec3 color_3, vec2 place_3) {
     float nearest = FAR;
     uint index_2 = 0u;
     vec3 result = vec3(0.0);
     uint index_3 = 0u;
     bool local_2 = false;
     bool local_3 = false;
-    float _e2 = depth_at(place_1);
+    float _e2 = depth_at(place_3);
     bool loop_init_1 = true;
     while(true) {
         if (!loop_init_1) {
@@ -301,22 +361,22 @@ vec3 under_contours(vec3 color_1, vec2 place_1) {
     }
     float _e30 = nearest;
     if ((_e30 >= FAR)) {
-        return color_1;
+        return color_3;
     }
-    vec3 _e37 = depths_beside((place_1 - vec2(0.0, 1.0)));
-    vec3 _e38 = depths_beside(place_1);
-    vec3 _e43 = depths_beside((place_1 + vec2(0.0, 1.0)));
+    vec3 _e37 = depths_beside((place_3 - vec2(0.0, 1.0)));
+    vec3 _e38 = depths_beside(place_3);
+    vec3 _e43 = depths_beside((place_3 + vec2(0.0, 1.0)));
     float slope = max((0.5 * length(vec2((_e38.z - _e38.x), (_e43.y - _e37.y)))), LEAST_SLOPE);
     vec3 lows = min(min(_e37, _e38), _e43);
     vec3 highs = max(max(_e37, _e38), _e43);
     float least_1 = min(min(lows.x, lows.y), lows.z);
     float greatest = max(max(highs.x, highs.y), highs.z);
-    vec3 _e70 = foot_of(place_1);
+    vec3 _e70 = foot_of(place_3);
     float _e71 = known_mm(_e70);
     float _e74 = _group_1_binding_0_fs.px_per_mm;
     float _e78 = _group_1_binding_0_fs.cuts_px;
     float known = ((_e71 * _e74) + _e78);
-    result = color_1;
+    result = color_3;
     bool loop_init_2 = true;
     while(true) {
         if (!loop_init_2) {
@@ -335,7 +395,7 @@ vec3 under_contours(vec3 color_1, vec2 place_1) {
             uint _e94 = index_3;
             float wanted = _group_1_binding_0_fs.levels[(_e90 / 4u)][(_e94 % 4u)];
             float passed = (wanted - LEVEL_MARGIN);
-            float cover = clamp((REACH - (abs((_e2 - wanted)) / slope)), 0.0, 1.0);
+            float cover_1 = clamp((REACH - (abs((_e2 - wanted)) / slope)), 0.0, 1.0);
             if ((least_1 <= passed)) {
                 local_2 = (passed <= greatest);
             } else {
@@ -348,10 +408,10 @@ vec3 under_contours(vec3 color_1, vec2 place_1) {
                 local_3 = false;
             }
             bool _e121 = local_3;
-            float share_1 = (_e121 ? cover : 0.0);
+            float share_2 = (_e121 ? cover_1 : 0.0);
             vec3 _e124 = result;
             uint _e126 = index_3;
-            result = floor((mix(_e124, CONTOUR_COLORS[(_e126 % 8u)], share_1) + vec3(0.5)));
+            result = floor((mix(_e124, CONTOUR_COLORS[(_e126 % 8u)], share_2) + vec3(0.5)));
         }
     }
     vec3 _e138 = result;
@@ -361,6 +421,7 @@ vec3 under_contours(vec3 color_1, vec2 place_1) {
 void main() {
     OnScreen pixel = OnScreen(gl_FragCoord, _vs2fs_location0);
     bool local = false;
+    vec3 color = vec3(0.0);
     vec3 _e2 = foot_of(pixel.place_in_frame);
     mat4x4 _e5 = _group_0_binding_0_fs.volume_from_field;
     vec3 position_6 = (_e5 * vec4(_e2, 1.0)).xyz;
@@ -376,10 +437,20 @@ void main() {
     float _e25 = brightness(_e10.x);
     vec3 _e26 = color_in(_e23, _e25);
     vec3 shown = (is_there_1 ? _e26 : vec3(0.0));
-    vec3 _e28 = under_overlay(shown, _e2);
-    vec3 color_2 = floor((_e28 + vec3(0.5)));
-    vec3 _e34 = under_contours(color_2, pixel.place_in_frame);
-    _fs2p_location0 = vec4((_e34 / vec3(255.0)), 1.0);
+    color = shown;
+    uint _e31 = _group_1_binding_0_fs.has_edges;
+    if ((_e31 > 0u)) {
+        vec3 _e35 = under_edges(shown, pixel.place_in_frame);
+        color = _e35;
+    } else {
+        vec3 _e36 = under_overlay(shown, _e2);
+        color = _e36;
+    }
+    vec3 _e37 = color;
+    color = floor((_e37 + vec3(0.5)));
+    vec3 _e42 = color;
+    vec3 _e44 = under_contours(_e42, pixel.place_in_frame);
+    _fs2p_location0 = vec4((_e44 / vec3(255.0)), 1.0);
     return;
 }
 

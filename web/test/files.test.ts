@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { NAMED_VIEWS } from "../src/model/camera.ts";
-import { nearestSample, profileCsv } from "../src/model/profile.ts";
+import { nearestSample, profileCsv } from "../src/page/profile-table.ts";
 import { readDepths } from "../src/model/query.ts";
 import { ROW_PIXELS, rowsInSight, scrolledTo } from "../src/model/rows.ts";
 import { MOST_PICTURES, sheetBody, sweepBody, turnBody } from "../src/model/series.ts";
@@ -55,8 +55,17 @@ test("depths are read from a text with commas, or none is", () => {
 test("a profile is saved with what is known of it", () => {
   const profile = { depth_mm: [0, 0.25, 0.5], intensity: [100, 110.5, NaN], mirrored: [90, NaN, 95.123456789] };
   assert.equal(
-    profileCsv(profile),
+    profileCsv(profile, []),
     "depth_mm,intensity,mirrored_intensity\r\n0,100,90\r\n0.25,110.5,\r\n0.5,,95.12346\r\n",
+  );
+  const own = [
+    [0, 10],
+    [0.5, 20],
+  ] as const;
+  assert.equal(
+    profileCsv(profile, [{ name: 'FLAIR, "thin"', own, mirrored: [[0.25, 7]] }]),
+    'depth_mm,intensity,mirrored_intensity,"FLAIR, ""thin""","mirrored FLAIR, ""thin"""\r\n' +
+      "0,100,90,10,7\r\n0.25,110.5,,15,7\r\n0.5,,95.12346,20,\r\n",
   );
   assert.deepEqual(
     [-3, 0.13, 0.3, 99].map((depth) => nearestSample(profile, depth)),

@@ -32,6 +32,7 @@ test("every part of a state comes back from the address, which stays short", () 
     layer: null,
     overlay: { name: "asymmetry", threshold: 3.2, opacity: 0.5 },
     swipe: { share: 0.3 },
+    has_edges: true,
     slab_mm: 1.5,
     averages_shallow: false,
     outlines_mm: [0, 20.5],

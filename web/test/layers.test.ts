@@ -15,6 +15,9 @@ import { isDiverging, overlayPairs, overlayText, readOverlay, shareOf, styleOf }
 import { renderQuery, sliceQuery } from "../src/model/query.ts";
 import { sheetBody } from "../src/model/series.ts";
 import { type ViewState, firstState, presetWindow, textureOf } from "../src/model/state.ts";
+import { product } from "../src/model/affine.ts";
+import { subtract, transform } from "../src/model/space.ts";
+import { angleOf, stepOf } from "../src/page/nudge.ts";
 import { freeName, sequenceOf, sortFiles, sortLayers } from "../src/page/upload-files.ts";
 import { SHOWN } from "./shown.ts";
 
@@ -145,4 +148,33 @@ test("of a file's name only the sequence goes on, from a list; the patient's nam
 test("every icon has its shape in the document", () => {
   const html = readFileSync(path.join(import.meta.dirname, "../../src/index.html"), "utf8");
   for (const name of ICONS) assert.ok(html.includes(`id="icon-${name}"`), name);
+});
+
+test("a step moves a layer by 0.5 mm or turns it by 0.5° about a point, and back", () => {
+  const center = [10, -20, 30] as const;
+  for (const [direction, axis, sign] of [
+    [0, 0, -1],
+    [1, 0, 1],
+    [2, 1, -1],
+    [3, 1, 1],
+    [4, 2, -1],
+    [5, 2, 1],
+  ] as const) {
+    const moved = transform(stepOf(direction, false, center), center);
+    assert.deepEqual(
+      moved.map((value, at) => value - (center[at] ?? 0)),
+      [0, 1, 2].map((at) => (at === axis ? sign * 0.5 : 0)),
+    );
+    const turn = stepOf(direction, true, center);
+    assert.ok(Math.hypot(...subtract(transform(turn, center), center)) < 1e-9);
+    assert.ok(Math.abs(angleOf(turn) - 0.5) < 1e-6);
+    assert.ok(angleOf(product(stepOf(direction ^ 1, true, center), turn)) < 1e-5);
+  }
+  // To the left is +x; the face, at −y, turns to the left by the last of the turns.
+  const face = transform(stepOf(5, true, [0, 0, 0]), [0, -100, 0]);
+  assert.ok(Math.abs(face[0] - 100 * Math.sin(Math.PI / 360)) < 1e-6 && face[0] > 0);
+  const chin = transform(stepOf(0, true, [0, 0, 0]), [0, -100, 0]);
+  assert.ok(chin[2] > 0.8, "the face goes up");
+  const top = transform(stepOf(2, true, [0, 0, 0]), [0, 0, 100]);
+  assert.ok(top[0] < -0.8, "the top of the head goes to the right");
 });

@@ -4,9 +4,12 @@ import { test } from "node:test";
 import { facesOf } from "../src/panes/cube.ts";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/model/query.ts";
+import { imageWords } from "../src/panes/slice-words.ts";
 import { speak, type Words } from "../src/base/i18n.ts";
 import { depthAtWords, positionWords, scaleBar, voxelAt } from "../src/base/readout.ts";
 import english from "../src/words.en.json";
+import portuguese from "../src/words.pt-BR.json";
+import type { ReadyCase } from "../src/model/case.ts";
 import {
   CENTRED,
   type SliceView,
@@ -104,6 +107,46 @@ test("a position is told by its sides, and by its voxel as acquired", () => {
   assert.equal(voxelAt(SHOWN, [500, 0, 0]), null);
   speak("en", english as Words);
   assert.deepEqual([-6, -0.01, 12.34].map(depthAtWords), [english["point.outside"], "0.0 mm", "12.3 mm"]);
+});
+
+test("a slice of the acquired plane tells its image and series, in both languages", () => {
+  speak("en", english as Words);
+  const of = (volume: Partial<ReadyCase["volume"]>): ReadyCase => ({
+    ...SHOWN,
+    volume: { ...SHOWN.volume, ...volume },
+  });
+  // 50 slices from −35 mm on, 2 mm apart; the lowest was acquired last.
+  const images = [{ slice: 1, count: 50, number: 50, step: -1 }];
+  const shown = of({ series_number: 3, images });
+  assert.equal(imageWords(shown, "axial", [0, 0, -35]), "image 50 of 50, series 3");
+  assert.equal(imageWords(shown, "axial", [0, 0, -33.9]), "image 49 of 50, series 3");
+  assert.equal(imageWords(shown, "axial", [0, 0, 63]), "image 1 of 50, series 3");
+  assert.equal(imageWords(shown, "coronal", [0, 0, -35]), "", "another plane");
+  assert.equal(imageWords(shown, "axial", [0, 0, 70]), "", "beside the volume");
+  assert.equal(imageWords(SHOWN, "axial", [0, 0, -35]), "", "nothing is known");
+  assert.equal(imageWords(of({ images }), "axial", [0, 0, -35]), "image 50 of 50");
+  // The third slice is interpolated, and the numbers do not begin at 1.
+  const gap = [
+    { slice: 1, count: 2, number: 101, step: 1 },
+    { slice: 4, count: 47, number: 104, step: 1 },
+  ];
+  const words = [-33, -31, -29].map((z) => imageWords(of({ images: gap }), "axial", [0, 0, z]));
+  assert.deepEqual(words, ["image 102", "", "image 104"]);
+  const turned = (degrees: number): ReadyCase => {
+    const [sin, cos] = [Math.sin, Math.cos].map((one) => one((degrees * Math.PI) / 180)) as [number, number];
+    const patient_from_voxel = [
+      [1, 0, 0, -50],
+      [0, cos, -2 * sin, -50],
+      [0, sin, 2 * cos, -35],
+      [0, 0, 0, 1],
+    ] as const;
+    return of({ images, patient_from_voxel });
+  };
+  assert.equal(imageWords(turned(4), "axial", [0, -50, -35]), "image 50 of 50");
+  assert.equal(imageWords(turned(6), "axial", [0, -50, -35]), "");
+  speak("pt-BR", portuguese as Words);
+  assert.equal(imageWords(shown, "axial", [0, 0, -35]), "imagem 50 de 50, série 3");
+  speak("en", english as Words);
 });
 
 test("a scale bar is a round length that fits", () => {

@@ -1,5 +1,7 @@
 //! The facts about a case.
 
+use std::collections::BTreeSet;
+
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -120,6 +122,60 @@ pub struct DicomFacts {
     /// The scanner's name of the sequence and its times in ms; `None` if the files name none, or the case is older than this.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sequence: Option<String>,
+    /// The number of the series; `None` if the files state none, or the case is older than this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub series_number: Option<i64>,
+    /// The numbers of the images that are the slices; empty if the files do not number them, or the case is older than this.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub images: Vec<ImageRun>,
+}
+
+/// Neighbouring slices of a volume whose images have evenly spaced numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ImageRun {
+    /// The number of the first slice, from 1.
+    pub slice: usize,
+    /// The number of slices.
+    pub count: usize,
+    /// The number of the first slice's image.
+    pub number: i64,
+    /// What the number grows by from one slice to the next; negative if the images count the other way.
+    pub step: i64,
+}
+
+impl ImageRun {
+    /// Joins slices with the numbers of their images, in the order of the slices. The result is empty if two images have the
+    /// same number.
+    pub fn join(numbered: &[(usize, i32)]) -> Vec<Self> {
+        let numbers: BTreeSet<i32> = numbered.iter().map(|&(_, number)| number).collect();
+        if numbers.len() < numbered.len() {
+            return Vec::new();
+        }
+        let mut runs: Vec<Self> = Vec::new();
+        for &(slice, number) in numbered {
+            let number = i64::from(number);
+            match runs.last_mut() {
+                Some(run) if run.accepts(slice, number) => {
+                    run.step = (number - run.number) / run.count as i64;
+                    run.count += 1;
+                }
+                _ => runs.push(Self {
+                    slice,
+                    count: 1,
+                    number,
+                    step: 0,
+                }),
+            }
+        }
+        runs
+    }
+
+    /// Whether a slice continues the run. The second slice defines its step.
+    fn accepts(&self, slice: usize, number: i64) -> bool {
+        let is_next = slice == self.slice + self.count;
+        is_next && (self.count == 1 || number - self.number == self.step * self.count as i64)
+    }
 }
 
 /// A case, as stored in its row.
@@ -185,6 +241,34 @@ mod tests {
                 is_doubtful
             );
         }
+    }
+
+    #[test]
+    fn numbers_of_images_are_joined_while_they_are_evenly_spaced() {
+        let run = |slice, count, number, step| ImageRun {
+            slice,
+            count,
+            number,
+            step,
+        };
+        let joined = |numbers: &[(usize, i32)]| ImageRun::join(numbers);
+        assert_eq!(joined(&[(1, 5), (2, 4), (3, 3)]), [run(1, 3, 5, -1)]);
+        assert_eq!(
+            joined(&[(1, 1), (2, 3), (4, 5), (5, 2), (6, 4)]),
+            [run(1, 2, 1, 2), run(4, 2, 5, -3), run(6, 1, 4, 0)],
+            "an interpolated slice belongs to none"
+        );
+        assert_eq!(
+            joined(&[(1, 0), (2, 0), (3, 0)]),
+            [],
+            "images without numbers"
+        );
+        assert_eq!(joined(&[]), []);
+        let far = joined(&[(1, i32::MIN), (2, i32::MAX), (3, 0)]);
+        assert_eq!(
+            far,
+            [run(1, 2, i32::MIN.into(), u32::MAX.into()), run(3, 1, 0, 0)]
+        );
     }
 
     #[test]

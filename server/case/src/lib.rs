@@ -14,7 +14,9 @@ mod parameters;
 mod progress;
 mod quality;
 
-pub use facts::{Case, CaseFacts, CutFacts, DicomFacts, PlaneFacts, SphereFacts, WindowFacts};
+pub use facts::{
+    Case, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts, WindowFacts,
+};
 pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
 pub use layer::{

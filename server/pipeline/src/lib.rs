@@ -28,8 +28,8 @@ use std::sync::atomic::AtomicBool;
 use analysis::{MidsagittalFit, midsagittal_fit};
 use bytes::Bytes;
 use case::{
-    CaseFacts, DicomFacts, Failure, FailureKind, ObjectKind, Parameters, PlaneFacts, Progress,
-    SphereFacts, Stage, WindowFacts,
+    CaseFacts, DicomFacts, Failure, FailureKind, ImageRun, ObjectKind, Parameters, PlaneFacts,
+    Progress, SphereFacts, Stage, WindowFacts,
 };
 use geometry::{
     BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
@@ -150,8 +150,27 @@ fn dicom_facts(stored: &[u8]) -> Result<DicomFacts, Failure> {
     let stored = attributes(stored)?;
     Ok(DicomFacts {
         sequence: sequence_of(&stored.attributes),
+        series_number: series_number_of(&stored.attributes),
+        images: images_of(&stored),
         interpolated_slices: stored.interpolated_slices,
     })
+}
+
+/// The number of the series.
+fn series_number_of(attributes: &[(String, String)]) -> Option<i64> {
+    let (_, number) = attributes.iter().find(|(name, _)| name == "SeriesNumber")?;
+    number.trim().parse().ok()
+}
+
+/// The numbers of the images that are slices; empty if an image has none, or one beyond the 32 bits of DICOM.
+fn images_of(stored: &Attributes) -> Vec<ImageRun> {
+    let is_acquired = |slice: &usize| !stored.interpolated_slices.contains(slice);
+    let slices = (1..).filter(is_acquired);
+    let numbered = slices.zip(&stored.instances);
+    let numbered: Option<Vec<_>> = numbered
+        .map(|(slice, instance)| Some((slice, i32::try_from(instance.number?).ok()?)))
+        .collect();
+    ImageRun::join(&numbered.unwrap_or_default())
 }
 
 /// The scanner's own name of a sequence with its times. Descriptions that people type may name the patient: they are

@@ -13,10 +13,12 @@ const SIDES = [
 
 /** `L 32.1 · A 12.0 · S 45.2`, in mm; a line is never broken between a letter and its number. */
 export function positionWords(position_in_patient: Vec3): string {
-  return position_in_patient
-    .map((value, axis) => `${SIDES[axis]?.[value < 0 ? 1 : 0] ?? ""}\u00a0${number(Math.abs(value), 1)}`)
-    .join(" · ");
+  return position_in_patient.map((value, axis) => coordinate(value, axis)).join(" · ");
 }
+
+/** One coordinate with its side, such as `S 45.2`. */
+export const coordinate = (value: number, axis: number): string =>
+  `${SIDES[axis]?.[value < 0 ? 1 : 0] ?? ""}\u00a0${number(Math.abs(value), 1)}`;
 
 /** The depth of a state, and over how much of it intensities are averaged, where they are. */
 export function depthWords(state: Pick<ViewState, "depth_mm" | "slab_mm" | "averages_shallow">): string {

@@ -33,6 +33,7 @@ import {
   contoursFields,
   depthGrid,
   extentOf,
+  movedGrid,
   pathsFields,
   pictureFields,
   texelGrid,
@@ -59,6 +60,7 @@ const WHOLES: ReadonlySet<string> = new Set([
   "first_piece",
   "piece_count",
   "count",
+  "has_edges",
 ]);
 
 interface Texture {
@@ -289,12 +291,13 @@ export class Painter {
   }
 
   /** Draws a slice of `size` pixels, beside the canvas. */
-  slice({ look, center_in_patient, contours_mm }: SliceLook, size: Vec2): Promise<ImageData | null> {
+  slice({ look, center_in_patient, contours_mm, has_edges }: SliceLook, size: Vec2): Promise<ImageData | null> {
     const gl = this.#gl;
     const { sphere } = this.#case;
     this.#slice = fitting(this.#slice, size) ?? createTarget(gl, size);
     const maps = this.#takeUp(look, size, { ...sphere, center_in_patient });
-    this.#contours.write(contoursFields(look, maps, size, contours_mm), WHOLES);
+    const contours = contoursFields(look, maps, size, contours_mm);
+    this.#contours.write({ ...contours, has_edges: has_edges && maps.overlay ? 1 : 0 }, WHOLES);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.#slice.frame);
     gl.viewport(0, 0, ...size);
     this.#fill(this.#programs.slice);
@@ -312,10 +315,10 @@ export class Painter {
     const maps: Maps = {
       ...this.#case,
       sphere,
-      volume: texture.grid,
+      volume: layer ? movedGrid(layer.grid, look.layer?.moved) : volume.grid,
       isLayer: texture === layer,
       field: grid,
-      overlay: overlay?.grid ?? null,
+      overlay: overlay ? movedGrid(overlay.grid, look.overlay?.moved) : null,
       borderBox,
     };
     this.#picture.write(pictureFields(look, maps, size), WHOLES);

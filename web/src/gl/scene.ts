@@ -27,6 +27,8 @@ export interface SliceLook {
   readonly look: Look;
   readonly center_in_patient: Vec3;
   readonly contours_mm: readonly number[];
+  /** Whether the overlay is drawn as its edges alone. */
+  readonly has_edges: boolean;
 }
 
 export type Drawn = "mesh" | "exact";
@@ -39,7 +41,7 @@ export interface Quality {
   readonly depths: 1 | 2;
 }
 
-export const FULL_QUALITY: Quality = Object.freeze({ share: 1, depths: 2 });
+export const FULL_QUALITY: Quality = { share: 1, depths: 2 };
 
 /** What of the maps is the case's own. */
 export type CaseMaps = Pick<Maps, "sphere" | "plane" | "native_spacing_mm" | "cuts" | "spacing_mm">;

@@ -47,8 +47,13 @@ export interface Maps {
   readonly spacing_mm: number;
 }
 
+/** What may lie elsewhere than its texture does. */
+export interface Moved {
+  readonly moved?: Affine | undefined;
+}
+
 /** How a layer is coloured: see `render::layer`. */
-export interface OverlayLook {
+export interface OverlayLook extends Moved {
   readonly name: string;
   /** The values of the first and the last colour. */
   readonly window: readonly [number, number];
@@ -71,7 +76,7 @@ export interface Look extends View {
   /** Row of the table of colours. */
   readonly color_row: number;
   /** The layer in the place of the volume. */
-  readonly layer: { readonly id: string } | null;
+  readonly layer: ({ readonly id: string } & Moved) | null;
   /** The layer above the texture; both are drawn if their voxels are there. */
   readonly overlay: OverlayLook | null;
   /** Whether the head is mirrored at the plane between its hemispheres. */
@@ -299,6 +304,10 @@ export const texelGrid = (layout: TextureLayout, unit: number): TexelGrid => ({
   texelScale: layout.scale * unit,
   texelOffset: layout.offset,
 });
+
+/** A texture's texels where it was moved to. */
+export const movedGrid = (grid: TexelGrid, moved: Affine | undefined): TexelGrid =>
+  moved ? { ...grid, patient_from_voxel: product(moved, grid.patient_from_voxel) } : grid;
 
 /** The same for depths, in voxels. */
 export function depthGrid(layout: TextureLayout, unit: number, stepsPerVoxel: number): TexelGrid {

@@ -24,14 +24,14 @@ export type ViewName = (typeof VIEW_NAMES)[number];
 const looking = (up: Vec3, towards: Vec3): Quat => fromRows(cross(up, towards), up, towards);
 
 /** From patient (LPS) to view space for each standard direction. */
-export const NAMED_VIEWS: Readonly<Record<ViewName, Quat>> = Object.freeze({
+export const NAMED_VIEWS: Readonly<Record<ViewName, Quat>> = {
   left: looking([0, 0, 1], [1, 0, 0]),
   right: looking([0, 0, 1], [-1, 0, 0]),
   anterior: looking([0, 0, 1], [0, -1, 0]),
   posterior: looking([0, 0, 1], [0, 1, 0]),
   superior: looking([0, -1, 0], [0, 0, 1]),
   inferior: looking([0, -1, 0], [0, 0, -1]),
-});
+};
 
 /** The standard direction that an orientation is, within 0.1°. */
 export function viewName(orientation: Quat): ViewName | null {

@@ -89,6 +89,18 @@ export interface Quality {
   readonly reason_codes?: readonly string[];
 }
 
+/** Neighbouring slices whose images have evenly spaced numbers. */
+export interface ImageRun {
+  /** The number of the first slice, from 1. */
+  readonly slice: number;
+  /** The number of slices. */
+  readonly count: number;
+  /** The number of the first slice's image. */
+  readonly number: number;
+  /** What the number grows by from slice to slice. */
+  readonly step: number;
+}
+
 /** A case that can be shown. Lengths are in mm, positions in LPS. */
 export interface ReadyCase extends AnyCase {
   readonly state: "ready";
@@ -109,6 +121,10 @@ export interface ReadyCase extends AnyCase {
     readonly sequence?: string;
     /** Numbers of slices that were missing. */
     readonly interpolated_slices?: readonly number[];
+    /** Of the DICOM series. */
+    readonly series_number?: number;
+    /** Which DICOM images are slices. */
+    readonly images?: readonly ImageRun[];
   };
   readonly max_depth_mm: number;
   readonly envelope_ml: number;

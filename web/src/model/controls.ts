@@ -177,14 +177,19 @@ export type ChangingCommand =
   | { readonly kind: "map"; readonly name: MapName }
   | { readonly kind: "invert" | "reset" };
 
-/** What a key asks for. */
-export type Command =
-  | ChangingCommand
+/** What changes how layers are shown. */
+export type LayerCommand =
   /** The next of the added layers, as grey texture or in colours. */
   | { readonly kind: "grey" | "colours" }
-  /** The layers are hidden as long as a key is held; a line divides the picture without them from the one with them. */
-  | { readonly kind: "hold" | "release" | "swipe" }
-  | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" };
+  /**
+   * The layers are hidden as long as a key is held; a line divides the picture without them from the one with them;
+   * slices show the edges of one; one is moved by hand.
+   */
+  | { readonly kind: "hold" | "release" | "swipe" | "edges" | "nudge" };
+
+/** What a key asks for. */
+export type Command =
+  ChangingCommand | LayerCommand | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" };
 
 /** A key, as a keyboard event has it. */
 export interface Key {
@@ -215,6 +220,8 @@ const PLAIN: Readonly<Record<string, Command>> = {
   c: { kind: "colours" },
   b: { kind: "hold" },
   v: { kind: "swipe" },
+  e: { kind: "edges" },
+  n: { kind: "nudge" },
   u: { kind: "map", name: "blur" },
   a: { kind: "map", name: "asymmetry" },
   t: { kind: "map", name: "intensity-asymmetry" },

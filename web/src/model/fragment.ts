@@ -62,6 +62,7 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   say("m", state.colormap, first.colormap);
   say("b", state.overlay ? overlayText(state.overlay) : "", "");
   say("e", state.swipe ? short(state.swipe.share, 2) : "", "");
+  say("h", state.has_edges ? "1" : "", "");
   say("s", short(state.slab_mm, 1), "0");
   say("g", state.averages_shallow ? "1" : "0", "1");
   say("a", short(state.ambient, 2), short(first.ambient, 2));
@@ -133,6 +134,7 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
       return read ? { change: { overlay: read.overlay }, isWhole: read.isWhole } : UNREAD;
     },
     e: (text) => number(text, 0, 1, (share) => ({ swipe: { share } })),
+    h: (text) => word(text, ["1"], () => ({ has_edges: true })),
     s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
     g: (text) => word(text, ["0", "1"], (averages) => ({ averages_shallow: averages === "1" })),
     a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),

@@ -1,6 +1,7 @@
 // The maps of the junction of grey and white matter, and how layers lie in colours over a picture: pure.
 
 import type { Intensity } from "./case.ts";
+import type { Affine } from "./space.ts";
 
 /** The maps, as the server names them, in the order of the page. */
 export const MAP_NAMES = ["blur", "asymmetry", "intensity-asymmetry", "sharpness", "junction"] as const;
@@ -45,6 +46,8 @@ export interface LayerOverlay {
   readonly colormap?: OverlayColormap;
   /** Of an added layer, once the server has described it. */
   readonly about?: LayerWords & MapStyle;
+  /** How it was moved by hand from where the server has it, while that is tried out. */
+  readonly moved?: Affine | undefined;
 }
 
 /** What stands on a picture about a layer. */
@@ -60,6 +63,7 @@ export interface GreyLayer {
   /** Known once the server has described it. */
   readonly intensity?: Intensity;
   readonly about?: LayerWords;
+  readonly moved?: Affine | undefined;
 }
 
 /** How an overlay is shown. */

@@ -59,16 +59,9 @@ export function profileAt(
   };
 }
 
-/** The profile as comma-separated values; what is not known is empty. */
-export function profileCsv(profile: Profile): string {
-  const cell = (value: number | undefined): string =>
-    value !== undefined && Number.isFinite(value) ? String(Number(value.toPrecision(7))) : "";
-  const rows = profile.depth_mm.map((depth, at) =>
-    [depth, profile.intensity[at], profile.mirrored[at]].map(cell).join(","),
-  );
-  return ["depth_mm,intensity,mirrored_intensity", ...rows, ""].join("\r\n");
+/** A layer against depth on both sides. */
+export interface SidedCurves {
+  readonly name: string;
+  readonly own: Curve;
+  readonly mirrored: Curve;
 }
-
-/** The index of the sample nearest to a depth. */
-export const nearestSample = (profile: Profile, depth_mm: number): number =>
-  Math.min(Math.max(Math.round(depth_mm / PROFILE_STEP_MM), 0), profile.depth_mm.length - 1);

@@ -28,8 +28,6 @@ export type Convention = (typeof CONVENTIONS)[number];
 export interface Swipe {
   /** From the left edge of each pane, of its width. */
   readonly share: number;
-  /** The window of the side without layers. */
-  readonly window?: Window;
 }
 
 /** All that a picture depends on. */
@@ -50,6 +48,10 @@ export interface ViewState {
   readonly overlay: LayerOverlay | null;
   /** Where a line divides the picture without its layers from the picture with them; null: nowhere. */
   readonly swipe: Swipe | null;
+  /** Whether slices show a layer as its edges alone, over the case's own intensities. */
+  readonly has_edges: boolean;
+  /** The window of what is drawn without a layer beside one or below its edges, if it is not that of the layer. */
+  readonly bare_window?: Window;
   /** Intensities are averaged over so much depth to either side. */
   readonly slab_mm: number;
   /** Whether they are averaged near the envelope although `slab_mm` is 0: see `slabOf`. */
@@ -89,6 +91,7 @@ export function firstState(shown: ReadyCase): ViewState {
     layer: null,
     overlay: null,
     swipe: null,
+    has_edges: false,
     slab_mm: 0,
     averages_shallow: true,
     ambient: DEFAULT_AMBIENT,
@@ -111,9 +114,9 @@ export const layersOf = ({ layer, overlay }: ViewState): readonly string[] =>
   [layer?.id, overlay?.name].filter((name) => name !== undefined);
 
 /** The picture without its layers. */
-export const bareOf = (state: ViewState, window: Window): ViewState => ({
+export const bareOf = (state: ViewState): ViewState => ({
   ...state,
-  window,
+  window: state.bare_window ?? state.window,
   layer: null,
   overlay: null,
   swipe: null,
@@ -121,12 +124,19 @@ export const bareOf = (state: ViewState, window: Window): ViewState => ({
 
 /** The parts of a picture, and from where to where they go, in shares of its width. */
 export function partsOf(state: ViewState): readonly (readonly [ViewState, readonly [number, number]])[] {
-  const { swipe, window } = state;
+  const { swipe } = state;
   if (!swipe) return [[state, [0, 1]]];
   return [
-    [bareOf(state, swipe.window ?? window), [0, swipe.share]],
+    [bareOf(state), [0, swipe.share]],
     [state, [swipe.share, 1]],
   ];
+}
+
+/** The layer that slices show as edges, with the window of its values; labels have none. */
+export function edgesLayer({ has_edges, layer, overlay, window }: ViewState): LayerOverlay | null {
+  if (!has_edges) return null;
+  if (layer) return { name: layer.id, threshold: null, opacity: 1, window: windowEnds(window), moved: layer.moved };
+  return overlay?.about?.colormap === "labels" ? null : overlay;
 }
 
 /** What the values of a picture's texture are: of its layer, else of the case. */

@@ -1,7 +1,7 @@
 // The layers over the pictures, the maps among them: two sections of the panel, which are filled when they are first
 // wanted, and what the panes draw.
 
-import { h } from "../base/dom.ts";
+import { quiet } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import type { ReadyCase, Window } from "../model/case.ts";
 import {
@@ -14,6 +14,7 @@ import {
   overlayOf,
   styleOfLayer,
 } from "../model/layers.ts";
+import type { Command, LayerCommand } from "../model/controls.ts";
 import { type LayerOverlay, isLayerId, isMap, toggled } from "../model/maps.ts";
 import { type ViewState, bareOf } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
@@ -24,6 +25,7 @@ import { section } from "./fields.ts";
 import { later } from "./later.ts";
 import type { LayersSection } from "./layers-section.ts";
 import type { MapsSection } from "./maps-section.ts";
+import type { Nudge } from "./nudge.ts";
 import type { OverlayControls } from "./overlay-controls.ts";
 
 export interface AidsListener {
@@ -40,6 +42,7 @@ interface Filled {
   readonly added: LayersSection;
   readonly controls: OverlayControls;
   readonly comparison: Comparison;
+  readonly nudge: Nudge;
 }
 
 export class Aids {
@@ -59,7 +62,7 @@ export class Aids {
     this.#listener = listener;
     for (const [at, element] of this.elements.entries()) {
       element.classList.add(at === 0 ? "maps" : "added");
-      element.querySelector(".group-body")?.append(h("p", { class: "quiet" }, "…"));
+      element.querySelector(".group-body")?.append(quiet("…"));
     }
   }
 
@@ -84,13 +87,17 @@ export class Aids {
     ask().catch((problem: unknown) => this.#listener.complain(problem));
   }
 
-  /** The state as it is drawn: without what is hidden for now, and with the window beside a dividing line. */
+  /** The state as it is drawn: without what is hidden for now, and with the window of what has no layer. */
   drawable(state: ViewState): ViewState {
-    const drawn = this.#known(state);
-    if (!drawn.layer && !drawn.overlay) return drawn.swipe ? { ...drawn, swipe: null } : drawn;
-    const window = drawn.layer ? (this.#windows.get("") ?? this.#shown.intensity.window) : drawn.window;
-    if (this.#filled?.comparison.isHidden) return bareOf(drawn, window);
-    return drawn.swipe ? { ...drawn, swipe: { ...drawn.swipe, window } } : drawn;
+    const known = this.#known(state);
+    const drawn = this.#filled?.nudge.placed(known) ?? known;
+    if (!drawn.layer && !drawn.overlay)
+      return drawn.swipe || drawn.has_edges ? { ...drawn, swipe: null, has_edges: false } : drawn;
+    const isHidden = this.#filled?.comparison.isHidden;
+    if (!isHidden && !drawn.swipe && !drawn.has_edges) return drawn;
+    const bare_window = drawn.layer ? (this.#windows.get("") ?? this.#shown.intensity.window) : drawn.window;
+    const both = { ...drawn, bare_window };
+    return isHidden ? bareOf(both) : both;
   }
 
   /** Without a layer that is not ready, and with what is known of the others. */
@@ -108,8 +115,26 @@ export class Aids {
     return (await this.load()).layers.voxels(name);
   }
 
+  /** Follows a command if it is one about layers. */
+  take(command: Command): command is LayerCommand {
+    switch (command.kind) {
+      case "grey":
+      case "colours":
+        this.#next(command.kind);
+        return true;
+      case "hold":
+      case "release":
+      case "swipe":
+      case "edges":
+      case "nudge":
+        this.#compare(command.kind);
+        return true;
+    }
+    return false;
+  }
+
   /** Shows the next of the added layers, or none after the last. */
-  next(how: "grey" | "colours"): void {
+  #next(how: "grey" | "colours"): void {
     const state = this.#state;
     const ready = this.#list?.layers.filter((layer) => isAdded(layer) && isReady(layer)) ?? [];
     const usable = how === "grey" ? ready.filter((layer) => greyOf(layer)) : ready;
@@ -121,14 +146,15 @@ export class Aids {
     else this.colours(id);
   }
 
-  /** Hides the layers as long as a key is held, or divides the picture. */
-  compare(how: "hold" | "release" | "swipe"): void {
+  /** Hides the layers as long as a key is held, divides the picture, shows edges on the slices, or moves a layer. */
+  #compare(how: "hold" | "release" | "swipe" | "edges" | "nudge"): void {
     const comparison = this.#filled?.comparison;
     if (how === "release") return comparison?.hide(false);
     if (!comparison || !(this.#state?.layer || this.#state?.overlay))
       return this.#listener.announce(t("layers.none-shown"));
     if (how === "hold") comparison.hide(true);
-    else comparison.swipe();
+    else if (how === "nudge") this.#filled?.nudge.begin();
+    else comparison[how]();
   }
 
   /** Shows a layer that is ready as the texture; null: the case's own intensities. */
@@ -163,8 +189,8 @@ export class Aids {
 
   #showFilled(state: ViewState): void {
     if (!this.#filled) return;
-    const { maps, added, controls, comparison } = this.#filled;
-    for (const part of [maps, added, comparison]) part.show(state);
+    const { maps, added, controls, comparison, nudge } = this.#filled;
+    for (const part of [maps, added, comparison, nudge]) part.show(state);
     const slot = state.overlay && isLayerId(state.overlay.name) ? added.slot : maps.slot;
     if (controls.element.parentElement !== slot) slot.append(controls.element);
     // Before a layer is described, nobody knows its range.
@@ -206,8 +232,13 @@ export class Aids {
     });
     const controls = new parts.OverlayControls(({ about: _, ...overlay }) => actions.change({ overlay }));
     const comparison = new parts.Comparison(actions, () => this.#listener.redraw());
+    const nudge = new parts.Nudge(this.#shown, layers, {
+      moved: () => this.#listener.redraw(),
+      take: (id) => (this.#state?.layer ? this.grey(id) : this.colours(id)),
+    });
     added.slot.before(comparison.element);
-    this.#filled = { layers, maps, added, controls, comparison };
+    added.slot.after(nudge.element);
+    this.#filled = { layers, maps, added, controls, comparison, nudge };
     if (this.#isGone) layers.dispose();
     for (const [at, part] of [maps, added].entries())
       this.elements[at]?.querySelector(".group-body")?.replaceWith(part.element);

@@ -32,6 +32,11 @@ export class CaseLayers {
     return this.#list?.layers.find((one) => one.id === id && isReady(one)) ?? null;
   }
 
+  /** The names of all layers. */
+  get names(): readonly string[] {
+    return this.#list?.layers.map(({ name }) => name) ?? [];
+  }
+
   /** Asks until no layer is being made. What is asked for already is asked for once. */
   ask(): Promise<void> {
     if (this.#list && !this.#list.layers.some(isBusy) && !this.#isStale) return Promise.resolve();

@@ -2,14 +2,14 @@
 
 import { getCase, getDicom, getFile, keepCase, makeVersion } from "../base/api.ts";
 import { caseTitle, reasonWords, voxelWords } from "../base/case-words.ts";
-import { h, setText } from "../base/dom.ts";
+import { h, setText, status } from "../base/dom.ts";
 import { known, moment, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
 import { type MaskBlock, decodeMask } from "../model/mask.ts";
 import { qualityOf } from "../model/quality.ts";
 import { MaskLayer } from "../panes/mask-layer.ts";
-import type { SliceLayer } from "../panes/slices.ts";
+import type { SliceLayer } from "../panes/slice-parts.ts";
 import { maskDialog } from "./dialogs.ts";
 import { fileStem } from "./export.ts";
 import { button, row } from "./fields.ts";
@@ -30,7 +30,7 @@ export class CaseSection {
   readonly #shown: ReadyCase;
   readonly #listener: CaseSectionListener;
   readonly #facts = h("dl", { class: "point case-facts" });
-  readonly #note = h("p", { class: "quiet", role: "status" });
+  readonly #note = status();
   readonly #keep: HTMLInputElement;
   readonly #outline: HTMLInputElement;
   readonly #mask = h("input", { type: "file", id: "version-mask", accept: ".nii,.gz" });

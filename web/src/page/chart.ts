@@ -2,11 +2,12 @@
 
 import { h, setText, svg } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
-import { type Curve, type Measured, type Profile, nearestSample, profileCsv } from "../model/profile.ts";
+import type { Curve, Measured, Profile } from "../model/profile.ts";
 import { paintSvg } from "../panes/paint-svg.ts";
 import { button, row } from "./fields.ts";
 import { type LayerCurves, layerCurves, widthWords } from "./measured.ts";
 import { captioned, saveFile } from "./picture-file.ts";
+import { columnsOf, nearestSample, profileCsv } from "./profile-table.ts";
 
 const WIDTH = 268;
 const HEIGHT = 150;
@@ -126,15 +127,19 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
     const share = (place - MARGIN.left) / (WIDTH - MARGIN.left - MARGIN.right);
     return Math.min(Math.max(share, 0), 1) * deepest;
   };
+  const columns = columnsOf(shallow, layers);
   const read = h("p", { class: "profile-read" }, t("profile.hint"));
   picture.addEventListener("pointermove", (event) => {
     const at = nearestSample(shallow, depthAt(event));
     const depth = shallow.depth_mm[at] ?? 0;
     for (const end of ["x1", "x2"]) pointer.setAttribute(end, String(x(depth)));
     pointer.setAttribute("visibility", "visible");
-    const grey = (value = NaN): string => (Number.isFinite(value) ? intensity(value) : "–");
-    const both = t("profile.both", { own: grey(shallow.intensity[at]), mirrored: grey(shallow.mirrored[at]) });
-    setText(read, `${number(depth, 2)} mm: ${both}`);
+    // Two columns are the two sides of one curve.
+    const parts = ["", ...layers.map(({ name }) => `${name} `)].map((name, index) => {
+      const [own, mirrored] = [0, 1].map((side) => valueWords(columns[2 * index + side]?.[at]));
+      return name + t("profile.both", { own: own ?? "", mirrored: mirrored ?? "" });
+    });
+    setText(read, `${number(depth, 2)} mm: ${parts.join(" · ")}`);
   });
   picture.addEventListener("pointerleave", () => {
     pointer.setAttribute("visibility", "hidden");
@@ -156,7 +161,7 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
     button(t("profile.csv"), () => saveTable(profile, uses)),
   );
   const junction = width ? h("p", { class: "junction-width" }, `${t("point.width")}: ${width}`) : null;
-  return h("div", { class: "profile" }, junction, picture, legend, read, files, tableOf(shallow));
+  return h("div", { class: "profile" }, junction, picture, legend, read, files, tableOf(shallow, columns, layers));
 }
 
 /** The height of a line of the legend in a saved chart. */
@@ -196,32 +201,29 @@ async function savePicture(
   saveFile(png, `${name}-profile.png`);
 }
 
-function saveTable(profile: Profile, { name }: ProfileUses): void {
-  saveFile(new Blob([profileCsv(profile)], { type: "text/csv" }), `${name}-profile.csv`);
+function saveTable(profile: Profile, { name, measured }: ProfileUses): void {
+  const layers = measured ? layerCurves(measured, Infinity) : [];
+  saveFile(new Blob([profileCsv(profile, layers)], { type: "text/csv" }), `${name}-profile.csv`);
 }
 
+const valueWords = (value = NaN): string => (Number.isFinite(value) ? intensity(value) : "–");
+
 /** The profile at whole millimetres. */
-function tableOf(profile: Profile): HTMLElement {
-  const rows = profile.depth_mm.flatMap((depth, index) => {
-    const before = profile.depth_mm[index - 1];
+function tableOf(
+  { depth_mm }: Profile,
+  columns: readonly (readonly number[])[],
+  layers: readonly LayerCurves[],
+): HTMLElement {
+  const rows = depth_mm.flatMap((depth, index) => {
+    const before = depth_mm[index - 1];
     if (before !== undefined && Math.floor(before + 1e-6) === Math.floor(depth + 1e-6)) return [];
-    const cell = (value: number | undefined): HTMLElement =>
-      h("td", {}, value !== undefined && Number.isFinite(value) ? intensity(value) : "–");
-    return [
-      h(
-        "tr",
-        {},
-        h("th", { scope: "row" }, number(depth, 1)),
-        cell(profile.intensity[index]),
-        cell(profile.mirrored[index]),
-      ),
-    ];
+    const cells = columns.map((values) => h("td", {}, valueWords(values[index])));
+    return [h("tr", {}, h("th", { scope: "row" }, number(depth, 1)), ...cells)];
   });
-  const head = h(
-    "tr",
-    {},
-    ...[t("profile.axis"), t("profile.own"), t("profile.mirrored")].map((words) => h("th", { scope: "col" }, words)),
-  );
+  const mirrored = t("profile.mirrored");
+  const names = layers.flatMap(({ name }) => [name, `${name}, ${mirrored}`]);
+  const titles = [t("profile.axis"), t("profile.own"), mirrored, ...names];
+  const head = h("tr", {}, ...titles.map((words) => h("th", { scope: "col" }, words)));
   return h(
     "details",
     { class: "as-table" },

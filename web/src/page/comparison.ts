@@ -2,7 +2,7 @@
 
 import { h } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import type { ViewState } from "../model/state.ts";
+import { type ViewState, hasSlices, isHalved } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
 import { Slider, button, row } from "./fields.ts";
 
@@ -15,8 +15,9 @@ export class Comparison {
   readonly #redraw: () => void;
   readonly #blink: HTMLButtonElement;
   readonly #swipe: HTMLButtonElement;
+  readonly #edges: HTMLButtonElement;
   readonly #place: Slider;
-  #share: number | null = null;
+  #state: ViewState | null = null;
   #isHidden = false;
   #timer = 0;
 
@@ -25,10 +26,16 @@ export class Comparison {
     this.#redraw = redraw;
     this.#blink = button(t("layer.blink"), () => this.#toggleBlink(), { "aria-pressed": "false" });
     this.#swipe = button(t("layer.swipe"), () => this.swipe(), { "aria-pressed": "false" });
+    this.#edges = button(t("layer.edges"), () => this.edges(), { "aria-pressed": "false" });
     this.#place = new Slider("swipe-place", t("layer.divider"), [0, 1, 0.01], (share) =>
       actions.change({ swipe: { share } }),
     );
-    this.element = h("div", { class: "group-part", hidden: true }, row(this.#blink, this.#swipe), this.#place.element);
+    this.element = h(
+      "div",
+      { class: "group-part", hidden: true },
+      row(this.#blink, this.#swipe, this.#edges),
+      this.#place.element,
+    );
   }
 
   /** Whether the layers are hidden for now. */
@@ -36,10 +43,12 @@ export class Comparison {
     return this.#isHidden;
   }
 
-  show({ layer, overlay, swipe }: ViewState): void {
+  show(state: ViewState): void {
+    const { layer, overlay, swipe, has_edges } = state;
     this.element.hidden = !layer && !overlay;
     if (this.element.hidden) this.stop();
-    this.#share = swipe && swipe.share;
+    this.#state = state;
+    this.#edges.setAttribute("aria-pressed", String(has_edges));
     this.#swipe.setAttribute("aria-pressed", String(swipe !== null));
     this.#place.element.hidden = !swipe;
     if (swipe) this.#place.show(swipe.share, `${number(100 * swipe.share)} %`);
@@ -54,7 +63,16 @@ export class Comparison {
 
   /** Puts the dividing line into the middle, or takes it away. */
   swipe(): void {
-    this.#actions.change({ swipe: this.#share === null ? { share: 0.5 } : null }, true);
+    this.#actions.change({ swipe: this.#state?.swipe ? null : { share: 0.5 } }, true);
+  }
+
+  /** Shows edges, on slices, or no more. */
+  edges(): void {
+    const state = this.#state;
+    if (!state) return;
+    const layout = isHalved(state) ? "both" : "slices";
+    const needsSlices = !state.has_edges && !hasSlices(state);
+    this.#actions.change({ has_edges: !state.has_edges, ...(needsSlices ? { layout } : {}) }, true);
   }
 
   /** The layers are shown, and stay. */

@@ -1,7 +1,7 @@
 // Questions and help in front of the page.
 
 import { getPicture } from "../base/api.ts";
-import { h, iconButton } from "../base/dom.ts";
+import { h, iconButton, quiet } from "../base/dom.ts";
 import { number, t, wordsBetween } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -82,7 +82,7 @@ export async function offerLayers(titles: readonly string[]): Promise<readonly n
   const { closed } = open(
     t("offer.title"),
     "offer",
-    h("p", { class: "quiet" }, t("offer.text")),
+    quiet(t("offer.text")),
     ...titles.map((title, at) => h("label", { class: "inline" }, boxes[at] ?? null, title)),
     h("div", { class: "row end" }, closing("add", t("offer.add"), { class: "primary" }), closing("", t("offer.skip"))),
   );
@@ -114,7 +114,7 @@ export async function askToken(refused: boolean): Promise<string> {
   const { closed } = open(
     t("token.title"),
     "ask-token",
-    h("p", { class: "quiet" }, t(refused ? "token.refused" : "token.text")),
+    quiet(t(refused ? "token.refused" : "token.text")),
     h("label", {}, t("token.label"), input),
     h("div", { class: "row end" }, closing("enter", t("token.enter"), { class: "primary" })),
   );
@@ -152,14 +152,14 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
     "help",
     h("p", {}, t("help.intro")),
     h("div", { class: "help-columns" }, ...sections),
-    h("p", { class: "quiet" }, t("help.mirror")),
-    h("p", { class: "quiet" }, t("help.slices")),
-    h("p", { class: "quiet" }, t("help.zero")),
+    quiet(t("help.mirror")),
+    quiet(t("help.slices")),
+    quiet(t("help.zero")),
     h("h3", {}, t("help.choices")),
     h("label", { class: "inline" }, t("wheel.label"), wheel),
     h("label", { class: "inline" }, t("drag.label"), drag),
     h("label", { class: "inline" }, keys, t("shortcuts.label")),
-    h("p", { class: "quiet" }, t("notice.long")),
+    quiet(t("notice.long")),
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary" })),
   );
   dialog.querySelector("form")?.prepend(iconButton("close", t("close"), () => dialog.close()));
@@ -173,7 +173,7 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
   query.set("annotate", "true");
   const path = `${id}/render?${query}`;
   const address = new URL(`v1/cases/${path}`, document.baseURI).href;
-  const place = h("div", { class: "server-shot" }, h("p", { class: "quiet" }, t("server.waiting")));
+  const place = h("div", { class: "server-shot" }, quiet(t("server.waiting")));
   const field = h("input", {
     type: "text",
     readonly: true,
@@ -194,7 +194,7 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
     t("server.title", { depth: number(state.depth_mm, 1) }),
     "server-picture",
     place,
-    ...(isHalved(state) ? [h("p", { class: "quiet" }, t("server.half"))] : []),
+    ...(isHalved(state) ? [quiet(t("server.half"))] : []),
     h("div", { class: "line" }, field, h("button", { click: () => void copy() }, t("server.copy"))),
     said,
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })),
@@ -204,7 +204,7 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
 
 /** Nine slices with the mask's outline, to judge it by. */
 export function maskDialog(id: string): void {
-  const place = h("div", { class: "server-shot" }, h("p", { class: "quiet" }, t("server.waiting")));
+  const place = h("div", { class: "server-shot" }, quiet(t("server.waiting")));
   open(
     t("quality.look"),
     "mask",

@@ -3,7 +3,7 @@
 
 import { changeLayer, deleteLayer } from "../base/api.ts";
 import { failureWords } from "../base/case-words.ts";
-import { h, type Icon, iconButton, setText } from "../base/dom.ts";
+import { type Attributes, h, type Icon, iconButton, quiet, setText, status } from "../base/dom.ts";
 import { spoken, t } from "../base/i18n.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
@@ -11,7 +11,7 @@ import { LAYER_KINDS, type Layer, type LayerList, TRANSFORMS, greyOf, isAdded, i
 import type { ViewState } from "../model/state.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import { askText, confirmDelete } from "./dialogs.ts";
-import { button, line } from "./fields.ts";
+import { button, choice, fileButton, fileInput, line } from "./fields.ts";
 import { sendLayer, wishOf } from "./layer-form.ts";
 import { Transfer } from "./transfer.ts";
 import { freeName, sortLayers } from "./upload-files.ts";
@@ -29,22 +29,10 @@ export class LayersSection {
   readonly #shown: ReadyCase;
   readonly #layers: CaseLayers;
   readonly #listener: LayersListener;
-  readonly #none = h("p", { class: "quiet" }, t("layers.none"));
+  readonly #none = quiet(t("layers.none"));
   readonly #list = h("ul", { class: "layers", "aria-label": t("panel.layers") });
   readonly #note = h("p", { class: "quiet layers-note", role: "status" });
-  readonly #files = h("input", {
-    type: "file",
-    id: "layer-files",
-    multiple: true,
-    change: () => this.#choose(this.#files),
-  });
-  readonly #folder = h("input", {
-    type: "file",
-    id: "layer-folder",
-    webkitdirectory: true,
-    change: () => this.#choose(this.#folder),
-  });
-  readonly #chosenWords = h("p", { class: "quiet", role: "status" });
+  readonly #chosenWords = status();
   readonly #kind: HTMLSelectElement;
   readonly #transform: HTMLSelectElement;
   readonly #name = h("input", {
@@ -65,34 +53,27 @@ export class LayersSection {
     this.#shown = shown;
     this.#layers = layers;
     this.#listener = listener;
-    const choice = <Value extends string>(id: string, label: string, values: readonly (readonly [Value, string])[]) =>
-      h("select", { id, "aria-label": label }, ...values.map(([value, words]) => h("option", { value }, words)));
-    this.#kind = choice("layer-kind", t("layer.kind"), [
-      ["", t("layer.kind.auto")],
-      ...LAYER_KINDS.map((kind) => [kind, t(`layer.kind.${kind}`)] as const),
-    ]);
-    this.#transform = choice(
-      "layer-transform",
-      t("layer.transform"),
-      TRANSFORMS.map((one) => [one, t(`layer.transform.${one}`)]),
+    this.#kind = choice("layer-kind", t("layer.kind"), ["", ...LAYER_KINDS], (kind) =>
+      t(`layer.kind.${kind || "auto"}`),
     );
-    const file = (input: HTMLInputElement, words: string): HTMLElement =>
+    this.#transform = choice("layer-transform", t("layer.transform"), TRANSFORMS, (one) => t(`layer.transform.${one}`));
+    const file = (id: string, attributes: Attributes, words: string): HTMLElement =>
       h(
         "label",
         { class: "file" },
         h("span", { class: "visually-hidden" }, words),
-        input,
-        h("span", { class: "file-button", "aria-hidden": "true" }, words),
+        fileInput(id, (files) => this.#choose(files), attributes),
+        fileButton(words),
       );
     this.#form = h(
       "form",
       { class: "layer-form", submit: (event: SubmitEvent) => void this.#send(event) },
-      h("p", { class: "quiet" }, t("layer.hint")),
+      quiet(t("layer.hint")),
       h(
         "div",
         { class: "row" },
-        file(this.#files, t("upload.choose-files")),
-        file(this.#folder, t("upload.choose-folder")),
+        file("layer-files", { multiple: true }, t("upload.choose-files")),
+        file("layer-folder", { webkitdirectory: true }, t("upload.choose-folder")),
       ),
       this.#chosenWords,
       line(t("layer.name"), this.#name),
@@ -215,8 +196,8 @@ export class LayersSection {
 
   // -- Another layer
 
-  #choose(input: HTMLInputElement): void {
-    this.#chosen = [...(input.files ?? [])];
+  #choose(files: readonly File[]): void {
+    this.#chosen = files;
     const { volumes, labels } = sortLayers(this.#chosen);
     const words = t("layer.chosen", { count: volumes.length });
     setText(this.#chosenWords, labels ? `${words} ${t("layer.chosen-labels")}` : words);

@@ -1,6 +1,6 @@
 // The section of the panel for the maps: which of them lies over the picture, how, and a list of places to look at.
 
-import { h, setText, tell } from "../base/dom.ts";
+import { h, quiet, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { reasonIn } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -89,7 +89,7 @@ export class MapsSection {
       const bar = h("meter", { value: slanted_share, "aria-label": `${depths}: ${share}` });
       return line(depths, bar, h("span", { class: "value quiet", "aria-hidden": "true" }, share));
     });
-    this.#slant.replaceChildren(h("p", { class: "quiet" }, t("map.slant")), ...bars);
+    this.#slant.replaceChildren(quiet(t("map.slant")), ...bars);
     if (this.#state) this.#markBand(this.#state.depth_mm);
   }
 

@@ -2,7 +2,7 @@
 
 import { listLayers, send } from "../base/api.ts";
 import { known, number, t } from "../base/i18n.ts";
-import type { Curve, Measured, PointMeasured } from "../model/profile.ts";
+import type { Curve, Measured, PointMeasured, SidedCurves } from "../model/profile.ts";
 import { isBusy } from "../model/layers.ts";
 import { patiently, wait } from "./case-layers.ts";
 
@@ -31,11 +31,9 @@ export function widthWords({ own, mirrored, maps_undefined }: Measured): string 
   return t("profile.both", { own: widthOf(own), mirrored: mirrored ? widthOf(mirrored) : "–" });
 }
 
-/** A layer against depth on both sides. */
-export interface LayerCurves {
+/** The curves of a layer, as they are plotted. */
+export interface LayerCurves extends SidedCurves {
   readonly words: string;
-  readonly own: Curve;
-  readonly mirrored: Curve;
   /** Its own scale: the least and the greatest value down to a depth. */
   readonly range: readonly [number, number];
 }
@@ -53,6 +51,6 @@ export function layerCurves({ own, mirrored, layers = [] }: Measured, deepest_mm
     if (labels || values.length === 0) return [];
     const range = [Math.min(...values), Math.max(...values)] as const;
     const words = `${name}: ${number(range[0], 2)} – ${number(range[1], 2)} ${unit}`.trim();
-    return [{ words, own: curves[0], mirrored: curves[1], range }];
+    return [{ name, words, own: curves[0], mirrored: curves[1], range }];
   });
 }

@@ -1,6 +1,6 @@
 // What is known of the marked point, in words and as a chart.
 
-import { h, setText } from "../base/dom.ts";
+import { h, quiet, setText } from "../base/dom.ts";
 import type { ReadyCase } from "../model/case.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec3 } from "../model/space.ts";
@@ -28,7 +28,7 @@ export class PointSection {
   readonly parts: readonly HTMLElement[];
   readonly #words = h("dl", { class: "point" });
   readonly #tools: HTMLElement;
-  readonly #hint = h("p", { class: "quiet" }, t("point.hint"));
+  readonly #hint = quiet(t("point.hint"));
   readonly #profile = h("div", {});
 
   constructor(actions: Actions) {

@@ -1,7 +1,7 @@
 // Many pictures in one file, drawn by the server: a contact sheet, a turn, a sweep.
 
 import { postForFile } from "../base/api.ts";
-import { h } from "../base/dom.ts";
+import { h, quiet, status } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
@@ -53,7 +53,7 @@ export function seriesDialog(shown: ReadyCase, state: ViewState, sweep: SweepCho
   const showFields = (): void => {
     for (const one of KINDS) fields[one].hidden = one !== kind.value;
   };
-  const said = h("p", { class: "quiet", role: "status" });
+  const said = status();
   const make = h("button", { type: "button", class: "primary", click: () => void save() }, t("series.make"));
   const size = movingSize(pane);
   const bodyOf = (wanted: Kind): unknown => {
@@ -88,7 +88,7 @@ export function seriesDialog(shown: ReadyCase, state: ViewState, sweep: SweepCho
     "series",
     h("label", {}, t("series.kind"), kind),
     ...KINDS.map((one) => fields[one]),
-    h("p", { class: "quiet" }, t("series.text")),
+    quiet(t("series.text")),
     said,
     h("div", { class: "row end" }, closing("close", t("close")), make),
   );

@@ -7,6 +7,7 @@ import { number, t } from "../base/i18n.ts";
 import { caseTitle } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { confirmRename, offerLayers } from "./dialogs.ts";
+import { fileButton, fileInput } from "./fields.ts";
 import { type Offer, sendLayer, wishOf } from "./layer-form.ts";
 import { Transfer } from "./transfer.ts";
 import { type Sorted, freeName, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
@@ -39,35 +40,14 @@ export class UploadForm {
   constructor(box: UploadBox, onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
     this.#box = box;
     this.#onCreated = onCreated;
-    this.#volume = h("input", {
-      type: "file",
-      id: "upload-volume",
-      multiple: true,
-      change: () => this.#take([...(this.#volume.files ?? [])]),
-    });
-    this.#folder = h("input", {
-      type: "file",
-      id: "upload-folder",
-      webkitdirectory: true,
-      change: () => this.#take([...(this.#folder.files ?? [])]),
-    });
-    this.#mask = h("input", {
-      type: "file",
-      id: "upload-mask",
-      accept: ".nii,.gz",
-      change: () => this.#takeMask(this.#mask.files?.[0] ?? null),
-    });
+    const take = (files: readonly File[]): void => this.#take(files);
+    this.#volume = fileInput("upload-volume", take, { multiple: true });
+    this.#folder = fileInput("upload-folder", take, { webkitdirectory: true });
+    this.#mask = fileInput("upload-mask", ([file = null]) => this.#takeMask(file), { accept: ".nii,.gz" });
     const field = (label: string, input: HTMLElement, hint: string): HTMLElement =>
       h("label", {}, label, input, h("span", { class: "quiet" }, hint));
     const file = (label: string, input: HTMLElement, button: string, hint: string): HTMLElement =>
-      h(
-        "label",
-        {},
-        label,
-        input,
-        h("span", { class: "file-button", "aria-hidden": "true" }, button),
-        h("span", { class: "quiet" }, hint),
-      );
+      h("label", {}, label, input, fileButton(button), h("span", { class: "quiet" }, hint));
     this.element = h(
       "form",
       { id: "upload", submit: (event: SubmitEvent) => void this.#submit(event) },

@@ -168,6 +168,7 @@ export class Viewer {
 
   /** A key that no control has taken, or a button. */
   command(command: Command): void {
+    if (this.#aids.take(command)) return;
     switch (command.kind) {
       case "play":
         return this.#sweep.isRunning ? this.#stopSweep() : this.#sweep.start();
@@ -188,13 +189,6 @@ export class Viewer {
       case "undo":
       case "redo":
         return this.#goTo(command.kind);
-      case "grey":
-      case "colours":
-        return this.#aids.next(command.kind);
-      case "hold":
-      case "release":
-      case "swipe":
-        return this.#aids.compare(command.kind);
     }
     if (command.kind === "depth" || command.kind === "reset") this.#stopSweep();
     if (command.kind === "reset") {

@@ -4,17 +4,18 @@ import type { ReadyCase } from "../model/case.ts";
 import { type LayerOverlay, isDiverging, styleOf } from "../model/maps.ts";
 import { type SliceView, isFlipped, sliceCamera, sliceCenter } from "../model/slice-geometry.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type ViewState, isHalved, partsOf, slabOf } from "../model/state.ts";
+import { type ViewState, bareOf, edgesLayer, isHalved, partsOf, slabOf } from "../model/state.ts";
 import { colorRow } from "../gl/colors.ts";
 import type { Painter } from "../gl/painter.ts";
 import type { Pane, SliceLook } from "../gl/scene.ts";
 import type { Look, OverlayLook } from "../gl/uniforms.ts";
 
 function overlayLook(overlay: LayerOverlay): OverlayLook {
-  const { name, threshold, opacity } = overlay;
+  const { name, threshold, opacity, moved } = overlay;
   const style = styleOf(overlay);
   return {
     name,
+    moved,
     window: style.window,
     threshold,
     opacity,
@@ -47,16 +48,21 @@ export function panesOf(state: ViewState, [width, height]: Vec2): Pane[] {
 }
 
 /** A slice: flat, lit everywhere alike. */
-export const sliceLookOf = (
+export function sliceLookOf(
   state: ViewState,
   view: SliceView,
   { envelope_sphere }: ReadyCase,
   contours_mm: readonly number[],
-): SliceLook => ({
-  look: { ...lookOf(state), ...sliceCamera(view), depth_mm: 0, slab_mm: 0, ambient: 1 },
-  center_in_patient: sliceCenter(view, envelope_sphere),
-  contours_mm,
-});
+): SliceLook {
+  const overlay = edgesLayer(state);
+  const drawn = overlay ? { ...bareOf(state), overlay } : state;
+  return {
+    look: { ...lookOf(drawn), ...sliceCamera(view), depth_mm: 0, slab_mm: 0, ambient: 1 },
+    center_in_patient: sliceCenter(view, envelope_sphere),
+    contours_mm,
+    has_edges: overlay !== null,
+  };
+}
 
 /** The picture of a slice; each of its parts is drawn whole, and the columns of the others are put in. */
 export async function slicePicture(

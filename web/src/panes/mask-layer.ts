@@ -3,7 +3,7 @@
 import { svg } from "../base/dom.ts";
 import type { Sphere } from "../model/case.ts";
 import { type MaskBlock, axesAcross, maskOutline } from "../model/mask.ts";
-import type { SliceLayer } from "./slices.ts";
+import type { SliceLayer } from "./slice-parts.ts";
 import { PLANES } from "../model/query.ts";
 import { type SliceView, slicePixel } from "../model/slice-geometry.ts";
 import { type Vec2, type Vec3, transform } from "../model/space.ts";

@@ -6,7 +6,8 @@ import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import type { ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import type { Placed } from "./screenshot.ts";
-import type { SliceLayer, SliceListener, SlicePane } from "./slices.ts";
+import type { SliceLayer, SliceListener } from "./slice-parts.ts";
+import type { SlicePane } from "./slices.ts";
 
 export interface SliceGroupListener extends Omit<SliceListener, "enlarge"> {
   /** Fetches what panes are made of. */

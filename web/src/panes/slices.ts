@@ -1,10 +1,10 @@
 // One slice with the outline of the cut, its cursor and its control.
 
-import type { ReadyCase, Sphere } from "../model/case.ts";
+import type { ReadyCase } from "../model/case.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
-import { depthAtWords, positionWords } from "../base/readout.ts";
+import { coordinate, depthAtWords, positionWords } from "../base/readout.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
@@ -29,9 +29,10 @@ import {
   zoomedSlice,
 } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { type ViewState, isHalved } from "../model/state.ts";
+import { type ViewState, edgesLayer, isHalved } from "../model/state.ts";
 import type { Placed } from "./screenshot.ts";
-import type { Surface } from "./surface.ts";
+import type { SliceLayer, SliceListener } from "./slice-parts.ts";
+import { edgesWords, imageWords } from "./slice-words.ts";
 
 const MOST_PIXELS = 768;
 /** The larger side of a slice that is saved. */
@@ -45,25 +46,6 @@ const STEP_MM = 1;
 interface Seen {
   readonly state: ViewState;
   readonly view: SliceView;
-}
-
-/** Something that is drawn over a slice. */
-export interface SliceLayer {
-  readonly element: SVGSVGElement;
-  /** `isShown`: outlines are not hidden. */
-  show(view: SliceView, sphere: Sphere, isShown: boolean): void;
-}
-
-export interface SliceListener {
-  /** A drag with the right button. */
-  window(move: Vec2): void;
-  /** A double click, or the button: as large as all panes, or not. */
-  enlarge(plane: Plane): void;
-  /** Who knows the points, and draws slices in the page. */
-  surface(): Pick<Surface, "probe" | "canSlice" | "slice">;
-  /** The cross is put here; `done` when the hand has left. */
-  move(position_in_patient: Vec3, done: boolean): void;
-  complain(problem: unknown): void;
 }
 
 export class SlicePane {
@@ -133,7 +115,9 @@ export class SlicePane {
     const view = this.#view(state);
     const path = this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS));
     // The server is not asked for what follows a "#"; what it drew is drawn again once the page can, also divided.
-    this.#picture.show(`${path}#${state.swipe?.share},${this.#listener.surface().canSlice(state)}`, { state, view });
+    const { moved } = state.layer ?? state.overlay ?? {};
+    const own = [state.swipe?.share, state.has_edges, moved, this.#listener.surface().canSlice(state)];
+    this.#picture.show(`${path}#${own.join()}`, { state, view });
     this.#picture.again();
     setValue(this.#range, view.position_mm);
     // The convention and the cross are the page's own: they need no other picture.
@@ -143,15 +127,22 @@ export class SlicePane {
 
   /** The slice drawn by the page if it can, else by the server. */
   async #load({ path, about: { state, view } }: Wish<Seen>): Promise<HTMLElement> {
-    const drawn = await this.#listener.surface().slice(state, view, this.#outlined ? outlinesOf(state) : []);
+    const drawn = await this.#draw(state, view);
     const label = t("slice.alt", {
       plane: t(`plane.${this.plane}`),
       position: number(view.position_mm, 1),
       depth: number(state.depth_mm, 1),
     });
     if (!drawn) return Object.assign(await served({ path }), { alt: label });
+    drawn.setAttribute("aria-label", label);
+    return drawn;
+  }
+
+  async #draw(state: ViewState, view: SliceView): Promise<HTMLCanvasElement | null> {
+    const drawn = await this.#listener.surface().slice(state, view, this.#outlined ? outlinesOf(state) : []);
+    if (!drawn) return null;
     const { width, height } = drawn;
-    const canvas = h("canvas", { width, height, role: "img", "aria-label": label });
+    const canvas = h("canvas", { width, height, role: "img" });
     canvas.getContext("2d")?.putImageData(drawn, 0, 0);
     return canvas;
   }
@@ -160,8 +151,12 @@ export class SlicePane {
   async placed(ratio: number): Promise<Placed | null> {
     const state = this.#state;
     if (!state) return null;
-    const size = pictureSize(this.#view(state).size, ratio, MOST_SAVED_PIXELS);
-    const picture = await served({ path: this.#path(state, size) });
+    const view = this.#view(state);
+    const path = this.#path(state, pictureSize(view.size, ratio, MOST_SAVED_PIXELS));
+    // The server draws no edges, and no layer where the hand has moved it.
+    const isOwn = this.element.dataset.edges || (state.layer ?? state.overlay)?.moved;
+    const own = isOwn ? await this.#draw({ ...state, swipe: null }, view) : null;
+    const picture = own ?? (await served({ path }));
     return { element: this.#frame, picture, isFlipped: isFlipped(this.plane, state.convention) };
   }
 
@@ -236,7 +231,10 @@ export class SlicePane {
     this.element.dataset.depth = String(state.depth_mm);
     this.element.dataset.overlay = state.overlay?.name ?? "";
     this.element.dataset.layer = state.layer?.id ?? "";
-    this.#mapBar.show(state.overlay);
+    const edges = image instanceof HTMLCanvasElement && edgesLayer(state);
+    this.element.dataset.edges = edges ? edges.name : "";
+    this.element.dataset.moved = String((state.layer ?? state.overlay)?.moved ?? "");
+    this.#mapBar.show(edges ? null : state.overlay);
     this.#overlay.divide(image instanceof HTMLCanvasElement ? state.swipe : null);
     this.#write(this.#state ?? state, this.#view(this.#state ?? state));
   }
@@ -246,15 +244,18 @@ export class SlicePane {
     if (this.#drawn) this.#lay(this.#drawn, view);
     this.#image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
     this.#overlay.letter(sliceEdges(this.plane, state.convention));
-    const side = positionLetter(this.plane, view.position_mm);
+    const place = `${coordinate(view.position_mm, PLANES[this.plane].axis)} mm`;
+    const { edges } = this.element.dataset;
+    const image = state.layer && !edges ? "" : imageWords(this.#shown, this.plane, this.#center(state));
     const badge = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
-    this.#overlay.title(`${t(`plane.${this.plane}`)}\n${side} ${number(Math.abs(view.position_mm), 1)} mm`, badge);
+    const words = [t(`plane.${this.plane}`), place, image, edges && edgesWords(state, this.isLarge)].filter(Boolean);
+    this.#overlay.title(words.join("\n"), badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
     this.#overlay.cursor(state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm), view.size, "lines");
     this.#overlay.twin(this.#twin(state, view), view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
-    this.#range.setAttribute("aria-valuetext", `${side} ${number(Math.abs(view.position_mm), 1)} mm`);
+    this.#range.setAttribute("aria-valuetext", words.slice(1).join(", "));
   }
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
@@ -386,6 +387,3 @@ export class SlicePane {
     });
   }
 }
-
-const LETTERS = { axial: ["S", "I"], coronal: ["P", "A"], sagittal: ["L", "R"] } as const;
-const positionLetter = (plane: Plane, position_mm: number): string => LETTERS[plane][position_mm < 0 ? 1 : 0];

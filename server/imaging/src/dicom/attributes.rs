@@ -151,6 +151,10 @@ pub struct Instance {
     /// The frame in a multi-frame image, from 1.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub frame: Option<usize>,
+    /// The number of the image in its series, or of the frame in a multi-frame image; `None` in layers and in sources
+    /// that were read by an earlier version.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub number: Option<i64>,
 }
 
 /// The tags and keywords of the attributes that are stored with a case.

@@ -82,8 +82,14 @@ pub fn convert(
             what: "a PET series as a case: upload the T1, and the PET as a layer of it",
         });
     }
-    let (nifti, attributes) = read_series(files, &series, options.allow_gaps, limits)
+    let (nifti, mut attributes) = read_series(files, &series, options.allow_gaps, limits)
         .map_err(|error| error.of_series(series.summary(), &others))?;
+    if options.purpose == Purpose::Layer {
+        // No answer about a layer states them, and what is stored is part of its id.
+        for instance in &mut attributes.instances {
+            instance.number = None;
+        }
+    }
     Ok(Converted {
         nifti,
         attributes,
@@ -291,11 +297,12 @@ fn instances(series: &Series, stack: &Stack) -> Vec<Instance> {
     frames
         .map(|index| {
             let image = &series.images[index.image];
-            let several = image.frames.as_ref().is_ok_and(|frames| frames.len() > 1);
+            let frames = image.frames.as_deref().unwrap_or_default();
             Instance {
                 sop_class_uid: image.sop_class_uid.clone(),
                 sop_instance_uid: image.sop_instance_uid.clone(),
-                frame: several.then_some(index.frame + 1),
+                frame: (frames.len() > 1).then_some(index.frame + 1),
+                number: frames.get(index.frame).map(|frame| frame.instance),
             }
         })
         .collect()

@@ -210,6 +210,7 @@ mod tests {
                 sop_class_uid: "1.2".to_owned(),
                 sop_instance_uid: "1.2.3.4".to_owned(),
                 frame: None,
+                number: Some(7),
             }],
             interpolated_slices: vec![3],
         };

@@ -33,7 +33,7 @@ pub(super) const RESOLVE: &str = shaded!("sight", "resolve", "multisampled");
 pub(super) const REDUCE: &str = shaded!("sight", "resolve", "enlarged");
 
 /// A slice: `screen_vertex`, `slice_shaded`. The page draws with it; [`draw_slice`](crate::draw_slice) is its twin.
-pub(super) const SLICE: &str = shaded!("sight", "slice");
+pub(super) const SLICE: &str = shaded!("sight", "edges", "slice");
 
 /// A stage of a shader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

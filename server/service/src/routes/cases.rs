@@ -14,7 +14,7 @@ use super::layers::MapsView;
 use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::sent::json_body;
 use case::Quality;
-use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, MaskKind};
+use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind};
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
 use http_support::problem::{AppError, Problem};
@@ -156,6 +156,13 @@ pub struct VolumeView {
     /// unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     sequence: Option<String>,
+    /// The number of the DICOM series; absent if unknown.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    series_number: Option<i64>,
+    /// The numbers of the DICOM images (of the frames, if one image has them all) that are slices of the volume, along its third
+    /// axis, in runs of even steps; interpolated slices are in none. Absent if unknown, or if two images have the same number.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    images: Vec<ImageRun>,
 }
 
 /// A sphere in the patient.
@@ -322,6 +329,8 @@ impl From<Case> for CaseView {
 impl From<CaseFacts> for ReadyView {
     fn from(facts: CaseFacts) -> Self {
         let window = window_of(&facts);
+        let dicom = facts.dicom;
+        let known = dicom.as_ref();
         Self {
             grid: GridView {
                 size: facts.grid_size,
@@ -332,12 +341,10 @@ impl From<CaseFacts> for ReadyView {
                 size: facts.native_size,
                 spacing_mm: facts.native_spacing_mm,
                 patient_from_voxel: facts.native_patient_from_voxel,
-                sequence: facts
-                    .dicom
-                    .as_ref()
-                    .and_then(|dicom| dicom.sequence.clone()),
-                interpolated_slices: facts
-                    .dicom
+                sequence: known.and_then(|dicom| dicom.sequence.clone()),
+                series_number: known.and_then(|dicom| dicom.series_number),
+                images: known.map_or_else(Vec::new, |dicom| dicom.images.clone()),
+                interpolated_slices: dicom
                     .map(|dicom| dicom.interpolated_slices)
                     .unwrap_or_default(),
             },
