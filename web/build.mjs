@@ -182,7 +182,9 @@ async function membersOfItsOwn() {
   const text = (await sources()).join("\n");
   const declared = text.matchAll(/^ {2}(?:readonly |async |get |\*)*([a-z]+[A-Z]\w*)\??[(:<]/gm);
   const words = await readFile(path.join(web, "src/words.en.json"), "utf8");
-  const isData = (name) => text.includes(`dataset.${name}`) || words.includes(`{${name}}`);
+  // The second script exports its parts under their own names.
+  const parts = (await readFile(path.join(web, LATER), "utf8")).match(/\w+/g);
+  const isData = (name) => text.includes(`dataset.${name}`) || words.includes(`{${name}}`) || parts.includes(name);
   const names = [...OWN.split(/\s+/), ...[...declared].map(([, name]) => name)].filter((name) => !isData(name));
   return new RegExp(`^(${[...new Set(names)].join("|")})$`);
 }
