@@ -48,7 +48,7 @@ pub struct Parameters {
     pub offset_mm: f64,
     /// A label for lists: at most [`Parameters::MAX_NAME_LENGTH`] characters, without control characters.
     ///
-    /// It does not affect the [`CaseId`]: another upload of the same input renames the case.
+    /// It does not affect the [`CaseId`](crate::CaseId): another upload of the same input renames the case.
     pub name: Option<String>,
 }
 
