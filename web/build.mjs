@@ -174,7 +174,7 @@ async function sources() {
 
 /** Long names of members that, like those in camelCase, no JSON, shader, attribute or browser has. */
 const OWN = `about announce averages_shallow bare_window comparison complain contour_count contours_mm convention crosshair_mm
-  equipment fetched gradients measured mm_per_pixel outlines_mm painter pictures placing
+  equipment fetched gradients measured mm_per_pixel mm_per_s outlines_mm painter pictures placing
   points_per_contour preferences trouble unread voxel_from_patient voxels wanted`;
 
 /** Finds the members that only the page names: JSON has none in camelCase, and the minifier leaves those of the browser. */

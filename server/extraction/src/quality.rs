@@ -287,7 +287,7 @@ impl Quality {
         self.say(review_if(height < LEAST_HEIGHT * length), "mask-flat", || {
             format!(
                 "the mask is {height:.0} mm high and {length:.0} mm long, but a brain is at least 0.65 times as high as long; is the \
-                 slice distance correct?"
+                 slice distance correct, and is the brain complete?"
             )
         });
         self.say(review_if(length < width || length < height), "axes-length", || {

@@ -145,7 +145,7 @@ fn doubt_of_overlap(overlap: f64) -> Option<Doubt> {
     };
     doubt(verdict, "mask-overlap", || {
         format!(
-            "the mask and the brain found by the network overlap by {overlap:.3} (Dice); a correct mask reaches 0.97"
+            "the mask and the brain found by the network overlap by {overlap:.3} (Dice); a correct mask reaches {SURE_OVERLAP}"
         )
     })
 }

@@ -91,7 +91,8 @@ impl BrainMask {
         areas
     }
 
-    /// The number of brain voxels within the first and the last voxels of a volume along each axis.
+    /// The number of brain voxels within the first and the last voxels of a volume along each axis. What a mask marks beyond the
+    /// volume does not count.
     pub(crate) fn touched_voxels(&self, volume_grid: &Grid) -> [[u64; 2]; 3] {
         let grid = self.mask().grid();
         let volume_from_brain = volume_grid.voxel_from_patient() * grid.patient_from_voxel();
@@ -102,8 +103,9 @@ impl BrainMask {
             let centre = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
             let place = volume_from_brain.transform_point3(centre);
             for (axis, [first, last]) in voxels.iter_mut().enumerate() {
-                *first += u64::from(place[axis] < 0.5);
-                *last += u64::from(place[axis] > sides[axis] - 1.5);
+                *first += u64::from((-0.5..0.5).contains(&place[axis]));
+                let from_last = sides[axis] - 1.0 - place[axis];
+                *last += u64::from((-0.5..0.5).contains(&from_last));
             }
         }
         voxels
@@ -148,6 +150,16 @@ mod tests {
             let expected = if touched { 4.0 } else { 0.0 };
             assert!((area - expected).abs() < 1e-9, "{}: {area}", face.name());
         }
+    }
+
+    #[test]
+    fn what_a_mask_marks_beyond_the_volume_does_not_touch_its_face() {
+        let (brain, grid) = block([0, 5, 5], [9, 14, 14]);
+        let inwards = DAffine3::from_translation(DVec3::X * 4.0);
+        let smaller = Grid::new([16, 24, 28], grid.patient_from_voxel() * inwards).unwrap();
+        let areas = brain.cut_area_cm2(&smaller);
+        assert!((areas[Face::Left as usize] - 4.0).abs() < 1e-9, "{areas:?}");
+        assert!((areas.iter().sum::<f64>() - 4.0).abs() < 1e-9, "{areas:?}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 import type { ReadyCase } from "../model/case.ts";
 import { type ViewState, shallowMean, slabOf } from "../model/state.ts";
-import { number, t } from "./i18n.ts";
+import { intensity, number, t } from "./i18n.ts";
 import { type Vec3, inverted, transform } from "../model/space.ts";
 
 const SIDES = [
@@ -47,8 +47,11 @@ export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: 
   return { mm, pixels: mm / mm_per_pixel };
 }
 
-/** The depth of a position; outside of the envelope it has none, and beside a cut it is unknown. */
-export function depthAtWords(depth_mm: number): string {
-  if (Number.isNaN(depth_mm)) return "–";
-  return depth_mm <= -0.05 ? t("point.outside") : `${number(depth_mm, 1)} mm`;
+/** An intensity; a dash where it is unknown. */
+export const greyWords = (value?: number | null): string => (Number.isFinite(value) ? intensity(Number(value)) : "–");
+
+/** The depth of a position; outside of the envelope it has none. A dash where it is unknown, as beside a cut. */
+export function depthAtWords(depth_mm = NaN): string {
+  if (depth_mm <= -0.05) return t("point.outside");
+  return Number.isFinite(depth_mm) ? `${number(depth_mm, 1)} mm` : "–";
 }

@@ -110,7 +110,7 @@ function patientFromFrame(look: Look, { plane }: Maps, { positionOf }: Projectio
 
 function inverse(affine: Affine): Affine {
   const other = inverted(affine);
-  if (!other) throw new RangeError("An affine of a case has no inverse.");
+  if (!other) throw new RangeError("no inverse");
   return other;
 }
 
@@ -150,14 +150,13 @@ export function slabOffsets(slab_mm: number, depth_mm: number, native_spacing_mm
 function cutPlanes({ field, cuts, spacing_mm }: Maps, depth_mm: number): number[] {
   const rows = field.patient_from_voxel;
   const least_mm = depth_mm + CUT_REACH * spacing_mm;
-  const planes = cuts.slice(0, MOST_CUTS).flatMap(({ normal, offset_mm }) => {
-    const along = [0, 1, 2, 3].map((column) =>
-      normal.reduce((sum, share, row) => sum + share * (rows[row]?.[column] ?? 0), 0),
-    );
-    return [...along.slice(0, 3), (along[3] ?? 0) - offset_mm - least_mm];
-  });
-  const none = Array.from({ length: MOST_CUTS - planes.length / 4 }, () => [0, 0, 0, 1e9]);
-  return [...planes, ...none.flat()];
+  const planes = cuts.flatMap(({ normal, offset_mm }) =>
+    [0, 0, 0, -offset_mm - least_mm].map((from, column) =>
+      normal.reduce((sum, share, row) => sum + share * (rows[row]?.[column] ?? 0), from),
+    ),
+  );
+  while (planes.length < 4 * MOST_CUTS) planes.push(0, 0, 0, 1e9);
+  return planes;
 }
 
 /** The threshold of a map that has none. */

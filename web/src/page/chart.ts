@@ -2,6 +2,7 @@
 
 import { h, setText, svg } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
+import { greyWords } from "../base/readout.ts";
 import type { Curve, Measured, Profile } from "../model/profile.ts";
 import { paintSvg } from "../panes/paint-svg.ts";
 import { button, row } from "./fields.ts";
@@ -136,7 +137,7 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
     pointer.setAttribute("visibility", "visible");
     // Two columns are the two sides of one curve.
     const parts = ["", ...layers.map(({ name }) => `${name} `)].map((name, index) => {
-      const [own, mirrored] = [0, 1].map((side) => valueWords(columns[2 * index + side]?.[at]));
+      const [own, mirrored] = [0, 1].map((side) => greyWords(columns[2 * index + side]?.[at]));
       return name + t("profile.both", { own: own ?? "", mirrored: mirrored ?? "" });
     });
     setText(read, `${number(depth, 2)} mm: ${parts.join(" · ")}`);
@@ -206,8 +207,6 @@ function saveTable(profile: Profile, { name, measured }: ProfileUses): void {
   saveFile(new Blob([profileCsv(profile, layers)], { type: "text/csv" }), `${name}-profile.csv`);
 }
 
-const valueWords = (value = NaN): string => (Number.isFinite(value) ? intensity(value) : "–");
-
 /** The profile at whole millimetres. */
 function tableOf(
   { depth_mm }: Profile,
@@ -217,7 +216,7 @@ function tableOf(
   const rows = depth_mm.flatMap((depth, index) => {
     const before = depth_mm[index - 1];
     if (before !== undefined && Math.floor(before + 1e-6) === Math.floor(depth + 1e-6)) return [];
-    const cells = columns.map((values) => h("td", {}, valueWords(values[index])));
+    const cells = columns.map((values) => h("td", {}, greyWords(values[index])));
     return [h("tr", {}, h("th", { scope: "row" }, number(depth, 1)), ...cells)];
   });
   const mirrored = t("profile.mirrored");

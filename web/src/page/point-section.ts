@@ -4,8 +4,8 @@ import { h, quiet, setText } from "../base/dom.ts";
 import type { ReadyCase } from "../model/case.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec3 } from "../model/space.ts";
-import { intensity, number, t } from "../base/i18n.ts";
-import { depthAtWords, positionWords, voxelAt } from "../base/readout.ts";
+import { number, t } from "../base/i18n.ts";
+import { depthAtWords, greyWords, positionWords, voxelAt } from "../base/readout.ts";
 import type { Actions } from "./actions.ts";
 import { button, row } from "./fields.ts";
 
@@ -77,7 +77,7 @@ export function pointWords(shown: ReadyCase, position: Vec3, known: Partial<Pick
   return {
     position: positionWords(position),
     voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
-    depth: depth_mm === undefined ? "–" : depthAtWords(depth_mm),
-    intensity: grey === undefined || grey === null || !Number.isFinite(grey) ? "–" : intensity(grey),
+    depth: depthAtWords(depth_mm),
+    intensity: greyWords(grey),
   };
 }

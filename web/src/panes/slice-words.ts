@@ -2,7 +2,7 @@
 
 import { t } from "../base/i18n.ts";
 import { voxelAt } from "../base/readout.ts";
-import type { ImageRun, ReadyCase } from "../model/case.ts";
+import type { ReadyCase } from "../model/case.ts";
 import { PLANES, type Plane } from "../model/query.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type ViewState, edgesLayer } from "../model/state.ts";
@@ -21,12 +21,11 @@ export function imageWords(shown: ReadyCase, plane: Plane, position_in_patient: 
   const run = images.find((one) => slice >= one.slice && slice < one.slice + one.count);
   const isAcquired = Math.abs(patient_from_voxel[PLANES[plane].axis]?.[2] ?? 0) >= SAME_PLANE * spacing_mm[2];
   if (!run || !isAcquired) return "";
-  const numberOf = ({ number, step }: ImageRun, at: number): number => number + at * step;
   const count = images.reduce((sum, one) => sum + one.count, 0);
-  const isWithin = (number: number): boolean => number >= 1 && number <= count;
+  const ends = images.flatMap((one) => [one.number, one.number + (one.count - 1) * one.step]);
   // Numbers that are not counted from 1 are not "of" a count.
-  const isCounted = images.every((one) => [0, one.count - 1].every((at) => isWithin(numberOf(one, at))));
-  const words = t(isCounted ? "image.of" : "image.alone", { number: numberOf(run, slice - run.slice), count });
+  const key = ends.every((end) => end >= 1 && end <= count) ? "image.of" : "image.alone";
+  const words = t(key, { number: run.number + (slice - run.slice) * run.step, count });
   return series_number === undefined ? words : `${words}, ${t("image.series", { number: series_number })}`;
 }
 

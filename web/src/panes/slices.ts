@@ -3,8 +3,8 @@
 import type { ReadyCase } from "../model/case.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
-import { intensity, number, t } from "../base/i18n.ts";
-import { coordinate, depthAtWords, positionWords } from "../base/readout.ts";
+import { number, t } from "../base/i18n.ts";
+import { coordinate, depthAtWords, greyWords, positionWords } from "../base/readout.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
@@ -325,9 +325,7 @@ export class SlicePane {
     this.#hovered.hidden = !position;
     if (!position) return;
     const probed = this.#listener.surface().probe(position);
-    const known = probed
-      ? `  ${depthAtWords(probed.depth_mm)}  ${Number.isFinite(probed.intensity) ? intensity(probed.intensity) : "–"}`
-      : "";
+    const known = probed ? `  ${depthAtWords(probed.depth_mm)}  ${greyWords(probed.intensity)}` : "";
     setText(this.#hovered, `${positionWords(position)}${known}`);
   }
 
