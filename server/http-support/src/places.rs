@@ -7,8 +7,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::task::AbortHandle;
 
-/// Connections beyond the cap, for health checks. The newest are kept, because a health check takes milliseconds.
-const SPARE: usize = 64;
+/// Connections beyond the cap, for health checks. The newest are kept, because a health check takes milliseconds; there are
+/// so many that a burst of others does not end one meanwhile.
+const SPARE: usize = 256;
 
 /// Places for connections.
 #[derive(Debug, Clone)]
