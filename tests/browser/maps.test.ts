@@ -153,7 +153,12 @@ test(
           ["superior", 16],
         ] as const) {
           await show(page, `#${id}&r=${way}&d=${depth_mm}&v=${view}&b=${overlayText(overlay)}`, way);
-          assert.equal(await page.locator("#surface").getAttribute("data-overlay"), name);
+          // The first frame may come before the map's voxels.
+          await seen(page, name);
+          await page.waitForSelector("canvas.cortex[data-quality=full]");
+          await page.evaluate(
+            () => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))),
+          );
           const mesh = renderer === "mesh" ? `&${MESH}` : "";
           const plain =
             `/v1/cases/${id}/render?depth_mm=${depth_mm}&view=${view}&renderer=${renderer}${mesh}` +
