@@ -294,7 +294,7 @@ impl Plot {
     }
 }
 
-/// A range whose logarithm reaches downwards by a third more, for the legend.
+/// The range, extended downwards by a third of its length on a logarithmic axis: room for the legend.
 fn with_room_below(range: std::ops::Range<f64>) -> std::ops::Range<f64> {
     range.start * (range.start / range.end).cbrt()..range.end
 }

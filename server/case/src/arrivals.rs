@@ -183,7 +183,7 @@ pub struct DueTerms {
     pub lease: Duration,
 }
 
-/// The reason of a series that became a layer, whose state is that of a case.
+/// The reason of a series that became a layer. Its state is the one of a series that became a case.
 pub const BECAME_LAYER: &str = "series-is-layer";
 
 /// The reason of a series that is not T1-weighted. It waits for a case of its study, to become a layer of it.

@@ -130,7 +130,7 @@ pub struct DicomFacts {
     pub images: Vec<ImageRun>,
 }
 
-/// Neighbouring slices of a volume whose images have evenly spaced numbers.
+/// Neighbouring slices of a volume. The numbers of their images are evenly spaced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ImageRun {

@@ -1,4 +1,4 @@
-//! A limit whose turns go to clients in a fair order.
+//! A limit on concurrent work that gives each client its turn.
 
 use std::collections::{HashMap, VecDeque};
 use std::net::IpAddr;

@@ -32,23 +32,17 @@ pub(crate) fn leave_bare(planes: &[CutPlane], rays: &Rays, row: usize, points: &
         let place = rays
             .through(column as f32 + 0.5, row as f32 + 0.5)
             .at(*height);
-        if height.is_finite() && !is_known(planes, place) {
+        if height.is_finite() && deepest_known_mm(planes, place) < 0.0 {
             *height = f32::NEG_INFINITY;
         }
     }
 }
 
-/// The greatest depth that is known at a place in voxel coordinates of the depth field, in mm; `planes` are the
-/// [`cut_planes`] at depth 0.
-pub(crate) fn deepest_known_mm(planes: &[CutPlane], place: [f32; 3]) -> f32 {
-    let distances = planes.iter().map(|plane| distance(*plane, place));
+/// How much deeper than the depth of the [`cut_planes`] the isosurface is known at a place in voxel coordinates of the
+/// depth field, in mm. Negative: at that depth it is unknown.
+pub(crate) fn deepest_known_mm(planes: &[CutPlane], [x, y, z]: [f32; 3]) -> f32 {
+    let distances = planes.iter().map(|[along_x, along_y, along_z, offset]| {
+        along_x * x + along_y * y + along_z * z + offset
+    });
     distances.fold(f32::INFINITY, f32::min)
-}
-
-fn is_known(planes: &[CutPlane], place: [f32; 3]) -> bool {
-    planes.iter().all(|&plane| distance(plane, place) >= 0.0)
-}
-
-fn distance([along_x, along_y, along_z, offset]: CutPlane, [x, y, z]: [f32; 3]) -> f32 {
-    along_x * x + along_y * y + along_z * z + offset
 }

@@ -21,7 +21,7 @@ pub use self::reader::ArrivalReader;
 /// Which series become cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SeriesRule {
-    /// Those whose names or timing indicate a T1-weighted image.
+    /// Series that are T1-weighted by their name or their timing.
     #[default]
     T1,
     /// All that make a volume.
@@ -79,7 +79,7 @@ impl Cases {
         Ok(self.store().receive(images, source).await?)
     }
 
-    /// Images whose files and UIDs have lost the identity of the patient.
+    /// The images, with the patient's identity removed from their files and UIDs.
     async fn without_identity(
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,

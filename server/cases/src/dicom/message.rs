@@ -77,7 +77,7 @@ pub(super) struct HeadersOrder {
     pub(super) seconds: u64,
 }
 
-/// A file whose header to read.
+/// An order to read the header of a file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FileOrder {

@@ -40,7 +40,7 @@ pub struct Pacs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SeriesUse {
-    /// Those whose names or timing indicate a T1-weighted image.
+    /// Series that are T1-weighted by their name or their timing.
     #[default]
     T1,
     /// All that make a volume.

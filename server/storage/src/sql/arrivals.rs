@@ -200,15 +200,10 @@ pub(super) async fn settle(
             (ArrivalState::Receiving, None, None, at)
         }
     };
-    if let Some(case) = &case {
-        let row = connection
-            .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS there")
-            .bind(case)
-            .fetch_one()
-            .await?;
-        if !row.get::<bool>("there")? {
-            return Ok(false);
-        }
+    if let Some(case) = &case
+        && !connection.has_case(case).await?
+    {
+        return Ok(false);
     }
     // A series that became nothing after late images is still the case that it was before.
     let settled = connection
@@ -411,22 +406,6 @@ async fn remove(connection: &mut Connection, id: &str, now: i64) -> Result<(), S
         .execute()
         .await?;
     Ok(())
-}
-
-/// Whether an arrival refers to an object.
-pub(super) async fn needs(
-    connection: &mut Connection,
-    name: &ObjectName,
-) -> Result<bool, StoreError> {
-    if name.kind != ObjectKind::Instance {
-        return Ok(false);
-    }
-    let row = connection
-        .query("SELECT EXISTS (SELECT 1 FROM arrival_instances WHERE digest = $1) AS needed")
-        .bind(name.digest.to_string())
-        .fetch_one()
-        .await?;
-    row.get("needed")
 }
 
 pub(super) async fn end_leases(connection: &mut Connection) -> Result<(), StoreError> {

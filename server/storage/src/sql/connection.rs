@@ -109,6 +109,16 @@ impl Connection {
         }
     }
 
+    /// Whether there is a case with this id.
+    pub(super) async fn has_case(&mut self, id: &str) -> Result<bool, StoreError> {
+        let row = self
+            .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS found")
+            .bind(id)
+            .fetch_one()
+            .await?;
+        row.get("found")
+    }
+
     /// Microseconds since 1970 by the database's clock.
     pub(super) async fn now(&mut self) -> Result<i64, StoreError> {
         let sql = match self {

@@ -27,7 +27,7 @@ pub(super) async fn insert(
     new: &NewLayer,
     now: i64,
 ) -> Result<InsertedLayer, StoreError> {
-    if !is_a_case(connection, &new.case).await? {
+    if !connection.has_case(&new.case.to_string()).await? {
         return Ok(InsertedLayer::NoCase);
     }
     let others = of_case(connection, &new.case).await?;
@@ -61,15 +61,6 @@ pub(super) async fn insert(
         Some(_) => InsertedLayer::Requeued,
         None => InsertedLayer::Created,
     })
-}
-
-async fn is_a_case(connection: &mut Connection, case: &CaseId) -> Result<bool, StoreError> {
-    let row = connection
-        .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS found")
-        .bind(case.to_string())
-        .fetch_one()
-        .await?;
-    row.get("found")
 }
 
 /// The name of a new layer; `None` if a given one is taken.

@@ -7,7 +7,7 @@ use super::{fence, pins};
 use crate::arrivals::{TransferEnd, TransferState, Uid};
 use crate::results::{HeldResult, NewResult, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
-use case::{CaseId, ObjectKind};
+use case::CaseId;
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
@@ -228,22 +228,6 @@ pub(super) async fn abandon_of_case(
 async fn abandon(connection: &mut Connection, rows: &[Row], now: i64) -> Result<(), StoreError> {
     let objects = rows.iter().map(read_object).collect::<Result<_, _>>()?;
     pins::abandon(connection, objects, now).await
-}
-
-/// Whether a result refers to an object.
-pub(super) async fn needs(
-    connection: &mut Connection,
-    name: &ObjectName,
-) -> Result<bool, StoreError> {
-    if name.kind != ObjectKind::Result {
-        return Ok(false);
-    }
-    let row = connection
-        .query("SELECT EXISTS (SELECT 1 FROM results WHERE digest = $1) AS needed")
-        .bind(name.digest.to_string())
-        .fetch_one()
-        .await?;
-    row.get("needed")
 }
 
 pub(super) async fn end_leases(connection: &mut Connection) -> Result<(), StoreError> {
