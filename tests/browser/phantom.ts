@@ -46,3 +46,79 @@ export const markedVolume = (seed = 0): Buffer =>
     !isBrain(x, y, z) ? 0 : isMark(x, y, z) ? 1000 : Math.round(300 + 20 * Math.sin((x + y + z + seed) / 9)),
   );
 export const brainMask = (): Buffer => nifti((x, y, z) => (isBrain(x, y, z) ? 1 : 0));
+
+/** An element of DICOM in Explicit VR Little Endian. */
+function element(tag: number, vr: string, value: string | Buffer): Buffer {
+  const padded = typeof value === "string" ? Buffer.from(value) : value;
+  const filler = Buffer.alloc(padded.length % 2, vr === "UI" ? 0 : 32);
+  const length = padded.length + filler.length;
+  const isLong = vr === "OB" || vr === "OW";
+  const head = Buffer.alloc(isLong ? 12 : 8);
+  head.writeUInt16LE(tag >>> 16, 0);
+  head.writeUInt16LE(tag & 0xffff, 2);
+  head.write(vr, 4, "latin1");
+  if (isLong) head.writeUInt32LE(length, 8);
+  else head.writeUInt16LE(length, 6);
+  return Buffer.concat([head, padded, filler]);
+}
+
+const short = (value: number): Buffer => Buffer.from(Uint16Array.of(value).buffer);
+
+/** The marked head as a series of DICOM files, a slice each, with whose head it is. */
+export function markedSeries(patient: { readonly name: string; readonly id: string }): Buffer[] {
+  const [columns, rows, slices] = SIZE;
+  const at = (index: number, axis: 0 | 1 | 2): number => (index - (SIZE[axis] - 1) / 2) * EDGE_MM;
+  return Array.from({ length: slices }, (_, slice) => {
+    const pixels = Buffer.alloc(2 * rows * columns);
+    // Columns go to the patient's left, rows backwards.
+    for (let y = 0; y < rows; y += 1)
+      for (let x = 0; x < columns; x += 1) {
+        const [right, front, up] = [-at(x, 0), -at(y, 1), at(slice, 2)];
+        const value = isMark(right, front, up) ? 1000 : 300 + 20 * Math.sin((right + front + up) / 9);
+        pixels.writeUInt16LE(isBrain(right, front, up) ? Math.round(value) : 0, 2 * (y * columns + x));
+      }
+    const instance = `1.2.3.4.${slice + 1}`;
+    const meta = [
+      element(0x00020001, "OB", Buffer.from([0, 1])),
+      element(0x00020002, "UI", "1.2.840.10008.5.1.4.1.1.4"),
+      element(0x00020003, "UI", instance),
+      element(0x00020010, "UI", "1.2.840.10008.1.2.1"),
+    ];
+    const length = Buffer.alloc(4);
+    length.writeUInt32LE(Buffer.concat(meta).length);
+    return Buffer.concat([
+      Buffer.alloc(128),
+      Buffer.from("DICM"),
+      element(0x00020000, "UL", length),
+      ...meta,
+      element(0x00080005, "CS", "ISO_IR 192"),
+      element(0x00080016, "UI", "1.2.840.10008.5.1.4.1.1.4"),
+      element(0x00080018, "UI", instance),
+      element(0x00080020, "DA", "20261101"),
+      element(0x00080060, "CS", "MR"),
+      element(0x0008103e, "LO", "t1 phantom"),
+      element(0x00100010, "PN", patient.name),
+      element(0x00100020, "LO", patient.id),
+      element(0x00100030, "DA", "19670312"),
+      element(0x00100040, "CS", "F"),
+      element(0x00180050, "DS", String(EDGE_MM)),
+      element(0x0020000d, "UI", "1.2.3"),
+      element(0x0020000e, "UI", "1.2.3.4"),
+      element(0x00200011, "IS", "4"),
+      element(0x00200013, "IS", String(slice + 1)),
+      element(0x00200032, "DS", `${at(0, 0)}\\${at(0, 1)}\\${at(slice, 2)}`),
+      element(0x00200037, "DS", "1\\0\\0\\0\\1\\0"),
+      element(0x00200052, "UI", "1.2.3.9"),
+      element(0x00280002, "US", short(1)),
+      element(0x00280004, "CS", "MONOCHROME2"),
+      element(0x00280010, "US", short(rows)),
+      element(0x00280011, "US", short(columns)),
+      element(0x00280030, "DS", `${EDGE_MM}\\${EDGE_MM}`),
+      element(0x00280100, "US", short(16)),
+      element(0x00280101, "US", short(16)),
+      element(0x00280102, "US", short(15)),
+      element(0x00280103, "US", short(0)),
+      element(0x7fe00010, "OW", pixels),
+    ]);
+  });
+}

@@ -171,7 +171,7 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
 async function servePage(context: BrowserContext): Promise<void> {
   const folder = process.env.ISOCORTEX_PAGE;
   if (!folder) return;
-  const file = /^\/(|[\w-]+\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
+  const file = /^\/(|main\.js|later-parts-\w+\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
   await context.route(
     (url) => file.test(url.pathname),
     async (route) => {

@@ -73,6 +73,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /dicomweb/studies/{study}/series/{series}/rendered3D",
         "get /dicomweb/studies/{study}/series/{series}/rendered",
         "get /dicomweb/studies/{study}/series/{series}/thumbnail",
+        "get /v1/pacs",
         "get /v1/arrivals",
         "get /v1/arrivals/{id}",
         "post /v1/retrievals",

@@ -348,6 +348,73 @@ async fn a_case_without_a_patient_is_refused_unless_the_request_names_the_study(
     assert_eq!(missing.problem(), "no-such-result");
 }
 
+/// Requests the preview of a result.
+async fn preview(server: &Server, case: &str, body: &Value) -> Answer {
+    let request = Request::post(format!("{case}/dicom-results")).header("accept", "image/png");
+    let request = request.body(Body::from(body.to_string()));
+    server.send(request.unwrap()).await
+}
+
+#[tokio::test]
+async fn a_preview_has_the_pixels_of_the_object_and_nothing_is_sent() {
+    let (port, received) = busy_node(0).await;
+    let address = format!("http://127.0.0.1:{port}/rs");
+    let neighbour = Neighbour::start(|config| add_node(config, "archive", address)).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    for body in [
+        json!({"what": "view", "render": small(), "node": "archive"}),
+        json!({"what": "sheet", "render": {"width": 160, "height": 120}}),
+        json!({"what": "cine", "render": small(), "cine": {"frames": 4}}),
+    ] {
+        let shown = preview(server, &case, &body).await;
+        assert_eq!(shown.status, 200, "{shown:?}");
+        assert_eq!(shown.header("content-type"), "image/png");
+        assert_eq!(shown.header("cache-control"), "no-store");
+        let pixels = image::load_from_memory(&shown.body).unwrap().into_rgb8();
+        let mut unsent = body.clone();
+        unsent.as_object_mut().unwrap().remove("node");
+        let object = result(server, &case, &unsent).await;
+        let found = memchr::memmem::find(&object.body, pixels.as_raw());
+        assert!(found.is_some(), "{body}");
+    }
+    for what in ["envelope", "mask"] {
+        let refused = preview(server, &case, &json!({"what": what})).await;
+        assert_eq!(refused.status, 406, "{what}");
+    }
+    assert!(received.lock().unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn the_page_learns_the_nodes_and_whether_it_may_show_the_patient() {
+    let pacs = async |configure: fn(&mut Config)| {
+        let neighbour = Neighbour::start(configure).await;
+        neighbour.server.get("/v1/pacs").await.json()
+    };
+    let nothing = json!({"nodes": [], "patient_banner": false});
+    assert_eq!(pacs(|_| {}).await, nothing);
+    let all = pacs(|config| {
+        add_node(config, "archive", "http://127.0.0.1:9/".into());
+        config.page.patient_banner = true;
+    });
+    let expected = json!({"nodes": ["archive"], "patient_banner": true});
+    assert_eq!(all.await, expected);
+    // Without identities there is nothing to show, and nothing to send.
+    let without = pacs(|config| {
+        add_node(config, "archive", "http://127.0.0.1:9/".into());
+        config.page.patient_banner = true;
+        config.pacs.deidentify = true;
+    });
+    assert_eq!(without.await, nothing);
+    let neighbour = Neighbour::start(|_| {}).await;
+    let script = neighbour.server.get("/pacs.js").await;
+    assert_eq!(script.status, 200);
+    assert_eq!(
+        script.header("content-type"),
+        "text/javascript; charset=utf-8"
+    );
+}
+
 /// A node that is busy at first, and keeps what it is sent.
 async fn busy_node(busy: u32) -> (u16, Arc<std::sync::Mutex<Vec<Bytes>>>) {
     let received = Arc::<std::sync::Mutex<Vec<Bytes>>>::default();

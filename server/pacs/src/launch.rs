@@ -34,7 +34,8 @@ pub(crate) async fn style() -> Response {
     document(include_str!("launch/launch.css"), "text/css; charset=utf-8")
 }
 
-fn document(text: &'static str, kind: &'static str) -> Response {
+/// A document of this program.
+pub(crate) fn document(text: &'static str, kind: &'static str) -> Response {
     let mut response = Response::new(Body::from(text));
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));

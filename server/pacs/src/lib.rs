@@ -15,6 +15,7 @@ mod hooks;
 mod launch;
 pub mod multipart;
 pub mod node;
+mod page;
 mod parts;
 mod query;
 mod rendered;
@@ -64,6 +65,7 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
         .routes(routes!(rendered::picture_of_series))
         .routes(routes!(rendered::thumbnail_of_series))
         .routes(routes!(launch::find_launched))
+        .routes(routes!(page::get_pacs))
         .split_for_parts();
     // The standard spells the word in two ways.
     let routes = routes
@@ -78,10 +80,12 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
     (routes.with_state(pacs.clone()), description)
 }
 
-/// The page that opens a case by the UIDs of its study. It holds no data, so it needs no token.
+/// The page that opens a case by the UIDs of its study, and what the viewer adds to a case from DICOM. They hold no data,
+/// so they need no token.
 pub fn open_routes() -> Router {
     Router::new()
         .route("/launch", get(launch::page))
         .route("/launch.js", get(launch::script))
         .route("/launch.css", get(launch::style))
+        .route("/pacs.js", get(page::script))
 }

@@ -35,6 +35,8 @@ pub struct Options {
     pub nodes: Vec<Node>,
     /// Whether the images that cases were made of are served.
     pub serves_source: bool,
+    /// Whether the page shows whose head it is.
+    pub shows_patient: bool,
     /// How errors become answers.
     pub problems: Problems,
 }
@@ -76,6 +78,10 @@ impl Pacs {
 
     pub(crate) fn nodes(&self) -> &[Node] {
         &self.inner.options.nodes
+    }
+
+    pub(crate) fn shows_patient(&self) -> bool {
+        self.inner.options.shows_patient
     }
 
     pub(crate) fn serves_source(&self) -> bool {

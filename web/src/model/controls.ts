@@ -189,7 +189,9 @@ export type LayerCommand =
 
 /** What a key asks for. */
 export type Command =
-  ChangingCommand | LayerCommand | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" };
+  | ChangingCommand
+  | LayerCommand
+  | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" | "patient" };
 
 /** A key, as a keyboard event has it. */
 export interface Key {
@@ -227,6 +229,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   t: { kind: "map", name: "intensity-asymmetry" },
   s: { kind: "map", name: "sharpness" },
   j: { kind: "map", name: "junction" },
+  p: { kind: "patient" },
   " ": { kind: "play" },
   Enter: { kind: "mark" },
   "+": { kind: "zoom", factor: 1.2 },

@@ -11,7 +11,7 @@ export const MOST_PICTURES = 256;
 type Json = string | number | boolean | readonly Json[] | { readonly [key: string]: Json };
 
 /** A picture of a state, with what stands on it, as the server's interface takes it in JSON. */
-function pictureBody(state: RenderState, size: Vec2): Record<string, Json> {
+export function pictureBody(state: RenderState, size: Vec2): Record<string, Json> {
   const query = renderQuery(state, size);
   const lists = ["orientation", "pan", "window", "overlay_window"];
   const words = ["view", "colormap", "layer", "overlay", "overlay_colormap", "renderer"];

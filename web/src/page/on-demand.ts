@@ -101,6 +101,16 @@ export class OnDemand {
     this.#asked.abort();
   }
 
+  /** Adds what there is for a case from DICOM. */
+  async meetNeighbour(viewer: HTMLElement, panel: HTMLElement): Promise<void> {
+    if (!this.#host.shown.links?.dicom) return;
+    try {
+      await (await later()).meetNeighbour(viewer, panel, () => this.#onScreen);
+    } catch {
+      // A server without a neighbour of a PACS has no such script.
+    }
+  }
+
   savePicture(times: number): void {
     this.#tell(async ({ savePicture }) => savePicture(this.#onScreen, times));
   }

@@ -146,6 +146,7 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
+    void this.#onDemand.meetNeighbour(this.element, this.panel.element);
     void this.#aids.load().catch(() => {});
     const wanted = this.#wanted;
     this.#wanted = null;
@@ -180,6 +181,9 @@ export class Viewer {
         this.#panes.dataset.bare = String(hides);
         return this.#host.announce(t(hides ? "outline.hidden" : "outline.shown"));
       }
+      case "patient":
+        document.body.classList.toggle("no-patient");
+        return;
       case "mark": {
         const [width, height] = this.#surface.size();
         return this.#pick([width / 2, height / 2]);

@@ -22,7 +22,9 @@ use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::renamed::RenamedKey;
-pub use self::sections::{DEFAULT_LISTEN, Http, Limits, MapsUse, Prepare, Render, Secret, Storage};
+pub use self::sections::{
+    DEFAULT_LISTEN, Http, Limits, MapsUse, Page, Prepare, Render, Secret, Storage,
+};
 
 /// The limit for unpacked DICOM files, relative to the limit for an upload.
 pub(crate) const DICOM_UNPACKING: u64 = 4;
@@ -39,6 +41,8 @@ pub struct Config {
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
+    /// What the page shows.
+    pub page: Page,
     /// Images from a PACS.
     pub pacs: Pacs,
     /// Preparation of cases.
@@ -62,6 +66,7 @@ impl Default for Config {
             log: "info".to_owned(),
             http: Http::default(),
             limits: Limits::default(),
+            page: Page::default(),
             pacs: Pacs::default(),
             prepare: Prepare::default(),
             render: Render::default(),

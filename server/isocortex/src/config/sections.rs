@@ -132,6 +132,14 @@ impl Default for Limits {
     }
 }
 
+/// `[page]`: what the page shows.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Page {
+    /// Whether it shows the patient, the study and the series of a case from DICOM.
+    pub patient_banner: bool,
+}
+
 /// `[prepare]`: preparation of cases.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -13,7 +13,7 @@ use imaging::dicom::write::{
 };
 use imaging::dicom::{Attributes, Instance};
 use pipeline::codec::{decode_brain, decode_envelope};
-use render::WindowFunction;
+use render::{Frame, FrameSize, PixelFormat, WindowFunction, encode_png};
 use storage::arrivals::Uid;
 use storage::results::ResultSeries;
 
@@ -131,6 +131,28 @@ impl Composer {
     fn series_uid(&self) -> String {
         let series = [self.digest.as_bytes().as_slice(), b"series"].concat();
         uid_of(&blake3::hash(&series))
+    }
+
+    /// The first picture of the result, as PNG.
+    ///
+    /// # Errors
+    /// `not-acceptable`, if it has none.
+    pub(crate) async fn preview(self, cases: &Cases) -> Result<Bytes, PacsError> {
+        let Content::Pictures(drawing) = self.content else {
+            return Err(PacsError::new(
+                StatusCode::NOT_ACCEPTABLE,
+                "not-acceptable",
+                "only a `view`, a `sheet` and a `cine` have a picture; available type: application/dicom",
+            ));
+        };
+        let picture = drawing.first().draw(cases, &self.id).await?;
+        let work = move || -> Result<Vec<u8>, Error> {
+            let size = FrameSize::new(picture.width.into(), picture.height.into());
+            let size = size.map_err(|_| Error::Internal)?;
+            let frame = Frame::new(size, PixelFormat::Rgb8, picture.rgb);
+            encode_png(&frame, &[]).map_err(|_| Error::Internal)
+        };
+        Ok(cases.queue.run(work).await??.into())
     }
 
     /// Draws or reads the pixels, and writes the object.

@@ -44,6 +44,15 @@ impl Drawing {
         &self.plan
     }
 
+    /// The same, of a cine only the first picture.
+    pub(crate) fn first(mut self) -> Self {
+        if let Layout::Cine { .. } = self.plan.layout {
+            self.plan.pictures.truncate(1);
+            self.layers.truncate(1);
+        }
+        self
+    }
+
     /// The renderer, such as `trace`.
     pub(crate) fn renderer(&self) -> &'static str {
         self.backend.name()

@@ -6,7 +6,7 @@ pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::CaseId;
 use serde::Serialize;
@@ -18,6 +18,7 @@ use self::compose::Composer;
 use self::request::ResultRequest;
 use crate::error::{PacsError, ReasonView};
 use crate::node::Node;
+use crate::rendered::media::accepted_ranges;
 use crate::retrievals::read_json;
 use crate::state::{Pacs, fresh_json};
 
@@ -70,19 +71,22 @@ impl From<SentResult> for ResultView {
 ///
 /// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), a cine (Multi-frame True Color
 /// Secondary Capture), or the envelope or the brain mask (Segmentation on the slices of the source). Patient and study
-/// are those of the source. Without `node`, the answer is the object; with `node`, the object is kept and sent there by
+/// are those of the source. Without `node`, the answer is the object, or its first picture for `Accept: image/png`; with `node`, the object is kept and sent there by
 /// STOW-RS or C-STORE, again and again for about ten minutes if the node does not answer. Equal requests give one object.
 #[utoipa::path(
     post, path = "/v1/cases/{id}/dicom-results", tag = "pacs",
     params(("id" = String, Path, description = "The case")),
     request_body = ResultRequest,
     responses(
-        (status = 200, description = "The object", body = Vec<u8>, content_type = "application/dicom"),
+        (status = 200, description = "The object, or its first picture", content(
+            (Vec<u8> = "application/dicom"), (Vec<u8> = "image/png"),
+        )),
         (status = 202, description = "It is queued for the node, or was already", body = ResultView, headers(
             ("Location" = String, description = "The address of its state"), ("Retry-After" = u32, description = "Seconds to wait before the first request for it"),
         )),
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
+        (status = 406, description = "A segmentation or a list has no picture"),
         (status = 409, description = "The case is not ready"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), or no frame of reference for a segmentation"),
         (status = 503, description = "Too much work is waiting"),
@@ -100,6 +104,7 @@ pub(crate) async fn create_result(
 async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, PacsError> {
     let no_case = || PacsError::from(cases::Error::NoSuchCase);
     let id = CaseId::parse(id).ok_or_else(no_case)?;
+    let is_preview = only_png(request.headers());
     let known = "`what`, `render`, `sheet`, `cine`, `node` and `study`";
     let asked: ResultRequest = read_json(request, known).await?;
     pacs.needs_identity()?;
@@ -107,6 +112,9 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let node = node.transpose()?;
     let plan = asked.plan()?;
     let composer = Composer::begin(pacs.cases(), id, &asked, plan).await?;
+    if is_preview {
+        return Ok(picture(composer.preview(pacs.cases()).await?));
+    }
     let Some(node) = node else {
         let file = composer.file(pacs.cases()).await?;
         return Ok(object(asked.what.name(), file));
@@ -157,6 +165,21 @@ async fn queue(
         return Err(cases::Error::NoSuchCase.into());
     }
     Ok(queued?)
+}
+
+/// Whether the client accepts PNG and nothing else.
+fn only_png(headers: &HeaderMap) -> bool {
+    let ranges = accepted_ranges(headers);
+    !ranges.is_empty() && ranges.iter().all(|range| range.essence == "image/png")
+}
+
+/// The answer with a preview. Captions may be patient data.
+fn picture(png: Bytes) -> Response {
+    let mut response = Response::new(Body::from(png));
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("image/png"));
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
 }
 
 /// The answer with an object, which is patient data.

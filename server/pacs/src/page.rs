@@ -1,0 +1,46 @@
+//! What the page adds to a case from DICOM: whose head it is, and a dialog that sends results to a node.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::launch::document;
+use crate::state::{Pacs, fresh_json};
+
+/// The script of the page. It holds no data.
+pub(crate) async fn script() -> Response {
+    let kind = "text/javascript; charset=utf-8";
+    document(include_str!("page/pacs.js"), kind)
+}
+
+/// What this server has of a PACS.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = PacsView)]
+pub(crate) struct PacsView {
+    /// The names of the nodes to which results can be sent.
+    nodes: Vec<String>,
+    /// Whether the page shows the patient, the study and the series.
+    patient_banner: bool,
+}
+
+/// The nodes of the PACS
+#[utoipa::path(
+    get, path = "/v1/pacs", tag = "pacs",
+    responses((status = 200, description = "The nodes, and what the page shows", body = PacsView)),
+)]
+pub(crate) async fn get_pacs(State(pacs): State<Pacs>) -> Response {
+    // Without an identity, neither results nor a banner can be made.
+    let view = match pacs.needs_identity() {
+        Ok(()) => PacsView {
+            nodes: pacs.nodes().iter().map(|node| node.name().into()).collect(),
+            patient_banner: pacs.shows_patient(),
+        },
+        Err(_) => PacsView {
+            nodes: Vec::new(),
+            patient_banner: false,
+        },
+    };
+    fresh_json(StatusCode::OK, &view)
+}

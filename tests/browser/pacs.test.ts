@@ -1,0 +1,158 @@
+// What a case from DICOM has beside its pictures: whose head it is, and results that are sent to a node.
+
+import assert from "node:assert/strict";
+import { readFile, writeFile } from "node:fs/promises";
+import { type Server as Node, createServer } from "node:http";
+import type { AddressInfo } from "node:net";
+import path from "node:path";
+import { after, before, test } from "node:test";
+
+import type { Browser } from "playwright-core";
+
+import { violations } from "./axe.ts";
+import { brainMask, markedSeries, markedVolume } from "./phantom.ts";
+import {
+  type Server,
+  keep,
+  launchBrowser,
+  openPage,
+  readyCase,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+  until,
+} from "./support.ts";
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+let node: Node;
+let id: string;
+/** What the node was sent; it is busy at first. */
+const sent: Buffer[] = [];
+let busy = 1;
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    node = createServer((request, response) => {
+      const pieces: Buffer[] = [];
+      request.on("data", (piece: Buffer) => pieces.push(piece));
+      request.on("end", () => {
+        if (busy > 0) {
+          busy -= 1;
+          response.writeHead(503, { "retry-after": "1" }).end();
+          return;
+        }
+        sent.push(Buffer.concat(pieces));
+        response.writeHead(200, { "content-type": "application/dicom+json" }).end("{}");
+      });
+    });
+    await new Promise<void>((resolve) => node.listen(0, "127.0.0.1", resolve));
+    const { port } = node.address() as AddressInfo;
+    const settings = path.join(scratch.folder, "isocortex.toml");
+    const text = `[page]\npatient_banner = true\n[[pacs.nodes]]\nname = "archive"\nurl = "http://127.0.0.1:${port}/"\n`;
+    await writeFile(settings, text);
+    const data = path.join(scratch.folder, "data");
+    server = await startServer({ command: "serve", data, options: ["--config", settings] });
+    const form = new FormData();
+    for (const file of markedSeries({ name: "Müller^Änne", id: "P-77" }))
+      form.append("dicom", new Blob([new Uint8Array(file)]), "slice.dcm");
+    form.append("mask", new Blob([new Uint8Array(brainMask())]), "mask.nii");
+    await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
+    id = await readyCase(server.address);
+    browser = await launchBrowser();
+  },
+  { timeout: 900_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await new Promise((resolve) => node?.close(resolve));
+  await scratch?.clean();
+});
+
+test("the page shows whose head it is where it may, nowhere else, and hides it with a key", { skip }, async () => {
+  const watched = await openPage(browser);
+  const { page } = watched;
+  await page.goto(`${server.address}#${id}`);
+  await shown(page);
+  const banner = page.locator(".patient-banner");
+  await banner.waitFor();
+  const text = "Müller, Änne · P-77 · * 1967-03-12 · F · study of 2026-11-01 · series 4 t1 phantom";
+  assert.equal(await banner.textContent(), text);
+  await keep(page, "pacs-banner");
+  assert.deepEqual(await violations(page), []);
+  for (const elsewhere of [await page.title(), page.url()]) assert.doesNotMatch(elsewhere, /ller|P-77/);
+  await page.keyboard.press("p");
+  await banner.waitFor({ state: "hidden" });
+  await page.keyboard.press("p");
+  await banner.waitFor({ state: "visible" });
+  assert.deepEqual(watched.troubles, []);
+  await watched.context.close();
+});
+
+test("a result is previewed, sent to a node that is busy at first, and saved", { skip }, async () => {
+  const watched = await openPage(browser);
+  const { page } = watched;
+  await page.goto(`${server.address}#${id}&d=6&v=right`);
+  await shown(page);
+  await page.locator(".pacs summary").click();
+  await page.getByRole("button", { name: "Send a result" }).click();
+  const dialog = page.locator("dialog.result");
+  const previewed = (): Promise<string | null> => dialog.getAttribute("data-preview");
+  assert.equal(await until(previewed, (kind) => kind === "view"), "view");
+  await keep(page, "pacs-result");
+  assert.deepEqual(await violations(page), []);
+  await dialog.getByRole("button", { name: "Send", exact: true }).click();
+  const said = dialog.locator("#result-said");
+  const has = "archive has it.";
+  assert.equal(
+    await until(
+      async () => said.textContent(),
+      (words) => words === has,
+    ),
+    has,
+  );
+  assert.equal(sent.length, 1);
+  for (const inIt of ["DICM", "P-77", "Müller^Änne", "1.2.3.4.30"]) assert.ok(sent[0]?.includes(inIt), inIt);
+
+  for (const kind of ["sheet", "turn", "depths"]) {
+    await page.selectOption("#result-kind", kind);
+    assert.equal(await until(previewed, (one) => one === kind), kind);
+    await keep(page, `pacs-${kind}`);
+  }
+  await page.selectOption("#result-kind", "envelope");
+  await dialog.getByText("no preview").waitFor();
+  const saved = page.waitForEvent("download");
+  await dialog.getByRole("button", { name: "Save as a file" }).click();
+  const file = await saved;
+  assert.match(file.suggestedFilename(), /^isocortex-[0-9a-f]{8}-envelope\.dcm$/);
+  const bytes = await readFile(await file.path());
+  assert.equal(bytes.toString("latin1", 128, 132), "DICM");
+  assert.deepEqual(watched.troubles, []);
+  await watched.context.close();
+});
+
+test("a case of no patient has neither, and shows all the rest", { skip }, async () => {
+  const form = new FormData();
+  form.append("volume", new Blob([new Uint8Array(markedVolume(3))]), "volume.nii");
+  form.append("mask", new Blob([new Uint8Array(brainMask())]), "mask.nii");
+  const answer = await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
+  const { id: other } = (await answer.json()) as { id: string };
+  const state = async (): Promise<string> => {
+    const one = await fetch(new URL(`v1/cases/${other}`, server.address));
+    return ((await one.json()) as { state: string }).state;
+  };
+  assert.equal(await until(state, (word) => word === "ready"), "ready");
+  const watched = await openPage(browser);
+  const { page } = watched;
+  await page.goto(`${server.address}#${other}`);
+  await shown(page);
+  assert.equal(await page.locator(".patient-banner, .pacs").count(), 0);
+  assert.deepEqual(watched.troubles, []);
+  await watched.context.close();
+});

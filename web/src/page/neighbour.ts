@@ -1,0 +1,18 @@
+// What the server's neighbour of a PACS adds to a case from DICOM: its own script has the patient's banner and the results.
+
+import { send } from "../base/api.ts";
+import { h } from "../base/dom.ts";
+import { problemWords } from "../base/problem-words.ts";
+import { pictureBody } from "../model/series.ts";
+import type { OnScreen } from "./export.ts";
+
+/** Beside this script; not a part of the page. */
+const SCRIPT: string = "./pacs.js";
+
+/** Adds to the viewer and its panel what there is to add; without the script, nothing. */
+export async function meetNeighbour(viewer: HTMLElement, panel: HTMLElement, view: () => OnScreen): Promise<void> {
+  const { id } = view().shown;
+  const render = (side: number): unknown => pictureBody(view().state, [side, side]);
+  const { attach } = await import(SCRIPT);
+  await attach({ id, h, send, render, wording: problemWords, viewer, panel });
+}
