@@ -88,7 +88,7 @@ test(
     );
     await page.mouse.move(cx + 20, cy + 10);
     await page.waitForFunction(() =>
-      /^[LR]\s.* mm\s+\d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
+      /^[LR]\s.* mm\s+depth .* mm\s+grey \d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
     );
     const words = await text(".slice.axial .hovered");
     let waiting = asked();

@@ -173,8 +173,8 @@ test("the reasons of a verdict are the server's sentences, or the page's in anot
 const file = (name: string, size = 1000): { name: string; size: number } => ({ name, size });
 
 test("a case is told from all others by label, day and the first digits of its id", () => {
-  assert.equal(caseIdentity(SHOWN), "A case · Jan 1, 2026 · 01234567");
-  assert.equal(caseIdentity({ ...SHOWN, name: null }), "Jan 1, 2026 · 01234567");
+  assert.equal(caseIdentity(SHOWN), "A case · added Jan 1, 2026 · 01234567");
+  assert.equal(caseIdentity({ ...SHOWN, name: null }), "added Jan 1, 2026 · 01234567");
 });
 
 test("files are sorted by what they are", () => {

@@ -213,7 +213,7 @@ impl Case {
     /// The label is what a user gave, never an identity out of DICOM.
     pub fn identity(&self) -> String {
         let id = self.id.to_string();
-        let day = self.created_at.strftime("%Y-%m-%d").to_string();
+        let day = self.created_at.strftime("added %Y-%m-%d").to_string();
         let parts = [self.parameters.name.as_deref(), Some(&day), Some(&id[..8])];
         parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
     }
@@ -290,9 +290,9 @@ mod tests {
             kept: false,
             expires_at: None,
         };
-        assert_eq!(case.identity(), "A head · 2026-03-01 · 01234567");
+        assert_eq!(case.identity(), "A head · added 2026-03-01 · 01234567");
         let parameters = Parameters::default();
         let unnamed = Case { parameters, ..case };
-        assert_eq!(unnamed.identity(), "2026-03-01 · 01234567");
+        assert_eq!(unnamed.identity(), "added 2026-03-01 · 01234567");
     }
 }

@@ -68,4 +68,4 @@ export function caseFacts(one: Case): string {
 
 /** What no two cases have in common: label, day and the first digits of the id. */
 export const caseIdentity = (one: Case): string =>
-  [...(one.name ? [one.name] : []), day(one.created_at), one.id.slice(0, 8)].join(" · ");
+  [...(one.name ? [one.name] : []), t("case.added", { day: day(one.created_at) }), one.id.slice(0, 8)].join(" · ");

@@ -200,6 +200,9 @@ class App {
     // Where the list lies over the picture, it has been chosen from.
     if (window.innerWidth < BESIDE_PIXELS) this.#showSidebar(false);
     this.#stage.append(viewer.element);
+    // Keys are the picture's from now on: in the list, Enter would open another patient.
+    if (document.activeElement?.closest("#case-list"))
+      viewer.element.querySelector<HTMLElement>("#surface")?.focus({ preventScroll: true });
     this.#main.append(viewer.panel.element);
     this.#showPanel(this.#isPanelShown);
     void viewer.load();
@@ -319,13 +322,14 @@ class App {
     const onPicture = event.target.closest(".pane.surface") !== null;
     const hasModifier = event.ctrlKey || event.metaKey;
     // Where text is typed, undoing is the text's.
-    const ofField = event.target.closest(hasModifier ? "input:not([type=range]), textarea" : "input, select, textarea");
+    const typed = "input:not([type=range], [type=checkbox]), textarea";
+    const ofField = event.target.closest(hasModifier ? typed : `${typed}, select`);
     if (!onPicture && (ofField || !(hasModifier || preferences.shortcuts))) return;
     const command = commandOf(event);
     if (!command) return;
     // A button or a link is worked by these; a page is scrolled.
     const ofControl =
-      event.target.closest("button, a, summary") !== null && (event.key === " " || event.key === "Enter");
+      event.target.closest("button, a, summary, input") !== null && (event.key === " " || event.key === "Enter");
     const ofPage = !onPicture && (/^(Arrow|Page)/.test(event.key) || event.key === "Enter");
     if (ofControl || ofPage) return;
     if (command.kind !== "help" && !this.#viewer) return;

@@ -132,11 +132,19 @@ export class MapsSection {
   }
 
   #item({ position_in_patient, depth_mm, side, score, size_mm }: Candidate, at: number): HTMLElement {
-    const go = (layout: Layout | null): void =>
+    const go = (layout: Layout | null): void => {
+      const overlay = this.#state?.overlay;
       this.#actions.change(
-        broughtTo(position_in_patient, depth_mm, layout ?? this.#state?.layout ?? "single", this.#shown),
+        {
+          ...broughtTo(position_in_patient, depth_mm, layout ?? this.#state?.layout ?? "single", this.#shown),
+          // A place below the threshold would have no colour.
+          ...(overlay?.name === "blur" && Number(overlay.threshold) > score
+            ? { overlay: { ...overlay, threshold: Math.floor(score) } }
+            : {}),
+        },
         true,
       );
+    };
     const place = t("candidates.place", { rank: number(at + 1), side: t(`side.${side}`), depth: number(depth_mm, 1) });
     const facts = t("candidates.facts", { score: number(score, 1), size: number(size_mm, 1) });
     return h(

@@ -1,4 +1,4 @@
-// What the server's neighbour of a PACS adds to a case from DICOM: its own script has the patient's banner and the results.
+// What the server's neighbour of a PACS adds to a case from DICOM: its script has the patient's banner and the results.
 
 import { send } from "../base/api.ts";
 import { h } from "../base/dom.ts";

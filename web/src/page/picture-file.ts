@@ -53,11 +53,11 @@ export async function captioned(
   return png;
 }
 
-/** A text in lines of at most `width`, broken between its parts. */
+/** A text in lines of at most `width`, broken between its words. */
 function wrapped(text: string, width: number, context: CanvasRenderingContext2D): string[] {
   const lines: string[] = [];
-  for (const part of text.split(" · ")) {
-    const longer = lines.length > 0 ? `${lines.at(-1)} · ${part}` : part;
+  for (const part of text.split(" ")) {
+    const longer = lines.length > 0 ? `${lines.at(-1)} ${part}` : part;
     if (lines.length > 0 && context.measureText(longer).width <= width) lines[lines.length - 1] = longer;
     else lines.push(part);
   }

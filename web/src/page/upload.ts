@@ -55,12 +55,10 @@ export class UploadForm {
       file(t("upload.volume"), this.#volume, t("upload.choose-files"), t("upload.volume-hint")),
       file(t("upload.folder"), this.#folder, t("upload.choose-folder"), t("upload.folder-hint")),
       file(t("upload.mask"), this.#mask, t("upload.choose-files"), t("upload.mask-hint")),
-      this.#chosen,
-      this.#names,
       field(t("upload.name"), this.#name, t("upload.name-hint")),
       field(t("upload.radius"), this.#radius, t("upload.radius-hint")),
-      ...this.#transfer.parts,
-      this.#note,
+      // In sight, however far the form is scrolled.
+      h("div", { class: "upload-foot" }, this.#chosen, this.#names, this.#note, ...this.#transfer.parts),
     );
   }
 
@@ -74,6 +72,8 @@ export class UploadForm {
 
   #take(files: readonly File[]): void {
     this.#beginNext();
+    // A label was meant for the files that these replace.
+    if (this.#files.length > 0) this.#name.value = "";
     this.#files = files;
     this.#tell();
   }

@@ -17,7 +17,10 @@ export interface SliceGroupListener extends Omit<SliceListener, "enlarge"> {
 }
 
 export class SliceGroup {
-  readonly element = h("div", { class: "slices" });
+  readonly element = h("div", {
+    class: "slices",
+    keydown: ({ key }: KeyboardEvent) => key === "Escape" && this.#enlarge(null),
+  });
   readonly #shown: ReadyCase;
   readonly #listener: SliceGroupListener;
   #panes: readonly SlicePane[] = [];
@@ -94,7 +97,7 @@ export class SliceGroup {
   }
 
   /** Shows a slice as large as all panes, or all panes again. */
-  #enlarge(plane: Plane): void {
+  #enlarge(plane: Plane | null): void {
     for (const pane of this.#panes) pane.enlarge(pane.plane === plane && !pane.isLarge);
     this.#listener.resized();
   }

@@ -7,7 +7,7 @@ import { number, t } from "../base/i18n.ts";
 import { coordinate, depthAtWords, greyWords, positionWords } from "../base/readout.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
-import { Overlay } from "./overlay.ts";
+import { Overlay, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
@@ -246,7 +246,8 @@ export class SlicePane {
     this.#overlay.letter(sliceEdges(this.plane, state.convention));
     const place = `${coordinate(view.position_mm, PLANES[this.plane].axis)} mm`;
     const { edges } = this.element.dataset;
-    const image = state.layer && !edges ? "" : imageWords(this.#shown, this.plane, this.#center(state));
+    const image =
+      state.layer && !edges ? titleWords(state.layer.about) : imageWords(this.#shown, this.plane, this.#center(state));
     const badge = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
     const words = [t(`plane.${this.plane}`), place, image, edges && edgesWords(state, this.isLarge)].filter(Boolean);
     this.#overlay.title(words.join("\n"), badge);
@@ -325,8 +326,9 @@ export class SlicePane {
     this.#hovered.hidden = !position;
     if (!position) return;
     const probed = this.#listener.surface().probe(position);
-    const known = probed ? `  ${depthAtWords(probed.depth_mm)}  ${greyWords(probed.intensity)}` : "";
-    setText(this.#hovered, `${positionWords(position)}${known}`);
+    const place = `${positionWords(position)} mm`;
+    const [depth, grey] = [depthAtWords(probed?.depth_mm), greyWords(probed?.intensity)];
+    setText(this.#hovered, probed ? t("slice.hovered", { place, depth, grey }) : place);
   }
 
   #listen(): void {

@@ -32,7 +32,7 @@ import { MapBar } from "./map-bar.ts";
 import { ColourBar, Overlay, SIDES } from "./overlay.ts";
 import type { LoadProgress, Surface, SurfaceStatus } from "./surface.ts";
 
-/** A marked point that lies deeper than this behind what is seen of the surface is hidden. */
+/** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
 const HIDDEN_MM = 3;
 
 /** What hands do by themselves. */
@@ -234,7 +234,7 @@ export class SurfacePane {
     const { pixelOf } = project(view, sphere, size);
     const height_mm = pixelOf(position)[2];
     const seen = this.#surface.pick(state, ...place);
-    if (seen) return pixelOf(seen.position_in_patient)[2] > height_mm + HIDDEN_MM;
+    if (seen) return Math.abs(pixelOf(seen.position_in_patient)[2] - height_mm) > HIDDEN_MM;
     // Until the surface is known, the far half of the head is behind it.
     return !this.knowsSurface && height_mm < 0;
   }
