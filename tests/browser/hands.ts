@@ -32,7 +32,7 @@ export const handsOn = (page: Page, address: string): Hands => ({
   async reset() {
     await page.goto(address);
     await page.locator(".layouts button[value=single]").click();
-    await page.getByRole("button", { name: "Reset the view" }).click();
+    await page.getByRole("button", { name: "Reset everything" }).click();
     await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "10");
     // What the test before has shown may still be there.
     const { x, d } = await fragment(page);

@@ -18,7 +18,7 @@ export function caseStatus(one: Case): string {
       return t(stage) + (typeof fraction === "number" ? ` · ${number(100 * fraction)} %` : "");
     }
     case "ready":
-      return [day(one.created_at), voxelWords(one), one.volume.sequence ?? ""]
+      return [day(one.created_at), voxelWords(one, 1), one.volume.sequence ?? ""]
         .filter((part) => part !== "")
         .join(" · ");
     case "failed":
@@ -55,8 +55,8 @@ export function versionOf(one: Case): string {
 }
 
 /** The edges of a voxel as it was acquired; one number where they are alike. */
-export function voxelWords({ volume: { spacing_mm } }: ReadyCase): string {
-  const edges = spacing_mm.map((edge) => numberUpTo(edge, 2));
+export function voxelWords({ volume: { spacing_mm } }: ReadyCase, digits = 2): string {
+  const edges = spacing_mm.map((edge) => numberUpTo(edge, digits));
   return `${new Set(edges).size === 1 ? edges[0] : edges.join(" × ")} mm`;
 }
 

@@ -132,8 +132,11 @@ export class Panel {
       placeholder: "0, 20",
       "aria-label": t("outlines.label"),
       change: () => {
-        const depths = readDepths(this.#outlines.value, clampDepth(Infinity, shown)) ?? [];
-        actions.change({ outlines_mm: boundOutlines(depths, shown) }, true);
+        const text = this.#outlines.value.replaceAll("mm", "");
+        const depths = text.trim() ? readDepths(text, clampDepth(Infinity, shown)) : [];
+        // What cannot be read stays to be corrected, and changes nothing.
+        this.#outlines.setAttribute("aria-invalid", String(!depths));
+        if (depths) actions.change({ outlines_mm: boundOutlines(depths, shown) }, true);
       },
     });
     this.#times = choice("times", t("export.times"), TIMES, (times) => `${times}×`);

@@ -1,7 +1,7 @@
 // The legend of a map over a picture: its name and unit, which value has which colour, and what is transparent.
 
 import { h, setText } from "../base/dom.ts";
-import { number } from "../base/i18n.ts";
+import { known, number, t } from "../base/i18n.ts";
 import { type LayerOverlay, isDiverging, shareOf, styleOf } from "../model/maps.ts";
 import { COLOURS, overlayWords } from "./overlay.ts";
 
@@ -50,7 +50,8 @@ export class MapBar {
     const style = styleOf(overlay);
     const { unit, window, colormap } = style;
     const { threshold } = overlay;
-    setText(this.#name, `${overlayWords(overlay)}${unit && `, ${unit}`}`);
+    const meaning = known(`map.${overlay.name}.low`);
+    setText(this.#name, `${overlayWords(overlay)}${unit && `, ${unit}`}${meaning ? `\n${t(meaning)}` : ""}`);
     const written = writer(window);
     setText(this.#high, written(window[1]));
     setText(this.#low, written(window[0]));

@@ -244,7 +244,8 @@ export class SlicePane {
     if (this.#drawn) this.#lay(this.#drawn, view);
     this.#image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
     this.#overlay.letter(sliceEdges(this.plane, state.convention));
-    const place = `${coordinate(view.position_mm, PLANES[this.plane].axis)} mm`;
+    // The words are of the picture that is up, which may come later than the cross.
+    const place = `${coordinate((this.#drawn ?? view).position_mm, PLANES[this.plane].axis)} mm`;
     const { edges } = this.element.dataset;
     const image =
       state.layer && !edges ? titleWords(state.layer.about) : imageWords(this.#shown, this.plane, this.#center(state));
