@@ -455,6 +455,33 @@ test(
   },
 );
 
+test("on a phone a finger scrolls past slices, and marks a point where it taps", { skip }, async () => {
+  const phone = await openPage(browser, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
+  const { page: small, context } = phone;
+  await small.goto(`${origin}#${id}&l=slices`);
+  await shown(small);
+  await small.waitForSelector(".slice.coronal[data-position]");
+  const session = await context.newCDPSession(small);
+  const box = await small.locator(".slice.axial").boundingBox();
+  assert.ok(box);
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 3];
+  const touch = (type: "touchStart" | "touchMove" | "touchEnd", ...ys: number[]): Promise<unknown> =>
+    session.send("Input.dispatchTouchEvent", { type, touchPoints: ys.map((at) => ({ x, y: at })) });
+  await touch("touchStart", y);
+  for (const up of [20, 60, 120, 200]) await touch("touchMove", y - up);
+  await touch("touchEnd");
+  const scrolled = (): Promise<number> => small.evaluate(() => scrollY);
+  assert.ok((await until(scrolled, (top) => top > 100)) > 100, "the page is scrolled");
+  assert.equal((await fragment(small)).x, undefined, "nothing is marked");
+  await small.evaluate(() => scrollTo(0, 0));
+  await until(scrolled, (top) => top === 0);
+  await small.touchscreen.tap(x, y);
+  const marked = async (): Promise<string | undefined> => (await fragment(small)).x;
+  assert.ok(await until(marked, (place) => place !== undefined), "a point is marked");
+  assert.deepEqual(phone.troubles, []);
+  await context.close();
+});
+
 test("a part of the page that cannot be had is said, and tried again", { skip }, async () => {
   const { page: other, context } = await openPage(browser);
   let broken = true;

@@ -7,8 +7,10 @@ import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";
 export type DragKind = "turn" | "pan" | "window";
 
 export interface GestureListener {
-  /** A hand came down. */
-  press?(kind: DragKind, place: Vec2): void;
+  /** A hand came down; a finger may also be about to scroll the page. */
+  press?(kind: DragKind, place: Vec2, isFinger: boolean): void;
+  /** The system took the gesture away, to scroll the page for one. */
+  cancel?(): void;
   drag(kind: DragKind, move: Vec2, place: Vec2): void;
   pinch(pinch: Pinch): void;
   /** The wheel, in pixels; `notches` are whole ones, for steps. Positive is towards the user. */
@@ -35,6 +37,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
   };
   const end = (event: PointerEvent): void => {
     if (!touches.delete(event.pointerId)) return;
+    if (event.type === "pointercancel") listener.cancel?.();
     if (touches.size === 0) listener.busy(false);
   };
 
@@ -46,7 +49,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     if (touches.size === 0) {
       kind = kindOf(event);
       listener.busy(true);
-      listener.press?.(kind, placeOf(event));
+      listener.press?.(kind, placeOf(event), event.pointerType === "touch");
     }
     touches.set(event.pointerId, placeOf(event));
     pane.focus({ preventScroll: true });

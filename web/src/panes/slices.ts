@@ -334,15 +334,18 @@ export class SlicePane {
 
   #listen(): void {
     let at: Vec2 | null = null;
+    let mayScroll = false;
     const cross = (place: Vec2, done: boolean): void => {
       const position = this.#positionAt(place);
       if (position) this.#listener.move(position, done);
     };
     listen(this.#frame, {
-      press: (kind, place) => {
+      press: (kind, place, isFinger) => {
         at = kind === "turn" ? place : null;
-        if (at) cross(at, false);
+        mayScroll = isFinger;
+        if (at && !isFinger) cross(at, false);
       },
+      cancel: () => (at = null),
       drag: (kind, move, place) => {
         if (kind === "window") return this.#listener.window(move);
         if (kind === "pan") {
@@ -350,7 +353,9 @@ export class SlicePane {
           return;
         }
         at = place;
-        cross(place, false);
+        // A finger that goes up or down may be taken away to scroll the page.
+        mayScroll &&= Math.abs(move[1]) >= Math.abs(move[0]);
+        if (!mayScroll) cross(place, false);
       },
       pinch: (fingers) => {
         at = null;
