@@ -99,7 +99,7 @@ export class Viewer {
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
     this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain });
-    this.panel = new Panel(shown, actions, { aids: this.#aids.elements, ...this.#onDemand.sections(this.#sweep) });
+    this.panel = new Panel(shown, actions, { aids: this.#aids.elements, last: this.#onDemand.sections(this.#sweep) });
     this.#slices = new SliceGroup(shown, {
       load: later,
       resized: redraw,
@@ -119,10 +119,6 @@ export class Viewer {
     for (const { element } of [this.#surface, this.#slices]) this.#observer.observe(element);
     this.#notices.unread(unread);
     this.#apply({});
-  }
-
-  get state(): ViewState {
-    return this.#state;
   }
 
   /** How the case is left. */
@@ -230,7 +226,10 @@ export class Viewer {
       onScreen: () => ({ state: this.#state, panes: this.#panes, surface: this.#surface, slices: this.#slices }),
       goTo: (depth_mm) => this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true),
       made: this.#host.made,
-      note: (words) => this.panel.note(words),
+      address: () => {
+        this.#address.replace();
+        return location.href;
+      },
       measured: () => this.#showPoint(),
       complain: (problem) => this.#notices.complain(problem),
     });
@@ -379,14 +378,6 @@ export class Viewer {
       depthOfCross: () => {
         const depth_mm = this.#state.crosshair_mm && this.#surface.probe(this.#state.crosshair_mm)?.depth_mm;
         if (Number.isFinite(depth_mm)) this.#change({ depth_mm: clampDepth(Number(depth_mm), this.shown) }, true);
-      },
-      screenshot: (times) => this.#onDemand.savePicture(times),
-      copyPicture: (times) => this.#onDemand.copyPicture(times),
-      series: () => this.#onDemand.series(this.#sweep),
-      serverPicture: () => this.#onDemand.serverPicture(),
-      copyAddress: () => {
-        this.#address.replace();
-        this.#onDemand.copyAddress();
       },
     };
   }
