@@ -194,7 +194,7 @@ export function serverPictureDialog({ shown: { id }, state, surface }: OnScreen)
     t("server.title", { depth: number(state.depth_mm, 1) }),
     "server-picture",
     place,
-    ...(isHalved(state) ? [quiet(t("server.half"))] : []),
+    ...(isHalved(state) ? [quiet(t(state.beside ? "server.right" : "server.half"))] : []),
     h("div", { class: "line" }, field, h("button", { click: () => void copy() }, t("server.copy"))),
     said,
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })),

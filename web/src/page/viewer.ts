@@ -105,7 +105,7 @@ export class Viewer {
       resized: redraw,
       move: (position, done) => this.#moveCross(position, done),
       window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
-      surface: () => this.#surface,
+      surface: () => this.#surface.surface,
       complain,
     });
     const swipe = ({ detail: share }: CustomEvent<number>): void => this.#change({ swipe: { share } });
@@ -131,7 +131,7 @@ export class Viewer {
     this.#loadAbort = new AbortController();
     this.#notices.begin();
     try {
-      await this.#surface.load(this.#loadAbort.signal, (progress) => this.#notices.progress(progress));
+      await this.#surface.surface.load(this.#loadAbort.signal, (progress) => this.#notices.progress(progress));
       this.#notices.end();
     } catch (error) {
       this.#notices.end();
@@ -169,7 +169,7 @@ export class Viewer {
       case "play":
         return this.#sweep.isRunning ? this.#stopSweep() : this.#sweep.start();
       case "timer":
-        this.#surface.showTimer((this.#timerShown = !this.#timerShown));
+        this.#surface.surface.showTimer((this.#timerShown = !this.#timerShown));
         return this.#schedule();
       case "outline": {
         const hides = this.#slices.strip();
@@ -216,7 +216,7 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    for (const part of [this.#slices, this.#aids, this.#surface, this.#onDemand]) part.dispose();
+    for (const part of [this.#slices, this.#aids, this.#surface.surface, this.#onDemand]) part.dispose();
     for (const { element } of [this, this.panel]) element.remove();
   }
 
@@ -356,7 +356,7 @@ export class Viewer {
 
   /** Plots intensity against depth below a position, where it is known by then and still the marked one. */
   async #showProfile(position: Vec3): Promise<void> {
-    const profile = this.#surface.profile(position);
+    const profile = this.#surface.surface.profile(position);
     const plotted = profile && (await this.#onDemand.plot(profile, position));
     if (!this.#disposed && this.#state.crosshair_mm === position) this.panel.point.plot(plotted);
   }

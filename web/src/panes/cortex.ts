@@ -17,7 +17,7 @@ import type { Painter } from "../gl/painter.ts";
 import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/scene.ts";
 import { CaseData, type Voxels8Or16 } from "./case-data.ts";
 import { Device, fitsMemory, handOver } from "./device.ts";
-import { panesOf, slicePicture } from "./looks.ts";
+import { panesOf, slicePicture, withLayers } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
 import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "./surface.ts";
@@ -286,11 +286,7 @@ class Cortex implements Surface {
 
   /** The state with those of its layers whose voxels are here; without its texture, with the case's own. */
   #available(state: ViewState): ViewState {
-    const isHere = (name: string): boolean => this.#device?.painter?.hasLayer(name) ?? false;
-    if (layersOf(state).every(isHere)) return state;
-    const overlay = state.overlay && isHere(state.overlay.name) ? state.overlay : null;
-    if (!state.layer || isHere(state.layer.id)) return { ...state, overlay };
-    return { ...state, overlay, layer: null, window: this.#case.intensity.window };
+    return withLayers(state, this.#case, (name) => this.#device?.painter?.hasLayer(name) ?? false);
   }
 
   /** Fetches the voxels of layers, each once, and draws with them. */
