@@ -31,6 +31,7 @@ test("every part of a state comes back from the address, which stays short", () 
     colormap: "viridis",
     layer: null,
     overlay: { name: "asymmetry", threshold: 3.2, opacity: 0.5 },
+    beside: null,
     swipe: { share: 0.3 },
     has_edges: true,
     slab_mm: 1.5,
@@ -48,6 +49,23 @@ test("every part of a state comes back from the address, which stays short", () 
   assert.deepEqual(unread, []);
   assert.ok(angleBetween(back.orientation, state.orientation) < 1e-3);
   assert.deepEqual({ ...back, orientation: null }, { ...state, orientation: null });
+});
+
+test("the left half comes back from the address, and is nothing without the part that says that there is one", () => {
+  const layer = { id: "0123456789abcdef0123456789abcdef" };
+  const overlay = { name: "blur", threshold: 3, opacity: 0.5 } as const;
+  for (const beside of [
+    { layer, overlay, window: { center: 20.5, width: 9.25 }, colormap: "hot" },
+    { layer: null, overlay: null, window: { center: 512.5, width: 99.25 }, colormap: "grey" },
+  ] as const) {
+    const state: ViewState = { ...FIRST, overlay: { ...overlay, threshold: 4 }, beside };
+    const rest = restOf(writeAddress(state, SHOWN));
+    assert.deepEqual(readState(rest, SHOWN), { state, unread: [] });
+    const alone = readState(rest.replace("t=1&", ""), SHOWN);
+    assert.equal(alone.state.beside, null);
+    assert.ok(alone.unread.length > 0 && alone.unread.every((part) => part.startsWith("t")), alone.unread.join());
+  }
+  assert.deepEqual(readState("t=1&ty=x&tw=1&tz=2", SHOWN).unread, ["ty=x", "tw=1", "tz=2"]);
 });
 
 test("a window comes back to a ten-thousandth of its ramp, however small it is", () => {

@@ -4,6 +4,7 @@ import type { Case, ProblemBody } from "../model/case.ts";
 import type { Layer, LayerList } from "../model/layers.ts";
 import type { Candidate } from "../model/maps.ts";
 import { EventReader } from "./events.ts";
+import { wait } from "./patience.ts";
 
 let token = "";
 let askForToken: (refused: boolean) => Promise<string> = async () => "";
@@ -48,7 +49,7 @@ function reached(now: boolean): void {
 /** Asks a silent server again and again, until it answers. */
 async function knock(): Promise<void> {
   while (!reachable) {
-    await new Promise((resolve) => setTimeout(resolve, 1000));
+    await wait(1000);
     try {
       // A server that is starting or stopping is not there yet.
       reached((await fetch("readyz", { cache: "no-store" })).ok);
@@ -116,9 +117,10 @@ export interface CasePage {
 }
 
 export async function listCases(after: string | null, limit = 0): Promise<CasePage> {
-  const pairs = { ...(after ? { after } : {}), ...(limit > 0 ? { limit: String(limit) } : {}) };
-  const query = Object.keys(pairs).length > 0 ? `?${new URLSearchParams(pairs)}` : "";
-  return (await send(`v1/cases${query}`, { cache: "no-store" })).json() as Promise<CasePage>;
+  const query = new URLSearchParams({ ...(after && { after }), ...(limit > 0 && { limit: String(limit) }) });
+  return (
+    await send(`v1/cases${query.size > 0 ? "?" : ""}${query}`, { cache: "no-store" })
+  ).json() as Promise<CasePage>;
 }
 
 export async function getCase(id: string): Promise<Case> {

@@ -1,5 +1,6 @@
 // The page's words, each language in a file of its own: only the one that is spoken is fetched.
 
+import { wait } from "./patience.ts";
 import type english from "../words.en.json";
 
 export type Key = keyof typeof english;
@@ -36,7 +37,7 @@ export async function learn(wanted: Language): Promise<void> {
     } catch {
       // Asked again below.
     }
-    await new Promise((resolve) => setTimeout(resolve, 1000));
+    await wait(1000);
   }
 }
 

@@ -1,5 +1,7 @@
 // Long work in short pieces, so that the page stays alive.
 
+export const wait = (time_ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, time_ms));
+
 /** How long a piece of work may hold the page, in ms. */
 const PIECE_MS = 6;
 

@@ -2,6 +2,7 @@
 // over a newer one. What is written on a picture changes in the same moment as the picture.
 
 import { Problem, getPicture } from "./api.ts";
+import { wait } from "./patience.ts";
 
 /** How often a server that is busy, or still makes the maps, is asked again before that is an error. */
 const BUSY_TRIES = 5;
@@ -80,13 +81,13 @@ export class FollowingPicture<About, Picture = HTMLImageElement> {
       } catch (error) {
         const busy = error instanceof Problem && (error.status === 503 || error.kind === "layer-not-ready");
         if (!busy || attempt === BUSY_TRIES || wish !== this.#wish) throw error;
-        await new Promise((resolve) => setTimeout(resolve, 1000 * Math.min(error.retryAfter || 1, 5)));
+        await wait(1000 * Math.min(error.retryAfter || 1, 5));
       }
     }
   }
 }
 
-/** An image element that is ready to be painted. */
+/** An image element that is ready to be painted; until it has words, it says nothing. */
 export async function decoded(blob: Blob): Promise<HTMLImageElement> {
   const image = new Image();
   const address = URL.createObjectURL(blob);
@@ -94,6 +95,7 @@ export async function decoded(blob: Blob): Promise<HTMLImageElement> {
     image.src = address;
     await image.decode();
     image.draggable = false;
+    image.alt = "";
     return image;
   } catch {
     throw new Problem(0, "picture-unreadable", "");

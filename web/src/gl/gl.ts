@@ -133,11 +133,20 @@ export class UniformBlock {
   readonly #buffer: WebGLBuffer;
   readonly #floats: Float32Array;
   readonly #wholes: Uint32Array;
+  /** The fields that the shaders declare as whole numbers. */
+  readonly #whole: ReadonlySet<string | undefined>;
 
-  constructor(gl: Gl, { names }: Equipment, name: BlockName) {
+  constructor(gl: Gl, { names, shaders }: Equipment, name: BlockName) {
     const { bytes, offsets } = names.blocks[name];
     this.#gl = gl;
     this.#offsets = offsets;
+    this.#whole = new Set(
+      [
+        ...Object.values(shaders)
+          .join("")
+          .matchAll(/uint (\w+);/g),
+      ].map(([, field]) => field),
+    );
     const here = new ArrayBuffer(bytes);
     this.#floats = new Float32Array(here);
     this.#wholes = new Uint32Array(here);
@@ -147,11 +156,10 @@ export class UniformBlock {
     gl.bindBufferBase(gl.UNIFORM_BUFFER, BLOCK_BINDINGS[name.toLowerCase()] ?? 0, this.#buffer);
   }
 
-  /** Writes fields; those named in `wholes` are unsigned whole numbers in the shader. */
-  write(fields: Fields, wholes: ReadonlySet<string>): void {
+  write(fields: Fields): void {
     for (const [name, value] of Object.entries(fields)) {
       const offset = made(this.#offsets[name], name);
-      const target = wholes.has(name) ? this.#wholes : this.#floats;
+      const target = this.#whole.has(name) ? this.#wholes : this.#floats;
       if (typeof value === "number") target[offset / 4] = value;
       else target.set(value, offset / 4);
     }

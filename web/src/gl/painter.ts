@@ -47,22 +47,6 @@ import type { Block, PathsTable } from "../model/wire.ts";
 const UPLOAD_BYTES = 1 << 20;
 /** As many layers are kept on the device. */
 const MOST_LAYERS = 4;
-/** The fields of the blocks that are whole numbers. */
-const WHOLES: ReadonlySet<string> = new Set([
-  "color_row",
-  "overlay_color_row",
-  "overlay_is_diverging",
-  "volume_has_gaps",
-  "overlay_is_nearest",
-  "slab_count",
-  "row",
-  "vertex_count",
-  "first_piece",
-  "piece_count",
-  "count",
-  "has_edges",
-]);
-
 interface Texture {
   readonly texture: WebGLTexture;
   readonly grid: TexelGrid;
@@ -128,12 +112,6 @@ export class Painter {
     // Pictures without an overlay read nothing of it, but a texture must be there.
     gl.activeTexture(gl.TEXTURE0 + UNITS.overlay);
     createBlock(gl, gapped(gl, true, this.#encodings).format, [1, 1, 1]);
-  }
-
-  /** The names of the texture formats, for the curious. */
-  get formats(): string {
-    const name = ({ format }: Encoding): string => `0x${format.internal.toString(16)}`;
-    return `${name(this.#encodings.intensities)} ${name(this.#encodings.depths)}`;
   }
 
   /** Takes a mesh's triangles. */
@@ -297,7 +275,7 @@ export class Painter {
     this.#slice = fitting(this.#slice, size) ?? createTarget(gl, size);
     const maps = this.#takeUp(look, size, { ...sphere, center_in_patient });
     const contours = contoursFields(look, maps, size, contours_mm);
-    this.#contours.write({ ...contours, has_edges: has_edges && maps.overlay ? 1 : 0 }, WHOLES);
+    this.#contours.write({ ...contours, has_edges: has_edges && maps.overlay ? 1 : 0 });
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.#slice.frame);
     gl.viewport(0, 0, ...size);
     this.#fill(this.#programs.slice);
@@ -321,7 +299,7 @@ export class Painter {
       overlay: overlay ? movedGrid(overlay.grid, look.overlay?.moved) : null,
       borderBox,
     };
-    this.#picture.write(pictureFields(look, maps, size), WHOLES);
+    this.#picture.write(pictureFields(look, maps, size));
     this.#bind(UNITS.volume, texture.texture);
     this.#bind(UNITS.normals, field.normals);
     if (overlay) this.#bind(UNITS.overlay, overlay.texture);
@@ -355,7 +333,7 @@ export class Painter {
     const field = this.#field;
     if (this.#positioned?.depth_mm === depth_mm && (!this.#shrinking || this.#positioned.by === field)) return;
     const { table, rows, pieces } = made(this.#shrinking, "paths");
-    this.#paths.write(pathsFields(table, depth_mm), WHOLES);
+    this.#paths.write(pathsFields(table, depth_mm));
     this.#bind(UNITS.rows, rows, this.#gl.TEXTURE_2D);
     this.#bind(UNITS.pieces, pieces, this.#gl.TEXTURE_2D);
     computePositions(this.#gl, this.#programs.shrink, vertices);

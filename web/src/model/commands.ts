@@ -6,7 +6,7 @@ import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn,
 import { firstOverlay, toggled } from "./maps.ts";
 import { mirrorPlane, reflected } from "./midsagittal.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import { type Layout, type ViewState, clampDepth, firstState, isHalved, presetWindow, textureOf } from "./state.ts";
+import { type Layout, type ViewState, clampDepth, firstState, isMirrored, presetWindow, textureOf } from "./state.ts";
 
 /** `size` is that of the pane, in pixels; `isStep`: Back undoes it. */
 export function changeOf(
@@ -47,8 +47,9 @@ function inThousandths([x, y]: Vec2, size: Vec2): Vec2 {
 
 /** The change to a layout. The left side is what the mirrored right one is compared with. */
 export function laidOut(layout: Layout, { orientation }: ViewState): Change {
-  const needsLeft = isHalved({ layout }) && towardsViewer(orientation)[0] < 0.2;
-  return { layout, ...(needsLeft ? lookFrom("left") : {}) };
+  if (!isMirrored({ layout })) return { layout };
+  const needsLeft = towardsViewer(orientation)[0] < 0.2;
+  return { layout, beside: null, ...(needsLeft ? lookFrom("left") : {}) };
 }
 
 /** The change that brings a position to the viewer; none in the middle itself, which has no side. */
@@ -64,6 +65,13 @@ export function turnedTo(position: Vec3, shown: ReadyCase): Change {
  */
 export function broughtTo(position: Vec3, depth_mm: number, layout: Layout, shown: ReadyCase): Change {
   const twin = reflected(position, mirrorPlane(shown));
-  const front = isHalved({ layout }) && twin[0] > position[0] ? twin : position;
-  return { ...turnedTo(front, shown), depth_mm: clampDepth(depth_mm, shown), crosshair_mm: position, layout };
+  const isMirror = isMirrored({ layout });
+  const front = isMirror && twin[0] > position[0] ? twin : position;
+  return {
+    ...turnedTo(front, shown),
+    ...(isMirror && { beside: null }),
+    depth_mm: clampDepth(depth_mm, shown),
+    crosshair_mm: position,
+    layout,
+  };
 }

@@ -183,9 +183,9 @@ export type LayerCommand =
   | { readonly kind: "grey" | "colours" }
   /**
    * The layers are hidden as long as a key is held; a line divides the picture without them from the one with them;
-   * slices show the edges of one; one is moved by hand.
+   * slices show the edges of one; one is moved by hand; two halves are compared side by side, and exchanged.
    */
-  | { readonly kind: "hold" | "release" | "swipe" | "edges" | "nudge" };
+  | { readonly kind: "hold" | "release" | "swipe" | "edges" | "nudge" | "beside" | "swap" };
 
 /** What a key asks for. */
 export type Command =
@@ -224,12 +224,14 @@ const PLAIN: Readonly<Record<string, Command>> = {
   v: { kind: "swipe" },
   e: { kind: "edges" },
   n: { kind: "nudge" },
+  p: { kind: "beside" },
+  d: { kind: "patient" },
+  w: { kind: "swap" },
   u: { kind: "map", name: "blur" },
   a: { kind: "map", name: "asymmetry" },
   t: { kind: "map", name: "intensity-asymmetry" },
   s: { kind: "map", name: "sharpness" },
   j: { kind: "map", name: "junction" },
-  p: { kind: "patient" },
   " ": { kind: "play" },
   Enter: { kind: "mark" },
   "+": { kind: "zoom", factor: 1.2 },

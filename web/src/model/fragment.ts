@@ -11,6 +11,7 @@ import {
   LAYOUTS,
   PAN_LIMIT_MM,
   SLAB_LIMIT_MM,
+  type HalfLook,
   type ViewState,
   WAYS,
   ZOOM_RANGE,
@@ -18,6 +19,8 @@ import {
   clamp,
   clampDepth,
   firstState,
+  halfOf,
+  leftOf,
 } from "./state.ts";
 
 /** What an address holds. */
@@ -56,11 +59,16 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   else say("q", list(state.orientation, 4), "");
   say("z", short(state.zoom, 3), "1");
   say("p", list(state.pan_mm, 1), "0,0");
-  say("y", state.layer?.id ?? "", "");
-  // The first window of a layer is not known everywhere.
-  say("w", windowText(state.window), state.layer ? "" : windowText(first.window));
-  say("m", state.colormap, first.colormap);
-  say("b", state.overlay ? overlayText(state.overlay) : "", "");
+  const sayHalf = ({ layer, overlay, window, colormap }: HalfLook, side: string): void => {
+    say(`${side}y`, layer?.id ?? "", "");
+    // The first window of a layer is not known everywhere.
+    say(`${side}w`, windowText(window), layer ? "" : windowText(first.window));
+    say(`${side}m`, colormap, first.colormap);
+    say(`${side}b`, overlay ? overlayText(overlay) : "", "");
+  };
+  sayHalf(state, "");
+  say("t", state.beside ? "1" : "", "");
+  if (state.beside) sayHalf(state.beside, "t");
   say("e", state.swipe ? short(state.swipe.share, 2) : "", "");
   say("h", state.has_edges ? "1" : "", "");
   say("s", short(state.slab_mm, 1), "0");
@@ -133,6 +141,7 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
       const read = readOverlay(text);
       return read ? { change: { overlay: read.overlay }, isWhole: read.isWhole } : UNREAD;
     },
+    t: (text) => word(text, ["1"], () => ({ beside: halfOf(firstState(shown)) })),
     e: (text) => number(text, 0, 1, (share) => ({ swipe: { share } })),
     h: (text) => word(text, ["1"], () => ({ has_edges: true })),
     s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
@@ -172,8 +181,12 @@ export function readState(rest: string, shown: ReadyCase, base: ViewState = firs
   for (const part of rest.split("&").filter((one) => one !== "")) {
     const at = part.indexOf("=");
     const key = part.slice(0, Math.max(at, 0));
-    const { change, isWhole } = (Object.hasOwn(byKey, key) && byKey[key]?.(part.slice(at + 1), state)) || UNREAD;
-    state = { ...state, ...change };
+    const read = (name: string, before: ViewState): Reading =>
+      (Object.hasOwn(byKey, name) && byKey[name]?.(part.slice(at + 1), before)) || UNREAD;
+    // What begins with a t is of the left half.
+    const isLeft = state.beside !== null && /^t[ywmb]$/.test(key);
+    const { change, isWhole } = isLeft ? read(key.slice(1), leftOf(state)) : read(key, state);
+    state = { ...state, ...(isLeft ? { beside: halfOf({ ...leftOf(state), ...change }) } : change) };
     if (!isWhole) unread.push(part);
   }
   return { state, unread };

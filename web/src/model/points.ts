@@ -7,7 +7,7 @@ import { mirrorPlane, reflected } from "./midsagittal.ts";
 import { type Profile, profileAt } from "./profile.ts";
 import type { Sampler } from "./sampler.ts";
 import { type Vec2, type Vec3, dot, scale } from "./space.ts";
-import { type ViewState, isHalved } from "./state.ts";
+import { type ViewState, isHalved, isMirrored } from "./state.ts";
 
 /** The point of the surface that is seen at a place of the pane. */
 export interface Picked {
@@ -52,14 +52,14 @@ export class Points {
     return new Points(this.#case, this.#depths, volume);
   }
 
-  /** What is seen at a place of a pane of `size`, of which each half is a view beside the mirrored one; else null. */
+  /** What is seen at a place of a pane of `size`, of which each half can be a view; else null. */
   pick(state: ViewState, [x, y]: Vec2, pane: Vec2): Picked | null {
     const sphere = this.#case.envelope_sphere;
-    const isMirror = isHalved(state);
-    const size: Vec2 = isMirror ? [pane[0] / 2, pane[1]] : pane;
-    const isOther = isMirror && x >= size[0];
-    const view = isOther ? mirrored(state, mirrorPlane(this.#case), sphere) : state;
-    const place: Vec2 = isOther ? [2 * size[0] - x, y] : [x, y];
+    const size: Vec2 = isHalved(state) ? [pane[0] / 2, pane[1]] : pane;
+    const isOther = x >= size[0] && size !== pane;
+    const isMirror = isOther && isMirrored(state);
+    const view = isMirror ? mirrored(state, mirrorPlane(this.#case), sphere) : state;
+    const place: Vec2 = isOther ? [isMirror ? 2 * size[0] - x : x - size[0], y] : [x, y];
     const reach_mm = sphere.radius_mm + MARGIN_MM;
     const from = project(view, sphere, size).positionOf([...place, reach_mm]);
     const direction = scale(towardsViewer(view.orientation), -1);

@@ -18,7 +18,15 @@ export const LAYOUTS = ["single", "slices", "mirror", "both"] as const;
 export type Layout = (typeof LAYOUTS)[number];
 
 /** Whether the surface is seen beside the other hemisphere, mirrored. */
-export const isHalved = ({ layout }: Pick<ViewState, "layout">): boolean => layout === "mirror" || layout === "both";
+export const isMirrored = ({
+  layout,
+  beside,
+}: {
+  readonly layout: Layout;
+  readonly beside?: HalfLook | null;
+}): boolean => !beside && (layout === "mirror" || layout === "both");
+/** Whether the pane has two halves: the mirrored one is the right one, or each has layers of its own. */
+export const isHalved = (state: ViewState): boolean => state.beside !== null || isMirrored(state);
 export const hasSlices = ({ layout }: Pick<ViewState, "layout">): boolean => layout === "slices" || layout === "both";
 
 /** How axial and coronal slices are shown: the patient's right at the picture's left, or at its right. */
@@ -29,6 +37,9 @@ export interface Swipe {
   /** From the left edge of each pane, of its width. */
   readonly share: number;
 }
+
+/** What each half of the pane has of its own when two are compared side by side. */
+export type HalfLook = Pick<ViewState, "layer" | "overlay" | "window" | "colormap">;
 
 /** All that a picture depends on. */
 export interface ViewState {
@@ -46,6 +57,8 @@ export interface ViewState {
   readonly layer: GreyLayer | null;
   /** The layer in colours over the surface and the slices. */
   readonly overlay: LayerOverlay | null;
+  /** The left half, which is compared side by side with the right half: the rest of the state; null: there is none. */
+  readonly beside: HalfLook | null;
   /** Where a line divides the picture without its layers from the picture with them; null: nowhere. */
   readonly swipe: Swipe | null;
   /** Whether slices show a layer as its edges alone, over the case's own intensities. */
@@ -90,6 +103,7 @@ export function firstState(shown: ReadyCase): ViewState {
     colormap: "grey",
     layer: null,
     overlay: null,
+    beside: null,
     swipe: null,
     has_edges: false,
     slab_mm: 0,
@@ -109,9 +123,19 @@ export function clampDepth(depth_mm: number, shown: ReadyCase): number {
   return Math.round(clamp(depth_mm || 0, 0, deepest) * 100) / 100;
 }
 
+/** What the right half shows, or the whole where nothing is beside it. */
+export const halfOf = ({ layer, overlay, window, colormap }: HalfLook): HalfLook => ({
+  layer,
+  overlay,
+  window,
+  colormap,
+});
+/** What the left half shows, or the whole where nothing is beside it. */
+export const leftOf = (state: ViewState): ViewState => ({ ...state, ...state.beside });
+
 /** The layers of a state, by name or id. */
-export const layersOf = ({ layer, overlay }: ViewState): readonly string[] =>
-  [layer?.id, overlay?.name].filter((name) => name !== undefined);
+export const layersOf = (state: ViewState): readonly string[] =>
+  [state, leftOf(state)].flatMap(({ layer, overlay }) => [layer?.id ?? [], overlay?.name ?? []].flat());
 
 /** The picture without its layers. */
 export const bareOf = (state: ViewState): ViewState => ({

@@ -9,10 +9,4 @@ export interface Actions {
   turnToCross(): void;
   forgetCross(): void;
   depthOfCross(): void;
-  /** `times` the pixels of the screen. */
-  screenshot(times: number): void;
-  copyPicture(times: number): void;
-  series(): void;
-  serverPicture(): void;
-  copyAddress(): void;
 }

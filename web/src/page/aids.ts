@@ -16,7 +16,7 @@ import {
 } from "../model/layers.ts";
 import type { Command, LayerCommand } from "../model/controls.ts";
 import { type LayerOverlay, isLayerId, isMap, toggled } from "../model/maps.ts";
-import { type ViewState, bareOf } from "../model/state.ts";
+import { type HalfLook, type ViewState, bareOf, halfOf, layersOf } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
 import type { Actions } from "./actions.ts";
 import type { CaseLayers } from "./case-layers.ts";
@@ -79,9 +79,10 @@ export class Aids {
     this.#state = state;
     this.#showFilled(state);
     // The layer of an address is an id alone, also if it is shown already.
-    const isUnknown = state.layer !== null && !state.layer.intensity;
-    const isNew = isUnknown || state.overlay?.name !== before?.overlay?.name || state.layer?.id !== before?.layer?.id;
-    if (!isNew || !(state.overlay || state.layer)) return;
+    const isUnknown = [state.layer, state.beside?.layer].some((layer) => layer && !layer.intensity);
+    const layers = layersOf(state);
+    const isNew = isUnknown || layers.join() !== (before && layersOf(before).join());
+    if (!isNew || layers.length === 0) return;
     if (this.#list) return this.#settle();
     const ask = async (): Promise<void> => (await this.load()).layers.ask();
     ask().catch((problem: unknown) => this.#listener.complain(problem));
@@ -89,19 +90,20 @@ export class Aids {
 
   /** The state as it is drawn: without what is hidden for now, and with the window of what has no layer. */
   drawable(state: ViewState): ViewState {
-    const known = this.#known(state);
+    const { beside } = state;
+    const right = this.#known(state);
+    const known = beside ? { ...right, beside: this.#known(beside), swipe: null } : right;
     const drawn = this.#filled?.nudge.placed(known) ?? known;
     if (!drawn.layer && !drawn.overlay)
       return drawn.swipe || drawn.has_edges ? { ...drawn, swipe: null, has_edges: false } : drawn;
     const isHidden = this.#filled?.comparison.isHidden;
     if (!isHidden && !drawn.swipe && !drawn.has_edges) return drawn;
-    const bare_window = drawn.layer ? (this.#windows.get("") ?? this.#shown.intensity.window) : drawn.window;
-    const both = { ...drawn, bare_window };
+    const both = { ...drawn, bare_window: this.#own(drawn).window };
     return isHidden ? bareOf(both) : both;
   }
 
   /** Without a layer that is not ready, and with what is known of the others. */
-  #known(state: ViewState): ViewState {
+  #known<State extends HalfLook>(state: State): State {
     if (!state.overlay && !state.layer) return state;
     const overlay = state.overlay && this.#overlayOf(state.overlay);
     const found = state.layer && this.#filled?.layers.ready(state.layer.id);
@@ -127,6 +129,8 @@ export class Aids {
       case "swipe":
       case "edges":
       case "nudge":
+      case "beside":
+      case "swap":
         this.#compare(command.kind);
         return true;
     }
@@ -146,11 +150,11 @@ export class Aids {
     else this.colours(id);
   }
 
-  /** Hides the layers as long as a key is held, divides the picture, shows edges on the slices, or moves a layer. */
-  #compare(how: "hold" | "release" | "swipe" | "edges" | "nudge"): void {
+  /** Hides the layers as long as a key is held, compares them in another way, or moves one. */
+  #compare(how: Exclude<LayerCommand["kind"], "grey" | "colours">): void {
     const comparison = this.#filled?.comparison;
     if (how === "release") return comparison?.hide(false);
-    if (!comparison || !(this.#state?.layer || this.#state?.overlay))
+    if (!comparison || !(this.#state?.layer || this.#state?.overlay || this.#state?.beside))
       return this.#listener.announce(t("layers.none-shown"));
     if (how === "hold") comparison.hide(true);
     else if (how === "nudge") this.#filled?.nudge.begin();
@@ -202,22 +206,33 @@ export class Aids {
     const state = this.#state;
     const list = this.#list;
     if (!state || !list) return;
-    const isGone = (id: string | undefined): boolean =>
-      id !== undefined && isLayerId(id) && !list.layers.some((one) => one.id === id);
-    if (isGone(state.overlay?.name)) return this.#forget({ overlay: null });
-    const { window } = this.#shown.intensity;
-    if (isGone(state.layer?.id)) return this.#forget({ layer: null, window });
-    const found = state.layer && !state.layer.intensity && this.#filled?.layers.ready(state.layer.id);
-    const layer = found && greyOf(found);
-    if (!layer) return;
-    // An address that names a layer and no window means the layer's own.
-    const isUnsaid = state.window.center === window.center && state.window.width === window.width;
-    this.#listener.actions.change({ layer, ...(isUnsaid ? { window: layer.intensity.window } : {}) });
+    const right = this.#settled(state, list);
+    const left = state.beside && this.#settled(state.beside, list);
+    if (right || left) this.#listener.actions.change({ ...right, ...(left ? { beside: left } : {}) });
   }
 
-  #forget(change: Partial<ViewState>): void {
-    this.#filled?.added.say(t("problem.no-such-layer"));
-    this.#listener.actions.change(change);
+  /** What a half shows by the list; null: it stays as it is. */
+  #settled(half: HalfLook, { layers }: LayerList): HalfLook | null {
+    const isGone = (id: string | undefined): boolean =>
+      id !== undefined && isLayerId(id) && !layers.some((one) => one.id === id);
+    const { window } = this.#shown.intensity;
+    const [isBare, isPlain] = [isGone(half.layer?.id), isGone(half.overlay?.name)];
+    if (isBare || isPlain) {
+      this.#filled?.added.say(t("problem.no-such-layer"));
+      return { ...halfOf(half), ...(isBare ? { layer: null, window } : {}), ...(isPlain ? { overlay: null } : {}) };
+    }
+    const found = half.layer && !half.layer.intensity && this.#filled?.layers.ready(half.layer.id);
+    const layer = found && greyOf(found);
+    if (!layer) return null;
+    // An address that names a layer and no window means the layer's own.
+    const isUnsaid = half.window.center === window.center && half.window.width === window.width;
+    return { ...halfOf(half), layer, ...(isUnsaid ? { window: layer.intensity.window } : {}) };
+  }
+
+  /** What is seen of a state without its layers. */
+  #own({ layer, window, colormap }: ViewState): HalfLook {
+    const own = layer ? (this.#windows.get("") ?? this.#shown.intensity.window) : window;
+    return { layer: null, overlay: null, window: own, colormap };
   }
 
   async #fill(): Promise<Filled> {
@@ -231,7 +246,11 @@ export class Aids {
       announce: (words) => this.#listener.announce(words),
     });
     const controls = new parts.OverlayControls(({ about: _, ...overlay }) => actions.change({ overlay }));
-    const comparison = new parts.Comparison(actions, () => this.#listener.redraw());
+    const comparison = new parts.Comparison(
+      actions,
+      () => this.#listener.redraw(),
+      (state) => this.#own(state),
+    );
     const nudge = new parts.Nudge(this.#shown, layers, {
       moved: () => this.#listener.redraw(),
       take: (id) => (this.#state?.layer ? this.grey(id) : this.colours(id)),

@@ -1,5 +1,6 @@
 // What the server has of a case's layers: how far they are, their voxels, and the places that it lists.
 
+import { wait } from "../base/patience.ts";
 import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
 import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
 import type { Candidate } from "../model/maps.ts";
@@ -103,5 +104,3 @@ export async function patiently<T>(ask: () => Promise<T>, signal: AbortSignal): 
     }
   }
 }
-
-export const wait = (time_ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, time_ms));

@@ -106,7 +106,6 @@ export class Row {
       const state = { ...firstState(one), orientation: NAMED_VIEWS.left, way: "exact" } as const;
       const path = `${one.id}/render?${renderQuery(state, [THUMB_PIXELS, THUMB_PIXELS])}`;
       const image = await served({ path });
-      image.alt = "";
       this.#thumb.replaceChildren(image);
     } catch {
       // A list without the picture is still a list; the next drawing of the row tries again.

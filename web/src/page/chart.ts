@@ -179,10 +179,10 @@ async function savePicture(
   const curves = [...chart.querySelectorAll(".curve:not(.layer)"), ...chart.querySelectorAll(".layer.own")];
   const words = [t("profile.mirrored"), t("profile.own"), ...layers.map((layer) => layer.words)];
   const frame = { width, height: height + words.length * LEGEND_PIXELS, ratio: 4, caption: await caption() };
-  const png = await captioned(frame, (context) => {
+  const png = await captioned(frame, async (context) => {
     context.fillStyle = page.backgroundColor;
     context.fillRect(0, 0, width, frame.height);
-    paintSvg(context, chart, [0, 0]);
+    await paintSvg(context, chart, [0, 0]);
     context.font = `12px ${page.fontFamily}`;
     context.textBaseline = "middle";
     for (const [at, curve] of curves.entries()) {

@@ -2,7 +2,7 @@
 
 import { h } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { type ViewState, hasSlices, isHalved } from "../model/state.ts";
+import { type HalfLook, type ViewState, halfOf, hasSlices, isMirrored } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
 import { Slider, button, row } from "./fields.ts";
 
@@ -13,27 +13,34 @@ export class Comparison {
   readonly element: HTMLElement;
   readonly #actions: Actions;
   readonly #redraw: () => void;
+  /** A state without its layers. */
+  readonly #own: (state: ViewState) => HalfLook;
   readonly #blink: HTMLButtonElement;
   readonly #swipe: HTMLButtonElement;
   readonly #edges: HTMLButtonElement;
+  readonly #beside: HTMLButtonElement;
+  readonly #swap: HTMLButtonElement;
   readonly #place: Slider;
   #state: ViewState | null = null;
   #isHidden = false;
   #timer = 0;
 
-  constructor(actions: Actions, redraw: () => void) {
+  constructor(actions: Actions, redraw: () => void, own: (state: ViewState) => HalfLook) {
     this.#actions = actions;
     this.#redraw = redraw;
+    this.#own = own;
     this.#blink = button(t("layer.blink"), () => this.#toggleBlink(), { "aria-pressed": "false" });
     this.#swipe = button(t("layer.swipe"), () => this.swipe(), { "aria-pressed": "false" });
     this.#edges = button(t("layer.edges"), () => this.edges(), { "aria-pressed": "false" });
+    this.#beside = button(t("layer.beside"), () => this.beside(), { "aria-pressed": "false" });
+    this.#swap = button(t("layer.swap"), () => this.swap());
     this.#place = new Slider("swipe-place", t("layer.divider"), [0, 1, 0.01], (share) =>
       actions.change({ swipe: { share } }),
     );
     this.element = h(
       "div",
       { class: "group-part", hidden: true },
-      row(this.#blink, this.#swipe, this.#edges),
+      row(this.#blink, this.#swipe, this.#edges, this.#beside, this.#swap),
       this.#place.element,
     );
   }
@@ -44,12 +51,14 @@ export class Comparison {
   }
 
   show(state: ViewState): void {
-    const { layer, overlay, swipe, has_edges } = state;
-    this.element.hidden = !layer && !overlay;
+    const { layer, overlay, beside, swipe, has_edges } = state;
+    this.element.hidden = !layer && !overlay && !beside;
     if (this.element.hidden) this.stop();
     this.#state = state;
     this.#edges.setAttribute("aria-pressed", String(has_edges));
     this.#swipe.setAttribute("aria-pressed", String(swipe !== null));
+    this.#beside.setAttribute("aria-pressed", String(beside !== null));
+    this.#swap.hidden = !beside;
     this.#place.element.hidden = !swipe;
     if (swipe) this.#place.show(swipe.share, `${number(100 * swipe.share)} %`);
   }
@@ -63,14 +72,28 @@ export class Comparison {
 
   /** Puts the dividing line into the middle, or takes it away. */
   swipe(): void {
-    this.#actions.change({ swipe: this.#state?.swipe ? null : { share: 0.5 } }, true);
+    this.#actions.change({ swipe: this.#state?.swipe ? null : { share: 0.5 }, beside: null }, true);
+  }
+
+  /** Shows the case without its layers in a left half, or no more. */
+  beside(): void {
+    const state = this.#state;
+    if (!state) return;
+    if (state.beside) return this.#actions.change({ beside: null }, true);
+    const layout = hasSlices(state) ? "slices" : "single";
+    this.#actions.change({ beside: this.#own(state), layout, swipe: null }, true);
+  }
+
+  /** Exchanges what the two halves show: what is chosen is of the right one. */
+  swap(): void {
+    if (this.#state?.beside) this.#actions.change({ ...this.#state.beside, beside: halfOf(this.#state) }, true);
   }
 
   /** Shows edges, on slices, or no more. */
   edges(): void {
     const state = this.#state;
     if (!state) return;
-    const layout = isHalved(state) ? "both" : "slices";
+    const layout = isMirrored(state) ? "both" : "slices";
     const needsSlices = !state.has_edges && !hasSlices(state);
     this.#actions.change({ has_edges: !state.has_edges, ...(needsSlices ? { layout } : {}) }, true);
   }

@@ -6,10 +6,10 @@ import { number, t, wordsBetween } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
+import type { OnScreen } from "./export.ts";
 import type { Preferences } from "./preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
-import type { Vec2 } from "../model/space.ts";
-import { type ViewState, isHalved } from "../model/state.ts";
+import { isHalved } from "../model/state.ts";
 
 /** A dialog that is gone when it closes; the promise is of the value of the button that closed it. */
 export function open(
@@ -168,8 +168,8 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
 }
 
 /** The server's own picture of a state, and its address to copy. */
-export function serverPictureDialog(id: string, state: ViewState, size: Vec2): void {
-  const query = renderQuery(state, pictureSize(size, devicePixelRatio, 1024));
+export function serverPictureDialog({ shown: { id }, state, surface }: OnScreen): void {
+  const query = renderQuery(state, pictureSize(surface.size(), devicePixelRatio, 1024));
   query.set("annotate", "true");
   const path = `${id}/render?${query}`;
   const address = new URL(`v1/cases/${path}`, document.baseURI).href;
@@ -194,7 +194,7 @@ export function serverPictureDialog(id: string, state: ViewState, size: Vec2): v
     t("server.title", { depth: number(state.depth_mm, 1) }),
     "server-picture",
     place,
-    ...(isHalved(state) ? [quiet(t("server.half"))] : []),
+    ...(isHalved(state) ? [quiet(t(state.beside ? "server.right" : "server.half"))] : []),
     h("div", { class: "line" }, field, h("button", { click: () => void copy() }, t("server.copy"))),
     said,
     h("div", { class: "row end" }, closing("close", t("close"), { class: "primary", autofocus: true })),

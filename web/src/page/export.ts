@@ -3,7 +3,7 @@
 import { viewName } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { type LayerOverlay, styleOf } from "../model/maps.ts";
-import { hasSlices, type ViewState } from "../model/state.ts";
+import { type HalfLook, hasSlices, type ViewState } from "../model/state.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -29,18 +29,25 @@ export const fileStem = (shown: Pick<ReadyCase, "id">): string => `isocortex-${s
 
 /** What stands below every picture of a case: whose it is, how it is seen, what drew it and what it is not for. */
 export async function captionOf(shown: ReadyCase, state: ViewState): Promise<string[]> {
-  const { window, colormap, layer, overlay, crosshair_mm } = state;
+  const { beside, crosshair_mm } = state;
   const parts = [
     depthWords(state),
     t(`view.${viewName(state.orientation) ?? "oblique"}`),
-    t("caption.window", { center: intensity(window.center), width: intensity(window.width) }),
-    ...(colormap === "grey" ? [] : [t(`colormap.${colormap}`)]),
-    ...(layer ? [t("caption.layer", { name: titleWords(layer.about) })] : []),
-    ...(overlay ? [aboveWords(overlay)] : []),
+    ...(beside
+      ? [`${t("caption.left")} ${halfWords(beside).join(", ")}`, `${t("caption.right")} ${halfWords(state).join(", ")}`]
+      : halfWords(state)),
     ...(crosshair_mm ? [t("caption.point", { position: positionWords(crosshair_mm).replaceAll(" · ", " ") })] : []),
   ];
   return [caseIdentity(shown), parts.join(" · "), `${await programWords()} · ${t("notice.long")}`];
 }
+
+/** The window, the colours and the layers of a picture, or of a half. */
+const halfWords = ({ window, colormap, layer, overlay }: HalfLook): readonly string[] => [
+  t("caption.window", { center: intensity(window.center), width: intensity(window.width) }),
+  ...(colormap === "grey" ? [] : [t(`colormap.${colormap}`)]),
+  ...(layer ? [t("caption.layer", { name: titleWords(layer.about) })] : []),
+  ...(overlay ? [aboveWords(overlay)] : []),
+];
 
 /** Which layer lies over the picture, and how. */
 function aboveWords(overlay: LayerOverlay): string {

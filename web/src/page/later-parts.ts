@@ -1,7 +1,8 @@
 // What of the page is fetched when it is first wanted, as one file: see `later.ts`.
 
-export { askToken, confirmDelete, confirmRename, helpDialog, maskDialog, serverPictureDialog } from "./dialogs.ts";
-export { captionOf, copied, copyPicture, fileStem, savePicture } from "./export.ts";
+export { askToken, confirmDelete, confirmRename, helpDialog, maskDialog } from "./dialogs.ts";
+export { captionOf, fileStem } from "./export.ts";
+export { exportSection } from "./export-section.ts";
 export { profileView } from "./chart.ts";
 export { measuredAt } from "./measured.ts";
 export { SlicePane } from "../panes/slices.ts";
@@ -15,4 +16,3 @@ export { Nudge } from "./nudge.ts";
 export { OverlayControls } from "./overlay-controls.ts";
 export { SweepSection } from "./sweep-section.ts";
 export { UploadForm } from "./upload.ts";
-export { seriesDialog } from "./series.ts";

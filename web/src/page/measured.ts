@@ -4,7 +4,8 @@ import { listLayers, send } from "../base/api.ts";
 import { known, number, t } from "../base/i18n.ts";
 import type { Curve, Measured, PointMeasured, SidedCurves } from "../model/profile.ts";
 import { isBusy } from "../model/layers.ts";
-import { patiently, wait } from "./case-layers.ts";
+import { wait } from "../base/patience.ts";
+import { patiently } from "./case-layers.ts";
 
 /** How long a point rests before the server is asked about it, and asked again while something is being made. */
 const REST_MS = 500;

@@ -1,7 +1,6 @@
 // What the viewer does with parts of the page that are fetched when they are first wanted: sections of the panel, the
 // profile, files.
 
-import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
 import type { Measured, Profile } from "../model/profile.ts";
 import type { Vec3 } from "../model/space.ts";
@@ -21,8 +20,8 @@ export interface OnDemandHost {
   onScreen(): Omit<OnScreen, "shown">;
   goTo(depth_mm: number): void;
   made(one: Case, wasThere: boolean): void;
-  /** Reports the result for a file. */
-  note(words: string): void;
+  /** The address of what is on the screen. */
+  address(): string;
   /** The server has measured at the marked point. */
   measured(): void;
   complain(problem: unknown): void;
@@ -39,8 +38,14 @@ export class OnDemand {
   }
 
   /** The sections of the panel that are filled when they are first opened. */
-  sections(sweep: Sweep): { readonly sweep: HTMLElement; readonly case: HTMLElement } {
-    return { sweep: this.#sweepSection(sweep), case: this.#caseSection() };
+  sections(sweep: Sweep): readonly HTMLElement[] {
+    return [this.#sweepSection(sweep), this.#caseSection(), this.#exportSection(sweep)];
+  }
+
+  #exportSection(sweep: Sweep): HTMLElement {
+    return this.#section("panel.export", ({ exportSection }) =>
+      exportSection({ onScreen: () => this.#onScreen, sweep: () => sweep.choice, address: () => this.#host.address() }),
+    );
   }
 
   #caseSection(): HTMLElement {
@@ -111,28 +116,6 @@ export class OnDemand {
     }
   }
 
-  savePicture(times: number): void {
-    this.#tell(async ({ savePicture }) => savePicture(this.#onScreen, times));
-  }
-
-  copyPicture(times: number): void {
-    this.#tell(async ({ copyPicture }) => copyPicture(this.#onScreen, times));
-  }
-
-  copyAddress(): void {
-    this.#tell(async ({ copied }) => copied(location.href));
-  }
-
-  series(sweep: Sweep): void {
-    const { shown, state, surface } = this.#onScreen;
-    this.#open(({ seriesDialog }) => seriesDialog(shown, state, sweep.choice, surface.size()));
-  }
-
-  serverPicture(): void {
-    const { shown, state, surface } = this.#onScreen;
-    this.#open(({ serverPictureDialog }) => serverPictureDialog(shown.id, state, surface.size()));
-  }
-
   get #onScreen(): OnScreen {
     const view = this.#host.onScreen();
     // A layer that is being fetched is not on the screen.
@@ -153,18 +136,5 @@ export class OnDemand {
     };
     element.addEventListener("toggle", () => void open(), { once: true });
     return element;
-  }
-
-  /** Tells in words what becomes of it. */
-  #tell(work: (parts: Parts) => Promise<string>): void {
-    this.#host.note(t("export.working"));
-    later()
-      .then(work)
-      .catch(problemWords)
-      .then((words) => this.#host.note(words));
-  }
-
-  #open(work: (parts: Parts) => void): void {
-    later().then(work, (problem: unknown) => this.#host.note(problemWords(problem)));
   }
 }

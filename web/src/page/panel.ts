@@ -4,7 +4,7 @@ import { VIEW_NAMES, viewName } from "../model/camera.ts";
 import type { Intensity, ReadyCase, Window } from "../model/case.ts";
 import type { StateHistory } from "../model/history.ts";
 import { ARROW_PIXELS, boundWindow } from "../model/controls.ts";
-import { h, iconButton, setText, setValue, status } from "../base/dom.ts";
+import { h, iconButton, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import {
   COLORMAPS,
@@ -36,14 +36,11 @@ import {
 } from "./fields.ts";
 import { PointSection } from "./point-section.ts";
 
-/** How many times the screen's pixels a saved picture can have. */
-const TIMES = [1, 2, 4] as const;
-
 /** Sections that others fill. */
 export interface PanelSections {
   readonly aids: readonly HTMLElement[];
-  readonly sweep: HTMLElement;
-  readonly case: HTMLElement;
+  /** Those at the end. */
+  readonly last: readonly HTMLElement[];
 }
 
 /** The panel beside the picture. */
@@ -64,12 +61,10 @@ export class Panel {
   readonly #convention: HTMLSelectElement;
   readonly #averages: HTMLInputElement;
   readonly #outlines: HTMLInputElement;
-  readonly #times: HTMLSelectElement;
   /** What is known of the marked point. */
   readonly point: PointSection;
   readonly #undo: HTMLButtonElement;
   readonly #redo: HTMLButtonElement;
-  readonly #note = status();
 
   constructor(shown: ReadyCase, actions: Actions, sections: PanelSections) {
     this.#shown = shown;
@@ -139,8 +134,6 @@ export class Panel {
         if (depths) actions.change({ outlines_mm: boundOutlines(depths, shown) }, true);
       },
     });
-    this.#times = choice("times", t("export.times"), TIMES, (times) => `${times}×`);
-    const times = (): number => Number(this.#times.value);
     this.#undo = iconButton("undo", t("undo"), () => actions.command({ kind: "undo" }));
     this.#redo = iconButton("redo", t("redo"), () => actions.command({ kind: "redo" }));
     this.point = new PointSection(actions);
@@ -183,21 +176,7 @@ export class Panel {
         tall(t("convention.label"), this.#convention),
         line(t("outlines.label"), this.#outlines, h("span", { class: "quiet" }, "mm")),
       ),
-      sections.sweep,
-      sections.case,
-      section(
-        t("panel.export"),
-        false,
-        row(
-          this.#times,
-          button(t("export.screenshot"), () => actions.screenshot(times())),
-          button(t("export.copy-picture"), () => actions.copyPicture(times())),
-          button(t("export.server"), () => actions.serverPicture()),
-          button(t("export.series"), () => actions.series()),
-          button(t("export.copy"), () => actions.copyAddress()),
-        ),
-        this.#note,
-      ),
+      ...sections.last,
     );
   }
 
@@ -234,10 +213,6 @@ export class Panel {
   showHistory({ canUndo, canRedo }: Pick<StateHistory, "canUndo" | "canRedo">): void {
     this.#undo.disabled = !canUndo;
     this.#redo.disabled = !canRedo;
-  }
-
-  note(words: string): void {
-    setText(this.#note, words);
   }
 
   /** The sliders of the window reach as far as the values of the texture. */

@@ -4,14 +4,13 @@ import { postForFile } from "../base/api.ts";
 import { h, quiet, status } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
-import type { ReadyCase } from "../model/case.ts";
 import { readDepths } from "../model/query.ts";
 import { SHEET_VIEWS, sheetBody, sweepBody, turnBody } from "../model/series.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type ViewState, clampDepth } from "../model/state.ts";
+import { clampDepth } from "../model/state.ts";
 import type { SweepChoice } from "../model/sweep.ts";
 import { closing, open } from "./dialogs.ts";
-import { fileStem } from "./export.ts";
+import { type OnScreen, fileStem } from "./export.ts";
 import { saveFile } from "./picture-file.ts";
 
 const KINDS = ["sheet", "turn", "sweep"] as const;
@@ -24,7 +23,7 @@ const TURN_PICTURES = 72;
 const SWEEP_STEP_MM = 0.5;
 
 /** Lets choose what is drawn and saves it. */
-export function seriesDialog(shown: ReadyCase, state: ViewState, sweep: SweepChoice, pane: Vec2): void {
+export function seriesDialog({ shown, state, surface }: OnScreen, sweep: SweepChoice): void {
   const kind = h(
     "select",
     { id: "series-kind", change: () => showFields() },
@@ -55,7 +54,7 @@ export function seriesDialog(shown: ReadyCase, state: ViewState, sweep: SweepCho
   };
   const said = status();
   const make = h("button", { type: "button", class: "primary", click: () => void save() }, t("series.make"));
-  const size = movingSize(pane);
+  const size = movingSize(surface.size());
   const bodyOf = (wanted: Kind): unknown => {
     if (wanted === "sweep") return sweepBody(state, sweep, SWEEP_STEP_MM, size);
     if (wanted === "turn") {

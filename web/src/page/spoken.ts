@@ -7,7 +7,7 @@ import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
-import { overlayWords, titleWords } from "../panes/overlay.ts";
+import { lookWords, overlayWords, titleWords } from "../panes/overlay.ts";
 
 /** What is asked about places. */
 export interface Places {
@@ -22,7 +22,10 @@ function spokenWords(state: ViewState, places: Places): string {
   const [width, height] = places.size();
   const position = marked ?? places.pick([width / 2, height / 2])?.position_in_patient ?? null;
   const view = t(`view.${viewName(state.orientation) ?? "oblique"}`);
-  const layers = [state.layer ? titleWords(state.layer.about) : "", state.overlay ? overlayWords(state.overlay) : ""];
+  const { beside } = state;
+  const layers = beside
+    ? [t("beside.said", { left: lookWords(beside), right: lookWords(state) })]
+    : [state.layer ? titleWords(state.layer.about) : "", state.overlay ? overlayWords(state.overlay) : ""];
   const words = [t("depth.said", { depth: number(state.depth_mm, 1) }), view, ...layers.filter(Boolean)];
   const shown = `${words.join(", ")}.`;
   if (!position) return shown;

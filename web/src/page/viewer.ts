@@ -99,13 +99,13 @@ export class Viewer {
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
     this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain });
-    this.panel = new Panel(shown, actions, { aids: this.#aids.elements, ...this.#onDemand.sections(this.#sweep) });
+    this.panel = new Panel(shown, actions, { aids: this.#aids.elements, last: this.#onDemand.sections(this.#sweep) });
     this.#slices = new SliceGroup(shown, {
       load: later,
       resized: redraw,
       move: (position, done) => this.#moveCross(position, done),
       window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
-      surface: () => this.#surface,
+      surface: () => this.#surface.surface,
       complain,
     });
     const swipe = ({ detail: share }: CustomEvent<number>): void => this.#change({ swipe: { share } });
@@ -121,10 +121,6 @@ export class Viewer {
     this.#apply({});
   }
 
-  get state(): ViewState {
-    return this.#state;
-  }
-
   /** How the case is left. */
   get left(): Left {
     return { state: this.#state, history: this.#history };
@@ -135,7 +131,7 @@ export class Viewer {
     this.#loadAbort = new AbortController();
     this.#notices.begin();
     try {
-      await this.#surface.load(this.#loadAbort.signal, (progress) => this.#notices.progress(progress));
+      await this.#surface.surface.load(this.#loadAbort.signal, (progress) => this.#notices.progress(progress));
       this.#notices.end();
     } catch (error) {
       this.#notices.end();
@@ -174,7 +170,7 @@ export class Viewer {
       case "play":
         return this.#sweep.isRunning ? this.#stopSweep() : this.#sweep.start();
       case "timer":
-        this.#surface.showTimer((this.#timerShown = !this.#timerShown));
+        this.#surface.surface.showTimer((this.#timerShown = !this.#timerShown));
         return this.#schedule();
       case "outline": {
         const hides = this.#slices.strip();
@@ -224,7 +220,7 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    for (const part of [this.#slices, this.#aids, this.#surface, this.#onDemand]) part.dispose();
+    for (const part of [this.#slices, this.#aids, this.#surface.surface, this.#onDemand]) part.dispose();
     for (const { element } of [this, this.panel]) element.remove();
   }
 
@@ -234,7 +230,10 @@ export class Viewer {
       onScreen: () => ({ state: this.#state, panes: this.#panes, surface: this.#surface, slices: this.#slices }),
       goTo: (depth_mm) => this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true),
       made: this.#host.made,
-      note: (words) => this.panel.note(words),
+      address: () => {
+        this.#address.replace();
+        return location.href;
+      },
       measured: () => this.#showPoint(),
       complain: (problem) => this.#notices.complain(problem),
     });
@@ -361,7 +360,7 @@ export class Viewer {
 
   /** Plots intensity against depth below a position, where it is known by then and still the marked one. */
   async #showProfile(position: Vec3): Promise<void> {
-    const profile = this.#surface.profile(position);
+    const profile = this.#surface.surface.profile(position);
     const plotted = profile && (await this.#onDemand.plot(profile, position));
     if (!this.#disposed && this.#state.crosshair_mm === position) this.panel.point.plot(plotted);
   }
@@ -383,14 +382,6 @@ export class Viewer {
       depthOfCross: () => {
         const depth_mm = this.#state.crosshair_mm && this.#surface.probe(this.#state.crosshair_mm)?.depth_mm;
         if (Number.isFinite(depth_mm)) this.#change({ depth_mm: clampDepth(Number(depth_mm), this.shown) }, true);
-      },
-      screenshot: (times) => this.#onDemand.savePicture(times),
-      copyPicture: (times) => this.#onDemand.copyPicture(times),
-      series: () => this.#onDemand.series(this.#sweep),
-      serverPicture: () => this.#onDemand.serverPicture(),
-      copyAddress: () => {
-        this.#address.replace();
-        this.#onDemand.copyAddress();
       },
     };
   }

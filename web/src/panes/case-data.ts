@@ -15,8 +15,12 @@ const MOST_WHOLE_BYTES = 96 << 20;
 export type Voxels8Or16 = Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>;
 
 /** What has been fetched of a case; a lost context is filled from it again. */
-export interface Fetched {
+export interface Fetched extends DeviceData {
   equipment: Equipment | null;
+}
+
+/** What of it a device draws with. */
+export interface DeviceData {
   triangles: Uint32Array<ArrayBuffer> | null;
   positions: { readonly positions: Float32Array<ArrayBuffer>; readonly depth_mm: number } | null;
   paths: PathsTable | null;
@@ -30,10 +34,8 @@ export interface Fetched {
 export interface DataListener {
   /** All of the first picture is here. */
   first(signal: AbortSignal): Promise<void>;
-  positions(positions: Float32Array<ArrayBuffer>, depth_mm: number): void;
-  paths(table: PathsTable): void;
-  volume(volume: Voxels8Or16, isWhole: boolean, signal: AbortSignal): Promise<void>;
-  field(maps: FieldMaps, signal: AbortSignal): Promise<void>;
+  /** More is here for a device. */
+  more(part: Partial<DeviceData>, signal: AbortSignal): Promise<void>;
   /** Everything is here. */
   whole(volume: Voxels8Or16, maps: FieldMaps): void;
 }
@@ -90,9 +92,13 @@ export class CaseData {
     if (bytes > MOST_WHOLE_BYTES) return null;
     const assets = new Assets(this.#case.id, this.#gone, new ByteCount(() => {}));
     const whole = await assets.volume(16, bytes, "whole");
-    Object.assign(this.fetched, { volume: whole, isWhole: true });
-    await this.#listener.volume(whole, true, this.#gone);
+    await this.#take({ volume: whole, isWhole: true }, this.#gone);
     return whole;
+  }
+
+  #take(part: Partial<DeviceData>, signal: AbortSignal): Promise<void> {
+    Object.assign(this.fetched, part);
+    return this.#listener.more(part, signal);
   }
 
   async #loadFirst(assets: Assets, depth_mm: number, signal: AbortSignal): Promise<void> {
@@ -121,8 +127,7 @@ export class CaseData {
         const depth_mm = wanted;
         wanted = null;
         const positions = await assets.positions(depth_mm);
-        this.fetched.positions = { positions, depth_mm };
-        this.#listener.positions(positions, depth_mm);
+        await this.#take({ positions: { positions, depth_mm } }, this.#gone);
       }
       isRunning = false;
     };
@@ -144,20 +149,17 @@ export class CaseData {
     };
     const table = async (): Promise<void> => {
       if (!draws) return;
-      this.fetched.paths = arrived(await assets.paths());
-      this.#listener.paths(this.fetched.paths);
+      await this.#take({ paths: arrived(await assets.paths()) }, signal);
     };
     const volume = async (): Promise<Voxels8Or16> => {
       const whole = arrived(await assets.volume(16, 2 * voxels));
-      Object.assign(this.fetched, { volume: whole, isWhole: false });
-      await this.#listener.volume(whole, false, signal);
+      await this.#take({ volume: whole, isWhole: false }, signal);
       return whole;
     };
     const maps = async (): Promise<FieldMaps> => {
       const field = arrived(await assets.distance("all", 2 * voxels));
       const made = await patiently(fieldMaps(field), signal);
-      this.fetched.field = made;
-      await this.#listener.field(made, signal);
+      await this.#take({ field: made }, signal);
       return made;
     };
     const [whole, made] = await Promise.all([volume(), maps(), table()]);

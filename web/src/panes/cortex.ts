@@ -9,15 +9,15 @@ import { samplerOf } from "../model/sampler.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { clampDepth, FIRST_DEPTH_MM, layersOf, type ViewState, type Way } from "../model/state.ts";
-import type { PathsTable } from "../model/wire.ts";
 import { Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { TooLarge } from "../gl/gl.ts";
+import type { Painter } from "../gl/painter.ts";
 import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/scene.ts";
 import { CaseData, type Voxels8Or16 } from "./case-data.ts";
-import { Device, fitsMemory } from "./device.ts";
-import { panesOf, slicePicture } from "./looks.ts";
+import { Device, fitsMemory, handOver } from "./device.ts";
+import { panesOf, slicePicture, withLayers } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
 import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "./surface.ts";
@@ -68,14 +68,7 @@ class Cortex implements Surface {
     host.append(this.#canvas, this.#times);
     this.#data = new CaseData(shown, this.#gone.signal, {
       first: (signal) => this.#onFirst(signal),
-      positions: (positions, depth_mm) => {
-        this.#device?.painter?.setPositions(positions, depth_mm);
-        this.#paint();
-      },
-      paths: (table) => this.#onPaths(table),
-      volume: (volume, isWhole, signal) =>
-        this.#bring((device) => device.bring((painter) => painter.setVolume(volume, isWhole), signal)),
-      field: (maps, signal) => this.#bring((device) => device.bring((painter) => painter.setField(maps), signal)),
+      more: (part, signal) => this.#bring((painter) => handOver(painter, part), signal),
       whole: (volume, maps) => this.#onWhole(volume, maps),
     });
     this.#standIn = new StandIn(this.#canvas, shown, {
@@ -170,7 +163,7 @@ class Cortex implements Surface {
   }
 
   dispose(): void {
-    this.#gone.abort(new DOMException("The surface is shown no more.", "AbortError"));
+    this.#gone.abort();
     cancelAnimationFrame(this.#frame);
     this.#pace.stop();
     this.#resized.disconnect();
@@ -193,11 +186,6 @@ class Cortex implements Surface {
     this.#paint();
   }
 
-  #onPaths(table: PathsTable): void {
-    this.#device?.painter?.setPaths(table);
-    this.#paint();
-  }
-
   #onWhole(volume: Voxels8Or16, { field, smoothed }: FieldMaps): void {
     const depths = depthsOf(field, { ...field, voxels: smoothed ?? field.voxels });
     this.#points = new Points(this.#case, depths, samplerOf(volume));
@@ -216,9 +204,8 @@ class Cortex implements Surface {
     this.#tell();
   }
 
-  async #bring(work: (device: Device) => Promise<void>): Promise<void> {
-    if (!this.#device?.painter) return;
-    await work(this.#device);
+  async #bring(work: (painter: Painter) => Generator<void, void>, signal: AbortSignal): Promise<void> {
+    await this.#device?.bring(work, signal);
     this.#schedule();
   }
 
@@ -299,11 +286,7 @@ class Cortex implements Surface {
 
   /** The state with those of its layers whose voxels are here; without its texture, with the case's own. */
   #available(state: ViewState): ViewState {
-    const isHere = (name: string): boolean => this.#device?.painter?.hasLayer(name) ?? false;
-    if (layersOf(state).every(isHere)) return state;
-    const overlay = state.overlay && isHere(state.overlay.name) ? state.overlay : null;
-    if (!state.layer || isHere(state.layer.id)) return { ...state, overlay };
-    return { ...state, overlay, layer: null, window: this.#case.intensity.window };
+    return withLayers(state, this.#case, (name) => this.#device?.painter?.hasLayer(name) ?? false);
   }
 
   /** Fetches the voxels of layers, each once, and draws with them. */
@@ -319,7 +302,7 @@ class Cortex implements Surface {
     try {
       const layer = await this.#options.layer(name);
       if (!this.#asked.has(name)) return;
-      await this.#bring((device) => device.bring((painter) => painter.setLayer(name, layer), this.#gone.signal));
+      await this.#bring((painter) => painter.setLayer(name, layer), this.#gone.signal);
       this.#asked.delete(name);
     } catch (error) {
       this.#fail(error);

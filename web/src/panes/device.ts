@@ -7,7 +7,7 @@ import type { Vec2 } from "../model/space.ts";
 import type { Equipment, Gl } from "../gl/gl.ts";
 import { Painter } from "../gl/painter.ts";
 import { fits, textureBytes } from "../gl/sizes.ts";
-import { withGradients, type Fetched } from "./case-data.ts";
+import { withGradients, type DeviceData, type Fetched } from "./case-data.ts";
 
 /** The most bytes on the device that a case may take. */
 const MOST_TEXTURE_BYTES = 1 << 30;
@@ -117,7 +117,8 @@ export class Device {
     let taken: Fetched;
     do {
       taken = { ...fetched };
-      await handOver(painter, { ...taken, field: await withGradients(taken.field, signal) }, signal);
+      const field = await withGradients(taken.field, signal);
+      await patiently(handOver(painter, { ...taken, field }), signal);
       // What came meanwhile is brought as well.
     } while (taken.paths !== fetched.paths || taken.volume !== fetched.volume || taken.field !== fetched.field);
     signal.throwIfAborted();
@@ -128,7 +129,7 @@ export class Device {
     // Without this, the context would never come back.
     event.preventDefault();
     this.painter = null;
-    this.#context.abort(new DOMException("The context was lost.", "AbortError"));
+    this.#context.abort();
     this.#context = new AbortController();
     this.#listener.lost();
   };
@@ -136,13 +137,14 @@ export class Device {
   readonly #onRestored = (): void => this.#listener.restored();
 }
 
-async function handOver(painter: Painter, fetched: Fetched, signal: AbortSignal): Promise<void> {
-  const { triangles, positions, paths, volume, isWhole, field } = fetched;
+/** Hands over what has been fetched, or a part of it. */
+export function* handOver(painter: Painter, part: Partial<DeviceData>): Generator<void, void> {
+  const { triangles, positions, paths, volume, isWhole = false, field } = part;
   if (triangles) painter.setTriangles(triangles);
   if (positions) painter.setPositions(positions.positions, positions.depth_mm);
   if (paths) painter.setPaths(paths);
-  if (volume) await patiently(painter.setVolume(volume, isWhole), signal);
-  if (field) await patiently(painter.setField(field), signal);
+  if (volume) yield* painter.setVolume(volume, isWhole);
+  if (field) yield* painter.setField(field);
 }
 
 function rendererOf(gl: Gl): string {

@@ -4,7 +4,19 @@ import type { ReadyCase } from "../model/case.ts";
 import { type LayerOverlay, isDiverging, styleOf } from "../model/maps.ts";
 import { type SliceView, isFlipped, sliceCamera, sliceCenter } from "../model/slice-geometry.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type ViewState, bareOf, edgesLayer, isHalved, partsOf, slabOf } from "../model/state.ts";
+import {
+  type ViewState,
+  type HalfLook,
+  bareOf,
+  edgesLayer,
+  halfOf,
+  isHalved,
+  isMirrored,
+  layersOf,
+  leftOf,
+  partsOf,
+  slabOf,
+} from "../model/state.ts";
 import { colorRow } from "../gl/colors.ts";
 import type { Painter } from "../gl/painter.ts";
 import type { Pane, SliceLook } from "../gl/scene.ts";
@@ -33,14 +45,25 @@ const lookOf = (state: ViewState): Look => ({
   isMirrored: false,
 });
 
+/** A state without those of its layers that are not here; in the place of a texture, the case's own intensities. */
+export function withLayers(state: ViewState, { intensity }: ReadyCase, isHere: (name: string) => boolean): ViewState {
+  if (layersOf(state).every(isHere)) return state;
+  const half = (look: HalfLook): HalfLook => {
+    const overlay = look.overlay && isHere(look.overlay.name) ? look.overlay : null;
+    const found = { ...halfOf(look), overlay };
+    return !look.layer || isHere(look.layer.id) ? found : { ...found, layer: null, window: intensity.window };
+  };
+  return { ...state, ...half(state), beside: state.beside && half(state.beside) };
+}
+
 /** The panes of a canvas of so many pixels. */
 export function panesOf(state: ViewState, [width, height]: Vec2): Pane[] {
   const across = Math.floor(isHalved(state) ? width / 2 : width);
-  const views = isHalved(state) ? [false, true] : [false];
-  return views.flatMap((isMirrored) =>
-    partsOf(state).map(([part, clip]) => ({
-      look: { ...lookOf(part), isMirrored },
-      left: isMirrored ? width - across : 0,
+  const views = isHalved(state) ? [leftOf(state), state] : [state];
+  return views.flatMap((view, at) =>
+    partsOf(view).map(([part, clip]) => ({
+      look: { ...lookOf(part), isMirrored: at > 0 && isMirrored(state) },
+      left: at * (width - across),
       size: [across, height],
       clip,
     })),

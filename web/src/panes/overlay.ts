@@ -7,7 +7,7 @@ import { number, t } from "../base/i18n.ts";
 import { scaleBar } from "../base/readout.ts";
 import { type LayerOverlay, type LayerWords, isMap } from "../model/maps.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type Colormap, type Swipe, type ViewState, clamp, windowEnds } from "../model/state.ts";
+import { type Colormap, type HalfLook, type Swipe, type ViewState, clamp, windowEnds } from "../model/state.ts";
 import { Cursor, type CursorKind } from "./cursor.ts";
 
 export const SIDES = ["left", "right", "top", "bottom"] as const;
@@ -111,6 +111,12 @@ export const titleWords = (about: LayerWords | undefined): string =>
 /** The same of what lies over a picture. */
 export const overlayWords = ({ name, about }: LayerOverlay): string =>
   isMap(name) ? t(`map.${name}`) : titleWords(about);
+
+/** The names of a half's layers, or that it shows the case itself. */
+export const lookWords = ({ layer, overlay }: HalfLook): string =>
+  [layer ? layer.about?.title : t("beside.own"), overlay && (overlay.about?.title ?? overlayWords(overlay))]
+    .filter(Boolean)
+    .join(" + ");
 
 /** The bar that says which intensity has which colour. */
 export class ColourBar {

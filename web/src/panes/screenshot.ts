@@ -23,7 +23,11 @@ function within(frame: Element, element: Element): Box {
 }
 
 /** Paints the panes as they stand, one of the canvas's units being a CSS pixel. */
-export function paintPanes(context: CanvasRenderingContext2D, panes: HTMLElement, pictures: readonly Placed[]): void {
+export async function paintPanes(
+  context: CanvasRenderingContext2D,
+  panes: HTMLElement,
+  pictures: readonly Placed[],
+): Promise<void> {
   context.fillStyle = "#000";
   context.fillRect(0, 0, panes.clientWidth, panes.clientHeight);
   const isShown = shownIn(panes);
@@ -40,7 +44,7 @@ export function paintPanes(context: CanvasRenderingContext2D, panes: HTMLElement
     if (isShown(ramp)) draw(ramp, ramp, false);
   for (const drawing of panes.querySelectorAll<SVGSVGElement>("svg:is(.mask-outline, .cursor, .cube)")) {
     const { x, y } = within(panes, drawing);
-    if (isShown(drawing)) paintSvg(context, drawing, [x, y]);
+    if (isShown(drawing)) await paintSvg(context, drawing, [x, y]);
   }
   paintWriting(context, panes);
 }

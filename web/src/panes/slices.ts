@@ -29,7 +29,7 @@ import {
   zoomedSlice,
 } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { type ViewState, edgesLayer, isHalved } from "../model/state.ts";
+import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
 import type { Placed } from "./screenshot.ts";
 import type { SliceLayer, SliceListener } from "./slice-parts.ts";
 import { edgesWords, imageWords } from "./slice-words.ts";
@@ -262,7 +262,7 @@ export class SlicePane {
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
   #twin(state: ViewState, view: SliceView): Vec2 | null {
-    const isAside = !isHalved(state) || this.plane === "sagittal" || !state.crosshair_mm;
+    const isAside = !isMirrored(state) || this.plane === "sagittal" || !state.crosshair_mm;
     if (isAside || !state.crosshair_mm) return null;
     return slicePixel(view, this.#shown.envelope_sphere, reflected(state.crosshair_mm, mirrorPlane(this.#shown)));
   }

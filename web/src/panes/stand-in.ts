@@ -1,15 +1,34 @@
-// The server's pictures in the place of the page's own, as long as they are wanted.
+// The server's pictures in the place of the page's own, as long as they are wanted: they follow the state, small while
+// it moves, full when it rests.
 
+import { mirrored } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import type { ViewState } from "../model/state.ts";
+import { mirrorPlane } from "../model/midsagittal.ts";
+import { pictureSize, renderQuery } from "../model/query.ts";
+import type { Vec2 } from "../model/space.ts";
+import { type ViewState, isHalved, isMirrored, leftOf } from "../model/state.ts";
 import { h } from "../base/dom.ts";
-import { type ServedListener, type ServedSurface, createServerSurface } from "./server-surface.ts";
+import { FollowingPicture, served } from "../base/picture.ts";
+import { troubleWords } from "../base/problem-words.ts";
+
+const FULL_PIXELS = 1024;
+const MOVING_PIXELS = 320;
+/** The larger side of a picture that is saved. */
+const MOST_PIXELS = 4096;
+
+export interface ServedListener {
+  /** A picture of the server is up, in front of the canvas. */
+  drawn(state: ViewState): void;
+  trouble(words: string): void;
+}
 
 export class StandIn {
   readonly #canvas: HTMLCanvasElement;
   readonly #case: ReadyCase;
   readonly #listener: ServedListener;
-  #server: { readonly surface: ServedSurface; readonly box: HTMLElement } | null = null;
+  readonly #box = h("div", { class: "served" });
+  /** The picture of the pane, or of its left half, and that of its right half; none while they are not wanted. */
+  #pictures: readonly FollowingPicture<ViewState>[] = [];
 
   constructor(canvas: HTMLCanvasElement, shown: ReadyCase, listener: ServedListener) {
     this.#canvas = canvas;
@@ -18,24 +37,70 @@ export class StandIn {
   }
 
   draw(state: ViewState, moving: boolean): void {
-    this.#server ??= this.#made();
-    this.#server.surface.draw(state, moving);
+    if (this.#pictures.length === 0) this.#begin();
+    const size = this.#size(state, devicePixelRatio, moving ? MOVING_PIXELS : FULL_PIXELS);
+    const paths = this.#views(state).map((view) => this.#path(view, size));
+    for (const [at, path] of paths.entries()) {
+      // The server is not asked for what follows a "#": what stands on the first picture is of both.
+      this.#pictures[at]?.show(at > 0 ? path : paths.join("#"), state);
+      this.#pictures[at]?.again();
+    }
   }
 
-  /** A picture of the state; null where the server does not draw. */
+  /** A picture of the state, with so many pixels to a CSS pixel; null where the server does not draw. */
   picture(state: ViewState, ratio: number): Promise<CanvasImageSource> | null {
-    return this.#server?.surface.picture(state, ratio) ?? null;
+    return this.#pictures.length > 0 ? this.#whole(state, ratio) : null;
   }
 
   leave(): void {
-    this.#server?.surface.dispose();
-    this.#server?.box.remove();
-    this.#server = null;
+    for (const picture of this.#pictures) picture.stop();
+    this.#pictures = [];
+    this.#box.replaceChildren();
+    this.#box.remove();
   }
 
-  #made(): { readonly surface: ServedSurface; readonly box: HTMLElement } {
-    const box = h("div", { class: "served" });
-    this.#canvas.after(box);
-    return { surface: createServerSurface(box, this.#case, this.#listener), box };
+  async #whole(state: ViewState, ratio: number): Promise<CanvasImageSource> {
+    const size = this.#size(state, ratio, MOST_PIXELS);
+    const views = this.#views(state);
+    const pictures = await Promise.all(views.map((view) => served({ path: this.#path(view, size) })));
+    const canvas = h("canvas", { width: size[0] * views.length, height: size[1] });
+    const context = canvas.getContext("2d");
+    for (const [at, picture] of pictures.entries()) {
+      if (at > 0 && isMirrored(state)) context?.setTransform(-1, 0, 0, 1, canvas.width + size[0], 0);
+      context?.drawImage(picture, at * size[0], 0);
+    }
+    return canvas;
+  }
+
+  /** The views that the server draws: of a mirrored half before it is flipped. */
+  #views(state: ViewState): readonly ViewState[] {
+    const { envelope_sphere: sphere } = this.#case;
+    if (isMirrored(state)) return [state, { ...state, ...mirrored(state, mirrorPlane(this.#case), sphere) }];
+    return state.beside ? [leftOf(state), state] : [state];
+  }
+
+  #path(view: ViewState, size: Vec2): string {
+    return `${this.#case.id}/render?${renderQuery(view, size)}`;
+  }
+
+  #size(state: ViewState, ratio: number, most: number): Vec2 {
+    const { clientWidth, clientHeight } = this.#box;
+    return pictureSize([clientWidth / this.#views(state).length, clientHeight], ratio, most);
+  }
+
+  #begin(): void {
+    this.#canvas.after(this.#box);
+    this.#pictures = ["whole", "other"].map((side) => {
+      const half = h("div", { class: `server-picture ${side}` });
+      this.#box.append(half);
+      const put = (image: HTMLImageElement, state: ViewState): void => {
+        half.replaceChildren(image);
+        this.#box.classList.toggle("halved", isHalved(state));
+        this.#box.classList.toggle("mirrored", isMirrored(state));
+        if (side === "whole") this.#listener.drawn(state);
+      };
+      const complain = (problem: unknown): void => this.#listener.trouble(troubleWords(problem));
+      return new FollowingPicture<ViewState>({ put, complain }, served);
+    });
   }
 }

@@ -16,10 +16,8 @@ import {
 } from "../model/controls.ts";
 import { mirrorPlane, plainPlane, reflected } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
-import type { Profile } from "../model/profile.ts";
-import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { type ViewState, isHalved } from "../model/state.ts";
+import { type ViewState, isHalved, isMirrored, leftOf } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, setText } from "../base/dom.ts";
@@ -29,8 +27,8 @@ import { createSurface } from "./cortex.ts";
 import { Cube } from "./cube.ts";
 import { type GestureListener, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
-import { ColourBar, Overlay, SIDES } from "./overlay.ts";
-import type { LoadProgress, Surface, SurfaceStatus } from "./surface.ts";
+import { ColourBar, Overlay, SIDES, lookWords } from "./overlay.ts";
+import type { Surface, SurfaceStatus } from "./surface.ts";
 
 /** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
 const HIDDEN_MM = 3;
@@ -63,11 +61,16 @@ export class SurfacePane {
   readonly #listener: SurfacePaneListener;
   readonly #overlay: Overlay;
   readonly #otherOverlay: Overlay;
-  readonly #colourBar = new ColourBar();
-  readonly #mapBar = new MapBar();
+  /** Those of the right half, or of the whole, then those of the left half. */
+  readonly #bars = [
+    [new ColourBar(), new MapBar()],
+    [new ColourBar(), new MapBar()],
+  ] as const;
+  readonly #leftBars = h("div", { class: "of-left" });
   readonly #cube = new Cube((name) => this.#listener.command({ kind: "view", name }));
   readonly #keys = h("p", { id: "surface-keys", class: "visually-hidden" }, t("surface.keys"));
-  readonly #surface: Surface;
+  /** Who draws it, and knows its points. */
+  readonly surface: Surface;
   #drawn: ViewState | null = null;
   #ghost: Vec2 | null = null;
 
@@ -91,8 +94,11 @@ export class SurfacePane {
     this.#otherOverlay = new Overlay(this.element);
     this.#otherOverlay.element.classList.add("other");
     this.element.append(...SIDES.map((side) => h("span", { class: `ring ${side}` })));
-    this.element.append(this.#colourBar.element, this.#mapBar.element, this.#cube.element, this.#keys);
-    this.#surface = createSurface(this.host, shown, {
+    const [[colours, map], left] = this.#bars;
+    this.element.append(colours.element, map.element);
+    this.#leftBars.append(...left.map(({ element }) => element));
+    this.element.append(this.#cube.element, this.#keys);
+    this.surface = createSurface(this.host, shown, {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
       layer: listener.layer,
@@ -103,12 +109,8 @@ export class SurfacePane {
     this.element.addEventListener("pointerleave", () => this.#hover(null));
   }
 
-  load(signal: AbortSignal, hear: (progress: LoadProgress) => void): Promise<void> {
-    return this.#surface.load(signal, hear);
-  }
-
   draw(state: ViewState, moving: boolean): void {
-    this.#surface.draw(state, moving);
+    this.surface.draw(state, moving);
     if (this.#drawn) this.#cross();
   }
 
@@ -119,23 +121,11 @@ export class SurfacePane {
 
   /** What is seen at a place of the pane, or was in another state. */
   pick(place: Vec2, state: ViewState = this.#listener.state()): Picked | null {
-    return this.#surface.pick(state, ...place);
+    return this.surface.pick(state, ...place);
   }
 
   probe(position: Vec3): Probed | null {
-    return this.#surface.probe(position);
-  }
-
-  profile(position: Vec3): Profile | null {
-    return this.#surface.profile(position);
-  }
-
-  canSlice(state: ViewState): boolean {
-    return this.#surface.canSlice(state);
-  }
-
-  slice(state: ViewState, view: SliceView, contours_mm: readonly number[]): Promise<ImageData | null> {
-    return this.#surface.slice(state, view, contours_mm);
+    return this.surface.probe(position);
   }
 
   /** Describes the surface for screen readers. */
@@ -144,26 +134,19 @@ export class SurfacePane {
   }
 
   /** The layers that are seen, which can be fewer than those of a state, and the window that belongs to them. */
-  get layers(): Pick<ViewState, "layer" | "overlay" | "window"> {
-    const { layer, overlay, window } = this.#drawn ?? { ...this.#listener.state(), layer: null, overlay: null };
-    return { layer, overlay, window };
+  get layers(): Pick<ViewState, "layer" | "overlay" | "window" | "beside"> {
+    const none = { layer: null, overlay: null, beside: null };
+    const { layer, overlay, window, beside } = this.#drawn ?? { ...this.#listener.state(), ...none };
+    return { layer, overlay, window, beside };
   }
 
   /** Whether it is known where the surface is. */
   get knowsSurface(): boolean {
-    return this.#surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
+    return this.surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
   }
 
   picture(ratio: number): Promise<CanvasImageSource> {
-    return this.#surface.picture({ ...this.#listener.state(), ...this.layers, swipe: null }, ratio);
-  }
-
-  showTimer(shown: boolean): void {
-    this.#surface.showTimer(shown);
-  }
-
-  dispose(): void {
-    this.#surface.dispose();
+    return this.surface.picture({ ...this.#listener.state(), ...this.layers, swipe: null }, ratio);
   }
 
   // -- What stands on the picture
@@ -173,28 +156,36 @@ export class SurfacePane {
     const sphere = this.#shown.envelope_sphere;
     const [width] = this.size(state);
     const { mm_per_pixel } = project(state, sphere, this.size(state));
-    const mirror = isHalved(state);
-    this.#overlay.letter(edgesOf(state.orientation));
-    this.#overlay.title(titleOf(state, state.orientation));
-    this.#overlay.scale(mm_per_pixel, width);
-    for (const overlay of [this.#overlay, this.#otherOverlay]) overlay.divide(state.swipe);
-    this.#otherOverlay.element.hidden = !mirror;
-    this.element.classList.toggle("halved", mirror);
-    if (mirror) {
+    const { beside } = state;
+    for (const [at, overlay] of [this.#overlay, this.#otherOverlay].entries()) {
+      overlay.letter(edgesOf(state.orientation));
+      const badge = beside ? lookWords(at > 0 ? state : beside) : "";
+      overlay.title(titleOf(state, state.orientation), badge);
+      overlay.scale(mm_per_pixel, width);
+      overlay.divide(state.swipe);
+    }
+    this.element.classList.toggle("halved", isHalved(state));
+    this.element.classList.toggle("paired", beside !== null);
+    if (!beside) this.#leftBars.remove();
+    else if (!this.#leftBars.isConnected) this.element.append(this.#leftBars);
+    if (isMirrored(state)) {
       const edges = edgesOf(mirrored(state, mirrorPlane(this.#shown), sphere).orientation);
       this.#otherOverlay.letter({ ...edges, left: edges.right, right: edges.left });
       // Of the side that is seen, from however near to its name's direction.
       const { orientation } = mirrored(state, plainPlane(sphere), sphere);
       const badge = this.#shown.midsagittal?.doubtful ? "mirror.badge.doubtful" : "mirror.badge";
       this.#otherOverlay.title(titleOf(state, orientation), t(badge));
-      this.#otherOverlay.scale(mm_per_pixel, width);
     }
-    this.#colourBar.show(state);
-    this.#mapBar.show(state.overlay);
+    for (const [at, [colours, map]] of this.#bars.entries()) {
+      const look = at > 0 ? leftOf(state) : state;
+      colours.show(look);
+      map.show(look.overlay);
+    }
     this.#cube.show(state.orientation);
     this.element.dataset.depth = String(state.depth_mm);
     this.element.dataset.overlay = state.overlay?.name ?? "";
     this.element.dataset.layer = state.layer?.id ?? "";
+    this.element.dataset.beside = beside ? [beside.layer?.id, beside.overlay?.name].join() : "";
     this.element.dataset.drawn = "true";
     this.#cross();
   }
@@ -209,10 +200,10 @@ export class SurfacePane {
     const state = this.#drawn;
     if (!state) return;
     const size = this.size(state);
-    const mirror = isHalved(state);
+    const mirror = isMirrored(state);
     const position = this.#listener.state().crosshair_mm;
     if (!position) {
-      this.#overlay.cursor(mirror ? this.#ghost : null, size, "ghost");
+      this.#overlay.cursor(isHalved(state) ? this.#ghost : null, size, "ghost");
       return this.#otherOverlay.cursor(this.#ghost, size, "ghost");
     }
     const { pixelOf } = project(state, this.#shown.envelope_sphere, size);
@@ -222,18 +213,18 @@ export class SurfacePane {
     const [x, y] = isOther ? reflection : own;
     const kind = this.#isHidden(position, state, [isOther ? size[0] + x : x, y]) ? "hidden" : "mark";
     this.#overlay.cursor([x, y], size, isOther ? "ghost" : kind);
-    this.#otherOverlay.cursor([x, y], size, isOther ? kind : "ghost");
+    this.#otherOverlay.cursor([x, y], size, isOther || !mirror ? kind : "ghost");
   }
 
   /** Whether the surface lies before a position that is at a place of the pane. */
   #isHidden(position: Vec3, state: ViewState, place: Vec2): boolean {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
-    const isOther = isHalved(state) && place[0] >= size[0];
+    const isOther = isMirrored(state) && place[0] >= size[0];
     const view = isOther ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
     const { pixelOf } = project(view, sphere, size);
     const height_mm = pixelOf(position)[2];
-    const seen = this.#surface.pick(state, ...place);
+    const seen = this.surface.pick(state, ...place);
     if (seen) return Math.abs(pixelOf(seen.position_in_patient)[2] - height_mm) > HIDDEN_MM;
     // Until the surface is known, the far half of the head is behind it.
     return !this.knowsSurface && height_mm < 0;

@@ -1,0 +1,262 @@
+// Two layers side by side: two halves with one camera, one depth and one cross.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
+import { agreement, bare, canvasSize, show } from "./pixels.ts";
+import {
+  type Server,
+  fragment,
+  keep,
+  launchBrowser,
+  openPage,
+  readyCase,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+  until,
+} from "./support.ts";
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+let id: string;
+let flair: string;
+let pet: string;
+
+const FLAIR = nifti((x, y, z) => (isBrain(x, y, z) ? Math.round(600 + 300 * Math.sin(x / 7) * Math.cos(z / 9)) : 0));
+const PET = nifti((x, y, z) => (isBrain(x, y, z) ? Math.round(500 + 400 * Math.sin(y / 12)) : 0));
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "serve", data: scratch.folder });
+    const send = async (path: string, parts: Readonly<Record<string, Buffer | string>>): Promise<{ id: string }> => {
+      const form = new FormData();
+      for (const [name, part] of Object.entries(parts))
+        form.append(name, new Blob([typeof part === "string" ? part : new Uint8Array(part)]), `${name}.nii`);
+      const answer = await fetch(new URL(path, server.address), { method: "POST", body: form });
+      return (await answer.json()) as { id: string };
+    };
+    await send("v1/cases", { volume: markedVolume(), mask: brainMask() });
+    id = await readyCase(server.address);
+    const layer = async (name: string, kind: string, volume: Buffer): Promise<string> => {
+      const parameters = JSON.stringify({ name, kind, transform: "none" });
+      const { id: made } = await send(`v1/cases/${id}/layers`, { parameters, volume });
+      const { state } = await until(
+        async () => (await (await fetch(new URL(`v1/cases/${id}/layers/${made}`, server.address))).json()) as Described,
+        (found) => /ready|failed/.test(found.state),
+      );
+      assert.equal(state, "ready");
+      return made;
+    };
+    flair = await layer("FLAIR", "mr", FLAIR);
+    pet = await layer("PET", "pet", PET);
+    browser = await launchBrowser();
+  },
+  { timeout: 600_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+interface Described {
+  readonly state: string;
+}
+
+/** Waits until the halves show these; a half is a texture and a layer in colours, with a comma between. */
+const halves = (page: Page, left: string, right: string): Promise<unknown> => {
+  const [layer = "", overlay = ""] = right.split(",");
+  return page.waitForSelector(
+    `#surface.paired[data-beside="${left}"][data-layer="${layer}"][data-overlay="${overlay}"]`,
+  );
+};
+
+/** The server's picture of a half. */
+const rendered = (layer: string, window: string, [width, height]: readonly [number, number]): string => {
+  const query = new URLSearchParams({ view: "left", depth_mm: "12", renderer: "mesh", window });
+  if (layer) query.set("layer", layer);
+  return new URL(`v1/cases/${id}/render?${query}&contours=80&points=50&width=${width}&height=${height}`, server.address)
+    .href;
+};
+
+test("two halves show two layers, which keys choose and the address brings back", { skip }, async () => {
+  const { page, troubles, context } = await openPage(browser);
+  const base = new URL("/", server.address).href;
+  await page.goto(`${base}#${id}&r=mesh&d=12&v=left&g=0`);
+  await shown(page);
+  await page.waitForSelector("canvas.cortex[data-complete=true]", { state: "attached" });
+  // The keys go through the layers once they are listed.
+  await page.locator(".layers li[data-state=ready]").nth(1).waitFor({ state: "attached" });
+  await page.focus("#surface");
+  // Without a layer there is nothing to compare.
+  await page.keyboard.press("p");
+  assert.equal((await fragment(page)).t, undefined);
+  await page.keyboard.press("l");
+  await page.waitForSelector(`#surface[data-layer="${flair}"]`);
+  await page.keyboard.press("p");
+  await halves(page, ",", flair);
+  const badges = (): Promise<string[]> => page.locator("#surface .badge").allInnerTexts();
+  assert.deepEqual(await badges(), ["the case itself", "FLAIR"]);
+  await page.keyboard.press("w");
+  await halves(page, `${flair},`, "");
+  await page.keyboard.press("l");
+  await halves(page, `${flair},`, flair);
+  await page.keyboard.press("l");
+  await halves(page, `${flair},`, pet);
+  await page.locator("#surface .badge", { hasText: /^PET$/ }).waitFor();
+  assert.equal(await page.getByRole("button", { name: "Side by side" }).getAttribute("aria-pressed"), "true");
+  const said = await until(
+    () => fragment(page),
+    ({ y, ty }) => y === pet && ty === flair,
+  );
+  assert.equal(said.t, "1");
+  // Each half has its window: that of a PET begins at 0.
+  const bars = await page.locator("#surface .colour-bar:not(.map-bar)").allInnerTexts();
+  assert.equal(new Set(bars).size, 2, bars.join(" | "));
+  assert.match(bars[0] ?? "", /^PET[^]*\s0$/);
+  assert.match(bars[1] ?? "", /^FLAIR/);
+  await keep(page, "beside");
+
+  // The same after the page has been left, and both halves are the server's pictures.
+  const address = page.url();
+  await page.goto("about:blank");
+  await page.goto(address);
+  await shown(page);
+  await halves(page, `${flair},`, pet);
+  await show(page, `${new URL(address).hash}&z=1`, "mesh");
+  await bare(page);
+  const [width, height] = await canvasSize(page);
+  const half = Math.floor(width / 2);
+  const part = (at: number) => ({ left: at * (width - half), width: half, is_flipped: false });
+  const share = async (layer: string, window = "", at: number): Promise<number> =>
+    (await agreement(page, rendered(layer, window, [half, height]), part(at))).share;
+  const found = [await share(flair, said.tw, 0), await share(pet, said.w, 1), await share(pet, said.w, 0)];
+  console.log(`halves within 4/255 of the server's: ${found.map((one) => (100 * one).toFixed(2)).join(", ")} %`);
+  assert.ok(found[0] !== undefined && found[0] >= 0.98, `left: ${found[0]}`);
+  assert.ok(found[1] !== undefined && found[1] >= 0.98, `right: ${found[1]}`);
+  assert.ok(found[2] !== undefined && found[2] < 0.9, `they differ: ${found[2]}`);
+  await bare(page, false);
+
+  // Undone, and away again.
+  await page.focus("#surface");
+  await page.keyboard.press("p");
+  await page.waitForSelector(`#surface:not(.paired)[data-beside=""][data-layer="${pet}"]`);
+  await page.keyboard.press("Control+z");
+  await halves(page, `${flair},`, pet);
+  await page.getByRole("button", { name: "Swap halves" }).click();
+  await halves(page, `${pet},`, flair);
+  await page.getByRole("button", { name: "Mirror", exact: true }).click();
+  await page.waitForSelector(`#surface.halved:not(.paired)[data-beside=""][data-layer="${flair}"]`);
+  assert.equal((await fragment(page)).t, undefined);
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("a point that is marked in either half is marked in both, and slices show the right half", { skip }, async () => {
+  const { page, troubles, context } = await openPage(browser);
+  await page.goto(
+    `${new URL("/", server.address)}#${id}&r=mesh&d=12&v=left&l=slices&y=${pet}&t=1&ty=${flair}&tw=600,700`,
+  );
+  await shown(page);
+  await page.waitForSelector("canvas.cortex[data-complete=true]", { state: "attached" });
+  await halves(page, `${flair},`, pet);
+  await page.waitForSelector(`.slice.coronal[data-layer="${pet}"]`);
+  const box = await page.locator("#surface").boundingBox();
+  assert.ok(box);
+  const marked = async (x: number): Promise<string> => {
+    const before = (await fragment(page)).x;
+    await page.mouse.dblclick(x, box.y + box.height * 0.45);
+    const { x: position = "" } = await until(
+      () => fragment(page),
+      (now) => now.x !== undefined && now.x !== before,
+    );
+    return position;
+  };
+  const crosses = async (): Promise<readonly (readonly [number, number])[]> => {
+    const marks = page.locator("#surface .cursor.mark:not([hidden])");
+    await until(
+      () => marks.count(),
+      (count) => count === 2,
+    );
+    const boxes = await Promise.all([0, 1].map((at) => marks.nth(at).boundingBox()));
+    return boxes.map((one) => [(one?.x ?? 0) + (one?.width ?? 0) / 2, (one?.y ?? 0) + (one?.height ?? 0) / 2]);
+  };
+  const left = await marked(box.x + box.width * 0.2);
+  const [first = [0, 0], second = [0, 0]] = await crosses();
+  assert.ok(Math.abs(first[0] - (box.x + box.width * 0.2)) < 2, `${first} in ${JSON.stringify(box)}`);
+  assert.ok(Math.abs(second[0] - first[0] - box.width / 2) < 1.5 && Math.abs(second[1] - first[1]) < 1, `${second}`);
+  await marked(box.x + box.width * 0.3);
+  // The same place of the right half is the same point.
+  assert.equal(await marked(box.x + box.width * 0.7), left);
+  await keep(page, "beside-marked");
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("the server draws both halves, and a saved picture names both layers", { skip }, async () => {
+  const { page, troubles, context } = await openPage(browser);
+  await page.goto(`${new URL("/", server.address)}?renderer=server#${id}&d=12&y=${pet}&t=1&ty=${flair}&tw=600,700`);
+  await page.waitForSelector("#surface .server-picture.other img");
+  await halves(page, `${flair},`, pet);
+  assert.equal(await page.locator(".served.mirrored").count(), 0);
+  await keep(page, "beside-served");
+  await page.locator("summary", { hasText: "Save and share" }).click();
+  const texts: string[] = [];
+  await page.exposeFunction("heard", (text: string) => texts.push(text));
+  await page.evaluate(() => {
+    const { prototype } = CanvasRenderingContext2D;
+    const draw = prototype.fillText;
+    prototype.fillText = function (text, ...place) {
+      void (globalThis as unknown as { heard(text: string): void }).heard(text);
+      return draw.call(this, text, ...place);
+    };
+  });
+  const [file] = await Promise.all([
+    page.waitForEvent("download"),
+    page.getByRole("button", { name: "Save picture" }).click(),
+  ]);
+  await file.saveAs("target/browser/beside-saved.png");
+  await until(
+    async () => texts.join(" "),
+    (all) => /Left half: Window C 600 W 700, In grey: FLAIR/.test(all) && /Right half:.*In grey: PET/.test(all),
+  );
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("the left half has a layer in colours; once that is deleted, it shows the case itself", { skip }, async () => {
+  const { page, troubles, context } = await openPage(browser);
+  await page.goto(`${new URL("/", server.address)}#${id}&r=mesh&d=12&y=${flair}&t=1&tb=${pet},,0.5`);
+  await shown(page);
+  await halves(page, `,${pet}`, flair);
+  await page.locator("#surface .of-left .map-bar", { hasText: /^PET/ }).waitFor();
+  assert.equal(await page.locator("#surface > .map-bar").isHidden(), true);
+  await keep(page, "beside-colours");
+  // What is held away is that of the right half.
+  await page.focus("#surface");
+  await page.keyboard.down("b");
+  await halves(page, `,${pet}`, "");
+  await page.keyboard.up("b");
+  await halves(page, `,${pet}`, flair);
+  // A line divides the picture alone.
+  await page.keyboard.press("v");
+  await page.waitForSelector(`#surface:not(.paired) .overlay:not(.other) .divider:not([hidden])`);
+  await page.keyboard.press("Control+z");
+  await halves(page, `,${pet}`, flair);
+  await page.locator(`.layers li[data-id="${pet}"] [data-do=delete]`).click();
+  await page.locator("dialog.confirm-delete button[value=delete]").click();
+  await halves(page, ",", flair);
+  await page.locator(".layers-note", { hasText: /\w/ }).waitFor();
+  assert.equal((await fragment(page)).tb, undefined);
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
