@@ -75,9 +75,7 @@ interface Described {
 /** Waits until the halves show these; a half is a texture and a layer in colours, with a comma between. */
 const halves = (page: Page, left: string, right: string): Promise<unknown> => {
   const [layer = "", overlay = ""] = right.split(",");
-  return page.waitForSelector(
-    `#surface.paired[data-beside="${left}"][data-layer="${layer}"][data-overlay="${overlay}"]`,
-  );
+  return page.waitForSelector(`#surface[data-beside="${left}"][data-layer="${layer}"][data-overlay="${overlay}"]`);
 };
 
 /** The server's picture of a half. */
@@ -149,13 +147,13 @@ test("two halves show two layers, which keys choose and the address brings back"
   // Undone, and away again.
   await page.focus("#surface");
   await page.keyboard.press("p");
-  await page.waitForSelector(`#surface:not(.paired)[data-beside=""][data-layer="${pet}"]`);
+  await page.waitForSelector(`#surface[data-beside=""][data-layer="${pet}"]`);
   await page.keyboard.press("Control+z");
   await halves(page, `${flair},`, pet);
   await page.getByRole("button", { name: "Swap halves" }).click();
   await halves(page, `${pet},`, flair);
   await page.getByRole("button", { name: "Mirror", exact: true }).click();
-  await page.waitForSelector(`#surface.halved:not(.paired)[data-beside=""][data-layer="${flair}"]`);
+  await page.waitForSelector(`#surface.halved[data-beside=""][data-layer="${flair}"]`);
   assert.equal((await fragment(page)).t, undefined);
   assert.deepEqual(troubles, []);
   await context.close();
@@ -249,7 +247,7 @@ test("the left half has a layer in colours; once that is deleted, it shows the c
   await halves(page, `,${pet}`, flair);
   // A line divides the picture alone.
   await page.keyboard.press("v");
-  await page.waitForSelector(`#surface:not(.paired) .overlay:not(.other) .divider:not([hidden])`);
+  await page.waitForSelector(`#surface[data-beside=""] .overlay:not(.other) .divider:not([hidden])`);
   await page.keyboard.press("Control+z");
   await halves(page, `,${pet}`, flair);
   await page.locator(`.layers li[data-id="${pet}"] [data-do=delete]`).click();

@@ -165,7 +165,6 @@ export class SurfacePane {
       overlay.divide(state.swipe);
     }
     this.element.classList.toggle("halved", isHalved(state));
-    this.element.classList.toggle("paired", beside !== null);
     if (!beside) this.#leftBars.remove();
     else if (!this.#leftBars.isConnected) this.element.append(this.#leftBars);
     if (isMirrored(state)) {
