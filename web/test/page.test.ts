@@ -5,7 +5,6 @@ import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from
 import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts";
 import { matches } from "../src/page/cases.ts";
 import { pathOf, ticks } from "../src/page/chart.ts";
-import { EventReader } from "../src/base/events.ts";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
 import { readPreferences } from "../src/page/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
@@ -117,20 +116,6 @@ test("a server that cannot be reached is a problem of its own", async () => {
   globalThis.fetch = async () => json(200, {});
   await back;
   assert.deepEqual(heard, [false, true]);
-});
-
-test("events are read from pieces of any length", () => {
-  const text = 'event: case\r\ndata: {"a":1}\r\n\r\n: keep alive\n\nevent: gone\ndata: {}\n\nevent: cut';
-  const whole = [
-    { event: "case", data: '{"a":1}' },
-    { event: "gone", data: "{}" },
-  ];
-  assert.deepEqual(new EventReader().read(text), whole);
-  const reader = new EventReader();
-  assert.deepEqual(
-    [...text].flatMap((letter) => reader.read(letter)),
-    whole,
-  );
 });
 
 test("a case is found by its name, and says what it is at", () => {

@@ -3,7 +3,6 @@
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { Layer, LayerList } from "../model/layers.ts";
 import type { Candidate } from "../model/maps.ts";
-import { EventReader } from "./events.ts";
 import { wait } from "./patience.ts";
 
 let token = "";
@@ -137,21 +136,6 @@ export async function deleteCase(id: string): Promise<void> {
   await send(`v1/cases/${id}`, { method: "DELETE" });
 }
 
-/** Follows a case until it is ready, has failed or is gone (null). */
-export async function watchCase(id: string, signal: AbortSignal, hear: (now: Case | null) => void): Promise<void> {
-  const response = await send(`v1/cases/${id}/events`, { signal, cache: "no-store" });
-  const reader = response.body?.pipeThrough(new TextDecoderStream()).getReader();
-  const events = new EventReader();
-  for (;;) {
-    const piece = await reader?.read();
-    if (!piece || piece.done) return;
-    for (const { event, data } of events.read(piece.value)) {
-      if (event === "gone") hear(null);
-      if (event === "case") hear(JSON.parse(data) as Case);
-    }
-  }
-}
-
 /** The places of a case at which the junction is blurred most, the highest score first; `limit` of them at most. */
 export async function getCandidates(id: string, limit: number): Promise<readonly Candidate[]> {
   const answer = await send(`v1/cases/${id}/candidates?limit=${limit}`, { cache: "no-cache" });
@@ -194,7 +178,7 @@ export async function makeVersion(
   mask: File | null,
 ): Promise<Uploaded> {
   const query = new URLSearchParams(parameters);
-  const response = await send(`v1/cases/${id}/mask?${query}`, { method: "PUT", ...(mask ? { body: mask } : {}) });
+  const response = await send(`v1/cases/${id}/mask?${query}`, { method: "PUT", ...(mask && { body: mask }) });
   return { created: (await response.json()) as Case, wasThere: response.status === 200 };
 }
 

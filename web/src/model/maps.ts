@@ -147,8 +147,8 @@ export function readOverlay(text: string): { readonly overlay: LayerOverlay; rea
     name,
     threshold: isMap(name) ? ofMap : ofLayer,
     opacity: within(opacity, first.opacity, [0, 1]),
-    ...(hasWindow ? { window } : {}),
-    ...(colormap ? { colormap } : {}),
+    ...(hasWindow && { window }),
+    ...(colormap && { colormap }),
   };
   const isKept = (part: string, value: number | null): boolean =>
     part === "" || (value !== null && Math.abs(Number(part) - value) <= 0.0051);

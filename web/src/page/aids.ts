@@ -208,7 +208,7 @@ export class Aids {
     if (!state || !list) return;
     const right = this.#settled(state, list);
     const left = state.beside && this.#settled(state.beside, list);
-    if (right || left) this.#listener.actions.change({ ...right, ...(left ? { beside: left } : {}) });
+    if (right || left) this.#listener.actions.change({ ...right, ...(left && { beside: left }) });
   }
 
   /** What a half shows by the list; null: it stays as it is. */
@@ -219,14 +219,14 @@ export class Aids {
     const [isBare, isPlain] = [isGone(half.layer?.id), isGone(half.overlay?.name)];
     if (isBare || isPlain) {
       this.#filled?.added.say(t("problem.no-such-layer"));
-      return { ...halfOf(half), ...(isBare ? { layer: null, window } : {}), ...(isPlain ? { overlay: null } : {}) };
+      return { ...halfOf(half), ...(isBare && { layer: null, window }), ...(isPlain && { overlay: null }) };
     }
     const found = half.layer && !half.layer.intensity && this.#filled?.layers.ready(half.layer.id);
     const layer = found && greyOf(found);
     if (!layer) return null;
     // An address that names a layer and no window means the layer's own.
     const isUnsaid = half.window.center === window.center && half.window.width === window.width;
-    return { ...halfOf(half), layer, ...(isUnsaid ? { window: layer.intensity.window } : {}) };
+    return { ...halfOf(half), layer, ...(isUnsaid && { window: layer.intensity.window }) };
   }
 
   /** What is seen of a state without its layers. */

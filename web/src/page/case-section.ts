@@ -198,8 +198,8 @@ export class CaseSection {
     // A mask that is handed in is taken as it is, unless another offset is asked for.
     const hasOffset = Number.isFinite(offset) && (mask === null || offset !== this.#shown.offset_mm);
     const parameters = {
-      ...(Number.isFinite(radius) ? { closing_radius_mm: String(radius) } : {}),
-      ...(hasOffset ? { offset_mm: String(offset) } : {}),
+      ...(Number.isFinite(radius) && { closing_radius_mm: String(radius) }),
+      ...(hasOffset && { offset_mm: String(offset) }),
     };
     this.#make.disabled = true;
     setText(this.#note, t("version.sending"));

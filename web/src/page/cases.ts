@@ -1,7 +1,6 @@
-// The list of cases: searched, sorted, of any length, kept fresh by events while a case is prepared and by asking now
-// and then.
+// The list of cases: searched, sorted, of any length, kept fresh by asking, often while a case is prepared.
 
-import { listCases, watchCase } from "../base/api.ts";
+import { listCases } from "../base/api.ts";
 import { caseFacts, caseTitle } from "../base/case-words.ts";
 import { h, status, tell } from "../base/dom.ts";
 import { spoken, t } from "../base/i18n.ts";
@@ -13,10 +12,7 @@ import { Row } from "./case-row.ts";
 import { choice } from "./fields.ts";
 
 const IDLE_MS = 8000;
-/** A browser opens six connections to a server; most of them are for pictures. */
-const MOST_WATCHED = 2;
-/** Cases beyond these events are asked about so often. */
-const BUSY_MS = 1500;
+const BUSY_MS = 400;
 /** So many cases are asked for together, behind the newest; and so many are listed at the most. */
 const PAGE_CASES = 200;
 const MOST_CASES = 10_000;
@@ -80,7 +76,6 @@ export class CaseList {
   readonly #order: HTMLSelectElement;
   readonly #rows = new Map<string, Row>();
   readonly #resized = new ResizeObserver(() => this.#stir());
-  readonly #watched = new Map<string, AbortController>();
   readonly #onVisible = (): void => {
     if (!document.hidden) void this.refresh();
   };
@@ -135,9 +130,8 @@ export class CaseList {
       this.#say(troubleWords(problem));
     }
     clearTimeout(this.#timer);
-    const unwatched = this.cases.filter(isBusy).length > this.#watched.size;
     if (!document.hidden && !this.#disposed)
-      this.#timer = window.setTimeout(() => void this.refresh(), unwatched ? BUSY_MS : IDLE_MS);
+      this.#timer = window.setTimeout(() => void this.refresh(), this.cases.some(isBusy) ? BUSY_MS : IDLE_MS);
   }
 
   /** The id of the only case there is; null where there is none, or more. */
@@ -175,7 +169,6 @@ export class CaseList {
     clearTimeout(this.#timer);
     clearTimeout(this.#look);
     document.removeEventListener("visibilitychange", this.#onVisible);
-    for (const controller of this.#watched.values()) controller.abort();
   }
 
   #say(words: string): void {
@@ -221,7 +214,6 @@ export class CaseList {
       flag.isReady = true;
       this.#listener.ready(one);
     }
-    this.#watch();
   }
 
   /** Other cases are looked for, or in another order. */
@@ -249,9 +241,7 @@ export class CaseList {
     const below = kept.filter((at) => at >= end);
     const inSight = Array.from({ length: end - first }, (_, at) => first + at);
     const elements = [...above, ...inSight, ...below].map((at) => this.#row(at, count).element);
-    const present = [...this.#list.children];
-    const isSame = elements.length === present.length && elements.every((row, at) => row === present[at]);
-    if (!isSame) this.#swap(elements);
+    this.#swap(elements);
     this.#list.style.paddingTop = `${(first - above.length) * ROW_PIXELS}px`;
     this.#list.style.paddingBottom = `${(count - end - below.length) * ROW_PIXELS}px`;
     clearTimeout(this.#look);
@@ -302,30 +292,5 @@ export class CaseList {
     const next = Math.min(Math.max(to, 0), last);
     this.#reach(next);
     this.#rows.get(this.#wanted[next]?.id ?? "")?.focus();
-  }
-
-  /** Follows the first of the cases that are being prepared. */
-  #watch(): void {
-    for (const one of this.cases.filter(isBusy)) {
-      if (this.#watched.size >= MOST_WATCHED || this.#watched.has(one.id) || this.#disposed) continue;
-      const controller = new AbortController();
-      this.#watched.set(one.id, controller);
-      const hear = (now: Case | null): void => {
-        const heard = (cases: readonly Case[]): readonly Case[] =>
-          now
-            ? cases.map((other) => (other.id === now.id ? now : other))
-            : cases.filter((other) => other.id !== one.id);
-        this.#newest = heard(this.#newest);
-        this.#older = heard(this.#older);
-        this.#merge();
-      };
-      watchCase(one.id, controller.signal, hear)
-        // Asking now and then goes on, whatever becomes of the events.
-        .catch(() => {})
-        .finally(() => {
-          this.#watched.delete(one.id);
-          if (!this.#disposed) window.setTimeout(() => void this.refresh(), BUSY_MS / 3);
-        });
-    }
   }
 }

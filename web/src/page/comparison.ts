@@ -95,7 +95,7 @@ export class Comparison {
     if (!state) return;
     const layout = isMirrored(state) ? "both" : "slices";
     const needsSlices = !state.has_edges && !hasSlices(state);
-    this.#actions.change({ has_edges: !state.has_edges, ...(needsSlices ? { layout } : {}) }, true);
+    this.#actions.change({ has_edges: !state.has_edges, ...(needsSlices && { layout }) }, true);
   }
 
   /** The layers are shown, and stay. */

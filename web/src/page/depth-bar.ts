@@ -69,7 +69,7 @@ export class DepthBar {
       },
       keydown: (event: KeyboardEvent) => {
         if (event.key === "Escape") this.#leave();
-        if (event.key === "Enter" || event.key === "Escape") this.#number.blur();
+        if (event.key === "Enter") this.#number.blur();
         const steps = { ArrowUp: 1, ArrowDown: -1 }[event.key];
         if (steps === undefined) return;
         event.preventDefault();

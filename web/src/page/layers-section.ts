@@ -213,8 +213,8 @@ export class LayersSection {
       await this.#transfer.run(async (signal, observe) => {
         for (const files of volumes) {
           const wish = wishOf(files, {
-            ...(name ? { name } : {}),
-            ...(kind ? { kind } : {}),
+            ...(name && { name }),
+            ...(kind && { kind }),
             transform: this.#transform.value,
           });
           const taken = this.#added.map((layer) => layer.name);

@@ -201,8 +201,7 @@ class App {
     if (window.innerWidth < BESIDE_PIXELS) this.#showSidebar(false);
     this.#stage.append(viewer.element);
     // Keys are the picture's from now on: in the list, Enter would open another patient.
-    if (document.activeElement?.closest("#case-list"))
-      viewer.element.querySelector<HTMLElement>("#surface")?.focus({ preventScroll: true });
+    if (document.activeElement?.closest("#case-list")) document.getElementById("surface")?.focus();
     this.#main.append(viewer.panel.element);
     this.#showPanel(this.#isPanelShown);
     void viewer.load();

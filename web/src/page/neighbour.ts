@@ -13,6 +13,5 @@ const SCRIPT: string = "./pacs.js";
 export async function meetNeighbour(viewer: HTMLElement, panel: HTMLElement, view: () => OnScreen): Promise<void> {
   const { id } = view().shown;
   const render = (side: number): unknown => pictureBody(view().state, [side, side]);
-  const { attach } = await import(SCRIPT);
-  await attach({ id, h, send, render, wording: problemWords, viewer, panel });
+  await (await import(SCRIPT)).attach({ id, h, send, render, wording: problemWords, viewer, panel });
 }

@@ -106,14 +106,13 @@ export class OnDemand {
     this.#asked.abort();
   }
 
-  /** Adds what there is for a case from DICOM. */
-  async meetNeighbour(viewer: HTMLElement, panel: HTMLElement): Promise<void> {
+  /** Adds what there is for a case from DICOM; a server without a neighbour of a PACS has no script for it. */
+  meetNeighbour(viewer: HTMLElement, panel: HTMLElement): void {
     if (!this.#host.shown.links?.dicom) return;
-    try {
-      await (await later()).meetNeighbour(viewer, panel, () => this.#onScreen);
-    } catch {
-      // A server without a neighbour of a PACS has no such script.
-    }
+    const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(viewer, panel, () => this.#onScreen);
+    later()
+      .then(meet)
+      .catch(() => {});
   }
 
   get #onScreen(): OnScreen {

@@ -127,7 +127,7 @@ export class Panel {
       placeholder: "0, 20",
       "aria-label": t("outlines.label"),
       change: () => {
-        const text = this.#outlines.value.replaceAll("mm", "");
+        const text = this.#outlines.value;
         const depths = text.trim() ? readDepths(text, clampDepth(Infinity, shown)) : [];
         // What cannot be read stays to be corrected, and changes nothing.
         this.#outlines.setAttribute("aria-invalid", String(!depths));

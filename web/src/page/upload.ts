@@ -203,9 +203,9 @@ function bodyOf(
   { name, radius_mm, keepsName }: { readonly name: string; readonly radius_mm: number; readonly keepsName: boolean },
 ): FormData {
   const parameters = {
-    ...(Number.isFinite(radius_mm) ? { closing_radius_mm: radius_mm } : {}),
-    ...(name ? { name } : {}),
-    ...(keepsName ? { keep_name: true } : {}),
+    ...(Number.isFinite(radius_mm) && { closing_radius_mm: radius_mm }),
+    ...(name && { name }),
+    ...(keepsName && { keep_name: true }),
   };
   const body = new FormData();
   body.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));

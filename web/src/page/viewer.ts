@@ -28,6 +28,8 @@ import type { Preferences } from "./preferences.ts";
 import { Speaker, spokenCommand } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
 
+const DOUBLE_CLICK_MS = 600;
+
 /** What the page around the viewer does for it. */
 export interface ViewerHost {
   readonly preferences: () => Preferences;
@@ -66,6 +68,10 @@ export class Viewer {
   #picked: Picked | null = null;
   /** A double click before the surface was loaded. */
   #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
+  /** What was shown before a hand moved the cross in a slice: one step back undoes its whole way. */
+  #unmoved: ViewState | null = null;
+  /** What was shown before the clicks of what may be a double click, which enlarges a slice and moves nothing. */
+  #unclicked: ViewState | null = null;
   #frame = 0;
   #moving = false;
   #timerShown = false;
@@ -85,16 +91,10 @@ export class Viewer {
     const actions = this.#actions();
     this.#depthBar = new DepthBar(shown, actions);
     this.#notices = new Notices({ cancelLoad: () => this.#loadAbort.abort(), loadAgain: () => void this.load() });
-    this.#address = new AddressFollower(
-      shown,
-      () => this.#state,
-      () => this.#onRest(),
-    );
-    this.#sweep = new Sweep(
-      shown,
-      () => this.#state.depth_mm,
-      (depth_mm) => this.#change({ depth_mm }),
-    );
+    const rested = (): void => this.#onRest();
+    this.#address = new AddressFollower(shown, () => this.#state, rested);
+    const sweep = (depth_mm: number): void => this.#change({ depth_mm });
+    this.#sweep = new Sweep(shown, () => this.#state.depth_mm, sweep);
     this.#onDemand = this.#makeOnDemand();
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
@@ -102,7 +102,10 @@ export class Viewer {
     this.panel = new Panel(shown, actions, { aids: this.#aids.elements, last: this.#onDemand.sections(this.#sweep) });
     this.#slices = new SliceGroup(shown, {
       load: later,
-      resized: redraw,
+      resized: () => {
+        if (this.#unclicked) this.#take(this.#unclicked);
+        redraw();
+      },
       move: (position, done) => this.#moveCross(position, done),
       window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
       surface: () => this.#surface.surface,
@@ -142,7 +145,7 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
-    void this.#onDemand.meetNeighbour(this.element, this.panel.element);
+    this.#onDemand.meetNeighbour(this.element, this.panel.element);
     void this.#aids.load().catch(() => {});
     const wanted = this.#wanted;
     this.#wanted = null;
@@ -296,6 +299,7 @@ export class Viewer {
 
   #onRest(): void {
     if (this.#sweep.isRunning) return;
+    this.#unmoved = null;
     this.#address.replace();
     this.#history.record(this.#state);
     this.panel.showHistory(this.#history);
@@ -348,6 +352,12 @@ export class Viewer {
   /** Puts the cross where a slice was touched; the surface turns to it when the hand has left. */
   #moveCross(position: Vec3, done: boolean): void {
     this.#picked = null;
+    this.#unmoved ??= this.#state;
+    if (done) {
+      this.#unclicked ??= this.#unmoved;
+      setTimeout(() => (this.#unclicked = null), DOUBLE_CLICK_MS);
+      [this.#state, this.#unmoved] = [this.#unmoved, null];
+    }
     this.#change({ crosshair_mm: position, ...(done ? turnedTo(position, this.shown) : {}) }, done);
   }
 
@@ -381,7 +391,7 @@ export class Viewer {
       },
       depthOfCross: () => {
         const depth_mm = this.#state.crosshair_mm && this.#surface.probe(this.#state.crosshair_mm)?.depth_mm;
-        if (Number.isFinite(depth_mm)) this.#change({ depth_mm: clampDepth(Number(depth_mm), this.shown) }, true);
+        if (Number(depth_mm) >= 0) this.#change({ depth_mm: clampDepth(Number(depth_mm), this.shown) }, true);
       },
     };
   }

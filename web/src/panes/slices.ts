@@ -225,17 +225,20 @@ export class SlicePane {
 
   #put(image: HTMLElement, state: ViewState, view: SliceView): void {
     this.#image.replaceChildren(image);
-    this.element.dataset.way = image instanceof HTMLImageElement ? "server" : "page";
     this.#drawn = view;
-    this.element.dataset.position = String(view.position_mm);
-    this.element.dataset.depth = String(state.depth_mm);
-    this.element.dataset.overlay = state.overlay?.name ?? "";
-    this.element.dataset.layer = state.layer?.id ?? "";
-    const edges = image instanceof HTMLCanvasElement && edgesLayer(state);
-    this.element.dataset.edges = edges ? edges.name : "";
-    this.element.dataset.moved = String((state.layer ?? state.overlay)?.moved ?? "");
+    const isOwn = image instanceof HTMLCanvasElement;
+    const edges = isOwn && edgesLayer(state);
+    Object.assign(this.element.dataset, {
+      way: isOwn ? "page" : "server",
+      position: view.position_mm,
+      depth: state.depth_mm,
+      overlay: state.overlay?.name ?? "",
+      layer: state.layer?.id ?? "",
+      edges: edges ? edges.name : "",
+      moved: (state.layer ?? state.overlay)?.moved ?? "",
+    });
     this.#mapBar.show(edges ? null : state.overlay);
-    this.#overlay.divide(image instanceof HTMLCanvasElement ? state.swipe : null);
+    this.#overlay.divide(isOwn ? state.swipe : null);
     this.#write(this.#state ?? state, this.#view(this.#state ?? state));
   }
 
@@ -327,9 +330,8 @@ export class SlicePane {
     this.#hovered.hidden = !position;
     if (!position) return;
     const probed = this.#listener.surface().probe(position);
-    const place = `${positionWords(position)} mm`;
-    const [depth, grey] = [depthAtWords(probed?.depth_mm), greyWords(probed?.intensity)];
-    setText(this.#hovered, probed ? t("slice.hovered", { place, depth, grey }) : place);
+    const values = { depth: depthAtWords(probed?.depth_mm), grey: greyWords(probed?.intensity) };
+    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), ...values }));
   }
 
   #listen(): void {

@@ -181,11 +181,13 @@ export class SurfacePane {
       map.show(look.overlay);
     }
     this.#cube.show(state.orientation);
-    this.element.dataset.depth = String(state.depth_mm);
-    this.element.dataset.overlay = state.overlay?.name ?? "";
-    this.element.dataset.layer = state.layer?.id ?? "";
-    this.element.dataset.beside = beside ? [beside.layer?.id, beside.overlay?.name].join() : "";
-    this.element.dataset.drawn = "true";
+    Object.assign(this.element.dataset, {
+      depth: state.depth_mm,
+      overlay: state.overlay?.name ?? "",
+      layer: state.layer?.id ?? "",
+      beside: beside ? [beside.layer?.id, beside.overlay?.name].join() : "",
+      drawn: true,
+    });
     this.#cross();
   }
 
