@@ -223,7 +223,7 @@ test(
     assert.equal(await page.locator(".chart .curve.layer.own").count(), 2, "labels have no curve");
     assert.equal(await page.locator(".chart .curve.layer.other").count(), 2);
     const legend = await page.locator(".legend .layer").allTextContents();
-    assert.ok(/^FLAIR: .+ – .+/.test(legend[0] ?? "") && legend[1]?.startsWith("PET: "), legend.join());
+    assert.ok(/^FLAIR \(.+\): .+ – .+/.test(legend[0] ?? "") && legend[1]?.startsWith("PET ("), legend.join());
     // Each is as high as the picture, whatever its values are.
     const reach = await page.locator(".chart .curve.layer").evaluateAll((curves) => {
       const ys = (curve: Element): number[] =>

@@ -46,8 +46,13 @@ before(
           response.writeHead(503, { "retry-after": "1" }).end();
           return;
         }
-        sent.push(Buffer.concat(pieces));
-        response.writeHead(200, { "content-type": "application/dicom+json" }).end("{}");
+        const body = Buffer.concat(pieces);
+        sent.push(body);
+        // The boundary has the instance UID.
+        const uid = /^--isocortex-([\d.]+)/.exec(body.toString("latin1", 0, 100))?.[1];
+        const item = { "00081155": { vr: "UI", Value: [uid] } };
+        const report = { "00081199": { vr: "SQ", Value: [item] } };
+        response.writeHead(200, { "content-type": "application/dicom+json" }).end(JSON.stringify(report));
       });
     });
     await new Promise<void>((resolve) => node.listen(0, "127.0.0.1", resolve));

@@ -14,7 +14,8 @@ export interface Agreement {
 /** Hides what stands on the picture, so that the picture alone is seen; or shows it again. */
 export async function bare(page: Page, is_bare = true): Promise<void> {
   await page.evaluate((hidden) => {
-    for (const element of document.querySelectorAll<HTMLElement>("#surface > :not(.surface-host), .loading-line"))
+    const over = "#surface > :not(.surface-host), .loading-line, .slice .pane-head";
+    for (const element of document.querySelectorAll<HTMLElement>(over))
       element.style.visibility = hidden ? "hidden" : "";
   }, is_bare);
 }

@@ -146,6 +146,32 @@ test(
   },
 );
 
+test(
+  "a double click in a slice moves nothing, Escape shrinks it, and one step back undoes a drag",
+  { skip },
+  async () => {
+    await reset();
+    await page.locator(".layouts button[value=slices]").click();
+    const before = await fragment(page);
+    assert.equal(before.x, undefined);
+    const slice = page.locator(".slice.coronal");
+    await slice.locator(".slice-view").dblclick({ position: { x: 120, y: 100 } });
+    assert.match((await slice.getAttribute("class")) ?? "", /large/);
+    assert.deepEqual(await fragment(page), before, "nothing is marked or turned");
+    await page.keyboard.press("Escape");
+    assert.doesNotMatch((await slice.getAttribute("class")) ?? "", /large/);
+    const box = await slice.boundingBox();
+    assert.ok(box);
+    await page.mouse.move(box.x + 60, box.y + 60);
+    await page.mouse.down();
+    await page.mouse.move(box.x + 110, box.y + 90, { steps: 5 });
+    await page.mouse.up();
+    assert.ok((await fragment(page)).x, "a point is marked");
+    await page.keyboard.press("Control+z");
+    assert.deepEqual(await fragment(page), before);
+  },
+);
+
 test("a click in a slice turns the surface to that point", { skip }, async () => {
   await reset();
   await page.locator(".layouts button[value=slices]").click();

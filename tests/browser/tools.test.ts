@@ -395,6 +395,13 @@ test(
     await other.locator("#case-search").fill("head 0777");
     await other.waitForFunction(() => document.querySelectorAll("#case-list li").length === 1);
     assert.match(await rows.first().innerText(), /Head 0777/);
+    // Keys are the picture's once a case is opened: in the list, Enter would open another patient.
+    await other.goto(`${origin}#${"0".repeat(31)}`);
+    await other.waitForSelector(".viewer", { state: "detached" });
+    await other.locator("#case-search").fill("Demo");
+    await other.locator("#case-list a", { hasText: "Demo" }).focus();
+    await other.keyboard.press("Enter");
+    await other.waitForSelector("#surface:focus");
     await context.close();
   },
 );

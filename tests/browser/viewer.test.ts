@@ -44,7 +44,7 @@ async function drag(right: number, down: number, button: "left" | "right" | "mid
 test("the only case is shown at once, and named in the picture, in the tab and in the list", { skip }, async () => {
   assert.equal(await page.locator("#case-list [aria-current=true]").count(), 1);
   const name = await text("#surface .overlay:not(.other) .pane-case");
-  assert.match(name, /· \d+ \w+ \d+ · [0-9a-f]{8}$|· \w+ \d+, \d+ · [0-9a-f]{8}$/);
+  assert.match(name, /· added \d+ \w+ \d+ · [0-9a-f]{8}$|· added \w+ \d+, \d+ · [0-9a-f]{8}$/);
   assert.ok(name.endsWith(id.slice(0, 8)), name);
   assert.equal(await page.title(), `${name} · Isocortex`);
   assert.ok(page.url().includes(id), "the address names it from then on");

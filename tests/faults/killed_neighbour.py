@@ -150,9 +150,13 @@ class Node:
                 # Boundaries may differ; the object lies before the last one.
                 received.setdefault(uid, set()).add(body[start : body.rindex(b"\r\n--")])
                 time.sleep(seconds)
+                item = {"00081155": {"vr": "UI", "Value": [uid]}}
+                report = json.dumps({"00081199": {"vr": "SQ", "Value": [item]}}).encode()
                 try:
                     self.send_response(200)
+                    self.send_header("Content-Length", str(len(report)))
                     self.end_headers()
+                    self.wfile.write(report)
                 except OSError:
                     pass
 

@@ -20,6 +20,11 @@ use crate::series_builder::Syntax;
 use crate::storage_nodes::{every_kind, to_node};
 
 const PLUGIN: &str = "/usr/share/orthanc/plugins/libOrthancDicomWeb.so";
+const PYTHON_PLUGIN: &str = "/usr/share/orthanc/plugins/libOrthancPython.so";
+const BUTTON: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../docker/orthanc/isocortex.py"
+);
 const USER: &str = "alice:orthanctest";
 const TOKEN: &str = "0123456789abcdef";
 
@@ -80,6 +85,13 @@ impl Orthanc {
             "DicomModalities": {"isocortex": {"AET": "ISOCORTEX", "Host": "127.0.0.1", "Port": our_dicom}},
             "DicomWeb": {"Enable": true, "Root": "/dicom-web/", "Servers": {"isocortex": {"Url": format!("{ours}/dicomweb/"), "HasDelete": "0", "Username": "orthanc", "Password": TOKEN}}}
         });
+        let mut configuration = configuration;
+        if Path::new(PYTHON_PLUGIN).exists() {
+            configuration["Plugins"] = json!([PLUGIN, PYTHON_PLUGIN]);
+            configuration["PythonScript"] = BUTTON.into();
+        } else {
+            eprintln!("SKIPPED: the Python plug-in of Orthanc is not installed");
+        }
         let file = folder.path().join("orthanc.json");
         std::fs::write(&file, configuration.to_string()).unwrap();
         let process = Command::new(program()?)
@@ -107,10 +119,14 @@ impl Orthanc {
 
     /// The bytes of an answer of its DICOMweb plug-in; `None` if it refuses.
     async fn bytes(&self, path: &str, accept: &str) -> Option<Vec<u8>> {
+        self.fetch(&format!("/dicom-web{path}"), accept).await
+    }
+
+    async fn fetch(&self, path: &str, accept: &str) -> Option<Vec<u8>> {
         let mut curl = Command::new("curl");
         curl.args(["--silent", "--fail", "--user", USER]);
         curl.args(["--header", &format!("Accept: {accept}")]);
-        curl.arg(format!("http://127.0.0.1:{}/dicom-web{path}", self.http));
+        curl.arg(format!("http://127.0.0.1:{}{path}", self.http));
         let run = move || curl.output().expect("curl is installed");
         let output = tokio::task::spawn_blocking(run).await.unwrap();
         output.status.success().then_some(output.stdout)
@@ -193,6 +209,10 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
     ));
     let ours = format!("http://{}", socket.address);
     let orthanc = Orthanc::start(ports, &ours, dicom, &[]).await.unwrap();
+    if Path::new(PYTHON_PLUGIN).exists() {
+        let scripts = orthanc.fetch("/plugins/explorer.js", "*/*").await.unwrap();
+        assert!(String::from_utf8_lossy(&scripts).contains("Open in Isocortex"));
+    }
     let Some(series) = orthanc.with_head().await else {
         return;
     };

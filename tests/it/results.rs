@@ -415,17 +415,26 @@ async fn the_page_learns_the_nodes_and_whether_it_may_show_the_patient() {
     );
 }
 
+/// What a node that has stored the object of a request answers, in DICOM JSON. The boundary has the instance UID.
+fn report_of(body: &[u8]) -> String {
+    let boundary = body.split(|&byte| byte == b'\r').next().unwrap();
+    let boundary = std::str::from_utf8(boundary).unwrap();
+    let uid = boundary.strip_prefix("--isocortex-").unwrap();
+    let item = json!({"00081155": {"vr": "UI", "Value": [uid]}});
+    json!({"00081199": {"vr": "SQ", "Value": [item]}}).to_string()
+}
+
 /// A node that is busy at first, and keeps what it is sent.
 async fn busy_node(busy: u32) -> (u16, Arc<std::sync::Mutex<Vec<Bytes>>>) {
     let received = Arc::<std::sync::Mutex<Vec<Bytes>>>::default();
     let (asked, kept) = (Arc::new(AtomicU32::new(0)), Arc::clone(&received));
     let store = move |body: Bytes| {
         let number = asked.fetch_add(1, Ordering::Relaxed);
-        kept.lock().unwrap().push(body);
+        kept.lock().unwrap().push(body.clone());
         async move {
             match number < busy {
                 true => (StatusCode::SERVICE_UNAVAILABLE, String::new()),
-                false => (StatusCode::OK, "<NativeDicomModel/>".to_owned()),
+                false => (StatusCode::OK, report_of(&body)),
             }
         }
     };

@@ -237,6 +237,10 @@ impl HeldSeries {
             }
             let mut values = common.clone();
             values.put("SOPClassUID", &instance.sop_class_uid);
+            // Of a multi-frame image, the number is that of the frame.
+            if let Some(number) = instance.number.filter(|_| instance.frame.is_none()) {
+                values.put("InstanceNumber", number.to_string());
+            }
             if let Some(place) = places.get(number) {
                 values.extend(place);
             }

@@ -34,7 +34,7 @@ use case::{
 use geometry::{
     BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
 };
-use imaging::dicom::Attributes;
+use imaging::dicom::{Attributes, sequence_name};
 
 use self::affine::rows_of;
 use self::brain::find_brain;
@@ -185,7 +185,10 @@ fn sequence_of(attributes: &[(String, String)]) -> Option<String> {
     let told = parts.iter().filter_map(|(keyword, before)| {
         let (_, value) = attributes.iter().find(|(name, _)| name == keyword)?;
         // Of several echoes, the first.
-        let first = value.split('\\').next().unwrap_or_default().trim();
+        let first = match *keyword {
+            "SequenceName" => sequence_name(value)?,
+            _ => value.split('\\').next().unwrap_or_default().trim(),
+        };
         let is_fit = !first.is_empty() && first.len() <= 16 && !first.contains(char::is_control);
         is_fit.then(|| format!("{before}{first}"))
     });

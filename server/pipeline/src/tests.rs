@@ -466,6 +466,16 @@ fn a_sequence_is_told_by_the_scanner_s_words_and_times_alone() {
     ]);
     assert_eq!(told.unwrap(), "*tfl3d1, TR 2300, TE 2.98");
     assert_eq!(of(&[("SeriesDescription", "MPRAGE Doe")]), None);
+    for (written, told) in [
+        ("*tfl3d1 QZCANARY", Some("*tfl3d1")),
+        ("QZCANARY", None),
+        ("MUELLER T1", None),
+        ("*tfl3d1_16ns", Some("*tfl3d1_16ns")),
+        ("*spc_284ns", Some("*spc_284ns")),
+        ("T1FFE", Some("T1FFE")),
+    ] {
+        assert_eq!(of(&[("SequenceName", written)]).as_deref(), told);
+    }
     assert_eq!(
         of(&[("SequenceName", "a name that is as long as a sentence")]),
         None

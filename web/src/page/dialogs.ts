@@ -110,6 +110,10 @@ export async function askText(title: string, label: string, value: string): Prom
 
 /** Asks for the token that the server requires; empty if none was typed. */
 export async function askToken(refused: boolean): Promise<string> {
+  // The page that opens a case from a PACS hands on what was typed there, once.
+  const handed = sessionStorage.getItem("token");
+  sessionStorage.clear();
+  if (handed) return handed;
   const input = h("input", { type: "password", autocomplete: "off", required: true, id: "token" });
   const { closed } = open(
     t("token.title"),

@@ -51,8 +51,8 @@ export function layerCurves({ own, mirrored, layers = [] }: Measured, deepest_mm
     const values = curves.flatMap((one) => one.map(([, value]) => value)).filter(Number.isFinite);
     if (labels || values.length === 0) return [];
     const range = [Math.min(...values), Math.max(...values)] as const;
-    const [from, to] = range.map((end) => number(end, 2));
-    const words = t("profile.range", { name, from: from ?? "", to: to ?? "", unit }).trim();
+    const [from, to] = [number(range[0], 2), number(range[1], 2)];
+    const words = t("profile.range", { name, from, to, unit }).trim();
     return [{ name, words, own: curves[0], mirrored: curves[1], range }];
   });
 }

@@ -107,9 +107,9 @@ export class OnDemand {
   }
 
   /** Adds what there is for a case from DICOM; a server without a neighbour of a PACS has no script for it. */
-  meetNeighbour(viewer: HTMLElement, panel: HTMLElement): void {
+  meetNeighbour(viewer: HTMLElement): void {
     if (!this.#host.shown.links?.dicom) return;
-    const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(viewer, panel, () => this.#onScreen);
+    const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(viewer, () => this.#onScreen);
     later()
       .then(meet)
       .catch(() => {});

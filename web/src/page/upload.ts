@@ -2,7 +2,7 @@
 
 import { type Uploaded, uploadCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
-import { h, setText } from "../base/dom.ts";
+import { h, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { caseTitle } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -51,14 +51,18 @@ export class UploadForm {
     this.element = h(
       "form",
       { id: "upload", submit: (event: SubmitEvent) => void this.#submit(event) },
-      h("p", { class: "drop-hint" }, t("upload.drop")),
-      file(t("upload.volume"), this.#volume, t("upload.choose-files"), t("upload.volume-hint")),
-      file(t("upload.folder"), this.#folder, t("upload.choose-folder"), t("upload.folder-hint")),
-      file(t("upload.mask"), this.#mask, t("upload.choose-files"), t("upload.mask-hint")),
-      field(t("upload.name"), this.#name, t("upload.name-hint")),
-      field(t("upload.radius"), this.#radius, t("upload.radius-hint")),
+      h(
+        "div",
+        {},
+        h("p", { class: "drop-hint" }, t("upload.drop")),
+        file(t("upload.volume"), this.#volume, t("upload.choose-files"), t("upload.volume-hint")),
+        file(t("upload.folder"), this.#folder, t("upload.choose-folder"), t("upload.folder-hint")),
+        file(t("upload.mask"), this.#mask, t("upload.choose-files"), t("upload.mask-hint")),
+        field(t("upload.name"), this.#name, t("upload.name-hint")),
+        field(t("upload.radius"), this.#radius, t("upload.radius-hint")),
+      ),
       // In sight, however far the form is scrolled.
-      h("div", { class: "upload-foot" }, this.#chosen, this.#names, this.#note, ...this.#transfer.parts),
+      h("section", {}, this.#chosen, this.#names, this.#note, ...this.#transfer.parts),
     );
   }
 
@@ -102,8 +106,7 @@ export class UploadForm {
     const named = [sorted.volume, sorted.mask, ...sorted.layers]
       .filter((file) => file !== null)
       .map((file) => file.name);
-    this.#names.hidden = named.length === 0;
-    setText(this.#names, named.join("\n"));
+    tell(this.#names, named.join("\n"));
     const parts = [
       sorted.volume && t("upload.chosen-volume", { size: size(sorted.volume.size) }),
       sorted.dicom.length > 0 &&

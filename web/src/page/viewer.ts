@@ -145,7 +145,7 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
-    this.#onDemand.meetNeighbour(this.element, this.panel.element);
+    this.#onDemand.meetNeighbour(this.element);
     void this.#aids.load().catch(() => {});
     const wanted = this.#wanted;
     this.#wanted = null;

@@ -219,6 +219,29 @@ fn meant(all: &[Series], purpose: Purpose) -> Result<usize, DicomError> {
     }
 }
 
+/// Parts of the names that scanners give to sequences, besides the words above.
+const SEQUENCE_PARTS: [&str; 14] = [
+    "fl3d", "fl2d", "tse", "fse", "se2d", "se3d", "gre", "spc", "tir", "qst", "ep2d", "mr3d", "3d",
+    "2d",
+];
+
+/// How many letters a scanner's name of a sequence may have besides its known parts, as in `*tfl3d1_16ns`.
+const FURTHER_LETTERS: usize = 3;
+
+/// The scanner's name at the beginning of Sequence Name, such as `*tfl3d1`. Other words may be typed, and name somebody.
+pub fn sequence_name(text: &str) -> Option<&str> {
+    let mut words = text.split(|letter: char| letter.is_whitespace() || letter == '\\');
+    let word = words.find(|word| !word.is_empty())?;
+    let parts = T1_WORDS.iter().chain(&OTHER_WORDS).chain(&SEQUENCE_PARTS);
+    let mut rest = word.to_lowercase();
+    for part in parts {
+        rest = rest.replace(part, "");
+    }
+    let further = rest.chars().filter(|letter| letter.is_alphabetic()).count();
+    let is_known = rest.len() < word.len() && further <= FURTHER_LETTERS;
+    (is_known && word.is_ascii() && word.len() <= 16).then_some(word)
+}
+
 /// Words of the names of T1-weighted series.
 pub(super) const T1_WORDS: [&str; 12] = [
     "t1", "mprage", "mp-rage", "mp2rage", "spgr", "bravo", "tfl", "tfe", "vibe", "flash", "ffe",

@@ -10,7 +10,7 @@ use dicom_object::InMemDicomObject;
 
 use super::DicomError;
 use super::attributes::{Attributes, kept_tags, wanted};
-use super::choose::{OTHER_WORDS, T1_WORDS};
+use super::choose::{OTHER_WORDS, T1_WORDS, sequence_name};
 use super::frames::{pixel_bytes, write_explicit};
 use super::header::parse;
 use super::numbers::text;
@@ -21,7 +21,7 @@ use super::write::uid_of;
 const CONTEXT: &str = "Isocortex 2026-11-22 replaced UID";
 
 /// Attributes that are kept although they describe more than the pixels: the Basic Profile does not remove them.
-const KEPT: [&str; 14] = [
+const KEPT: [&str; 13] = [
     "SeriesNumber",
     "Modality",
     "BodyPartExamined",
@@ -29,7 +29,6 @@ const KEPT: [&str; 14] = [
     "Manufacturer",
     "ManufacturerModelName",
     "MagneticFieldStrength",
-    "SequenceName",
     "RepetitionTime",
     "EchoTime",
     "InversionTime",
@@ -86,6 +85,7 @@ impl Attributes {
         let description = kind_of(&names);
         let kept = self.attributes.iter().filter_map(|(keyword, value)| {
             let value = match keyword.as_str() {
+                "SequenceName" => sequence_name(value)?.to_owned(),
                 name if KEPT.contains(&name) => value.clone(),
                 name if REPLACED.contains(&name) => replaced_uid(value),
                 _ => return None,
@@ -120,6 +120,12 @@ pub fn deidentified_file(file: &[u8]) -> Result<Vec<u8>, DicomError> {
     let names = [tags::SERIES_DESCRIPTION, tags::PROTOCOL_NAME];
     let names = names.map(|tag| text(&object, tag).unwrap_or_default());
     let mut kept = without_identity(&object);
+    let sequence = text(&object, tags::SEQUENCE_NAME).unwrap_or_default();
+    kept.remove_element(tags::SEQUENCE_NAME);
+    if let Some(name) = sequence_name(&sequence) {
+        let name = PrimitiveValue::from(name);
+        kept.put(DataElement::new(tags::SEQUENCE_NAME, VR::SH, name));
+    }
     for (tag, vr, value) in [
         (tags::SERIES_DESCRIPTION, VR::LO, kind_of(&names.join(" "))),
         (tags::PATIENT_NAME, VR::PN, String::new()),

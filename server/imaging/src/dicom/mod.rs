@@ -40,7 +40,7 @@ mod syntax;
 pub mod write;
 
 pub use attributes::{Attributes, Instance};
-pub use choose::{Purpose, SeriesName};
+pub use choose::{Purpose, SeriesName, sequence_name};
 pub use convert::{Converted, Files, Options, convert};
 pub use deidentify::{deidentified_file, replaced_uid};
 pub use error::DicomError;

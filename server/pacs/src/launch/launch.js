@@ -78,6 +78,8 @@ async function follow() {
     const reason = found.reason ? ` ${found.reason.detail}.` : "";
     switch (found.state) {
       case "ready":
+        // The page takes it from there at once, and asks nobody a second time.
+        if (token) sessionStorage.token = token;
         location.replace(`./#${found.case}`);
         return;
       case "preparing":

@@ -152,9 +152,8 @@ impl WebNode {
         let body = Limited::new(answer.into_body(), MAX_QUERY_BYTES).collect();
         let body = tokio::time::timeout(ANSWER, body).await;
         let body = body.map_err(|_elapsed| NodeError::Silent)?;
-        let report = body.ok().map(http_body_util::Collected::to_bytes);
-        let report = report.and_then(|body| serde_json::from_slice(&body).ok());
-        stored(status, report.as_ref(), instance)
+        let body = body.map_or_else(|_| Bytes::new(), http_body_util::Collected::to_bytes);
+        stored(status, &body, instance)
     }
 
     async fn get(&self, path: &str, accept: &str) -> Result<Response<Incoming>, NodeError> {
@@ -192,8 +191,11 @@ fn refusal(status: StatusCode) -> NodeError {
     }
 }
 
-/// Whether a node has stored an object, by its status and its report (PS3.18 §10.5.3).
-fn stored(status: StatusCode, report: Option<&Value>, instance: &Uid) -> Result<(), NodeError> {
+/// Whether a node has stored an object, by its status and its report (PS3.18 §10.5.3), in JSON or XML. Without a report
+/// that names the object, the answer is none of STOW-RS: a proxy's page for one.
+fn stored(status: StatusCode, body: &[u8], instance: &Uid) -> Result<(), NodeError> {
+    let report: Option<Value> = serde_json::from_slice(body).ok();
+    let report = report.as_ref();
     let item_of = |sequence: &str| {
         let items = report.and_then(|report| report[sequence]["Value"].as_array());
         let is_ours = |item: &&Value| value(item, "00081155").as_deref() == Some(instance.as_str());
@@ -204,12 +206,19 @@ fn stored(status: StatusCode, report: Option<&Value>, instance: &Uid) -> Result<
         return Err(reason.map_or(NodeError::NotStoredAtAll, NodeError::NotStored));
     }
     match status {
-        // Some nodes report in XML only.
-        StatusCode::OK => Ok(()),
-        StatusCode::ACCEPTED if item_of("00081199").is_some() => Ok(()),
+        StatusCode::OK | StatusCode::ACCEPTED if item_of("00081199").is_some() => Ok(()),
+        StatusCode::OK if report.is_none() && xml_names(body, instance) => Ok(()),
+        StatusCode::OK => Err(NodeError::Unreadable),
         StatusCode::ACCEPTED | StatusCode::CONFLICT => Err(NodeError::NotStoredAtAll),
         status => Err(NodeError::Status(status.as_u16())),
     }
+}
+
+/// Whether a report in XML (PS3.19) lists an object as stored, and none as failed.
+fn xml_names(body: &[u8], instance: &Uid) -> bool {
+    let text = String::from_utf8_lossy(body);
+    let value = format!(">{}<", instance.as_str());
+    text.contains("00081199") && text.contains(&value) && !text.contains("00081198")
 }
 
 fn check_address(address: &str) -> Result<(), BadNode> {
@@ -295,10 +304,28 @@ mod tests {
         let refused = report("00081198", 0xA900);
         let full = report("00081198", 0xA700);
         let ask = |status, report: Option<&Value>| {
-            stored(StatusCode::from_u16(status).unwrap(), report, &uid)
+            let body = report.map(Value::to_string).unwrap_or_default();
+            stored(StatusCode::from_u16(status).unwrap(), body.as_bytes(), &uid)
         };
         assert_eq!(ask(200, Some(&there)), Ok(()));
-        assert_eq!(ask(200, None), Ok(()));
+        assert_eq!(ask(200, None), Err(NodeError::Unreadable));
+        let nothing = serde_json::json!({});
+        assert_eq!(ask(200, Some(&nothing)), Err(NodeError::Unreadable));
+        let ok = |body: &str| stored(StatusCode::OK, body.as_bytes(), &uid);
+        let xml = |tag: &str, uid: &str| {
+            format!(
+                "<NativeDicomModel><DicomAttribute tag=\"{tag}\"><Item number=\"1\"><DicomAttribute tag=\"00081155\"><Value number=\"1\">{uid}</Value></DicomAttribute></Item></DicomAttribute></NativeDicomModel>"
+            )
+        };
+        assert_eq!(ok(&xml("00081199", "2.25.7")), Ok(()));
+        for page in [
+            &xml("00081199", "2.25.70"),
+            &xml("00081198", "2.25.7"),
+            "<html>Please log in</html>",
+            "",
+        ] {
+            assert_eq!(ok(page), Err(NodeError::Unreadable), "{page}");
+        }
         assert_eq!(ask(202, Some(&there)), Ok(()), "with a warning");
         assert_eq!(ask(200, Some(&refused)), Err(NodeError::NotStored(0xA900)));
         assert_eq!(ask(409, Some(&refused)), Err(NodeError::NotStored(0xA900)));

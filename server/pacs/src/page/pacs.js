@@ -70,13 +70,14 @@ const WAY_MM = [2, 24];
 /**
  * Adds to a case what there is to add. `host` has the case's `id`; `h`, which makes elements; `send`, which fetches with the
  * token and throws what is no success; `render`, the picture on the screen in so many pixels, as `render` of the interface;
- * `wording`, a problem in words; and two elements: the `viewer` and its `panel`.
+ * and the `viewer`, an element beside which its panel is, as long as the case is open.
  */
 export async function attach(host) {
   const words = WORDS[document.documentElement.lang] ?? WORDS.en;
   const pacs = await (await host.send("v1/pacs", { cache: "no-store" })).json();
   if (pacs.patient_banner) await showPatient(host, words);
-  if (pacs.nodes.length > 0) host.panel.append(section(host, words, pacs.nodes));
+  const panel = host.viewer.closest(".page")?.querySelector(".panel");
+  if (pacs.nodes.length > 0) panel?.append(section(host, words, pacs.nodes));
 }
 
 // -- The patient
@@ -100,6 +101,9 @@ async function showPatient({ id, h, send, viewer }, words) {
   const text = parts.filter(Boolean).join(" · ");
   if (text) viewer.prepend(h("p", { class: "patient-banner", "aria-label": words.patient }, text));
 }
+
+/** A reason of the server as a sentence. */
+const sentence = (text) => `${text.slice(0, 1).toUpperCase()}${text.slice(1)}${/[.!?…]$/.test(text) ? "" : "."}`;
 
 // -- Results
 
@@ -130,7 +134,7 @@ function bodyOf(kind, render) {
   }
 }
 
-function showDialog({ id, h, send, render, wording }, words, nodes) {
+function showDialog({ id, h, send, render }, words, nodes) {
   const option = (value, text) => h("option", { value }, text);
   const kind = h("select", { id: "result-kind", change: () => void preview() }, ...KINDS.map((one) => option(one, words[one])));
   const node = h("select", { id: "result-node" }, ...nodes.map((one) => option(one, one)));
@@ -175,7 +179,7 @@ function showDialog({ id, h, send, render, wording }, words, nodes) {
       place.replaceChildren(image);
       dialog.dataset.preview = chosen;
     } catch (problem) {
-      if (chosen === kind.value) place.replaceChildren(h("p", { class: "bad" }, wording(problem)));
+      if (chosen === kind.value) place.replaceChildren(h("p", { class: "bad" }, sentence(problem.message)));
     }
   }
 
@@ -186,7 +190,7 @@ function showDialog({ id, h, send, render, wording }, words, nodes) {
     try {
       await step();
     } catch (problem) {
-      said.textContent = wording(problem);
+      said.textContent = sentence(problem.message);
     }
     for (const one of controls) one.disabled = false;
   }

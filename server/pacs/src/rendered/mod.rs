@@ -30,7 +30,7 @@ const USUAL_SIDE: u32 = 512;
 /// Width and height of a thumbnail.
 const THUMBNAIL_SIDE: u32 = 128;
 
-type Keys = Result<Query<BTreeMap<String, String>>, QueryRejection>;
+type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 
 /// Volume rendering of a study
 ///
@@ -131,12 +131,18 @@ async fn render(
     headers: &HeaderMap,
     side: u32,
 ) -> Result<Response, PacsError> {
-    let Query(keys) = keys.map_err(|_| {
+    let unreadable = || {
         PacsError::bad_request(
             "query-unreadable",
             "the query cannot be read; each key may be given once",
         )
-    })?;
+    };
+    let Query(pairs) = keys.map_err(|_| unreadable())?;
+    let count = pairs.len();
+    let keys = BTreeMap::from_iter(pairs);
+    if keys.len() < count {
+        return Err(unreadable());
+    }
     let asked = RenderedQuery::read(&keys)?;
     let cases = pacs.cases();
     let id = held_case(pacs, &named).await?;

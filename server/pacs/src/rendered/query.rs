@@ -153,6 +153,10 @@ impl<'a> RenderedQuery<'a> {
             );
             return Err(PacsError::bad_request("query-unknown-key", detail));
         }
+        let metadata = keys.get("renderedvolumetricmetadata").map(String::as_str);
+        if !matches!(metadata, None | Some("yes" | "no")) {
+            return Err(wrong("renderedvolumetricmetadata", "`yes` or `no`"));
+        }
         Ok(Self(keys))
     }
 

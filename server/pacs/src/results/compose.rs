@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, QualityState};
-use cases::pictures::PictureRequest;
+use cases::pictures::{PictureRequest, window_of};
 use cases::{Cases, Error};
 use geometry::{Grid, Mask};
 use imaging::dicom::write::{
@@ -401,10 +401,12 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
     };
     let [first, last] = ends(drawing);
     let [width, height] = [first.width, first.height];
+    let depth = match first.depth_mm == last.depth_mm {
+        true => first.depth_mm.to_string(),
+        false => format!("{} to {}", first.depth_mm, last.depth_mm),
+    };
     let mut text = format!(
-        "Isosurface {} to {} mm below the envelope of the brain (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
-        first.depth_mm,
-        last.depth_mm,
+        "Isosurface {depth} mm below the envelope of the brain (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
         drawing.renderer(),
     );
     text += &match &drawing.plan().layout {
@@ -422,10 +424,11 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
         }
         None if first.layer.is_some() => "window of the layer, ".to_owned(),
         None => {
-            let window = &facts.window;
+            let shown = window_of(facts);
             format!(
                 "window centre {} and width {}, ",
-                window.center, window.width
+                shown.centre(),
+                shown.width()
             )
         }
     };

@@ -105,7 +105,7 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let no_case = || PacsError::from(cases::Error::NoSuchCase);
     let id = CaseId::parse(id).ok_or_else(no_case)?;
     let is_preview = only_png(request.headers());
-    let known = "`what`, `render`, `sheet`, `cine`, `node` and `study`";
+    let known = "`what`, `render`, `sheet`, `cine`, `key_object`, `node` and `study`";
     let asked: ResultRequest = read_json(request, known).await?;
     pacs.needs_identity()?;
     let node = asked.node.as_deref().map(|name| pacs.named_node(name));
