@@ -5,3 +5,5 @@ mod heads;
 mod masses;
 pub(crate) mod phantom;
 mod real;
+#[cfg(feature = "study")]
+mod variants;
