@@ -1,5 +1,6 @@
 //! Phantoms and real heads through all of the maps.
 
+mod bias;
 mod edges;
 mod heads;
 mod masses;
