@@ -9,10 +9,12 @@ use crate::convolve::{Kernel, smooth};
 pub(crate) struct Coarse {
     fine: [usize; 3],
     /// Voxels per cell along each axis.
-    factor: [usize; 3],
-    size: [usize; 3],
+    pub(crate) factor: [usize; 3],
+    /// The centre of the first cell, in voxels.
+    centre: [f32; 3],
+    pub(crate) size: [usize; 3],
     /// Edges of a cell, in mm.
-    spacing_mm: [f64; 3],
+    pub(crate) spacing_mm: [f64; 3],
 }
 
 /// Two sums for each cell: weighted values and weights.
@@ -25,8 +27,19 @@ impl Coarse {
         Self {
             fine,
             factor,
+            centre: factor.map(|factor| (factor as f32 - 1.0) / 2.0),
             size: [0, 1, 2].map(|axis| fine[axis].div_ceil(factor[axis])),
             spacing_mm: [0, 1, 2].map(|axis| spacing_mm[axis] * factor[axis] as f64),
+        }
+    }
+
+    /// The same cells on a grid of which this one has only every few voxels, from the first on.
+    pub(crate) fn refined(&self, fine: [usize; 3], strides: [usize; 3]) -> Self {
+        Self {
+            fine,
+            factor: [0, 1, 2].map(|axis| self.factor[axis] * strides[axis]),
+            centre: [0, 1, 2].map(|axis| self.centre[axis] * strides[axis] as f32),
+            ..*self
         }
     }
 
@@ -114,7 +127,7 @@ impl Coarse {
         let [nx, ny, nz] = self.size;
         let place = |axis: usize, voxel: usize| {
             let factor = self.factor[axis] as f32;
-            (voxel as f32 - (factor - 1.0) / 2.0) / factor
+            (voxel as f32 - self.centre[axis]) / factor
         };
         let y = Between::of(place(1, number % self.fine[1]), ny, nx);
         let z = Between::of(place(2, number / self.fine[1]), nz, nx * ny);
@@ -132,7 +145,7 @@ impl Coarse {
     /// The positions of the voxels of a row between cells.
     pub(crate) fn along_row(&self) -> Vec<Between> {
         let factor = self.factor[0] as f32;
-        let place = |x: usize| (x as f32 - (factor - 1.0) / 2.0) / factor;
+        let place = |x: usize| (x as f32 - self.centre[0]) / factor;
         (0..self.fine[0])
             .map(|x| Between::of(place(x), self.size[0], 1))
             .collect()

@@ -14,7 +14,7 @@ use crate::robust::Robust;
 use crate::sharpness::{Sharpness, sharpness};
 use crate::slant::{DepthBand, depth_bands};
 use crate::stored::{MapKind, StoredMap};
-use crate::tissue::{TissueScale, tissue_scale};
+use crate::tissue::{Bias, TissueScale, tissue_scale};
 use crate::undefined::MapsUndefined;
 use crate::width::{EdgeFilters, WidthTable};
 
@@ -23,7 +23,7 @@ const MAX_SPACING_MM: f64 = 2.0;
 /// The least spread of sharpness, per mm, and of intensity, in tissue scale. A smaller spread is rounding, not anatomy.
 ///
 /// Four real heads have 0.04 to 0.06 per mm, and 0.13 to 0.17.
-const LEAST_SPREAD: f32 = 0.025;
+const LEAST_SPREAD: f32 = 0.03;
 /// The same for detail, of which four real heads have 0.019 to 0.025.
 const LEAST_DETAIL_SPREAD: f32 = 0.01;
 /// The same for the weighted mean of robust deviations, of which real heads have about 1.
@@ -173,7 +173,7 @@ pub(crate) fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale)
         return Err(MapsUndefined::CoarseVoxels { largest_mm });
     }
     let block = Block::new(head.volume, head.depth).ok_or(MapsUndefined::NothingDeep)?;
-    let (values, tissue) = tissue_scale(head.volume, &block)?;
+    let (values, tissue) = tissue_scale(head.volume, &block, &Bias::STANDARD)?;
     Ok((block, values, tissue))
 }
 

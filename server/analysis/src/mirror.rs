@@ -151,7 +151,7 @@ fn for_each_pair(
 }
 
 /// From voxels of a grid to the mirrored position, in voxels of the same grid.
-fn mirrored_from_voxel(grid: &Grid, plane: &MidsagittalPlane) -> DAffine3 {
+pub(crate) fn mirrored_from_voxel(grid: &Grid, plane: &MidsagittalPlane) -> DAffine3 {
     let normal = plane.normal();
     let turned = |axis: DVec3| axis - normal * (2.0 * normal.dot(axis));
     let reflection = DAffine3 {

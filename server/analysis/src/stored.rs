@@ -15,12 +15,12 @@ use geometry::Grid;
 use glam::DAffine3;
 
 /// The version of the computation and storage of maps. Maps of another version are computed again.
-pub const MAP_FORMAT: u32 = 2;
+pub const MAP_FORMAT: u32 = 3;
 
 /// The code of an undefined voxel.
 pub const UNDEFINED: u8 = 0;
 
-const MAGIC: &[u8; 8] = b"ISOMAP02";
+const MAGIC: &[u8; 8] = b"ISOMAP03";
 const HEADER_BYTES: usize = 8 + 4 + 3 * 4 + 12 * 8 + 2 * 4;
 
 /// The kind of a map.

@@ -3,7 +3,7 @@
 use geometry::Volume;
 
 use crate::block::{Block, Zone};
-use crate::coarse::Coarse;
+use crate::coarse::{Coarse, Pair};
 use crate::undefined::MapsUndefined;
 
 /// The initial quantiles of the three classes (fluid, grey, white).
@@ -12,12 +12,14 @@ const STARTS: [f64; 3] = [0.10, 0.45, 0.80];
 const ROUNDS: usize = 30;
 /// Bins of a histogram of corrected intensities.
 const BINS: usize = 1 << 14;
-/// Width of the Gaussian for the bias field of white matter, in mm.
-const BIAS_MM: f64 = 20.0;
-/// The cell size of that field, in mm.
+/// The cell size of the bias field, in mm.
 const BIAS_STEP_MM: f64 = 5.0;
-/// The limits of the field, relative to the mean of white matter.
+/// The limits of one pass, relative to the mean of white matter.
 const BIAS_RANGE: [f32; 2] = [0.7, 1.4];
+/// The distance of the voxels from which the field is estimated, in mm; it is smooth, and one in eight is enough.
+const BIAS_SAMPLE_MM: f64 = 2.0;
+/// The least share of white matter under the Gaussian for an estimate of the field.
+const LEAST_WHITE: f32 = 1e-3;
 /// The least contrast between grey and white matter, in deviations of the noise.
 const LEAST_CONTRAST: f32 = 5.0;
 /// A voxel is deep white matter if everything within this many voxels is white.
@@ -43,6 +45,29 @@ pub struct TissueScale {
     pub noise: f32,
 }
 
+/// How the bias of the coil is estimated from white matter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Bias {
+    /// The Gaussian of each pass, in mm, and the least intensity of white matter, in tissue scale. Each pass starts from
+    /// the intensities that the passes before it corrected.
+    pub(crate) passes: &'static [(f64, f32)],
+}
+
+impl Bias {
+    /// The standard passes. One pass is not enough if the bias is strong: white matter that is as dark as the middle
+    /// between grey and white elsewhere is half left out, and looks like one large blurred junction.
+    pub(crate) const STANDARD: Self = Self {
+        passes: &[
+            (20.0, 0.5),
+            (20.0, 0.5),
+            (20.0, 0.5),
+            (20.0, 0.75),
+            (15.0, 0.75),
+            (15.0, 0.75),
+        ],
+    };
+}
+
 /// The tissue scale of each voxel of a block, and its parameters.
 ///
 /// # Errors
@@ -50,11 +75,11 @@ pub struct TissueScale {
 pub(crate) fn tissue_scale(
     volume: &Volume,
     block: &Block,
+    bias: &Bias,
 ) -> Result<(Vec<f32>, TissueScale), MapsUndefined> {
     let mut values = intensities(volume, block);
-    let classes = classes(&values, block)?;
-    divide_by_bias(&mut values, block, &classes);
-    let classes = self::classes(&values, block)?;
+    divide_by_bias(&mut values, block, bias)?;
+    let classes = classes(&values, &block.zones)?;
     let [_, grey, white] = classes.means;
     let contrast = white - grey;
     for value in &mut values {
@@ -155,10 +180,10 @@ impl Histogram {
     }
 }
 
-/// The three tissue classes of a block, by Lloyd's algorithm.
-fn classes(values: &[f32], block: &Block) -> Result<Classes, MapsUndefined> {
+/// The three tissue classes of some voxels, by Lloyd's algorithm.
+fn classes(values: &[f32], zones: &[Zone]) -> Result<Classes, MapsUndefined> {
     let none = MapsUndefined::LowContrast { contrast: 0.0 };
-    let histogram = Histogram::new(values, &block.zones).ok_or(none)?;
+    let histogram = Histogram::new(values, zones).ok_or(none)?;
     let mut means = STARTS.map(|share| histogram.percentile(share));
     let mut totals = histogram.nearest(means);
     for _ in 0..ROUNDS {
@@ -183,32 +208,79 @@ fn classes(values: &[f32], block: &Block) -> Result<Classes, MapsUndefined> {
 }
 
 /// Divides intensities by the local mean of the white matter relative to its mean in the whole head.
-fn divide_by_bias(values: &mut [f32], block: &Block, classes: &Classes) {
-    let [_, grey, white] = classes.means;
-    let bounds = ((grey + white) / 2.0, white + 3.0 * classes.sds[2]);
-    let coarse = Coarse::new(block.size, block.spacing_mm, BIAS_STEP_MM);
-    let means = coarse.means(|index| {
-        let value = values[index];
-        let is_white = block.zones[index] >= Zone::Tissue && value > bounds.0 && value < bounds.1;
-        if is_white { [value, 1.0] } else { [0.0; 2] }
-    });
-    let field: Vec<_> = coarse
-        .smoothed(&means, BIAS_MM)
-        .into_iter()
-        .map(|[sum, weight]| {
-            let local = if weight > 1e-3 {
-                sum / weight / white
-            } else {
-                1.0
-            };
-            [local.clamp(BIAS_RANGE[0], BIAS_RANGE[1]), 0.0]
-        })
-        .collect();
+fn divide_by_bias(values: &mut [f32], block: &Block, bias: &Bias) -> Result<(), MapsUndefined> {
+    let sample = Sample::of(values, block);
+    let mut corrected = sample.values.clone();
+    let mut field = vec![[1.0, 0.0]; sample.coarse.size.iter().product()];
+    for &(sigma_mm, white_from) in bias.passes {
+        let classes = classes(&corrected, &sample.zones)?;
+        let [_, grey, white] = classes.means;
+        let bounds = (
+            grey + white_from * (white - grey),
+            white + 3.0 * classes.sds[2],
+        );
+        let means = sample.coarse.means(|index| {
+            let value = corrected[index];
+            let is_tissue = sample.zones[index] >= Zone::Tissue;
+            let is_white = is_tissue && value > bounds.0 && value < bounds.1;
+            if is_white { [value, 1.0] } else { [0.0; 2] }
+        });
+        let smoothed = sample.coarse.smoothed(&means, sigma_mm);
+        for ([field, _], [sum, weight]) in field.iter_mut().zip(smoothed) {
+            if weight > LEAST_WHITE {
+                *field *= (sum / weight / white).clamp(BIAS_RANGE[0], BIAS_RANGE[1]);
+            }
+        }
+        corrected.copy_from_slice(&sample.values);
+        divide(&mut corrected, &sample.coarse, &field);
+    }
+    divide(
+        values,
+        &sample.coarse.refined(block.size, sample.strides),
+        &field,
+    );
+    Ok(())
+}
+
+/// Divides the voxels of a grid by a field of its cells.
+fn divide(values: &mut [f32], coarse: &Coarse, field: &[Pair]) {
     let (along_row, mut mixed) = (coarse.along_row(), Vec::new());
-    for (number, row) in values.chunks_exact_mut(block.size[0]).enumerate() {
-        coarse.mixed_row(&field, number, &mut mixed);
+    for (number, row) in values.chunks_exact_mut(along_row.len()).enumerate() {
+        coarse.mixed_row(field, number, &mut mixed);
         for (value, between) in row.iter_mut().zip(&along_row) {
             *value /= between.of_row(&mixed)[0];
+        }
+    }
+}
+
+/// Every few voxels of a block.
+struct Sample {
+    strides: [usize; 3],
+    values: Vec<f32>,
+    zones: Vec<Zone>,
+    /// Cells of the sample.
+    coarse: Coarse,
+}
+
+impl Sample {
+    fn of(values: &[f32], block: &Block) -> Self {
+        let strides = block
+            .in_voxels(BIAS_SAMPLE_MM)
+            .map(|stride| (stride.round() as usize).max(1));
+        let size = [0, 1, 2].map(|axis| block.size[axis].div_ceil(strides[axis]));
+        let spacing_mm = [0, 1, 2].map(|axis| block.spacing_mm[axis] * strides[axis] as f64);
+        let along = |axis: usize| (0..block.size[axis]).step_by(strides[axis]);
+        let indices = along(2).flat_map(|z| {
+            along(1).flat_map(move |y| along(0).map(move |x| block.grid.index([x, y, z])))
+        });
+        let (values, zones) = indices
+            .map(|index| (values[index], block.zones[index]))
+            .unzip();
+        Self {
+            strides,
+            values,
+            zones,
+            coarse: Coarse::new(size, spacing_mm, BIAS_STEP_MM),
         }
     }
 }

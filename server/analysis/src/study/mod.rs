@@ -28,9 +28,9 @@ use crate::{Head, MapsUndefined, TissueScale};
 
 /// A head that receives lesions.
 pub struct Ground<'a> {
-    head: Head<'a>,
-    block: Block,
-    values: Vec<f32>,
+    pub(crate) head: Head<'a>,
+    pub(crate) block: Block,
+    pub(crate) values: Vec<f32>,
     tissue: TissueScale,
 }
 

@@ -1,7 +1,10 @@
 //! Phantoms and real heads through all of the maps.
 
+mod bias;
 mod edges;
 mod heads;
 mod masses;
 pub(crate) mod phantom;
 mod real;
+#[cfg(feature = "study")]
+mod variants;
