@@ -218,6 +218,12 @@ async fn what_cannot_be_rendered_is_refused_with_its_reason() {
     }
     for (query, kind, named) in [
         ("depht_mm=5", "query-unknown-key", "depth_mm"),
+        ("orientation=a&orientation=p", "query-unreadable", "once"),
+        (
+            "renderedvolumetricmetadata=maybe",
+            "query-value-out-of-range",
+            "`renderedvolumetricmetadata`",
+        ),
         ("orientation=x", "query-value-out-of-range", "`orientation`"),
         (
             "orientation=l&viewpointup=0,0,1",
