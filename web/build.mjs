@@ -159,7 +159,15 @@ async function squeezed(text, { keys, members, cache }) {
   const { code } = await minify(text, {
     module: true,
     ecma: 2020,
-    compress: { passes: 4, unsafe: true, unsafe_arrows: true, pure_getters: true, lhs_constants: false, inline: 1 },
+    compress: {
+      passes: 4,
+      unsafe: true,
+      unsafe_arrows: true,
+      pure_getters: true,
+      lhs_constants: false,
+      inline: 1,
+      booleans: false,
+    },
     mangle: { properties: { regex: members, keep_quoted: true, cache } },
   });
   return code.replace(/"([\w-]+(?:\.[\w-]+)+)"/g, (whole, key) => (keys.has(key) ? `"${keys.get(key)}"` : whole));

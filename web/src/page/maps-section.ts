@@ -138,9 +138,8 @@ export class MapsSection {
         {
           ...broughtTo(position_in_patient, depth_mm, layout ?? this.#state?.layout ?? "single", this.#shown),
           // A place below the threshold would have no colour.
-          ...(overlay?.name === "blur" && Number(overlay.threshold) > score
-            ? { overlay: { ...overlay, threshold: Math.floor(score) } }
-            : {}),
+          ...(overlay?.name === "blur" &&
+            Number(overlay.threshold) > score && { overlay: { ...overlay, threshold: Math.floor(score) } }),
         },
         true,
       );

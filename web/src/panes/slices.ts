@@ -177,6 +177,8 @@ export class SlicePane {
   /** Whether the slice is as large as all panes; then it names the case itself. */
   enlarge(isLarge: boolean): void {
     this.element.classList.toggle("large", isLarge);
+    // So that Escape is its own.
+    if (isLarge) this.element.focus();
     this.#overlay.identity(isLarge ? caseIdentity(this.#shown) : "");
   }
 
