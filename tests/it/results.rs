@@ -382,6 +382,10 @@ async fn a_preview_has_the_pixels_of_the_object_and_nothing_is_sent() {
         let refused = preview(server, &case, &json!({"what": what})).await;
         assert_eq!(refused.status, 406, "{what}");
     }
+    let unknown = Request::post(format!("{case}/dicom-results")).header("accept", "image/jpeg");
+    let body = json!({"what": "view", "render": small()}).to_string();
+    let refused = server.send(unknown.body(Body::from(body)).unwrap()).await;
+    assert_eq!(refused.status, 406);
     assert!(received.lock().unwrap().is_empty());
 }
 

@@ -38,9 +38,22 @@ pub(crate) struct Answer {
 }
 
 /// The first accepted media type that is available; several pictures are only available as parts.
-pub(crate) fn accepted(headers: &HeaderMap, are_several: bool) -> Result<Answer, PacsError> {
-    let ranges = accepted_ranges(headers).into_iter();
+///
+/// What the query accepts counts instead of the header.
+pub(crate) fn accepted(
+    query: Option<&str>,
+    headers: &HeaderMap,
+    are_several: bool,
+) -> Result<Answer, PacsError> {
+    let ranges = match query {
+        Some(text) => ranges(text)
+            .into_iter()
+            .filter_map(MediaType::parse)
+            .collect(),
+        None => accepted_ranges(headers),
+    };
     let mut answers: Vec<_> = ranges
+        .into_iter()
         .filter_map(|range| answer(&range, are_several))
         .collect();
     // The greatest quality first, and of equal ones the first.
@@ -107,14 +120,17 @@ mod tests {
     fn asked(accept: &str, are_several: bool) -> Option<(Kind, bool)> {
         let mut headers = HeaderMap::new();
         headers.insert(header::ACCEPT, accept.parse().unwrap());
-        let answer = accepted(&headers, are_several).ok()?;
+        let answer = accepted(None, &headers, are_several).ok()?;
         Some((answer.kind, answer.is_multipart))
     }
 
     #[test]
     fn jpeg_is_the_default_and_gif_is_not_available() {
-        let none = accepted(&HeaderMap::new(), false).unwrap();
+        let none = accepted(None, &HeaderMap::new(), false).unwrap();
         assert_eq!((none.kind, none.is_multipart), (Kind::Jpeg, false));
+        let png = accepted(Some("image/png"), &HeaderMap::new(), false).unwrap();
+        assert_eq!(png.kind, Kind::Png);
+        assert!(accepted(Some("image/gif"), &HeaderMap::new(), false).is_err());
         assert_eq!(asked("*/*", false), Some((Kind::Jpeg, false)));
         assert_eq!(asked("image/png", false), Some((Kind::Png, false)));
         assert_eq!(asked("image/gif", false), None);

@@ -152,7 +152,7 @@ async fn render(
         let body = json!([metadata(&shown, &facts)]).to_string();
         return Ok(response("application/dicom+json", body.into()));
     }
-    let answer = accepted(headers, shown.pictures.len() > 1)?;
+    let answer = accepted(asked.accept(), headers, shown.pictures.len() > 1)?;
     let plan = PicturePlan {
         pictures: shown.pictures,
         layout: Layout::One,

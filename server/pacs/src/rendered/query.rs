@@ -35,7 +35,8 @@ const MAX_TOTAL_PIXELS: usize = 1 << 25;
 const DIRECTION_STEP: f64 = 1e-9;
 
 /// The keys of the standard, and our own.
-const KEYS: [&str; 24] = [
+const KEYS: [&str; 25] = [
+    "accept",
     "orientation",
     "viewpointposition",
     "viewpointlookat",
@@ -163,6 +164,11 @@ impl<'a> RenderedQuery<'a> {
     /// Whether the values of the view are requested instead of a picture.
     pub(crate) fn is_metadata(&self) -> bool {
         self.text("renderedvolumetricmetadata") == Some("yes")
+    }
+
+    /// The media types that the query accepts instead of the header, as an `<img>` can name them (PS3.18 §8.3.3.1).
+    pub(crate) fn accept(&self) -> Option<&str> {
+        self.text("accept")
     }
 
     fn text(&self, key: &str) -> Option<&str> {

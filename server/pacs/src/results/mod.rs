@@ -104,7 +104,7 @@ pub(crate) async fn create_result(
 async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, PacsError> {
     let no_case = || PacsError::from(cases::Error::NoSuchCase);
     let id = CaseId::parse(id).ok_or_else(no_case)?;
-    let is_preview = only_png(request.headers());
+    let is_preview = wants_picture(request.headers())?;
     let known = "`what`, `render`, `sheet`, `cine`, `key_object`, `node` and `study`";
     let asked: ResultRequest = read_json(request, known).await?;
     pacs.needs_identity()?;
@@ -167,10 +167,23 @@ async fn queue(
     Ok(queued?)
 }
 
-/// Whether the client accepts PNG and nothing else.
-fn only_png(headers: &HeaderMap) -> bool {
+/// Whether the client accepts PNG rather than an object.
+fn wants_picture(headers: &HeaderMap) -> Result<bool, PacsError> {
     let ranges = accepted_ranges(headers);
-    !ranges.is_empty() && ranges.iter().all(|range| range.essence == "image/png")
+    let accepts = |kinds: &[&str]| ranges.iter().any(|range| kinds.contains(&&*range.essence));
+    // The answer to a request that names a node is JSON.
+    let others = ["application/json", "application/dicom+json"];
+    if accepts(&["application/dicom", "application/*", "*/*"]) || accepts(&others) {
+        return Ok(false);
+    }
+    match accepts(&["image/png", "image/*"]) {
+        true => Ok(true),
+        false => Err(PacsError::new(
+            StatusCode::NOT_ACCEPTABLE,
+            "not-acceptable",
+            "none of the accepted media types is available; available types: application/dicom, image/png",
+        )),
+    }
 }
 
 /// The answer with a preview. Captions may be patient data.
