@@ -1,4 +1,4 @@
-// What a case from DICOM has beside its pictures: whose head it is, and results that are sent to a node.
+// What a case from DICOM has beside its pictures: the patient, and results that are sent to a node.
 
 import assert from "node:assert/strict";
 import { readFile, writeFile } from "node:fs/promises";
@@ -80,7 +80,7 @@ after(async () => {
   await scratch?.clean();
 });
 
-test("the page shows whose head it is where it may, nowhere else, and hides it with a key", { skip }, async () => {
+test("the page shows the patient where it may, nowhere else, and a key hides the patient", { skip }, async () => {
   const watched = await openPage(browser);
   const { page } = watched;
   await page.goto(`${server.address}#${id}`);

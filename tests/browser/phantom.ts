@@ -64,7 +64,7 @@ function element(tag: number, vr: string, value: string | Buffer): Buffer {
 
 const short = (value: number): Buffer => Buffer.from(Uint16Array.of(value).buffer);
 
-/** The marked head as a series of DICOM files, a slice each, with whose head it is. */
+/** The marked head as a series of DICOM files, one for each slice, with a patient. */
 export function markedSeries(patient: { readonly name: string; readonly id: string }): Buffer[] {
   const [columns, rows, slices] = SIZE;
   const at = (index: number, axis: 0 | 1 | 2): number => (index - (SIZE[axis] - 1) / 2) * EDGE_MM;

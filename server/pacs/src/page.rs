@@ -1,4 +1,4 @@
-//! What the page adds to a case from DICOM: whose head it is, and a dialog that sends results to a node.
+//! What the page adds to a case from DICOM: the patient, and a dialog that sends results to a node.
 
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -32,15 +32,11 @@ pub(crate) struct PacsView {
 )]
 pub(crate) async fn get_pacs(State(pacs): State<Pacs>) -> Response {
     // Without an identity, neither results nor a banner can be made.
-    let view = match pacs.needs_identity() {
-        Ok(()) => PacsView {
-            nodes: pacs.nodes().iter().map(|node| node.name().into()).collect(),
-            patient_banner: pacs.shows_patient(),
-        },
-        Err(_) => PacsView {
-            nodes: Vec::new(),
-            patient_banner: false,
-        },
+    let has_identity = pacs.needs_identity().is_ok();
+    let nodes = pacs.nodes().iter().filter(|_| has_identity);
+    let view = PacsView {
+        nodes: nodes.map(|node| node.name().into()).collect(),
+        patient_banner: has_identity && pacs.shows_patient(),
     };
     fresh_json(StatusCode::OK, &view)
 }

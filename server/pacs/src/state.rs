@@ -35,7 +35,7 @@ pub struct Options {
     pub nodes: Vec<Node>,
     /// Whether the images that cases were made of are served.
     pub serves_source: bool,
-    /// Whether the page shows whose head it is.
+    /// Whether the page shows the patient.
     pub shows_patient: bool,
     /// How errors become answers.
     pub problems: Problems,

@@ -1,4 +1,4 @@
-// What a case from DICOM has beside its pictures: whose head it is, if the server's configuration lets the page show it, and
+// What a case from DICOM has beside its pictures: the patient, if the server's configuration lets the page show it, and
 // a dialog that sends results to a node of the PACS. The page imports this script for such cases.
 
 const WORDS = {

@@ -46,10 +46,7 @@ pub(crate) fn accepted(
     are_several: bool,
 ) -> Result<Answer, PacsError> {
     let ranges = match query {
-        Some(text) => ranges(text)
-            .into_iter()
-            .filter_map(MediaType::parse)
-            .collect(),
+        Some(text) => parsed(ranges(text)),
         None => accepted_ranges(headers),
     };
     let mut answers: Vec<_> = ranges
@@ -77,6 +74,10 @@ pub(crate) fn accepted_ranges(headers: &HeaderMap) -> Vec<MediaType> {
     if ranges.is_empty() {
         ranges.push("*/*");
     }
+    parsed(ranges)
+}
+
+fn parsed(ranges: Vec<&str>) -> Vec<MediaType> {
     ranges.into_iter().filter_map(MediaType::parse).collect()
 }
 

@@ -172,18 +172,23 @@ fn wants_picture(headers: &HeaderMap) -> Result<bool, PacsError> {
     let ranges = accepted_ranges(headers);
     let accepts = |kinds: &[&str]| ranges.iter().any(|range| kinds.contains(&&*range.essence));
     // The answer to a request that names a node is JSON.
-    let others = ["application/json", "application/dicom+json"];
-    if accepts(&["application/dicom", "application/*", "*/*"]) || accepts(&others) {
+    if accepts(&[
+        "application/dicom",
+        "application/json",
+        "application/dicom+json",
+        "application/*",
+        "*/*",
+    ]) {
         return Ok(false);
     }
-    match accepts(&["image/png", "image/*"]) {
-        true => Ok(true),
-        false => Err(PacsError::new(
-            StatusCode::NOT_ACCEPTABLE,
-            "not-acceptable",
-            "none of the accepted media types is available; available types: application/dicom, image/png",
-        )),
+    if accepts(&["image/png", "image/*"]) {
+        return Ok(true);
     }
+    Err(PacsError::new(
+        StatusCode::NOT_ACCEPTABLE,
+        "not-acceptable",
+        "none of the accepted media types is available; available types: application/dicom, image/png",
+    ))
 }
 
 /// The answer with a preview. Captions may be patient data.

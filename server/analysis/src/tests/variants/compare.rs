@@ -42,7 +42,7 @@ pub(super) struct Term {
     pub(super) mirrored_mm: f64,
     /// Whether the mirrored point is corrected by a smooth displacement.
     pub(super) is_warped: bool,
-    /// The property of a place within whose quantiles deviations are computed.
+    /// A property of each place. Deviations are computed among the places in one quantile of it.
     pub(super) strata: Strata,
 }
 
