@@ -19,7 +19,7 @@ async function writeChanged(file, contents) {
 }
 
 async function page() {
-  const files = await scripts();
+  const { files, members } = await scripts();
   const { outputFiles } = await build({
     ...common,
     entryPoints: ["src/style.css"],
@@ -28,14 +28,15 @@ async function page() {
     write: false,
   });
   files.set("style.css", Buffer.from(outputFiles[0].contents));
-  files.set("index.html", await readFile(path.join(web, "src/index.html")));
+  for (const page of ["index.html", "compare/compare.html"])
+    files.set(path.basename(page), await readFile(path.join(web, "src", page)));
   const short = await shortKeys();
   for (const words of ["words.en.json", "words.pt-BR.json"]) {
     const entries = Object.entries(JSON.parse(await readFile(path.join(web, "src", words), "utf8")));
     const named = Object.fromEntries(entries.map(([key, text]) => [short.get(key) ?? key, text]));
     files.set(words, Buffer.from(JSON.stringify(named)));
   }
-  files.set("shaders.json", Buffer.from(JSON.stringify(await shaders())));
+  files.set("shaders.json", Buffer.from(await shaders(members)));
   await mkdir(dist, { recursive: true });
   for (const [name, contents] of files) await writeChanged(path.join(dist, name), contents);
   for (const name of await readdir(dist)) if (!files.has(name)) await rm(path.join(dist, name));
@@ -54,7 +55,9 @@ const FOLDERS = ["model", "gl", "base", "panes", "page"];
  */
 async function scripts() {
   const [keys, members, constants] = [await shortKeys(), await membersOfItsOwn(), await glConstants()];
-  const short = { keys, members, cache: { props: new Map() } };
+  // The shaders have these names as well, in which no dollar may be.
+  const names = new Map((await uniforms()).map((name, at) => [name, `f${at.toString(36)}`]));
+  const short = { keys, members, cache: { props: names } };
   const modules = await modulesOf(FIRST, [leftOut]);
   const shared = await sharedNames(new Set(modules));
   const [laterOnly, all] = [`export * from "./${LATER}";`, `${inOrder(modules)}${handedOn(shared)}`];
@@ -62,10 +65,14 @@ async function scripts() {
   const first = await squeezed(await script(all, [leftOut, constants]), short);
   const digest = createHash("sha256").update(first).update(later).digest("hex").slice(0, 8);
   const name = `later-parts-${digest}.js`;
-  return new Map([
+  // The page that compares two cases reads their states: its members have the same names.
+  const comparing = await squeezed(await script(`import "./src/compare/main.ts";`, [constants]), short);
+  const files = new Map([
+    ["compare.js", Buffer.from(comparing)],
     ["main.js", Buffer.from(first.replaceAll(LATER, `./${name}`))],
     [name, Buffer.from(later)],
   ]);
+  return { files, members: names };
 }
 
 /** Bundles a module with all that it imports. */
@@ -194,7 +201,15 @@ async function membersOfItsOwn() {
   const parts = (await readFile(path.join(web, LATER), "utf8")).match(/\w+/g);
   const isData = (name) => text.includes(`dataset.${name}`) || words.includes(`{${name}}`) || parts.includes(name);
   const names = [...OWN.split(/\s+/), ...[...declared].map(([, name]) => name)].filter((name) => !isData(name));
-  return new RegExp(`^(${[...new Set(names)].join("|")})$`);
+  return new RegExp(`^(${[...new Set([...names, ...(await uniforms())])].join("|")})$`);
+}
+
+/** The fields of the shaders' uniform blocks that nothing else in the scripts is called. */
+async function uniforms() {
+  const { blocks } = JSON.parse(await readFile(path.join(web, "shaders/names.json"), "utf8"));
+  const elsewhere = (await sources()).filter((text) => !text.includes("The fields of a uniform block by name")).join();
+  const fields = Object.values(blocks).flatMap(({ offsets }) => Object.keys(offsets));
+  return fields.filter((name) => name.includes("_") && !new RegExp(`\\b${name}\\b`).test(elsewhere));
 }
 
 /** Writes the constants of WebGL as numbers, from the table of TypeScript. */
@@ -224,18 +239,23 @@ async function shortKeys() {
   return new Map(keys.filter(isWhole).map((key, number) => [key, `.${number.toString(36)}`]));
 }
 
-/** The shaders' texts by name, without what only people read, the names in them, and the tables of the colours. */
-async function shaders() {
+/**
+ * The shaders' texts by name, without what only people read, the names in them, and the tables of the colours. Fields of
+ * blocks have the names that `members` gives them in the scripts.
+ */
+async function shaders(members) {
   const json = async (name) => JSON.parse(await readFile(path.join(web, "shaders", name), "utf8"));
   const names = (await readdir(path.join(web, "shaders"))).filter((name) => name.endsWith(".glsl")).sort();
   const glsl = async (name) => (await readFile(path.join(web, name), "utf8")).replace(/\n\s*/g, "\n").trim();
   const texts = names.map(async (name) => [name, await glsl(`shaders/${name}`)]);
-  return {
+  const equipment = {
     shaders: Object.fromEntries(await Promise.all(texts)),
     names: await json("names.json"),
     colors: await json("colors.json"),
     probe: await Promise.all(["vert", "frag"].map((kind) => glsl(`src/gl/probe.${kind}.glsl`))),
   };
+  const fields = new RegExp(`\\b(${(await uniforms()).join("|")})\\b`, "g");
+  return JSON.stringify(equipment).replace(fields, (field) => members.get(field) ?? field);
 }
 
 /** A file of each package of a scope that has it. */

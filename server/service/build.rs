@@ -5,7 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// What `web/build.mjs` makes in any case; the scripts that are fetched on demand have names of their own.
-const FILES: [&str; 6] = [
+const FILES: [&str; 8] = [
+    "compare.html",
+    "compare.js",
     "index.html",
     "main.js",
     "shaders.json",

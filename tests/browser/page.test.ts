@@ -98,6 +98,11 @@ test(
   },
 );
 
+test("the page for two cases has a script of its own, of at most 6 kB on its way", { skip: of_program }, async () => {
+  const size = await sizeOf(new URL("/compare.js", server.address).href);
+  assert.ok(size > 1000 && size <= 6000, String(size));
+});
+
 test("the manual of the interface breaks no policy either", { skip }, async () => {
   const { page, troubles, context } = await openPage(browser);
   await page.goto(new URL("/docs", server.address).href);

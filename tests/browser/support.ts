@@ -171,11 +171,12 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
 async function servePage(context: BrowserContext): Promise<void> {
   const folder = process.env.ISOCORTEX_PAGE;
   if (!folder) return;
-  const file = /^\/(|main\.js|later-parts-\w+\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
+  const file = /^\/(|compare|compare\.js|main\.js|later-parts-\w+\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
   await context.route(
     (url) => file.test(url.pathname),
     async (route) => {
-      const name = new URL(route.request().url()).pathname.slice(1) || "index.html";
+      const asked = new URL(route.request().url()).pathname.slice(1);
+      const name = asked === "compare" ? "compare.html" : asked || "index.html";
       // The program has other names for the parts of its own page; its headers are the same for all scripts.
       const response = await route.fetch(
         name.endsWith(".js") ? { url: new URL("/main.js", route.request().url()).href } : {},

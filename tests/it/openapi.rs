@@ -54,6 +54,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/cases/{id}/layers/{layer}/nifti",
         "get /v1/cases/{id}/candidates",
         "get /v1/cases/{id}/profile",
+        "get /v1/cases/{id}/registration",
         "post /dicomweb/studies",
         "get /dicomweb/studies",
         "get /dicomweb/series",

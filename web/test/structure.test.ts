@@ -12,6 +12,7 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   gl: ["model"],
   panes: ["model", "base", "gl"],
   page: ["model", "base", "gl", "panes"],
+  compare: ["model", "base", "page"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";

@@ -329,7 +329,7 @@ impl Cases {
 
     /// The reason why a case that was ready a moment ago cannot be read: it has been deleted, or has failed because its
     /// source is lost.
-    async fn gone(&self, id: &CaseId) -> Error {
+    pub(crate) async fn gone(&self, id: &CaseId) -> Error {
         self.remembered.forget(id);
         self.ready(id).await.err().unwrap_or(Error::Unavailable)
     }

@@ -17,6 +17,7 @@ mod limit;
 pub mod models;
 pub mod pictures;
 pub mod profile;
+pub mod registration;
 mod room;
 #[cfg(test)]
 mod testing;

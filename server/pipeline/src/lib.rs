@@ -15,6 +15,7 @@ pub mod layers;
 pub mod maps;
 mod own_mask;
 pub mod quality;
+pub mod registration;
 mod source;
 mod steps;
 #[cfg(any(test, feature = "testing"))]

@@ -19,14 +19,14 @@ use http_support::logs::{self, MakeId, REQUEST_ID};
 use http_support::metrics::Metrics;
 use http_support::problem::AppError;
 
-/// Headers of every answer: nothing from another host, no frames, no guessed types.
+/// Headers of every answer: nothing from another host, no frames but its own, no guessed types.
 const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
     (
         header::CONTENT_SECURITY_POLICY,
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
-         connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+         connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
     ),
     (
         HeaderName::from_static("cross-origin-resource-policy"),

@@ -60,6 +60,12 @@ async function knock(): Promise<void> {
 
 const authorization = (): Record<string, string> => (token ? { authorization: `Bearer ${token}` } : {});
 
+/** Leaves the token to the next page, which asks nobody a second time, and what this one shows. */
+export function handOver(): void {
+  sessionStorage.token = token;
+  sessionStorage.left = location.hash;
+}
+
 /** Waits for another token than the one `sent` where `problem` is a 401; true when it is worth trying again. */
 async function tokenEntered(problem: unknown, sent: string): Promise<boolean> {
   if (!(problem instanceof Problem) || problem.status !== 401) return false;

@@ -27,14 +27,12 @@ export class AddressFollower {
   }
 
   push(): void {
-    const address = writeAddress(this.#state(), this.#shown);
-    history.replaceState(null, "", address);
-    history.pushState(null, "", address);
+    this.replace();
+    history.pushState(null, "", location.hash);
   }
 
   replace(): void {
-    const address = writeAddress(this.#state(), this.#shown);
-    if (location.hash !== address) history.replaceState(null, "", address);
+    history.replaceState(null, "", writeAddress(this.#state(), this.#shown));
   }
 
   stop(): void {

@@ -1,6 +1,6 @@
 // The page: the list of cases at one side, the chosen case in the middle, its controls at the other side.
 
-import { deleteCase, getCase, onReach, onTokenWanted } from "../base/api.ts";
+import { deleteCase, getCase, handOver, onReach, onTokenWanted } from "../base/api.ts";
 import { AcquiredSlices } from "./acquired.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
@@ -238,6 +238,8 @@ class App {
       h("h1", {}, "Isocortex"),
       this.#title,
       this.#layouts,
+      // Leads to where another case stands beside the one that is shown.
+      h("a", { href: "compare", click: handOver }, t("compare.open")),
       h("p", { class: "research", role: "note" }, t("notice.long")),
       language,
       iconButton("theme", t("theme.toggle"), () => choose({ theme: preferences.theme === "dark" ? "light" : "dark" })),

@@ -111,8 +111,9 @@ export class Viewer {
       surface: () => this.#surface.surface,
       complain,
     });
-    const swipe = ({ detail: share }: CustomEvent<number>): void => this.#change({ swipe: { share } });
-    this.#panes = h("div", { class: "panes", swipe });
+    const swipe = ({ detail }: CustomEvent<number>): void => this.#change({ swipe: { share: detail } });
+    const follow = ({ detail }: CustomEvent<Change>): void => actions.change(detail);
+    this.#panes = h("div", { class: "panes", swipe, follow });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
     if (!host.preferences().knows_depth) this.element.append(explanation(host.knowsDepth));
     this.element.append(this.#depthBar.element);
@@ -262,7 +263,7 @@ export class Viewer {
   #goTo(which: "undo" | "redo"): void {
     const state = this.#history[which](this.#state);
     if (state) this.#take(state);
-    if (state) this.#address.replace();
+    this.#address.replace();
     this.#host.announce(t(state ? `done.${which}` : `none.${which}`));
   }
 
@@ -289,6 +290,7 @@ export class Viewer {
     for (const controls of [this.panel, this.#aids]) controls.show(this.#state);
     this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
+    this.#panes.dispatchEvent(new CustomEvent("view", { detail: this.#state }));
     this.#host.laid(this.#state);
     const isAll = Object.keys(change).length === 0;
     if (change.crosshair_mm !== undefined || change.depth_mm !== undefined || isAll) this.#showPoint();

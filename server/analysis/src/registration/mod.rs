@@ -66,6 +66,8 @@ pub struct Registration {
     /// The rigid transform from the patient space of the layer to that of the case, LPS mm. The identity unless
     /// registered.
     pub case_from_layer: DAffine3,
+    /// The best transform that was found, whether or not it can be trusted.
+    pub best_case_from_layer: DAffine3,
     /// Normalised mutual information at the placement of the header: 1 for none, 2 for complete.
     pub nmi_before: f64,
     /// The same at the best placement.
@@ -134,6 +136,7 @@ pub fn register(case: &Volume, envelope: &Envelope, layer: &Volume) -> Registrat
             Verdict::Registered => pose.case_from_layer(),
             Verdict::Unchanged | Verdict::Failed(_) => DAffine3::IDENTITY,
         },
+        best_case_from_layer: pose.case_from_layer(),
         nmi_before: fine.score(identity).nmi,
         nmi_after: score.nmi,
         overlap: score.overlap,

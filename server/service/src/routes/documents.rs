@@ -37,6 +37,7 @@ fn address_and_type(name: &str) -> (String, &'static str) {
     };
     match name {
         "index.html" => ("/".to_owned(), kind),
+        "compare.html" => ("/compare".to_owned(), kind),
         _ => (format!("/{name}"), kind),
     }
 }

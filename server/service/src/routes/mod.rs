@@ -15,6 +15,7 @@ pub mod masks;
 pub mod mesh;
 pub mod query;
 mod refusals;
+pub mod registration;
 pub mod render;
 pub mod renders;
 mod sent;
@@ -106,6 +107,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(layers::get_layer_nifti))
         .routes(routes!(candidates::get_candidates))
         .routes(routes!(candidates::get_profile))
+        .routes(routes!(registration::get_registration))
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))

@@ -4,6 +4,7 @@ mod immutable;
 mod layers;
 mod queries;
 mod refusals;
+mod registration;
 mod server;
 mod uploads;
 mod versions;

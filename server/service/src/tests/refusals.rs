@@ -226,7 +226,7 @@ async fn every_answer_carries_the_security_headers_and_an_id() {
             assert_eq!(answer.header(name), value, "{address} {name}");
         }
         let policy = answer.header("content-security-policy");
-        assert!(policy.contains("frame-ancestors 'none'"), "{policy}");
+        assert!(policy.contains("frame-ancestors 'self'"), "{policy}");
         assert!(!answer.header("x-request-id").is_empty(), "{address}");
     }
     for (id, is_kept) in [(RANDOM, true), ("a b", false), ("Smith-1967", false)] {

@@ -1,0 +1,89 @@
+//! The place of one case in the patient space of another.
+
+use analysis::{Verdict, register};
+use geometry::{Envelope, Mask, Volume};
+use glam::{DAffine3, DVec3};
+
+use crate::affine::rows_of;
+
+/// The distance between compared points of the envelopes, in voxels.
+const LATTICE_VOXELS: usize = 3;
+
+/// The place of another case in the patient space of a case.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FoundPlace {
+    /// Rows of the best rigid transform from the patient space of the other case to that of the case, LPS mm.
+    pub case_from_other: [[f64; 4]; 4],
+    /// Whether it can be trusted: the heads are the same, and fit there.
+    pub is_trusted: bool,
+    /// Normalised mutual information where the headers place both: 1 for none, 2 for complete.
+    pub nmi_before: f64,
+    /// The same at the best place.
+    pub nmi_after: f64,
+    /// The fraction of the head that the other volume covers, 0 to 1.
+    pub overlap: f64,
+    /// The median shift at which the parts of the head fit best, in mm. `None` if the other volume covers too few.
+    pub residual_mm: Option<f64>,
+}
+
+/// A case, as it is registered to another.
+#[derive(Debug)]
+pub struct PlacedCase {
+    /// Its volume, cropped to the envelope.
+    pub volume: Volume,
+    /// Its envelope.
+    pub envelope: Envelope,
+}
+
+/// Finds the place of `other` in the patient space of `case`: see [`analysis::register`].
+///
+/// Two heads can only be aligned roughly. Of the transforms that are found in either direction, neither of which can be
+/// trusted, the one with the greatest overlap of both envelopes is returned.
+pub fn place_case(case: &PlacedCase, other: &PlacedCase) -> FoundPlace {
+    let found = register(&case.volume, &case.envelope, &other.volume);
+    let is_trusted = !matches!(found.verdict, Verdict::Failed(_));
+    let case_from_other = if is_trusted {
+        found.case_from_layer
+    } else {
+        let back = register(&other.volume, &other.envelope, &case.volume);
+        let [one, two] = [
+            found.best_case_from_layer,
+            back.best_case_from_layer.inverse(),
+        ];
+        let [first, second] =
+            [one, two].map(|candidate| shared_points(&case.envelope, &other.envelope, candidate));
+        if first >= second { one } else { two }
+    };
+    FoundPlace {
+        case_from_other: rows_of(case_from_other),
+        is_trusted,
+        nmi_before: found.nmi_before,
+        nmi_after: found.nmi_after,
+        overlap: found.overlap,
+        residual_mm: found.residual_mm,
+    }
+}
+
+/// The number of points inside both envelopes, of a lattice in the other one.
+fn shared_points(case: &Envelope, other: &Envelope, case_from_other: DAffine3) -> usize {
+    let (case, other) = (case.mask(), other.mask());
+    let voxel_from_other_voxel =
+        case.grid().voxel_from_patient() * case_from_other * other.grid().patient_from_voxel();
+    let lattice = |axis: usize| (0..other.grid().size()[axis]).step_by(LATTICE_VOXELS);
+    let is_inside = |mask: &Mask, voxel: DVec3| {
+        let nearest = voxel.round();
+        mask.grid().contains(nearest)
+            && mask.voxels()[mask
+                .grid()
+                .index(nearest.to_array().map(|along| along as usize))]
+    };
+    let points =
+        lattice(2).flat_map(|z| lattice(1).flat_map(move |y| lattice(0).map(move |x| [x, y, z])));
+    points
+        .map(|place| DVec3::from_array(place.map(|along| along as f64)))
+        .filter(|&place| {
+            is_inside(other, place)
+                && is_inside(case, voxel_from_other_voxel.transform_point3(place))
+        })
+        .count()
+}

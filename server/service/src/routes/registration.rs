@@ -1,0 +1,73 @@
+//! The registration of two cases.
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+use utoipa::IntoParams;
+
+use super::query::{ApiQuery, Asked, CasePath};
+use case::CaseId;
+use cases::registration::CaseRegistration;
+use cases::{Cases, Error};
+use http_support::conditional::{Format, Question};
+use http_support::problem::{AppError, Problem};
+
+/// The query for a registration.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct RegistrationQuery {
+    /// The other case.
+    #[param(value_type = String)]
+    with: CaseId,
+}
+
+impl Asked for RegistrationQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
+        Ok(())
+    }
+}
+
+/// The place of another case in the patient space of this case
+///
+/// A rigid registration by normalised mutual information, as for layers: two time points of one head, or two heads, whose
+/// transform only aligns them roughly (`verdict` is `rough`). Takes about a second.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/registration", tag = "cases",
+    params(("id" = String, Path, description = "The case"), RegistrationQuery),
+    responses(
+        (status = 200, description = "The transform, and whether it can be trusted", body = CaseRegistration),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "One of the cases does not exist", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "One of the cases is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "One of the cases could not be prepared", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_registration(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    ApiQuery { asked: query, .. }: ApiQuery<RegistrationQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    // The answer may be known to the client although the other case is gone.
+    cases.ready(&query.with).await?;
+    let question = Question {
+        id,
+        route: "registration",
+        query: &query,
+        request: &request,
+    };
+    let format = Format::of("application/json").revalidated();
+    let work = async |_| {
+        let found = cases.registration(&id, &query.with).await?;
+        let body = serde_json::to_vec(&found).map_err(|_| Error::Internal)?;
+        Ok(Bytes::from(body).into())
+    };
+    question.answer(&cases, format, work).await
+}

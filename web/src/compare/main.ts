@@ -1,0 +1,177 @@
+// The page that shows two cases side by side, linked in angle, depth, window and point.
+
+import { handOver, listCases, onTokenWanted, send } from "../base/api.ts";
+import { h, quiet, setText } from "../base/dom.ts";
+import { learn, number, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import type { Case } from "../model/case.ts";
+import { linked } from "../model/linked.ts";
+import { type Affine, inverted, subtract, transform } from "../model/space.ts";
+import { askToken } from "../page/dialogs.ts";
+import { loadPreferences } from "../page/preferences.ts";
+import { Side } from "./side.ts";
+
+/** How long both rest before the address follows them. */
+const REST_MS = 600;
+
+interface Registration {
+  /** From the patient space of the right case to that of the left one. */
+  readonly case_from_other: Affine;
+  readonly verdict: "registered" | "rough";
+}
+
+async function allCases(): Promise<Case[]> {
+  const cases: Case[] = [];
+  for (let after: string | null = null; ;) {
+    const page = await listCases(after, 200);
+    cases.push(...page.cases);
+    if (!page.next) return cases;
+    after = page.next;
+  }
+}
+
+/** How far a transform moves the middle of a head, and turns it, in words. */
+function motionWords(affine: Affine, middle: readonly [number, number, number]): string {
+  const shift = Math.hypot(...subtract(transform(affine, middle), middle));
+  const trace = [0, 1, 2].reduce((sum, axis) => sum + (affine[axis]?.[axis] ?? 0), 0);
+  const angle = (Math.acos(Math.min(Math.max((trace - 1) / 2, -1), 1)) * 180) / Math.PI;
+  return t("compare.registered", { shift: number(shift, 1), angle: number(angle, 1) });
+}
+
+class Comparing {
+  readonly #left: Side;
+  readonly #right: Side;
+  readonly #verdict = h("p", { class: "verdict", role: "status" });
+  readonly #link = h("input", { type: "checkbox", id: "linked", checked: true, change: () => this.#relink() });
+  #registration: Registration | null = null;
+  #timer = 0;
+  /** Why a case could not be opened. */
+  #trouble = "";
+  #opened = Promise.resolve();
+
+  constructor(cases: readonly Case[]) {
+    const host = {
+      chosen: (side: Side, id: string) => void this.#choose(side, id),
+      changed: (side: Side) => this.#changed(side),
+    };
+    this.#left = new Side("left", cases, host);
+    this.#right = new Side("right", cases, host);
+    const label = (words: string, control: HTMLElement): HTMLElement => h("label", { class: "inline" }, words, control);
+    document.body.append(
+      h(
+        "div",
+        { class: "app" },
+        h(
+          "header",
+          { class: "bar" },
+          h("a", { href: "./", class: "home" }, "Isocortex"),
+          h("h1", {}, t("compare.title")),
+          label(t("compare.left"), this.#left.choice),
+          label(t("compare.right"), this.#right.choice),
+          h("label", { class: "inline" }, this.#link, t("compare.linked")),
+          this.#verdict,
+          h("p", { class: "research", role: "note" }, t("notice.long")),
+        ),
+        h("main", { class: "frames" }, this.#left.element, this.#right.element),
+      ),
+    );
+  }
+
+  /** Shows what the address names. */
+  async start(asked: string): Promise<void> {
+    const [left = "", right = ""] = asked.split("/");
+    if (left) void this.#open(this.#left, left);
+    if (right) void this.#open(this.#right, right);
+    await this.#opened;
+    await this.#register();
+  }
+
+  async #choose(side: Side, id: string): Promise<void> {
+    this.#registration = null;
+    await this.#open(side, id);
+    await this.#register();
+  }
+
+  /** Opens one frame after the other: each takes the token once. What is being opened on that side is given up. */
+  #open(side: Side, address: string): Promise<void> {
+    side.close();
+    this.#trouble = "";
+    const open = async (): Promise<void> => {
+      handOver();
+      try {
+        await side.open(address);
+      } catch (problem) {
+        this.#trouble = problemWords(problem);
+      }
+      sessionStorage.clear();
+    };
+    return (this.#opened = this.#opened.then(open));
+  }
+
+  /** Asks how the heads lie to each other, and links them. */
+  async #register(): Promise<void> {
+    const [left, right] = [this.#left.now, this.#right.now];
+    this.#addressLater();
+    document.body.dataset.linked = "false";
+    this.#verdict.classList.remove("warn");
+    if (!left || !right) return setText(this.#verdict, this.#trouble || t("compare.choose-both"));
+    setText(this.#verdict, t("compare.registering"));
+    const path = `v1/cases/${left.shown.id}/registration?with=${right.shown.id}`;
+    try {
+      const found = (await (await send(path)).json()) as Registration;
+      // Others may have been chosen in the meantime.
+      if (left.shown !== this.#left.now?.shown || right.shown !== this.#right.now?.shown) return;
+      this.#registration = found;
+      const { case_from_other, verdict } = found;
+      const isSame = verdict === "registered";
+      const { center_in_patient } = right.shown.envelope_sphere;
+      setText(this.#verdict, isSame ? motionWords(case_from_other, center_in_patient) : t("compare.rough"));
+      this.#verdict.classList.toggle("warn", !isSame);
+      this.#relink();
+    } catch (problem) {
+      setText(this.#verdict, problemWords(problem));
+    }
+  }
+
+  #relink(): void {
+    this.#changed(this.#left);
+    document.body.dataset.linked = String(this.#link.checked && this.#registration !== null);
+  }
+
+  /** One side was changed: the other one follows. */
+  #changed(side: Side): void {
+    this.#addressLater();
+    const other = side === this.#left ? this.#right : this.#left;
+    const [one, its, found] = [side.now, other.now, this.#registration];
+    if (!one || !its || !found || !this.#link.checked) return;
+    const left_from_right = found.case_from_other;
+    const one_from_other = side === this.#left ? left_from_right : inverted(left_from_right);
+    if (one_from_other) other.follow(linked(one, its, one_from_other));
+  }
+
+  /** Both states in the address, so that it can be opened again. */
+  #addressLater(): void {
+    clearTimeout(this.#timer);
+    this.#timer = window.setTimeout(() => {
+      history.replaceState(null, "", `#${this.#left.address}/${this.#right.address}`);
+    }, REST_MS);
+  }
+}
+
+async function build(): Promise<void> {
+  // The page leaves what it shows beside the token, which is taken, with all that is there, by whoever asks for it.
+  const asked = (location.hash || String(sessionStorage.left ?? "")).replace(/^#/, "");
+  const { language, theme } = loadPreferences();
+  document.documentElement.dataset.theme = theme;
+  await learn(language);
+  document.documentElement.lang = language;
+  document.title = `${t("compare.title")} · Isocortex`;
+  onTokenWanted(askToken);
+  try {
+    await new Comparing(await allCases()).start(asked);
+  } catch (problem) {
+    document.body.append(quiet(problemWords(problem)));
+  }
+}
+
+void build();

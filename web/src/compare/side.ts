@@ -1,0 +1,105 @@
+// One of the two cases that are compared: a frame with the page, which shows it.
+
+import { getCase } from "../base/api.ts";
+import { caseTitle } from "../base/case-words.ts";
+import { h } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+import { wait } from "../base/patience.ts";
+import type { Case, ReadyCase } from "../model/case.ts";
+import { readAddress } from "../model/fragment.ts";
+import type { Linked, Shown } from "../model/linked.ts";
+import type { ViewState } from "../model/state.ts";
+import { choice } from "../page/fields.ts";
+
+const LOOK_AGAIN_MS = 50;
+
+/** What the page around the two sides does. */
+export interface SideHost {
+  /** Another case was chosen. */
+  chosen(side: Side, id: string): void;
+  /** The reader has changed how the case is shown. */
+  changed(side: Side): void;
+}
+
+export class Side {
+  readonly element = h("div", { class: "side" });
+  readonly choice: HTMLSelectElement;
+  readonly #name: string;
+  readonly #host: SideHost;
+  #frame: HTMLIFrameElement | null = null;
+  #shown: ReadyCase | null = null;
+  #state: ViewState | null = null;
+  #panes: Element | null = null;
+  #isFollowing = false;
+
+  constructor(name: "left" | "right", cases: readonly Case[], host: SideHost) {
+    this.#host = host;
+    this.#name = t(`compare.${name}`);
+    const titleOf = (id: string): string => {
+      const one = cases.find((other) => other.id === id);
+      return one ? caseTitle(one) : t("compare.choose");
+    };
+    const ids = ["", ...cases.filter(({ state }) => state === "ready").map(({ id }) => id)];
+    this.choice = choice(`compare-${name}`, this.#name, ids, titleOf, (id) => host.chosen(this, id));
+  }
+
+  /** The case and its state, once the frame shows it. */
+  get now(): Shown | null {
+    return this.#shown && this.#state && { shown: this.#shown, state: this.#state };
+  }
+
+  /** What the frame shows, as an address of the page. */
+  get address(): string {
+    return this.#frame?.contentWindow?.location.hash.replace(/^#/, "") ?? "";
+  }
+
+  /** Shows what an address of the page says, in a frame of its own; an empty one: nothing. */
+  async open(address: string): Promise<void> {
+    this.close();
+    const asked = readAddress(address);
+    const id = asked.kind === "case" ? asked.id : "";
+    this.choice.value = id;
+    if (id === "") return;
+    const frame = h("iframe", { title: this.#name, src: `./#${address}` });
+    this.#frame = frame;
+    this.element.replaceChildren(frame);
+    const shown = await getCase(id);
+    // A case that is not ready, or is gone, says so in its frame.
+    while (frame === this.#frame && shown.state === "ready") {
+      const inside = frame.contentDocument;
+      const panes = inside?.body?.dataset.loaded ? inside.querySelector(".panes") : null;
+      if (panes) return this.#meet(shown, panes);
+      await wait(LOOK_AGAIN_MS);
+    }
+  }
+
+  /** Shows nothing. */
+  close(): void {
+    [this.#frame, this.#shown, this.#state, this.#panes] = [null, null, null, null];
+    this.element.replaceChildren();
+  }
+
+  /** Takes over what the other side shows. */
+  follow(change: Linked | Record<string, never>): void {
+    this.#isFollowing = true;
+    this.#panes?.dispatchEvent(new CustomEvent("follow", { detail: change }));
+    this.#isFollowing = false;
+  }
+
+  #meet(shown: ReadyCase, panes: Element): void {
+    this.#shown = shown;
+    this.#panes = panes;
+    panes.addEventListener("view", (event) => {
+      this.#state = (event as CustomEvent<ViewState>).detail;
+      if (!this.#isFollowing) this.#host.changed(this);
+    });
+    const inside = panes.ownerDocument;
+    inside.documentElement.classList.add("framed");
+    this.#frame?.classList.add("met");
+    // The controls have too little room beside half a picture: they are one click away.
+    const fold = inside.querySelector('use[href="#icon-panel"]')?.closest("button");
+    if (fold?.getAttribute("aria-expanded") === "true") fold.click();
+    // Changing nothing tells the state.
+    this.follow({});
+  }
+}
