@@ -17,6 +17,10 @@ fn of_nobody(path: &str) -> String {
         .replace("{plane}", "axial")
         .replace("{layer}", "blur")
         .replace("/profile", "/profile?position=0,0,0")
+        .replace(
+            "/registration",
+            "/registration?with=00000000000000000000000000000000",
+        )
 }
 
 /// Every operation under `/v1` of the description: its method, and an address of a case that is not there.
