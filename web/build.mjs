@@ -188,9 +188,21 @@ async function sources() {
 }
 
 /** Long names of members that, like those in camelCase, no JSON, shader, attribute or browser has. */
-const OWN = `about announce averages_shallow bare_window comparison complain contour_count contours_mm convention crosshair_mm
-  equipment fetched gradients measured mm_per_pixel mm_per_s outlines_mm painter pictures placing
-  points_per_contour preferences trouble unread voxel_from_patient voxels wanted`;
+const OWN = `about actions announce averages_shallow bare_window comparison complain contour_count contours_mm convention crosshair_mm
+  describe drawable encode equipment fetched gradients internal isStep isWhole measured mm_per_pixel mm_per_s outlines_mm painter pictures placing
+  native_spacing_mm points_per_contour preferences redraw stride strip texels trouble unread voxel_from_patient voxels
+  wanted`;
+
+/** Fields of the shaders' uniform blocks that the scripts have elsewhere as well, as members of their own. */
+const SHARED_FIELDS = [
+  "color_row",
+  "field_size",
+  "first_piece",
+  "origin_in_patient",
+  "row_mm",
+  "volume_size",
+  "voxel_mm",
+];
 
 /** Finds the members that only the page names: JSON has none in camelCase, and the minifier leaves those of the browser. */
 async function membersOfItsOwn() {
@@ -209,7 +221,8 @@ async function uniforms() {
   const { blocks } = JSON.parse(await readFile(path.join(web, "shaders/names.json"), "utf8"));
   const elsewhere = (await sources()).filter((text) => !text.includes("The fields of a uniform block by name")).join();
   const fields = Object.values(blocks).flatMap(({ offsets }) => Object.keys(offsets));
-  return fields.filter((name) => name.includes("_") && !new RegExp(`\\b${name}\\b`).test(elsewhere));
+  const isOwn = (name) => name.includes("_") && !new RegExp(`\\b${name}\\b`).test(elsewhere);
+  return fields.filter((name) => SHARED_FIELDS.includes(name) || isOwn(name));
 }
 
 /** Writes the constants of WebGL as numbers, from the table of TypeScript. */
