@@ -83,6 +83,16 @@ fn text_of(png: &[u8], keyword: &str) -> Option<String> {
         .map(|(_, text)| text)
 }
 
+/// The bytes of the pixels of a PNG file.
+fn pixels(png: &[u8]) -> Vec<u8> {
+    let mut reader = png::Decoder::new(std::io::Cursor::new(png))
+        .read_info()
+        .unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut bytes).unwrap();
+    bytes
+}
+
 #[tokio::test]
 async fn a_layer_is_registered_listed_and_drawn_everywhere() {
     let (server, case) = Server::with_case().await;
@@ -147,6 +157,31 @@ async fn a_layer_is_registered_listed_and_drawn_everywhere() {
         ))
         .await;
     assert_eq!(slice.status, 200, "{slice:?}");
+    // Its edges alone are another picture than its colours, and mixed with nothing else.
+    let over = format!("{case}/slices/axial?overlay=FLAIR%20%C3%BC&width=128&height=128");
+    let colored = server.get(&over).await;
+    let query = "edges=true&overlay_opacity=0&annotate=true";
+    let edges = server.get(&format!("{over}&{query}")).await;
+    assert_eq!((colored.status, edges.status), (200, 200), "{edges:?}");
+    assert_eq!(text_of(&colored.body, "edges"), None);
+    assert_eq!(text_of(&edges.body, "edges").as_deref(), Some("true"));
+    assert_eq!(text_of(&edges.body, "overlay").as_deref(), Some("FLAIR ü"));
+    let is_edge = |pixel: &[u8]| pixel[0] > 200 && pixel[1] < 110 && pixel[2] > 140;
+    let count = |png: &[u8]| pixels(png).chunks(3).filter(|pixel| is_edge(pixel)).count();
+    assert_eq!(count(&colored.body), 0);
+    assert!(count(&edges.body) > 100, "{}", count(&edges.body));
+    let refused = server
+        .get(&format!(
+            "{case}/slices/axial?layer=FLAIR%20%C3%BC&edges=true"
+        ))
+        .await;
+    assert_eq!(
+        (refused.refusal(), refused.parameter()),
+        (
+            (400, "query-value-out-of-range".to_owned()),
+            "edges".to_owned()
+        )
+    );
     for body in [
         json!({"renders": [{"width": 64, "height": 64, "overlay": "FLAIR ü"}], "sheet": true}),
         json!({"swivel": {"frames": 2, "render": {"width": 64, "height": 64, "layer": "FLAIR ü"}}}),
@@ -251,6 +286,15 @@ async fn the_voxels_of_a_layer_can_be_fetched() {
         ))
         .await;
     assert_eq!(overlay.status, 200, "{overlay:?}");
+    let edges = format!("{case}/slices/axial?overlay=labels&edges=true");
+    let refused = server.get(&edges).await;
+    assert_eq!(
+        (refused.refusal(), refused.parameter()),
+        (
+            (400, "query-value-out-of-range".to_owned()),
+            "edges".to_owned()
+        )
+    );
     for query in ["layer=labels", "overlay=labels&overlay_window=0,1"] {
         let refused = server.get(&format!("{case}/render?{query}")).await;
         assert_eq!(
