@@ -104,7 +104,11 @@ const edgesOn = (page: Page, plane: string) =>
   }, `.slice.${plane} canvas`);
 
 /** How the edges that the page draws on a slice are alike to those of the server at an address. */
-const edgesAgree = (page: Page, plane: string, address: string): Promise<{ readonly share: number; readonly count: number }> =>
+const edgesAgree = (
+  page: Page,
+  plane: string,
+  address: string,
+): Promise<{ readonly share: number; readonly count: number }> =>
   page.evaluate(
     async ([selector, address]) => {
       const canvas = document.querySelector<HTMLCanvasElement>(selector);
@@ -326,9 +330,7 @@ test("the edges on a slice of the page are those of the server", { skip, timeout
       ["coronal", -6],
       ["sagittal", 4],
     ] as const) {
-      await page.waitForSelector(
-        `.slice.${plane}[data-way=page][data-edges="${layer}"][data-position="${position}"]`,
-      );
+      await page.waitForSelector(`.slice.${plane}[data-way=page][data-edges="${layer}"][data-position="${position}"]`);
       const address = `/v1/cases/${id}/slices/${plane}?position_mm=${position}&window=${window}&edges=true`;
       // The slice may have to be drawn once more, without contours.
       const found = await until(
