@@ -5,6 +5,7 @@ import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
 
+import type { ReadyCase } from "../../web/src/model/case.ts";
 import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
 import { bare, picturesAgree, show } from "./pixels.ts";
 import {
@@ -315,8 +316,9 @@ test(
 
 test("the edges on a slice of the page are those of the server", { skip, timeout: 600_000 }, async () => {
   const { page, troubles, context } = await openPage(browser);
-  // A window in which the case is black.
-  const window = "5000,3";
+  const answer = await fetch(new URL(`v1/cases/${id}`, server.address));
+  const { intensity } = (await answer.json()) as ReadyCase;
+  const window = `${intensity.window.center},${intensity.window.width}`;
   for (const [layer, other] of [
     [flair, ball],
     [ball, flair],
