@@ -5,6 +5,7 @@ import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
 
+import type { ReadyCase } from "../../web/src/model/case.ts";
 import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
 import { bare, picturesAgree, show } from "./pixels.ts";
 import {
@@ -102,6 +103,39 @@ const edgesOn = (page: Page, plane: string) =>
     const farthest = Math.max(...places.map(([x, y]) => Math.abs(Math.hypot(x - middle[0], y - middle[1]) - radius)));
     return { count: places.length, middle, radius, deviation: farthest / radius };
   }, `.slice.${plane} canvas`);
+
+/** How the edges that the page draws on a slice are alike to those of the server at an address. */
+const edgesAgree = (
+  page: Page,
+  plane: string,
+  address: string,
+): Promise<{ readonly share: number; readonly count: number }> =>
+  page.evaluate(
+    async ([selector, address]) => {
+      const canvas = document.querySelector<HTMLCanvasElement>(selector);
+      if (!canvas) throw new Error(`no ${selector}`);
+      const { width, height } = canvas;
+      const answer = await fetch(`${address}&width=${width}&height=${height}`);
+      if (!answer.ok) throw new Error(`${address}: ${await answer.text()}`);
+      const drawn = document.createElement("canvas");
+      Object.assign(drawn, { width, height });
+      drawn.getContext("2d")?.drawImage(await createImageBitmap(await answer.blob()), 0, 0);
+      const pixels = (of: HTMLCanvasElement): Uint8ClampedArray =>
+        of.getContext("2d")?.getImageData(0, 0, width, height).data ?? new Uint8ClampedArray();
+      const [own, other] = [pixels(canvas), pixels(drawn)];
+      let [count, alike] = [0, 0];
+      for (let at = 0; at < own.length; at += 4) {
+        const level = (of: Uint8ClampedArray, channel: number): number => of[at + channel] ?? 0;
+        // Nothing else on a slice without contours is coloured.
+        if (level(own, 0) <= level(own, 1) + 8 && level(other, 0) <= level(other, 1) + 8) continue;
+        const off = [0, 1, 2].map((channel) => Math.abs(level(own, channel) - level(other, channel)));
+        count += 1;
+        alike += Math.max(...off) <= 8 ? 1 : 0;
+      }
+      return { share: alike / count, count };
+    },
+    [`.slice.${plane} canvas`, address] as const,
+  );
 
 /** The two sides of a picture as data URLs, without what is near the line between them. */
 async function sides(page: Page, selector: string): Promise<{ readonly left: string; readonly right: string }> {
@@ -279,6 +313,45 @@ test(
     await context.close();
   },
 );
+
+test("the edges on a slice of the page are those of the server", { skip, timeout: 600_000 }, async () => {
+  const { page, troubles, context } = await openPage(browser);
+  const answer = await fetch(new URL(`v1/cases/${id}`, server.address));
+  const { intensity } = (await answer.json()) as ReadyCase;
+  const window = `${intensity.window.center},${intensity.window.width}`;
+  for (const [layer, other] of [
+    [flair, ball],
+    [ball, flair],
+  ] as const) {
+    await page.goto(`${new URL("/", server.address)}#${id}&l=slices&r=mesh&h=1&x=4,-6,8&b=${layer}&w=${window}`);
+    await shown(page);
+    await page.focus("#surface");
+    await page.keyboard.press("o");
+    for (const [plane, position] of [
+      ["axial", 8],
+      ["coronal", -6],
+      ["sagittal", 4],
+    ] as const) {
+      await page.waitForSelector(`.slice.${plane}[data-way=page][data-edges="${layer}"][data-position="${position}"]`);
+      const address = `/v1/cases/${id}/slices/${plane}?position_mm=${position}&window=${window}&edges=true`;
+      // The slice may have to be drawn once more, without contours.
+      const found = await until(
+        () => edgesAgree(page, plane, `${address}&overlay=${layer}`),
+        ({ share }) => share >= 0.97,
+        60,
+      );
+      const words = `${layer === flair ? "FLAIR" : "ball"}, ${plane}: ${JSON.stringify(found)}`;
+      console.log(words);
+      assert.ok(found.count > 300 && found.share >= 0.97, words);
+      const wrong = await edgesAgree(page, plane, `${address}&overlay=${other}`);
+      assert.ok(wrong.share < 0.5, JSON.stringify(wrong));
+    }
+    await keep(page, `edges-of-${layer === flair ? "flair" : "ball"}`);
+    await page.goto("about:blank");
+  }
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
 
 test("slices of the acquired plane say which image of which series they are", { skip }, async () => {
   const { page, troubles, context } = await openPage(browser);

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use crate::canvas::Canvas;
-use crate::slice::contour_color;
+use crate::slice::{EDGE_COLOR, contour_color};
 use crate::{
     ColorMap, Frame, FrameSize, Layer, LayerValues, Layers, Overlay, Projection, RenderRequest,
     SHORT_NOTICE, SlicePlane, SliceRequest, Window, WindowFunction,
@@ -55,7 +55,7 @@ pub fn annotate(
 
 /// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the
 /// edges and the notice of research use into a slice; with layers also the name of the texture, and the colours of the
-/// overlay with their values. `named` is the first line.
+/// overlay with their values, or the colour of its edges with the values of its window. `named` is the first line.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] has room for only a part. If more contours are drawn than fit above
 /// the middle, the last line states how many more there are.
@@ -82,7 +82,11 @@ pub fn annotate_slice(
     let size = projection.size();
     let right = [size.width() as i32, size.height() as i32 / 2];
     legend(&mut canvas, &parameters.depths_mm, &corner, right);
-    color_bar(&mut canvas, layers, size);
+    if parameters.has_edges {
+        edge_line(&mut canvas, layers, size);
+    } else {
+        color_bar(&mut canvas, layers, size);
+    }
     canvas.into_frame()
 }
 
@@ -197,6 +201,28 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
             (below + share * (f32::from(level) - below) + 0.5) as u8
         });
         canvas.swatch([beside - line - margin, y], [line, 1], color);
+    }
+}
+
+/// The name of a layer beside the colour of its edges, and its window, in the lower right quarter.
+fn edge_line(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
+    let Some(Overlay { layer, style }) = layers.overlay else {
+        return;
+    };
+    let [low, high] = style.parameters().window.map(short);
+    let [width, height] = [size.width() as i32, size.height() as i32];
+    let line = canvas.line_height();
+    let margin = line / 2;
+    let top = height / 2 + line;
+    let title = format!("edges: {}", layer.title());
+    for (row, text) in [title, format!("{low} to {high}")].iter().enumerate() {
+        let top = top + row as i32 * line;
+        let left = width - margin - canvas.text_width(text);
+        canvas.write(text, left, top);
+        if row == 0 {
+            let place = [left - 2 * line, top + line / 3];
+            canvas.swatch(place, [line + line / 2, line / 3], EDGE_COLOR);
+        }
     }
 }
 

@@ -70,6 +70,11 @@ impl Rays {
     pub(crate) fn per_pixel_right(&self) -> [f32; 3] {
         self.per_column
     }
+
+    /// Voxel coordinates of a step of one pixel down.
+    pub(crate) fn per_pixel_down(&self) -> [f32; 3] {
+        self.per_row
+    }
 }
 
 impl Ray {

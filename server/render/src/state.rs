@@ -70,6 +70,9 @@ pub fn slice_texts(
         ("window", window_text(parameters.window)),
         ("colormap", parameters.colormap.name().to_owned()),
     ]);
+    if parameters.has_edges {
+        texts.push(("edges", true.to_string()));
+    }
     texts.extend(layer_texts(layers));
     texts
 }

@@ -1,7 +1,7 @@
 //! Layers: from an upload to objects and rows, and back.
 
 use bytes::Bytes;
-use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
+use case::{CaseId, Failure, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 use objects::{Framed, Unreadable};
 
 use super::rows::{
@@ -182,6 +182,24 @@ impl Store {
             Ok(deleted)
         };
         tokio::spawn(delete).await?
+    }
+
+    /// Makes a layer failed, if the lease is still ours, and removes its files; returns whether it was. To try again, the
+    /// files must be sent again.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written. The layer may have failed even so; its objects are then removed
+    /// later.
+    pub async fn fail_layer(
+        &self,
+        claim: &LayerClaim,
+        failure: &Failure,
+    ) -> Result<bool, StoreError> {
+        let is_ours = self.rows().fail_layer(claim, failure).await?;
+        if is_ours {
+            self.collect().await?;
+        }
+        Ok(is_ours)
     }
 
     /// The payload of an object of a layer; `None`, reported, if it is missing or damaged.

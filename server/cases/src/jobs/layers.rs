@@ -113,7 +113,7 @@ impl Worker {
             kind = failure.name,
             "a layer cannot be prepared"
         );
-        if self.store.rows().fail_layer(claim, failure).await? {
+        if self.store.fail_layer(claim, failure).await? {
             self.store.signals().count(Count::Failed);
         }
         Ok(())

@@ -302,6 +302,11 @@ impl ChosenLayers {
             .any(|layer| matches!(layer, ChosenLayer::Map(_)))
     }
 
+    /// Whether the overlay is a label map.
+    pub fn has_labels_above(&self) -> bool {
+        self.overlay.as_ref().is_some_and(ChosenLayer::is_labels)
+    }
+
     /// The layers themselves; without any, the store is not accessed.
     ///
     /// # Errors

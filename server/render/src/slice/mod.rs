@@ -1,6 +1,7 @@
 //! Slices with the contours of the isosurfaces.
 
 mod contour;
+mod edges;
 #[cfg(test)]
 mod tests;
 
@@ -18,6 +19,10 @@ use crate::{
 };
 use contour::Contours;
 pub(crate) use contour::color as contour_color;
+pub(crate) use edges::COLOR as EDGE_COLOR;
+use edges::Edges;
+#[cfg(test)]
+pub(crate) use edges::{FULL_RISE, HALF_WIDTH, LEAST_RISE, RISE_REACH};
 
 /// The largest number of contours in a picture.
 pub const MAX_CONTOURS: usize = 16;
@@ -132,10 +137,12 @@ pub struct SliceParameters {
     pub window: Window,
     /// The colour map.
     pub colormap: ColorMap,
+    /// Whether the overlay is drawn as its edges alone.
+    pub has_edges: bool,
 }
 
 impl SliceParameters {
-    /// The slice at `position_mm`, radiological, grey, without contours, 512 × 512 pixels.
+    /// The slice at `position_mm`, radiological, grey, without contours or edges, 512 × 512 pixels.
     pub fn new(plane: SlicePlane, position_mm: f64, window: Window) -> Self {
         Self {
             plane,
@@ -147,6 +154,7 @@ impl SliceParameters {
             size: FrameSize::default(),
             window,
             colormap: ColorMap::Grey,
+            has_edges: false,
         }
     }
 }
@@ -229,8 +237,8 @@ impl SliceRequest {
 ///
 /// Each pixel is sampled once, through the affine; outside of the volume, and if a layer is undefined there, it is
 /// black. The n-th depth's contour has the n-th of eight colours (yellow, sky blue, orange, green, violet, cyan, red,
-/// white), repeatedly. The picture is grey, one byte per pixel, if it has neither contours nor colours nor an
-/// overlay.
+/// white), repeatedly. The overlay is drawn in its colours or, on request, as the lines where its values rise steepest.
+/// The picture is grey, one byte per pixel, if it has neither contours nor colours nor an overlay.
 pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
     let parameters = request.parameters();
     let projection = request.projection(&scene.bounds);
@@ -243,7 +251,10 @@ pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
         overlay: scene
             .layers
             .overlay
-            .map(|overlay| OverlayPaint::new(overlay, &projection, 1.0)),
+            .map(|overlay| match parameters.has_edges {
+                true => Above::Edges(Edges::new(overlay, &projection)),
+                false => Above::Colors(Box::new(OverlayPaint::new(overlay, &projection, 1.0))),
+            }),
     };
     let size = parameters.size;
     let is_plain = parameters.depths_mm.is_empty() && slice.overlay.is_none();
@@ -289,7 +300,24 @@ struct Slice<'a> {
     request: &'a SliceRequest,
     rescale: geometry::Rescale,
     colors: [[u8; 3]; 256],
-    overlay: Option<OverlayPaint<'a>>,
+    overlay: Option<Above<'a>>,
+}
+
+/// What of the overlay is drawn over the texture.
+enum Above<'a> {
+    Colors(Box<OverlayPaint<'a>>),
+    Edges(Edges<'a>),
+}
+
+impl Above<'_> {
+    /// A colour at a place of the picture, in pixels, with the overlay above it.
+    fn over(&self, color: [u8; 3], place: [f32; 2]) -> [u8; 3] {
+        let color = match self {
+            Self::Colors(colors) => colors.over(color, place, 0.0),
+            Self::Edges(edges) => edges.over(color, place),
+        };
+        color.map(nearest)
+    }
 }
 
 impl Slice<'_> {
@@ -313,7 +341,7 @@ impl Slice<'_> {
                         self.colors[usize::from((window.brightness(value) + 0.5) as u8)]
                     });
                     let color = match &self.overlay {
-                        Some(overlay) => overlay.over(color, [x, y], 0.0).map(nearest),
+                        Some(overlay) => overlay.over(color, [x, y]),
                         None => color,
                     };
                     *pixel = encode(column, row, color);

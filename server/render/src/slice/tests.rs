@@ -1,9 +1,10 @@
 //! Slices through a ball whose contours are circles.
 
 use geometry::{BoundingSphere, Cut, Envelope, Face, Grid, phantom};
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 use super::*;
+use crate::{Layer, LayerValues, Layers, Overlay, OverlayParameters, OverlayStyle};
 
 /// A ball of radius 25 mm about the origin, cut through its middle.
 fn draw(plane: SlicePlane, depths_mm: Vec<f64>) -> Frame {
@@ -236,4 +237,100 @@ fn impossible_slices_are_refused() {
     ] {
         assert!(SliceRequest::new(bad).is_err());
     }
+}
+
+/// An axial slice of 0.5 mm a pixel, with the edges of a layer over a ball of 25 mm. The layer has voxels of 2 mm, and values of 0 to
+/// 100 and back over 2 mm about a circle of 15 mm, in the middle of `case_from_layer`; it is undefined beyond 24 mm to the right.
+fn draw_edges(shift: DVec3, window: [f64; 2]) -> Frame {
+    let grid = Grid::aligned([31; 3], [2.0; 3], DVec3::splat(-30.0)).unwrap();
+    let mut values = Vec::new();
+    for z in 0..31 {
+        for y in 0..31 {
+            for x in 0..31 {
+                let position = DVec3::new(x.into(), y.into(), z.into()) * 2.0 - 30.0;
+                let value = ((15.0 - position.length()) / 2.0 + 0.5).clamp(0.0, 1.0) * 100.0;
+                values.push(if position.x < -24.0 {
+                    f32::NAN
+                } else {
+                    value as f32
+                });
+            }
+        }
+    }
+    let moved = DAffine3::from_translation(shift);
+    let layer = Layer::new(["T2", ""], &grid, moved, LayerValues::Numbers(values)).unwrap();
+    let style = OverlayStyle::new(OverlayParameters {
+        window,
+        colormap: ColorMap::Hot,
+        threshold: Some(1e6),
+        opacity: 0.0,
+    });
+    let volume = phantom::volume(
+        Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap(),
+        |_| 40,
+    );
+    let envelope = phantom::envelope(volume.grid(), |position| position.length() <= 25.0);
+    let model = phantom::model(volume, envelope).model;
+    let scene = Scene {
+        bounds: BoundingSphere {
+            centre_in_patient: DVec3::ZERO,
+            radius_mm: 40.0,
+        },
+        ..Scene::from(&model)
+    };
+    let scene = scene.with_layers(Layers {
+        base: None,
+        overlay: Some(Overlay {
+            layer: &layer,
+            style: style.unwrap(),
+        }),
+    });
+    let parameters = SliceParameters {
+        has_edges: true,
+        ..parameters(SlicePlane::Axial, 0.0)
+    };
+    draw_slice(&scene, &SliceRequest::new(parameters).unwrap())
+}
+
+/// The places of the pixels that an edge covers by more than half.
+fn edge_pixels(frame: &Frame) -> Vec<[f64; 2]> {
+    let places = (0..160).flat_map(|y| (0..160).map(move |x| [x, y]));
+    let is_edge = |[x, y]: &[u32; 2]| {
+        let pixel = frame.pixel(*x, *y).unwrap();
+        pixel[0] > 148 && pixel[0] > pixel[1] + 80
+    };
+    let edges = places.filter(is_edge);
+    edges
+        .map(|place| place.map(|side| f64::from(side) - 79.5))
+        .collect()
+}
+
+#[test]
+fn edges_are_thin_lines_where_a_layer_is_steepest() {
+    // The patient's left is at the right, posterior is down: the circle of 30 pixels lies 8 pixels to the right and 4 up.
+    let edges = edge_pixels(&draw_edges(DVec3::new(4.0, -2.0, 0.0), [0.0, 100.0]));
+    for [x, y] in &edges {
+        let radius_px = (x - 8.0).hypot(y + 4.0);
+        assert!((radius_px - 30.0).abs() < 3.0, "{x} {y}: {radius_px}");
+    }
+    let length_px = std::f64::consts::TAU * 30.0;
+    let width_px = edges.len() as f64 / length_px;
+    assert!((0.8..2.0).contains(&width_px), "{width_px}");
+    // Every direction has some.
+    for eighth in 0..8 {
+        let is_there = |[x, y]: &[f64; 2]| {
+            let angle = (y + 4.0).atan2(x - 8.0) / std::f64::consts::TAU + 0.5;
+            (angle * 8.0) as i32 % 8 == eighth
+        };
+        assert!(edges.iter().any(is_there), "{eighth}");
+    }
+}
+
+#[test]
+fn a_rise_that_is_slight_in_the_window_is_no_edge() {
+    // 100 in 2 mm are 6 of 255 colours per mm.
+    assert_eq!(
+        edge_pixels(&draw_edges(DVec3::ZERO, [0.0, 2000.0])),
+        Vec::<[f64; 2]>::new()
+    );
 }

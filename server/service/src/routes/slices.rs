@@ -92,6 +92,11 @@ pub struct SliceQuery {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(minimum = 0, maximum = 1)]
     overlay_opacity: Option<f64>,
+    /// Whether the overlay is drawn as its edges alone: lines where its values rise steepest within its window. Its
+    /// colours, threshold and opacity do not matter then. A label map has no edges.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[param(default = false)]
+    edges: bool,
 }
 
 impl SliceQuery {
@@ -134,6 +139,9 @@ impl Asked for SliceQuery {
         check_annotation(self.annotate, [self.width, self.height])?;
         let layers = self.layers();
         layers.check()?;
+        if self.edges && self.overlay.is_none() {
+            return Err(AppError::out_of_range("edges", "needs `overlay`"));
+        }
         let window = self.window.map(window_of_numbers).transpose()?;
         let request = SliceRequest::new(SliceParameters {
             plane: SlicePlane::Axial,
@@ -145,6 +153,7 @@ impl Asked for SliceQuery {
             size: picture_size(self.width, self.height)?,
             window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
             colormap: self.colormap,
+            has_edges: self.edges,
         })?;
         Ok(SliceValues {
             position_mm: self.position_mm,
@@ -208,6 +217,10 @@ pub async fn get_slice(
     };
     let named = cases.identity(&id, asked.annotate).await?;
     let chosen = values.layers.of_case(&cases.library, &id).await?;
+    if asked.edges && chosen.has_labels_above() {
+        let detail = "is not possible for a label map, whose values do not rise";
+        return Err(AppError::out_of_range("edges", detail));
+    }
     let work = async |facts: Arc<CaseFacts>| {
         let layers = chosen.load(&cases.library, &id).await?;
         let slice = values.of_case(plane, &facts, &layers);

@@ -12,7 +12,7 @@ use imaging::nifti::write_numbers;
 use pipeline::testing::phantom;
 use serde_json::{Value, json};
 
-use super::server::{Answer, FORM, MAX_LAYERS, Server, form};
+use super::server::{Answer, FORM, MAX_LAYERS, MAX_UPLOAD_BYTES, Server, form, head};
 
 /// A layer on the grid of the coarse head, moved to the patient's left: its value from the head's intensity.
 fn layer(shift_mm: f64, value: impl Fn(usize, f32) -> f32) -> Vec<u8> {
@@ -83,6 +83,16 @@ fn text_of(png: &[u8], keyword: &str) -> Option<String> {
         .map(|(_, text)| text)
 }
 
+/// The bytes of the pixels of a PNG file.
+fn pixels(png: &[u8]) -> Vec<u8> {
+    let mut reader = png::Decoder::new(std::io::Cursor::new(png))
+        .read_info()
+        .unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut bytes).unwrap();
+    bytes
+}
+
 #[tokio::test]
 async fn a_layer_is_registered_listed_and_drawn_everywhere() {
     let (server, case) = Server::with_case().await;
@@ -147,6 +157,31 @@ async fn a_layer_is_registered_listed_and_drawn_everywhere() {
         ))
         .await;
     assert_eq!(slice.status, 200, "{slice:?}");
+    // Its edges alone are another picture than its colours, and mixed with nothing else.
+    let over = format!("{case}/slices/axial?overlay=FLAIR%20%C3%BC&width=128&height=128");
+    let colored = server.get(&over).await;
+    let query = "edges=true&overlay_opacity=0&annotate=true";
+    let edges = server.get(&format!("{over}&{query}")).await;
+    assert_eq!((colored.status, edges.status), (200, 200), "{edges:?}");
+    assert_eq!(text_of(&colored.body, "edges"), None);
+    assert_eq!(text_of(&edges.body, "edges").as_deref(), Some("true"));
+    assert_eq!(text_of(&edges.body, "overlay").as_deref(), Some("FLAIR ü"));
+    let is_edge = |pixel: &[u8]| pixel[0] > 200 && pixel[1] < 110 && pixel[2] > 140;
+    let count = |png: &[u8]| pixels(png).chunks(3).filter(|pixel| is_edge(pixel)).count();
+    assert_eq!(count(&colored.body), 0);
+    assert!(count(&edges.body) > 100, "{}", count(&edges.body));
+    let refused = server
+        .get(&format!(
+            "{case}/slices/axial?layer=FLAIR%20%C3%BC&edges=true"
+        ))
+        .await;
+    assert_eq!(
+        (refused.refusal(), refused.parameter()),
+        (
+            (400, "query-value-out-of-range".to_owned()),
+            "edges".to_owned()
+        )
+    );
     for body in [
         json!({"renders": [{"width": 64, "height": 64, "overlay": "FLAIR ü"}], "sheet": true}),
         json!({"swivel": {"frames": 2, "render": {"width": 64, "height": 64, "layer": "FLAIR ü"}}}),
@@ -251,6 +286,15 @@ async fn the_voxels_of_a_layer_can_be_fetched() {
         ))
         .await;
     assert_eq!(overlay.status, 200, "{overlay:?}");
+    let edges = format!("{case}/slices/axial?overlay=labels&edges=true");
+    let refused = server.get(&edges).await;
+    assert_eq!(
+        (refused.refusal(), refused.parameter()),
+        (
+            (400, "query-value-out-of-range".to_owned()),
+            "edges".to_owned()
+        )
+    );
     for query in ["layer=labels", "overlay=labels&overlay_window=0,1"] {
         let refused = server.get(&format!("{case}/render?{query}")).await;
         assert_eq!(
@@ -353,7 +397,7 @@ async fn layers_that_cannot_be_used_leave_nothing_behind() {
     let map = json!({"kind": "map"});
     let matrix = json!([[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
     for (volume, parameters, status, kind) in [
-        (several, json!({}), 422, "nifti-several-volumes"),
+        (several.clone(), json!({}), 422, "nifti-several-volumes"),
         (b"a fruit".to_vec(), json!({}), 415, "not-nifti"),
         (Vec::new(), json!({}), 415, "not-nifti"),
         (layer(0.0, |_, _| f32::NAN), json!({}), 422, "layer-empty"),
@@ -400,6 +444,25 @@ async fn layers_that_cannot_be_used_leave_nothing_behind() {
         assert_eq!(refused.refusal(), (status, kind.to_owned()), "{parameters}");
     }
     assert_eq!(server.stored_files(), before);
+    let promising = |side: i16| {
+        let mut file = several.clone();
+        file[40..42].copy_from_slice(&3i16.to_le_bytes());
+        for at in [42, 44, 46] {
+            file[at..at + 2].copy_from_slice(&side.to_le_bytes());
+        }
+        file
+    };
+    let noise = |index: usize| (index as u32).wrapping_mul(2_654_435_761).to_le_bytes()[3];
+    let length = MAX_UPLOAD_BYTES as usize + (2 << 20);
+    let too_long: Vec<u8> = (0..length).map(noise).collect();
+    for (volume, status, kind) in [
+        (promising(500), 413, "too-many-voxels"),
+        (too_long, 413, "body-too-large"),
+    ] {
+        let refused = add(&server, &case, &volume, json!({})).await;
+        assert_eq!(refused.refusal(), (status, kind.to_owned()));
+    }
+    assert_eq!(server.stored_files(), before);
     let nowhere = format!("/v1/cases/{}", "0".repeat(32));
     let refused = add(&server, &nowhere, &flair(0.0), json!({})).await;
     assert_eq!(refused.refusal(), (404, "no-such-case".to_owned()));
@@ -418,6 +481,21 @@ async fn layers_that_cannot_be_used_leave_nothing_behind() {
     assert_eq!(kind, "urn:isocortex:problem:layer-not-registered", "{view}");
     let drawn = server.get(&format!("{case}/render?layer=noise")).await;
     assert_eq!(drawn.refusal(), (422, "layer-not-registered".to_owned()));
+    // Its file is removed right after it is said to have failed.
+    let has_gone = async {
+        while server.stored_files() != before {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    let waited = tokio::time::timeout(Duration::from_secs(30), has_gone).await;
+    assert!(waited.is_ok(), "{:?}", server.stored_files());
+    // The file can be sent again, and fails again.
+    let answer = add(&server, &case, &noise, json!({"name": "noise"})).await;
+    assert_eq!(
+        (answer.status, answer.header("location")),
+        (202, address.as_str())
+    );
+    assert_eq!(server.settled(&address).await, "failed");
     // By hand it is another layer.
     let matrix = json!([
         [1.0, 0.0, 0.0, 2.0],
@@ -436,4 +514,67 @@ async fn layers_that_cannot_be_used_leave_nothing_behind() {
     let events = String::from_utf8(events.body.to_vec()).unwrap();
     assert!(events.starts_with("event: layer\n"), "{events}");
     workers.shut_down(Duration::from_secs(60)).await;
+}
+
+#[tokio::test]
+async fn a_layer_whose_header_is_wrong_by_half_a_turn_is_refused() {
+    let (server, case) = Server::with_case().await;
+    let workers = Workers::start(server.cases.library.clone(), 1);
+    let volume = phantom().volume;
+    let [x, y, z] = volume.grid().size();
+    let middle = volume
+        .grid()
+        .patient_from_voxel()
+        .transform_point3(DVec3::new(x as f64, y as f64, z as f64) / 2.0);
+    let numbers: Vec<f32> = volume
+        .voxels()
+        .iter()
+        .map(|&stored| 900.0 - volume.intensity(stored.into()))
+        .collect();
+    for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+        let turn = DAffine3::from_translation(middle)
+            * DAffine3::from_axis_angle(axis, std::f64::consts::PI)
+            * DAffine3::from_translation(-middle);
+        let affine = turn * volume.grid().patient_from_voxel();
+        let grid = Grid::new(volume.grid().size(), affine).unwrap();
+        let file = write_numbers(&grid, &numbers).unwrap();
+        let answer = add(&server, &case, &file, json!({})).await;
+        assert_eq!(answer.status, 202, "{answer:?}");
+        let address = answer.header("location");
+        assert_eq!(server.settled(address).await, "failed", "about {axis}");
+        let view = server.get(address).await.json();
+        let kind = &view["error"]["type"];
+        assert_eq!(kind, "urn:isocortex:problem:layer-not-registered", "{view}");
+    }
+    workers.shut_down(Duration::from_secs(60)).await;
+}
+
+#[tokio::test]
+async fn a_layer_of_a_case_that_is_being_deleted_leaves_nothing() {
+    let (server, _) = Server::with_case().await;
+    let (volume, mask) = head();
+    let workers = Workers::start(server.cases.library.clone(), 1);
+    for wait_ms in [0, 5, 20, 80, 300] {
+        let parts = form(&[("volume", volume), ("mask", mask)]);
+        let answer = server.post_form(parts).await;
+        assert!([200, 202].contains(&answer.status), "{answer:?}");
+        let case = answer.header("location").to_owned();
+        assert_eq!(server.settled(&case).await, "ready");
+        let file = flair(3.0);
+        let delete = async {
+            tokio::time::sleep(Duration::from_millis(wait_ms)).await;
+            let body = Body::empty();
+            server.ask(Method::DELETE, &case, &[], body).await
+        };
+        let (added, deleted) = tokio::join!(add(&server, &case, &file, json!({})), delete);
+        assert_eq!(deleted.status, 204, "{deleted:?}");
+        if added.status != 202 {
+            assert_eq!(added.refusal(), (404, "no-such-case".to_owned()));
+        }
+        let layers = server.get(&format!("{case}/layers")).await;
+        assert_eq!(layers.refusal(), (404, "no-such-case".to_owned()));
+    }
+    // The preparation of a layer may go on for a moment.
+    workers.shut_down(Duration::from_secs(60)).await;
+    server.is_empty_and_well().await;
 }

@@ -76,6 +76,9 @@ impl Owner for WarmModel {
 }
 
 /// Intensities as acquired, or in eight bits over a range from [`quick_range`].
+///
+/// The least of 16 bits is sent as 0: devices that filter these in half precision are exact for small numbers, but
+/// round those of a NIfTI file with signed voxels, which are stored from 32,768 on, to multiples of 32.
 pub fn volume_texture(owner: Arc<impl Owner>, range: Option<[f32; 2]>) -> Texture {
     let volume = owner.volume();
     let rescale = volume.rescale();
@@ -88,7 +91,7 @@ pub fn volume_texture(owner: Arc<impl Owner>, range: Option<[f32; 2]>) -> Textur
         patient_from_voxel: rows_of(volume.grid().patient_from_voxel()),
     };
     let Some([low, high]) = range else {
-        return whole;
+        return from_the_least(whole, owner);
     };
     let step = ((high - low) / 255.0).max(f32::MIN_POSITIVE);
     let make = move || {
@@ -104,6 +107,25 @@ pub fn volume_texture(owner: Arc<impl Owner>, range: Option<[f32; 2]>) -> Textur
         format: "u8",
         scale: step,
         offset: low,
+        ..whole
+    }
+}
+
+/// A texture of all 16 bits with the least stored value of a volume as 0.
+fn from_the_least(whole: Texture, owner: Arc<impl Owner>) -> Texture {
+    let least = owner.volume().voxels().iter().copied().min();
+    let Some(least) = least.filter(|&least| least > 0) else {
+        return whole;
+    };
+    let make = move || {
+        let voxels = owner.volume().voxels().iter();
+        voxels
+            .flat_map(|stored| (stored - least).to_le_bytes())
+            .collect()
+    };
+    Texture {
+        voxels: Voxels::Made(Box::new(make)),
+        offset: whole.offset + whole.scale * f32::from(least),
         ..whole
     }
 }
@@ -249,6 +271,7 @@ fn rows_of(affine: DAffine3) -> [f64; 12] {
 
 #[cfg(test)]
 mod tests {
+    use geometry::Rescale;
     use glam::DVec3;
 
     use super::*;
@@ -260,6 +283,26 @@ mod tests {
         assert_eq!(every(1, &grid, &values), values);
         assert_eq!(every(2, &grid, &values), [0, 2, 4, 20, 22, 24]);
         assert_eq!(every(9, &grid, &values), [0]);
+    }
+
+    #[test]
+    fn intensities_are_sent_from_the_least_on() {
+        let grid = Grid::aligned([3, 1, 1], [1.0; 3], DVec3::ZERO).unwrap();
+        let sent = |stored: [u16; 3]| {
+            let rescale = Rescale {
+                slope: 0.5,
+                intercept: -16384.0,
+            };
+            let volume = Volume::new(grid.clone(), stored.to_vec(), rescale).unwrap();
+            let texture = volume_texture(Arc::new(volume), None);
+            let offset = texture.offset;
+            let bytes = texture.voxels.bytes();
+            let codes = bytes.chunks_exact(2);
+            let codes = codes.map(|pair| u16::from_le_bytes([pair[0], pair[1]]));
+            (codes.collect::<Vec<_>>(), offset)
+        };
+        assert_eq!(sent([32768, 33068, 33768]), (vec![0, 300, 1000], 0.0));
+        assert_eq!(sent([0, 33068, 65535]), (vec![0, 33068, 65535], -16384.0));
     }
 
     #[test]

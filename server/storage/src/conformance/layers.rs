@@ -235,6 +235,10 @@ pub async fn a_layer_fails_and_is_queued_again(subject: &RowsSubject) {
         (CaseState::Failed, Some(failure()))
     );
     assert_eq!(claim_layer(rows).await, None);
+    // Its file is of no more use: it is sent again with the layer.
+    let objects = rows.layer_objects(&case, &new.id).await.unwrap();
+    assert_eq!(objects, Vec::new());
+    assert_eq!(removed(rows, &new.sources.names).await, new.sources.names);
     let again = new_layer(rows, &case, "l").await;
     assert_eq!(
         rows.insert_layer(&again).await.unwrap(),

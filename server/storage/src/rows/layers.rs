@@ -133,7 +133,7 @@ pub trait LayerRows {
         facts: &LayerFacts,
     ) -> Result<Published, StoreError>;
 
-    /// Makes a layer failed, if the lease is still ours; returns whether it was.
+    /// Makes a layer failed, which then needs no objects, if the lease is still ours; returns whether it was.
     async fn fail_layer(&self, claim: &LayerClaim, failure: &Failure) -> Result<bool, StoreError>;
 
     /// Queues a ready layer again, because its object is lost; its placement stays. Returns whether it was ready.

@@ -134,8 +134,8 @@ impl LayerRows for SqlRows {
     }
 
     async fn fail_layer(&self, claim: &LayerClaim, failure: &Failure) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.write().await?;
-        let ours = layers::fail(&mut transaction, claim, failure).await?;
+        let (mut transaction, now) = self.write().await?;
+        let ours = layers::fail(&mut transaction, claim, failure, now).await?;
         transaction.commit().await?;
         Ok(ours)
     }

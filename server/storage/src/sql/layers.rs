@@ -420,11 +420,21 @@ pub(super) async fn fail(
     connection: &mut Connection,
     claim: &LayerClaim,
     failure: &Failure,
+    now: i64,
 ) -> Result<bool, StoreError> {
     if !renew(connection, claim, 0).await? {
         return Ok(false);
     }
-    let [case, layer] = [claim.layer.case.to_string(), claim.layer.id.to_string()];
+    let Layer { case, id, .. } = &claim.layer;
+    let needed = objects(connection, case, id).await?;
+    pins::abandon(connection, needed, now).await?;
+    let [case, layer] = [case.to_string(), id.to_string()];
+    connection
+        .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2")
+        .bind(&*case)
+        .bind(&*layer)
+        .execute()
+        .await?;
     make_failed(connection, [&case, &layer], failure).await?;
     Ok(true)
 }

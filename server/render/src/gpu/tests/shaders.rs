@@ -96,3 +96,18 @@ fn contours_have_the_same_colours_in_the_shader() {
     let listed: String = colors.collect();
     assert!(shaders::SLICE.contains(&listed), "{listed}");
 }
+
+#[test]
+fn edges_are_the_same_in_the_shader() {
+    use crate::slice::{EDGE_COLOR, FULL_RISE, HALF_WIDTH, LEAST_RISE, RISE_REACH};
+    let [red, green, blue] = EDGE_COLOR;
+    for line in [
+        format!("const EDGE_COLOR = vec3<f32>({red}.0, {green}.0, {blue}.0);"),
+        format!("const LEAST_RISE: f32 = {LEAST_RISE:?};"),
+        format!("const FULL_RISE: f32 = {FULL_RISE:?};"),
+        format!("const EDGE_HALF_WIDTH: f32 = {HALF_WIDTH:?};"),
+        format!("const RISE_REACH: f32 = {RISE_REACH:?};"),
+    ] {
+        assert!(shaders::SLICE.contains(&line), "{line}");
+    }
+}
