@@ -263,7 +263,11 @@ test(
     const table = await download(() => page.getByRole("button", { name: "Save as CSV" }).click());
     assert.equal(table.name, `isocortex-${id.slice(0, 8)}-profile.csv`);
     const [head, ...rows] = table.bytes.toString().trim().split("\r\n");
-    assert.equal(head, "depth_mm,intensity,mirrored_intensity");
+    assert.equal(head, "depth_mm,intensity,mirrored_intensity,case,view,program");
+    assert.match(
+      rows[3] ?? "",
+      new RegExp(`,"[^"]* · ${id.slice(0, 8)}","[^"]*Point [LR]\\s[^"]*mm","Isocortex [^"]*"$`),
+    );
     assert.ok(rows.length > 60 && rows.every((row, index) => Number(row.split(",")[0]) === index / 4), rows[3]);
     const picture = await download(() => page.getByRole("button", { name: "Save as picture" }).click());
     assert.ok(sizeOf(picture.bytes)[0] > 900 && picture.bytes.length > 10_000);
