@@ -254,9 +254,16 @@ test(
       x: ((40 + (220 * depth_mm) / 30) / 268) * box.width,
       y: box.height / 2,
     });
-    await chart.hover({ position: at(15) });
-    const read = await page.locator(".profile-read").innerText();
-    assert.match(read, /^1[45]\.\d\d mm: [\d.,]+, mirrored [\d.,]+$/);
+    // The chart is drawn again when the server has measured at the point.
+    const wanted = /^1[45]\.\d\d mm: [\d.,]+, mirrored [\d.,]+$/;
+    const read = await until(
+      async () => {
+        await chart.hover({ position: at(15) });
+        return page.locator(".profile-read").innerText();
+      },
+      (now) => wanted.test(now),
+    );
+    assert.match(read, wanted);
     await chart.click({ position: at(15) });
     await page.waitForFunction(() => Number(document.querySelector<HTMLElement>("#surface")?.dataset.depth) > 14);
     assert.ok(Math.abs(Number((await fragment(page)).d) - 15) < 0.5);

@@ -22,8 +22,8 @@ export function columnsOf(profile: Profile, layers: readonly SidedCurves[]): rea
 }
 
 /**
- * The profile as comma-separated values; what is not known is empty. Each row ends with the lines below a picture of the
- * case: a table of several profiles still says which row is whose.
+ * The profile as comma-separated values; what is not known is empty. Each row ends with the lines below a picture of
+ * the case: a table of several profiles still says which row is whose.
  */
 export function profileCsv(profile: Profile, layers: readonly SidedCurves[], caption: readonly string[]): string {
   const quoted = (text: string): string => `,"${text.replaceAll('"', '""')}"`;

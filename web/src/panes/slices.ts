@@ -371,7 +371,7 @@ export class SlicePane {
         if (event.ctrlKey && this.#state) {
           this.#place(zoomedSlice(this.#view(this.#state), this.#shown, wheelZoom(pixels * 2), place));
         } else if (!event.ctrlKey && notches !== 0) {
-          // Away from the user is towards the top and the back of the head and the patient's left, as the numbers grow on a slider.
+          // Away from the user is towards the top, the back and the left of the head, as the numbers grow on a slider.
           this.#step(-notches);
         }
       },
