@@ -283,7 +283,6 @@ export class SlicePane {
     );
   }
 
-  /** Moves the slice, and the cross with it; the surface stays as it is turned. */
   #goTo(position_mm: number): void {
     if (!this.#state) return;
     const position = this.#center(this.#state).map((value, axis) =>
