@@ -107,8 +107,8 @@ test(
       () => text(".slice.axial .hovered"),
       (now) => now !== "",
     );
-    const held = (await text(".slice.axial .hovered")).split("  ")[0];
-    assert.equal(held, words.split("  ")[0], "what is under the pointer stays there");
+    const held = (await text(".slice.axial .hovered")).split("\n")[0];
+    assert.equal(held, words.split("\n")[0], "what is under the pointer stays there");
     await keep(page, "slice-zoomed");
     waiting = asked();
     await page.keyboard.down("Shift");
