@@ -609,12 +609,10 @@ test("the versions of a case are told apart in the list", { skip, timeout: 600_0
   const { id: version } = (await answer.json()) as { id: string };
   await page.waitForSelector(`#case-list li[data-id="${version}"][data-state=ready]`);
   const words = (one: string | null): Promise<string> => page.locator(`#case-list li[data-id="${one}"]`).innerText();
-  assert.match(await words(version), /Version from .*\d:\d\d/);
+  assert.match(await words(version), /\d:\d\d · version/);
   await page.waitForFunction(
     (one) =>
-      /First version, from .*\d:\d\d/.test(
-        document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? "",
-      ),
+      /\d:\d\d · first version/.test(document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? ""),
     id,
   );
   await fetch(new URL(`v1/cases/${version}`, server.address), { method: "DELETE" });
@@ -625,6 +623,8 @@ test("a case is deleted only after a confirmation", { skip }, async () => {
   const item = page.locator("#case-list li", { hasText: "Marked" });
   const id = await item.getAttribute("data-id");
   await item.locator(".delete").click();
+  // Versions have the same label.
+  assert.match(await page.locator("dialog.confirm-delete").innerText(), new RegExp(`Marked · .* · ${id?.slice(0, 8)}`));
   await page.locator("dialog.confirm-delete button[value=keep]").click();
   assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address))).status, 200);
   await item.locator(".delete").click();

@@ -162,6 +162,11 @@ test(
     }
     await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "13");
     assert.match((await page.textContent(".frame-times")) ?? "", /^Frame [\d.,]+ ms · script [\d.]+ ms · \d+ frames$/);
+    const [times, named] = [
+      await page.locator(".frame-times").boundingBox(),
+      await page.locator("#surface .overlay:not(.other) .pane-case").boundingBox(),
+    ];
+    assert.ok(times && named && times.y >= named.y + named.height, "the case stays named");
     // The list of cases asks for itself now and then.
     assert.deepEqual(
       requests.filter((url) => url.includes(id)),

@@ -254,16 +254,27 @@ test(
       x: ((40 + (220 * depth_mm) / 30) / 268) * box.width,
       y: box.height / 2,
     });
-    await chart.hover({ position: at(15) });
-    const read = await page.locator(".profile-read").innerText();
-    assert.match(read, /^1[45]\.\d\d mm: [\d.,]+, mirrored [\d.,]+$/);
+    // The chart is drawn again when the server has measured at the point.
+    const wanted = /^1[45]\.\d\d mm: [\d.,]+, mirrored [\d.,]+$/;
+    const read = await until(
+      async () => {
+        await chart.hover({ position: at(15) });
+        return page.locator(".profile-read").innerText();
+      },
+      (now) => wanted.test(now),
+    );
+    assert.match(read, wanted);
     await chart.click({ position: at(15) });
     await page.waitForFunction(() => Number(document.querySelector<HTMLElement>("#surface")?.dataset.depth) > 14);
     assert.ok(Math.abs(Number((await fragment(page)).d) - 15) < 0.5);
     const table = await download(() => page.getByRole("button", { name: "Save as CSV" }).click());
     assert.equal(table.name, `isocortex-${id.slice(0, 8)}-profile.csv`);
     const [head, ...rows] = table.bytes.toString().trim().split("\r\n");
-    assert.equal(head, "depth_mm,intensity,mirrored_intensity");
+    assert.equal(head, "depth_mm,intensity,mirrored_intensity,case,view,program");
+    assert.match(
+      rows[3] ?? "",
+      new RegExp(`,"[^"]* · ${id.slice(0, 8)}","[^"]*Point [LR]\\s[^"]*mm","Isocortex [^"]*"$`),
+    );
     assert.ok(rows.length > 60 && rows.every((row, index) => Number(row.split(",")[0]) === index / 4), rows[3]);
     const picture = await download(() => page.getByRole("button", { name: "Save as picture" }).click());
     assert.ok(sizeOf(picture.bytes)[0] > 900 && picture.bytes.length > 10_000);

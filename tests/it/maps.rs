@@ -120,10 +120,14 @@ fn picture(answer: &Answer) -> image::RgbImage {
     image::load_from_memory(&answer.body).unwrap().into_rgb8()
 }
 
+/// Whether a pixel is not grey.
+fn is_coloured(pixel: &image::Rgb<u8>) -> bool {
+    pixel.0[0].abs_diff(pixel.0[2]) > 24
+}
+
 /// The coloured pixels of the left and of the right half of a picture.
 fn coloured(picture: &image::RgbImage) -> [usize; 2] {
     let half = picture.width() / 2;
-    let is_coloured = |pixel: &image::Rgb<u8>| pixel.0[0].abs_diff(pixel.0[2]) > 24;
     let count = |range: std::ops::Range<u32>| {
         let pixels = picture.enumerate_pixels();
         pixels
@@ -209,8 +213,13 @@ async fn an_annotated_picture_has_the_colours_of_its_overlay_and_the_state_names
     let bare = picture(&server.get(&address).await);
     assert_eq!(coloured(&bare), [0, 0]);
     let answer = server.get(&format!("{address}&annotate=true")).await;
-    let [left, right] = coloured(&picture(&answer));
+    let annotated = picture(&answer);
+    let [left, right] = coloured(&annotated);
     assert!(left == 0 && right > 300, "{left} {right}");
+    // Heads lie within the circle.
+    let is_beside = |x: u32, y: u32| (f64::from(x) - 200.0).hypot(f64::from(y) - 200.0) > 195.0;
+    let mut pixels = annotated.enumerate_pixels();
+    assert!(pixels.all(|(x, y, pixel)| is_beside(x, y) || !is_coloured(pixel)));
     let reader = png::Decoder::new(std::io::Cursor::new(&answer.body))
         .read_info()
         .unwrap();

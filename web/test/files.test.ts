@@ -55,16 +55,17 @@ test("depths are read from a text with commas, or none is", () => {
 test("a profile is saved with what is known of it", () => {
   const profile = { depth_mm: [0, 0.25, 0.5], intensity: [100, 110.5, NaN], mirrored: [90, NaN, 95.123456789] };
   assert.equal(
-    profileCsv(profile, []),
-    "depth_mm,intensity,mirrored_intensity\r\n0,100,90\r\n0.25,110.5,\r\n0.5,,95.12346\r\n",
+    profileCsv(profile, [], ['A "head" · 01234567', "8 mm"]),
+    "depth_mm,intensity,mirrored_intensity,case,view,program\r\n" +
+      ["0,100,90", "0.25,110.5,", "0.5,,95.12346"].map((row) => `${row},"A ""head"" · 01234567","8 mm"\r\n`).join(""),
   );
   const own = [
     [0, 10],
     [0.5, 20],
   ] as const;
   assert.equal(
-    profileCsv(profile, [{ name: 'FLAIR, "thin"', own, mirrored: [[0.25, 7]] }]),
-    'depth_mm,intensity,mirrored_intensity,"FLAIR, ""thin""","mirrored FLAIR, ""thin"""\r\n' +
+    profileCsv(profile, [{ name: 'FLAIR, "thin"', own, mirrored: [[0.25, 7]] }], []),
+    'depth_mm,intensity,mirrored_intensity,"FLAIR, ""thin""","mirrored FLAIR, ""thin""",case,view,program\r\n' +
       "0,100,90,10,7\r\n0.25,110.5,,15,7\r\n0.5,,95.12346,20,\r\n",
   );
   assert.deepEqual(

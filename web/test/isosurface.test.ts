@@ -95,6 +95,11 @@ test("a profile reads the depth at which intensity changes, here and in the mirr
   assert.equal(profile.intensity[0], 100);
 });
 
+test("a place from which no way leads in has no profile", () => {
+  const flat = { ...depths, depthAt: () => 0, smoothAt: () => 0, inwardAt: (): Vec3 => [0, 0, 0] };
+  assert.equal(profileAt(flat, { atPatient: () => 7 }, [0, 0, 0], [0, 0, 0]), null);
+});
+
 test("outside the volume there is no intensity", () => {
   const sampler = samplerOf(field);
   assert.ok(Number.isNaN(sampler.atPatient([CENTRE[0] + 40, CENTRE[1], CENTRE[2]])));

@@ -67,7 +67,14 @@ impl Parameters {
             Some(self.threshold),
             Some(self.offset_mm),
         )?;
-        let name = self.name.as_deref().unwrap_or_default();
+        Self::check_name(self.name.as_deref().unwrap_or_default())
+    }
+
+    /// Checks a label.
+    ///
+    /// # Errors
+    /// As [`Parameters::check`].
+    pub fn check_name(name: &str) -> Result<(), Failure> {
         if name.chars().count() > Self::MAX_NAME_LENGTH {
             return Err(Failure::unusable(
                 "name-too-long",

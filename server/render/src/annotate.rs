@@ -21,6 +21,9 @@ const BARS_MM: [f64; 9] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0]
 /// The patient's directions along +L, +P, +S and against them.
 const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];
 
+/// The length of the colours in a legend, in lines of text.
+const BAR_LINES: i32 = 4;
+
 /// The grey under the colours of a legend, between dark and bright tissue.
 const BAR_GREY: u8 = 96;
 
@@ -151,8 +154,8 @@ fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
     letters.split_off(end).into_iter().collect()
 }
 
-/// The colours of an overlay on grey, with the values of their ends, its threshold, and its name, in the lower right
-/// quarter.
+/// The colours of an overlay on grey between the values of their ends, below its name and its threshold, in the lower
+/// right corner: a head leaves the corners free. Labels are listed in the lower right quarter.
 fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     let Some(Overlay { layer, style }) = layers.overlay else {
         return;
@@ -162,37 +165,32 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     let [width, height] = [size.width() as i32, size.height() as i32];
     let line = canvas.line_height();
     let margin = line / 2;
-    let mut put = |text: &str, top: i32| {
+    let put = |canvas: &mut Canvas, text: &str, top: i32| {
         let left = width - margin - canvas.text_width(text);
         canvas.write(text, left, top);
         left
     };
-    let title = height / 2 + line;
-    put(&layer.title(), title);
-    let mut top = title + line + margin;
-    if let Some(threshold) = parameters.threshold.filter(|_| !layer.has_labels()) {
-        let text = if parameters.colormap.is_diverging() {
-            format!("beyond ±{}", short(threshold))
-        } else {
-            format!("above {}", short(threshold))
-        };
-        put(&text, title + line);
-        top += line;
-    }
-    // The notice has the last line.
-    let bottom = height - margin - line - margin;
     if let LayerValues::Labels { names, .. } = layer.values() {
+        let title = height / 2 + line;
+        put(canvas, &layer.title(), title);
+        // The notice has the last line.
+        let bottom = height - margin - line - margin;
         return label_list(canvas, names, [title + line, bottom, width]);
     }
-    if bottom - top < 2 * line {
-        return;
-    }
-    let ends = [put(&short(high), top), put(&short(low), bottom - line)];
-    let beside = ends.into_iter().min().unwrap_or(width);
+    let [low_text, high_text] = [low, high].map(short);
+    let length = BAR_LINES * line;
+    let left =
+        width - 3 * margin - canvas.text_width(&low_text) - length - canvas.text_width(&high_text);
+    // In a narrow picture the notice needs the last line.
+    let notice_end = (width + canvas.text_width(SHORT_NOTICE)) / 2;
+    let rows = if left < notice_end + line { 2 } else { 1 };
+    let row = height - margin - rows * line;
+    let end = put(canvas, &high_text, row) - margin;
+    canvas.write(&low_text, left, row);
     let ramp = style.ramp();
     let colors = parameters.colormap.table();
-    for y in top..bottom {
-        let part = (f64::from(bottom - y) - 0.5) / f64::from(bottom - top);
+    for x in 0..length {
+        let part = (f64::from(x) + 0.5) / f64::from(length);
         let value = (low + part * (high - low)) as f32;
         let above = colors[usize::from((ramp.level(value) + 0.5) as u8)];
         let share = ramp.share(value);
@@ -200,7 +198,19 @@ fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
             let below = f32::from(BAR_GREY);
             (below + share * (f32::from(level) - below) + 0.5) as u8
         });
-        canvas.swatch([beside - line - margin, y], [line, 1], color);
+        canvas.swatch([end - length + x, row + line / 6], [1, 2 * line / 3], color);
+    }
+    let threshold = parameters.threshold.map(|threshold| {
+        let word = if parameters.colormap.is_diverging() {
+            "beyond ±"
+        } else {
+            "above "
+        };
+        format!("{word}{}", short(threshold))
+    });
+    let words = threshold.into_iter().chain([layer.title()]);
+    for (number, text) in words.enumerate() {
+        put(canvas, &text, row - (number as i32 + 1) * line);
     }
 }
 

@@ -376,6 +376,14 @@ impl Store {
         self.rows().keep(id, kept).await
     }
 
+    /// Changes the label of a case; nothing if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
+        self.rows().rename(id, name).await
+    }
+
     /// Removes the cases whose age is [`Options::keep`] or more, as [`Store::delete`] does; returns how many. A case that
     /// is kept or uploaded again meanwhile stays.
     ///

@@ -51,7 +51,8 @@ export function profileAt(
   opposite: Vec3,
 ): Profile | null {
   const [own, other] = [position, opposite].map((point) => intensitiesAlong(depths, volume, point));
-  if (!own?.length) return null;
+  // Outside the envelope there is a single place, without a way from it.
+  if (!own || own.length < 2) return null;
   return {
     depth_mm: own.map((_, index) => index * PROFILE_STEP_MM),
     intensity: own,

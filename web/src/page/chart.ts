@@ -3,7 +3,7 @@
 import { h, setText, svg } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { greyWords } from "../base/readout.ts";
-import type { Curve, Measured, Profile } from "../model/profile.ts";
+import { type Curve, type Measured, PROFILE_STEP_MM, type Profile } from "../model/profile.ts";
 import { paintSvg } from "../panes/paint-svg.ts";
 import { button, row } from "./fields.ts";
 import { type LayerCurves, layerCurves, widthWords } from "./measured.ts";
@@ -18,7 +18,7 @@ const MARGIN = { left: 40, right: 8, top: 8, bottom: 30 } as const;
 const SHALLOW_MM = 30;
 
 function shallowPart(profile: Profile): Profile {
-  const count = profile.depth_mm.filter((depth) => depth <= SHALLOW_MM).length;
+  const count = SHALLOW_MM / PROFILE_STEP_MM + 1;
   return {
     depth_mm: profile.depth_mm.slice(0, count),
     intensity: profile.intensity.slice(0, count),
@@ -133,7 +133,7 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
   picture.addEventListener("pointermove", (event) => {
     const at = nearestSample(shallow, depthAt(event));
     const depth = shallow.depth_mm[at] ?? 0;
-    for (const end of ["x1", "x2"]) pointer.setAttribute(end, String(x(depth)));
+    pointer.setAttribute("transform", `translate(${x(depth)})`);
     pointer.setAttribute("visibility", "visible");
     // Two columns are the two sides of one curve.
     const parts = ["", ...layers.map(({ name }) => `${name} `)].map((name, index) => {
@@ -159,7 +159,7 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
   const width = uses.measured && widthWords(uses.measured);
   const files = row(
     button(t("profile.png"), () => void savePicture(picture, layers, uses)),
-    button(t("profile.csv"), () => saveTable(profile, uses)),
+    button(t("profile.csv"), () => void saveTable(profile, uses)),
   );
   const junction = width ? h("p", { class: "junction-width" }, `${t("point.width")}: ${width}`) : null;
   return h("div", { class: "profile" }, junction, picture, legend, read, files, tableOf(shallow, columns, layers));
@@ -176,8 +176,9 @@ async function savePicture(
 ): Promise<void> {
   const { width, height } = chart.getBoundingClientRect();
   const page = getComputedStyle(document.body);
-  const curves = [...chart.querySelectorAll(".curve:not(.layer)"), ...chart.querySelectorAll(".layer.own")];
-  const words = [t("profile.mirrored"), t("profile.own"), ...layers.map((layer) => layer.words)];
+  // The own ones of the layers, then the two sides.
+  const curves = chart.querySelectorAll(".curve:not(.layer.other)");
+  const words = [...layers.map((layer) => layer.words), t("profile.mirrored"), t("profile.own")];
   const frame = { width, height: height + words.length * LEGEND_PIXELS, ratio: 4, caption: await caption() };
   const png = await captioned(frame, async (context) => {
     context.fillStyle = page.backgroundColor;
@@ -202,9 +203,11 @@ async function savePicture(
   saveFile(png, `${name}-profile.png`);
 }
 
-function saveTable(profile: Profile, { name, measured }: ProfileUses): void {
+async function saveTable(profile: Profile, { name, measured, caption }: ProfileUses): Promise<void> {
   const layers = measured ? layerCurves(measured, Infinity) : [];
-  saveFile(new Blob([profileCsv(profile, layers)], { type: "text/csv" }), `${name}-profile.csv`);
+  const csv = profileCsv(profile, layers, await caption());
+  // A spreadsheet recognises UTF-8 by the mark.
+  saveFile(new Blob(["\ufeff", csv], { type: "text/csv" }), `${name}-profile.csv`);
 }
 
 /** The profile at whole millimetres. */
@@ -214,8 +217,7 @@ function tableOf(
   layers: readonly LayerCurves[],
 ): HTMLElement {
   const rows = depth_mm.flatMap((depth, index) => {
-    const before = depth_mm[index - 1];
-    if (before !== undefined && Math.floor(before + 1e-6) === Math.floor(depth + 1e-6)) return [];
+    if (depth % 1 !== 0) return [];
     const cells = columns.map((values) => h("td", {}, greyWords(values[index])));
     return [h("tr", {}, h("th", { scope: "row" }, number(depth, 1)), ...cells)];
   });

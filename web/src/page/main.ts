@@ -296,7 +296,7 @@ class App {
 
   async #remove(one: Case): Promise<void> {
     try {
-      if (!(await (await later()).confirmDelete(t("delete.title"), t("delete.text", { title: caseTitle(one) }))))
+      if (!(await (await later()).confirmDelete(t("delete.title"), t("delete.text", { title: caseIdentity(one) }))))
         return;
       await deleteCase(one.id);
       memory.forget(one.id);

@@ -21,15 +21,18 @@ export function columnsOf(profile: Profile, layers: readonly SidedCurves[]): rea
   return [profile.intensity, profile.mirrored, ...curves];
 }
 
-/** The profile as comma-separated values; what is not known is empty. */
-export function profileCsv(profile: Profile, layers: readonly SidedCurves[]): string {
+/**
+ * The profile as comma-separated values; what is not known is empty. Each row ends with the lines below a picture of
+ * the case: a table of several profiles still says which row is whose.
+ */
+export function profileCsv(profile: Profile, layers: readonly SidedCurves[], caption: readonly string[]): string {
+  const quoted = (text: string): string => `,"${text.replaceAll('"', '""')}"`;
   const cell = (value = NaN): string => (Number.isFinite(value) ? String(Number(value.toPrecision(7))) : "");
   const columns = [profile.depth_mm, ...columnsOf(profile, layers)];
-  const rows = profile.depth_mm.map((_, at) => columns.map((values) => cell(values[at])).join(","));
-  const names = layers.flatMap(({ name }) =>
-    [name, `mirrored ${name}`].map((one) => `,"${one.replaceAll('"', '""')}"`),
-  );
-  return [`depth_mm,intensity,mirrored_intensity${names.join("")}`, ...rows, ""].join("\r\n");
+  const end = caption.map(quoted).join("");
+  const rows = profile.depth_mm.map((_, at) => columns.map((values) => cell(values[at])).join(",") + end);
+  const names = layers.flatMap(({ name }) => [name, `mirrored ${name}`].map(quoted));
+  return [`depth_mm,intensity,mirrored_intensity${names.join("")},case,view,program`, ...rows, ""].join("\r\n");
 }
 
 /** The index of the sample nearest to a depth. */

@@ -283,12 +283,12 @@ export class SlicePane {
     );
   }
 
-  #goTo(position_mm: number, done = true): void {
+  #goTo(position_mm: number): void {
     if (!this.#state) return;
     const position = this.#center(this.#state).map((value, axis) =>
       axis === PLANES[this.plane].axis ? position_mm : value,
     );
-    this.#listener.move(withinReach(this.#shown, position as unknown as Vec3), done);
+    this.#listener.move(withinReach(this.#shown, position as unknown as Vec3), false);
   }
 
   #step(steps: number): void {
@@ -370,7 +370,7 @@ export class SlicePane {
         if (event.ctrlKey && this.#state) {
           this.#place(zoomedSlice(this.#view(this.#state), this.#shown, wheelZoom(pixels * 2), place));
         } else if (!event.ctrlKey && notches !== 0) {
-          // Away from the user is towards the head, the face and the patient's left, as the numbers grow on a slider.
+          // Away from the user is towards the top, the back and the left of the head, as the numbers grow on a slider.
           this.#step(-notches);
         }
       },

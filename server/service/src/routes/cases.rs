@@ -14,7 +14,7 @@ use super::layers::MapsView;
 use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::sent::json_body;
 use case::Quality;
-use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind};
+use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind, Parameters};
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
 use http_support::problem::{AppError, Problem};
@@ -486,13 +486,15 @@ async fn view_of(cases: &Cases, id: &CaseId) -> Result<CaseView, AppError> {
 #[serde(deny_unknown_fields)]
 pub struct CasePatch {
     /// Whether to keep it, whatever its age.
-    kept: bool,
+    kept: Option<bool>,
+    /// Another label: at most 200 characters, without control characters.
+    name: Option<String>,
 }
 
-/// Keep a case
+/// Rename a case, or keep it
 ///
 /// A kept case is never removed because of its age, even if the server removes others (`storage.keep_days`). It can
-/// still be deleted. A version of the case is a case of its own.
+/// still be deleted. The label does not affect the id. A version of the case is a case of its own.
 #[utoipa::path(
     patch, path = "/v1/cases/{id}", tag = "cases",
     params(("id" = String, Path, description = "The case")),
@@ -502,6 +504,7 @@ pub struct CasePatch {
         (status = 400, description = "The body is invalid", body = Problem, content_type = "application/problem+json"),
         (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The label cannot be used", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn patch_case(
@@ -512,7 +515,13 @@ pub async fn patch_case(
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
     let patch: CasePatch = json_body(body)?;
-    if !cases.store().keep(&id, patch.kept).await? {
+    if let Some(name) = &patch.name {
+        Parameters::check_name(name).map_err(Error::from)?;
+        cases.store().rename(&id, name).await?;
+    }
+    if let Some(kept) = patch.kept
+        && !cases.store().keep(&id, kept).await?
+    {
         return Err(Error::NoSuchCase.into());
     }
     Ok(fresh_json(StatusCode::OK, &view_of(&cases, &id).await?))

@@ -1,4 +1,4 @@
-//! What is asked of a ready case with a body: versions of it, and many pictures.
+//! What is asked of a ready case with a body: another label, versions of it, and many pictures.
 
 use axum::body::Body;
 use axum::http::Method;
@@ -93,6 +93,36 @@ async fn a_version_is_a_case_that_names_the_other() {
         .upload(&[("volume", volume), ("mask", mask), other])
         .await;
     assert_eq!(kept.json()["name"], "Eight");
+}
+
+#[tokio::test]
+async fn a_case_is_renamed_and_kept() {
+    let (server, case) = Server::with_case().await;
+    let patch = async |body: Value| {
+        server
+            .ask(Method::PATCH, &case, &[], body.to_string())
+            .await
+    };
+    let said = |answer: &Answer| (answer.json()["name"].clone(), answer.json()["kept"].clone());
+    let renamed = patch(json!({"name": "Another"})).await;
+    assert_eq!(renamed.status, 200);
+    assert_eq!(said(&renamed), (json!("Another"), json!(false)));
+    let kept = patch(json!({"kept": true})).await;
+    assert_eq!(said(&kept), (json!("Another"), json!(true)));
+    let long = "x".repeat(201);
+    for (body, status, kind) in [
+        (json!({"kept": false, "name": long}), 422, "name-too-long"),
+        (json!({"kept": false, "name": "a\nb"}), 422, "name-not-text"),
+        (json!({"name": 3}), 400, "body-unreadable"),
+        (json!({"nom": "x"}), 400, "body-unreadable"),
+    ] {
+        let refused = patch(body).await;
+        assert_eq!(refused.refusal(), (status, kind.to_owned()));
+    }
+    let now = server.get(&case).await;
+    assert_eq!(said(&now), (json!("Another"), json!(true)));
+    let both = patch(json!({"kept": false, "name": "Third"})).await;
+    assert_eq!(said(&both), (json!("Third"), json!(false)));
 }
 
 /// A JSON body for many pictures, and the path of what is wrong with it.
