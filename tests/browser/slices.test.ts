@@ -169,7 +169,9 @@ test(
     assert.ok(box);
     await page.mouse.move(box.x + 60, box.y + 60);
     await page.mouse.down();
-    // A hand that rests on its way makes a step of it, as a busy machine may.
+    await page.mouse.move(box.x + 90, box.y + 80);
+    // A hand that pauses on its way makes no step of it.
+    await page.waitForTimeout(800);
     await page.mouse.move(box.x + 110, box.y + 90);
     await page.mouse.up();
     assert.ok((await fragment(page)).x, "a point is marked");

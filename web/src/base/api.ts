@@ -132,9 +132,12 @@ export async function getCase(id: string): Promise<Case> {
   return (await send(`v1/cases/${id}`, { cache: "no-store" })).json() as Promise<Case>;
 }
 
-/** Keeps a case whatever its age, or no longer; the case as it is then. */
-export async function keepCase(id: string, kept: boolean): Promise<Case> {
-  return (await send(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify({ kept }) })).json() as Promise<Case>;
+/** Renames a case, or keeps it whatever its age, or no longer; the case as it is then. */
+export async function changeCase(
+  id: string,
+  change: { readonly name?: string; readonly kept?: boolean },
+): Promise<Case> {
+  return (await send(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify(change) })).json() as Promise<Case>;
 }
 
 /** Deletes a case for good. */

@@ -108,8 +108,7 @@ export class Row {
       const image = await served({ path });
       this.#thumb.replaceChildren(image);
     } catch {
-      // A list without the picture is still a list; the next drawing of the row tries again.
-      this.#thumbAsked = false;
+      // A list without the picture is still a list; a row that is made anew asks again.
     }
   }
 }

@@ -1,6 +1,6 @@
 // What is known of the case and its mask, and what can be made of it: the mask's outline, its files, versions.
 
-import { getCase, getDicom, getFile, keepCase, makeVersion } from "../base/api.ts";
+import { changeCase, getCase, getDicom, getFile, handOver, makeVersion } from "../base/api.ts";
 import { caseTitle, reasonWords, voxelWords } from "../base/case-words.ts";
 import { h, setText, status } from "../base/dom.ts";
 import { known, moment, number, t } from "../base/i18n.ts";
@@ -10,7 +10,7 @@ import { type MaskBlock, decodeMask } from "../model/mask.ts";
 import { qualityOf } from "../model/quality.ts";
 import { MaskLayer } from "../panes/mask-layer.ts";
 import type { SliceLayer } from "../panes/slice-parts.ts";
-import { maskDialog } from "./dialogs.ts";
+import { askText, maskDialog } from "./dialogs.ts";
 import { fileStem } from "./export.ts";
 import { button, row } from "./fields.ts";
 import { saveFile } from "./picture-file.ts";
@@ -50,7 +50,7 @@ export class CaseSection {
     this.#keep = h("input", {
       type: "checkbox",
       id: "keep-case",
-      change: () => void this.#tellAge(keepCase(shown.id, this.#keep.checked)),
+      change: () => void this.#tellAge(changeCase(shown.id, { kept: this.#keep.checked })),
     });
     this.#outline = h("input", { type: "checkbox", id: "mask-outline", change: () => void this.#showOutline() });
     this.#offset = h("input", {
@@ -83,6 +83,7 @@ export class CaseSection {
       h("label", { class: "inline" }, this.#keep, t("case.keep")),
       h("label", { class: "inline" }, this.#outline, t("case.outline")),
       row(
+        button(t("case.rename"), () => void this.#rename()),
         button(t("quality.look"), () => maskDialog(shown.id)),
         button(t("case.save-mask"), () => void this.#save("mask")),
         button(t("case.save-envelope"), () => void this.#save("envelope")),
@@ -105,6 +106,19 @@ export class CaseSection {
       ),
       this.#note,
     );
+  }
+
+  /** Everything that bears the label is made anew. */
+  async #rename(): Promise<void> {
+    const name = await askText(t("case.rename"), t("case.label"), this.#shown.name ?? "");
+    if (!name) return;
+    try {
+      await changeCase(this.#shown.id, { name });
+      handOver();
+      location.reload();
+    } catch (problem) {
+      setText(this.#note, problemWords(problem));
+    }
   }
 
   /** Whether it is kept, and until when it stays if it is not. */

@@ -27,13 +27,13 @@ export interface CaseListListener {
   ready(one: Case): void;
 }
 
-/** Whether a case is what the words look for: all of them, in its name, id, date or state. */
+/** Whether a case is what the words look for: all of them, in its name, date or state, or as the beginning of its id. */
 export function matches(one: Case, search: string): boolean {
-  const text = `${caseFacts(one)} ${one.id}`.toLowerCase();
+  const text = caseFacts(one).toLowerCase();
   return search
     .toLowerCase()
     .split(/\s+/)
-    .every((word) => text.includes(word));
+    .every((word) => text.includes(word) || one.id.startsWith(word));
 }
 
 /** How the list is sorted. */

@@ -28,8 +28,6 @@ import type { Preferences } from "./preferences.ts";
 import { Speaker, spokenCommand } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
 
-const DOUBLE_CLICK_MS = 600;
-
 /** What the page around the viewer does for it. */
 export interface ViewerHost {
   readonly preferences: () => Preferences;
@@ -70,8 +68,8 @@ export class Viewer {
   #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
   /** What was shown before a hand moved the cross in a slice: one step back undoes its whole way. */
   #unmoved: ViewState | null = null;
-  /** What was shown before the clicks of what may be a double click, which enlarges a slice and moves nothing. */
-  #unclicked: ViewState | null = null;
+  /** What was shown before each of the last two clicks in a slice: a double click enlarges it and moves nothing. */
+  #unclicked: readonly (ViewState | undefined)[] = [];
   #frame = 0;
   #moving = false;
   #timerShown = false;
@@ -102,8 +100,9 @@ export class Viewer {
     this.panel = new Panel(shown, actions, { aids: this.#aids.elements, last: this.#onDemand.sections(this.#sweep) });
     this.#slices = new SliceGroup(shown, {
       load: later,
-      resized: () => {
-        if (this.#unclicked) this.#take(this.#unclicked);
+      resized: (isDoubleClick) => {
+        const [before] = this.#unclicked;
+        if (isDoubleClick && before) this.#take(before);
         redraw();
       },
       move: (position, done) => this.#moveCross(position, done),
@@ -301,6 +300,8 @@ export class Viewer {
 
   #onRest(): void {
     if (this.#sweep.isRunning) return;
+    // A hand that pauses on its way through a slice makes no step of it.
+    if (this.#slices.element.matches(":active")) return this.#address.stir();
     this.#unmoved = null;
     this.#address.replace();
     this.#history.record(this.#state);
@@ -356,8 +357,7 @@ export class Viewer {
     this.#picked = null;
     this.#unmoved ??= this.#state;
     if (done) {
-      this.#unclicked ??= this.#unmoved;
-      setTimeout(() => (this.#unclicked = null), DOUBLE_CLICK_MS);
+      this.#unclicked = [this.#unclicked[1], this.#unmoved];
       [this.#state, this.#unmoved] = [this.#unmoved, null];
     }
     this.#change({ crosshair_mm: position, ...(done ? turnedTo(position, this.shown) : {}) }, done);

@@ -12,8 +12,8 @@ import type { SlicePane } from "./slices.ts";
 export interface SliceGroupListener extends Omit<SliceListener, "enlarge"> {
   /** Fetches what panes are made of. */
   load(): Promise<{ readonly SlicePane: typeof SlicePane }>;
-  /** The slices have other sizes. */
-  resized(): void;
+  /** The slices have other sizes, after a double click in one or otherwise. */
+  resized(isDoubleClick: boolean): void;
 }
 
 export class SliceGroup {
@@ -80,7 +80,10 @@ export class SliceGroup {
       const { SlicePane } = await this.#listener.load();
       const state = this.#state;
       if (!state) return;
-      const listener = { ...this.#listener, enlarge: (plane: Plane) => this.#enlarge(plane) };
+      const listener = {
+        ...this.#listener,
+        enlarge: (plane: Plane, isDoubleClick?: boolean) => this.#enlarge(plane, isDoubleClick),
+      };
       this.#panes = PLANE_NAMES.map((plane) => new SlicePane(plane, this.#shown, listener));
       this.element.append(...this.#panes.map((pane) => pane.element));
       for (const pane of this.#panes) {
@@ -97,8 +100,8 @@ export class SliceGroup {
   }
 
   /** Shows a slice as large as all panes, or all panes again. */
-  #enlarge(plane: Plane | null): void {
+  #enlarge(plane: Plane | null, isDoubleClick = false): void {
     for (const pane of this.#panes) pane.enlarge(pane.plane === plane && !pane.isLarge);
-    this.#listener.resized();
+    this.#listener.resized(isDoubleClick);
   }
 }

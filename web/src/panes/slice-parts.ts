@@ -17,7 +17,7 @@ export interface SliceListener {
   /** A drag with the right button. */
   window(move: Vec2): void;
   /** A double click, or the button: as large as all panes, or not. */
-  enlarge(plane: Plane): void;
+  enlarge(plane: Plane, isDoubleClick?: boolean): void;
   /** Who knows the points, and draws slices in the page. */
   surface(): Pick<Surface, "probe" | "canSlice" | "slice">;
   /** The cross is put here; `done` when the hand has left. */

@@ -374,7 +374,7 @@ export class SlicePane {
           this.#step(-notches);
         }
       },
-      pick: () => this.#listener.enlarge(this.plane),
+      pick: () => this.#listener.enlarge(this.plane, true),
       busy: (busy) => {
         if (!busy && at) cross(at, true);
         if (!busy) at = null;
