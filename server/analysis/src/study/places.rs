@@ -9,8 +9,6 @@ use crate::slant::slope;
 
 /// The greatest distance of the tissue scale of a junction voxel from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.15;
-/// The least distance between the places of two lesions, in mm.
-pub(crate) const APART_MM: f64 = 25.0;
 /// The greatest depth of cortex, in mm.
 const DEEPEST_MM: f32 = 28.0;
 /// The least depth of the bottom of a sulcus, in mm.
@@ -68,37 +66,20 @@ impl Offer {
     }
 }
 
-/// The places to choose.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Draw {
-    pub(crate) count: usize,
-    pub(crate) seed: u64,
-    /// The least distance between two places, in mm.
-    pub(crate) apart_mm: f64,
-}
-
 /// Random places by seed: half at the bottom of sulci, a quarter each in walls and crowns, 60 % frontal, at least 10 %
-/// each mesial and basal. If the head is too small, they are closer to each other.
-pub(crate) fn places(offers: &[Offer], draw: Draw) -> Vec<Place> {
-    let mut random = Random::new(draw.seed);
+/// each mesial and basal.
+///
+/// Each place is drawn independently of the others. A least distance would spread them evenly over the head, which
+/// favours sharp junctions: blurred ones offer more voxels near the middle, and so more places.
+pub(crate) fn places(offers: &[Offer], count: usize, seed: u64) -> Vec<Place> {
+    let mut random = Random::new(seed);
     let mut found: Vec<Place> = Vec::new();
-    let mut apart_mm = draw.apart_mm;
-    while found.len() < draw.count && !offers.is_empty() {
+    while found.len() < count && !offers.is_empty() {
         let wish = wish(&mut random);
-        let tries = 400;
-        let next = (0..tries)
-            .map(|_| &offers[random.below(offers.len())])
-            .find(|offer| {
-                let position = offer.place.position_in_patient;
-                offer.meets(wish)
-                    && found
-                        .iter()
-                        .all(|other| other.position_in_patient.distance(position) >= apart_mm)
-            });
-        match next {
-            Some(offer) => found.push(offer.place),
-            // There may be no such place left.
-            None => apart_mm *= 0.97,
+        let suitable: Vec<&Offer> = offers.iter().filter(|offer| offer.meets(wish)).collect();
+        // A small head may have no such place.
+        if !suitable.is_empty() {
+            found.push(suitable[random.below(suitable.len())].place);
         }
     }
     found
