@@ -192,3 +192,46 @@ fn ventricles(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<DVec3> {
     }
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A blurred junction offers many places close together, a sharp one few that are far apart.
+    #[test]
+    fn places_for_lesions_and_for_comparison_have_the_same_share_of_blurred_junction() {
+        let offer = |x: f64, y: f64, number: u32| Offer {
+            place: Place {
+                position_in_patient: DVec3::new(x, y, 0.0),
+                depth_mm: [16.0, 9.0, 5.0][number as usize % 3],
+            },
+            kind: number as usize % 3,
+            is_frontal: number % 2 == 0,
+            is_mesial: number % 5 == 0,
+            is_basal: number % 7 == 0,
+        };
+        let blurred = (0..900u32).map(|n| offer(f64::from(n % 30), f64::from(n / 30), n));
+        let sharp = (0..900u32).map(|n| {
+            let [x, y] = [n % 30, n / 30].map(|along| f64::from(along) * 5.0);
+            offer(-x - 50.0, y, n)
+        });
+        let offers: Vec<Offer> = blurred.chain(sharp).collect();
+        let share = |places: &[Place]| {
+            let blurred = places
+                .iter()
+                .filter(|place| place.position_in_patient.x >= 0.0);
+            blurred.count() as f64 / places.len() as f64
+        };
+        let shares = (0..20).map(|seed| {
+            let places = places(&offers, 120 + 400, seed);
+            let (trials, normals) = places.split_at(120);
+            [share(trials), share(normals)]
+        });
+        let [trials, normals] = shares.fold([0.0; 2], |sum, [trials, normals]| {
+            [sum[0] + trials / 20.0, sum[1] + normals / 20.0]
+        });
+        // Three standard errors of 2,400 places.
+        assert!((trials - 0.5).abs() < 0.03, "{trials}");
+        assert!((normals - 0.5).abs() < 0.02, "{normals}");
+    }
+}

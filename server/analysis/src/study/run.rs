@@ -258,6 +258,7 @@ impl StudyParameters {
 /// A head without a lesion, with the scores of all observers.
 struct Pristine {
     seen: Seen,
+    aided: Aided,
     /// The scores at normal places, ascending, in the order of [`View::ALL`].
     normals: Vec<Vec<f32>>,
 }
@@ -282,6 +283,7 @@ impl Pristine {
         });
         Self {
             seen,
+            aided,
             normals: normals.to_vec(),
         }
     }
@@ -293,18 +295,29 @@ impl Pristine {
         lesion: &Lesion,
         parameters: &MapParameters,
     ) -> Result<Vec<Sighting>, MapsUndefined> {
+        let changed = Changed {
+            centre: lesion.centre_in_patient,
+            reach_mm: lesion.reach_mm(),
+        };
         let volume = ground.with_lesion(lesion);
+        if volume == *ground.head.volume {
+            // The maps of the same volume are the same, so those of a sham need no second computation.
+            let seen = self
+                .seen
+                .with(ground.head, &ground.block, &ground.values, changed);
+            return Ok(self.sighted(lesion, &seen, &self.aided));
+        }
         let head = Head {
             volume: &volume,
             ..ground.head
         };
         let (block, values, tissue) = tissue_of(head)?;
-        let changed = Changed {
-            centre: lesion.centre_in_patient,
-            reach_mm: lesion.reach_mm(),
-        };
         let seen = self.seen.with(head, &block, &values, changed);
         let aided = Aided::of(head, &block, (&values, &tissue), parameters);
+        Ok(self.sighted(lesion, &seen, &aided))
+    }
+
+    fn sighted(&self, lesion: &Lesion, seen: &Seen, aided: &Aided) -> Vec<Sighting> {
         let centre = lesion.centre_in_patient;
         let sighting = |(view, normals): (View, &Vec<f32>)| {
             let (marks, score) = match view.is_aided() {
@@ -316,11 +329,11 @@ impl Pristine {
                 false_marks: false_marks_above(&marks, centre, lesion.radius_mm),
             }
         };
-        Ok(View::ALL
+        View::ALL
             .into_iter()
             .zip(&self.normals)
             .map(sighting)
-            .collect())
+            .collect()
     }
 }
 

@@ -1,8 +1,7 @@
 use glam::DVec3;
 
-use super::observer::{Aided, Seen};
+use super::run::run_head;
 use super::*;
-use crate::MapParameters;
 use crate::tests::phantom::{Phantom, Scan, lesion, plain_grid};
 
 fn noisy() -> Scan {
@@ -129,43 +128,6 @@ fn places_are_deep_enough_and_the_same_for_a_seed() {
             .iter()
             .all(|place| (4.0..28.0).contains(&place.depth_mm))
     );
-}
-
-/// In this phantom, blurred parts of the junction have more voxels near the middle, as in real heads. Places that are
-/// spread evenly over it favour its sharp parts.
-#[test]
-fn places_of_shams_and_places_for_comparison_are_alike() {
-    let phantom = Phantom {
-        liveliness: 0.9,
-        ..Phantom::PLAIN
-    };
-    let scan = phantom.scan(&plain_grid());
-    let ground = Ground::new(scan.head()).unwrap();
-    let maps = MapParameters::STANDARD;
-    let seen = Seen::of(ground.head, &ground.block, &ground.values);
-    let scales = (&ground.values[..], &ground.tissue);
-    let aided = Aided::of(ground.head, &ground.block, scales, &maps);
-    for view in [View::ThreeStacks, View::Isosurfaces, View::Sharpness] {
-        let score = |place: &Place| match view.is_aided() {
-            true => aided.at(view, place.position_in_patient),
-            false => seen.at(view, place.position_in_patient),
-        };
-        let mut areas = Vec::new();
-        for seed in 0..8 {
-            let places = ground.places(60 + 400, seed);
-            let (shams, normals) = places.split_at(60);
-            let normals: Vec<f32> = normals.iter().map(score).collect();
-            for sham in shams.iter().map(score) {
-                let less = |other: &&f32| **other < sham;
-                let equal = |other: &&f32| **other == sham;
-                let below = normals.iter().filter(less).count() as f64;
-                areas.push((below + normals.iter().filter(equal).count() as f64 / 2.0) / 400.0);
-            }
-        }
-        let area = areas.iter().sum::<f64>() / areas.len() as f64;
-        // Two and a half standard errors of 480 places.
-        assert!((area - 0.5).abs() < 0.033, "{}: {area}", view.name());
-    }
 }
 
 #[test]
