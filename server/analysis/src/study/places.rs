@@ -206,9 +206,9 @@ mod tests {
                 depth_mm: [16.0, 9.0, 5.0][number as usize % 3],
             },
             kind: number as usize % 3,
-            is_frontal: number % 2 == 0,
-            is_mesial: number % 5 == 0,
-            is_basal: number % 7 == 0,
+            is_frontal: number.is_multiple_of(2),
+            is_mesial: number.is_multiple_of(5),
+            is_basal: number.is_multiple_of(7),
         };
         let blurred = (0..900u32).map(|n| offer(f64::from(n % 30), f64::from(n / 30), n));
         let sharp = (0..900u32).map(|n| {
