@@ -142,6 +142,40 @@ fn the_papers_figures_are_drawn() {
     }
 }
 
+/// The quick study, with the least share of lesions that the map has to find in the made-up head; nine are found.
+#[test]
+fn the_quick_study_finds_most_lesions_and_reuses_its_results() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let results = folder.path().to_str().expect("UTF-8");
+    let arguments = ["study", "--quick", "--json", "--results", results];
+    let first = report(&arguments);
+    let views = first["report"]["views"].as_array().expect("views");
+    let blur = views
+        .iter()
+        .position(|view| view == "V9 blur on isosurfaces");
+    let blur = blur.expect("the view of the map");
+    let trials = first["report"]["heads"][0]["trials"].as_array();
+    let trials = trials.expect("trials");
+    let lesions: Vec<&Value> = trials
+        .iter()
+        .filter(|trial| trial["sign"] != "sham")
+        .collect();
+    assert_eq!((trials.len(), lesions.len()), (16, 12));
+    let is_found = |lesion: &&&Value| {
+        let above = &lesion["sightings"][blur]["false_marks"];
+        above.as_u64().is_some_and(|above| above < 5)
+    };
+    let found = lesions.iter().filter(is_found).count();
+    assert!(found >= 8, "{found} of 12 with fewer than 5 false marks");
+    let again = run(&arguments);
+    assert!(
+        again.stderr.is_empty(),
+        "a head with results is not run again"
+    );
+    let again: Value = serde_json::from_slice(&again.stdout).expect("it prints JSON");
+    assert_eq!(again, first);
+}
+
 #[test]
 fn one_renderer_may_be_asked_for() {
     let mut arguments = vec!["paper", "--phantom", "4", "--quick", "--json", "--cpu-only"];

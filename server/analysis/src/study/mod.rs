@@ -20,8 +20,6 @@ pub use search::{HIT_MM, Mark, false_marks_above};
 
 use geometry::Volume;
 
-use places::{APART_MM, Draw, offers};
-
 use crate::block::Block;
 use crate::maps::tissue_of;
 use crate::{Head, MapsUndefined, TissueScale};
@@ -47,26 +45,10 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Places for lesions, by seed.
+    /// Places for lesions, shams and comparison, by seed: all by one rule, each independently of the others.
     pub fn places(&self, count: usize, seed: u64) -> Vec<Place> {
-        self.drawn(Draw {
-            count,
-            seed,
-            apart_mm: APART_MM,
-        })
-    }
-
-    /// Places without a lesion, by the same rule, at any distance from each other.
-    pub(crate) fn normal_places(&self, count: usize, seed: u64) -> Vec<Place> {
-        self.drawn(Draw {
-            count,
-            seed,
-            apart_mm: 0.0,
-        })
-    }
-
-    fn drawn(&self, draw: Draw) -> Vec<Place> {
-        places::places(&offers(self.head, &self.block, &self.values), draw)
+        let offers = places::offers(self.head, &self.block, &self.values);
+        places::places(&offers, count, seed)
     }
 
     /// The volume of the head with a lesion.

@@ -9,8 +9,6 @@ use crate::slant::slope;
 
 /// The greatest distance of the tissue scale of a junction voxel from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.15;
-/// The least distance between the places of two lesions, in mm.
-pub(crate) const APART_MM: f64 = 25.0;
 /// The greatest depth of cortex, in mm.
 const DEEPEST_MM: f32 = 28.0;
 /// The least depth of the bottom of a sulcus, in mm.
@@ -68,37 +66,20 @@ impl Offer {
     }
 }
 
-/// The places to choose.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Draw {
-    pub(crate) count: usize,
-    pub(crate) seed: u64,
-    /// The least distance between two places, in mm.
-    pub(crate) apart_mm: f64,
-}
-
 /// Random places by seed: half at the bottom of sulci, a quarter each in walls and crowns, 60 % frontal, at least 10 %
-/// each mesial and basal. If the head is too small, they are closer to each other.
-pub(crate) fn places(offers: &[Offer], draw: Draw) -> Vec<Place> {
-    let mut random = Random::new(draw.seed);
+/// each mesial and basal.
+///
+/// Each place is drawn independently of the others. A least distance would spread them evenly over the head, which
+/// favours sharp junctions: blurred ones offer more voxels near the middle, and so more places.
+pub(crate) fn places(offers: &[Offer], count: usize, seed: u64) -> Vec<Place> {
+    let mut random = Random::new(seed);
     let mut found: Vec<Place> = Vec::new();
-    let mut apart_mm = draw.apart_mm;
-    while found.len() < draw.count && !offers.is_empty() {
+    while found.len() < count && !offers.is_empty() {
         let wish = wish(&mut random);
-        let tries = 400;
-        let next = (0..tries)
-            .map(|_| &offers[random.below(offers.len())])
-            .find(|offer| {
-                let position = offer.place.position_in_patient;
-                offer.meets(wish)
-                    && found
-                        .iter()
-                        .all(|other| other.position_in_patient.distance(position) >= apart_mm)
-            });
-        match next {
-            Some(offer) => found.push(offer.place),
-            // There may be no such place left.
-            None => apart_mm *= 0.97,
+        let suitable: Vec<&Offer> = offers.iter().filter(|offer| offer.meets(wish)).collect();
+        // A small head may have no such place.
+        if !suitable.is_empty() {
+            found.push(suitable[random.below(suitable.len())].place);
         }
     }
     found
@@ -210,4 +191,47 @@ fn ventricles(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<DVec3> {
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A blurred junction offers many places close together, a sharp one few that are far apart.
+    #[test]
+    fn places_for_lesions_and_for_comparison_have_the_same_share_of_blurred_junction() {
+        let offer = |x: f64, y: f64, number: u32| Offer {
+            place: Place {
+                position_in_patient: DVec3::new(x, y, 0.0),
+                depth_mm: [16.0, 9.0, 5.0][number as usize % 3],
+            },
+            kind: number as usize % 3,
+            is_frontal: number.is_multiple_of(2),
+            is_mesial: number.is_multiple_of(5),
+            is_basal: number.is_multiple_of(7),
+        };
+        let blurred = (0..900u32).map(|n| offer(f64::from(n % 30), f64::from(n / 30), n));
+        let sharp = (0..900u32).map(|n| {
+            let [x, y] = [n % 30, n / 30].map(|along| f64::from(along) * 5.0);
+            offer(-x - 50.0, y, n)
+        });
+        let offers: Vec<Offer> = blurred.chain(sharp).collect();
+        let share = |places: &[Place]| {
+            let blurred = places
+                .iter()
+                .filter(|place| place.position_in_patient.x >= 0.0);
+            blurred.count() as f64 / places.len() as f64
+        };
+        let shares = (0..20).map(|seed| {
+            let places = places(&offers, 120 + 400, seed);
+            let (trials, normals) = places.split_at(120);
+            [share(trials), share(normals)]
+        });
+        let [trials, normals] = shares.fold([0.0; 2], |sum, [trials, normals]| {
+            [sum[0] + trials / 20.0, sum[1] + normals / 20.0]
+        });
+        // Three standard errors of 2,400 places.
+        assert!((trials - 0.5).abs() < 0.03, "{trials}");
+        assert!((normals - 0.5).abs() < 0.02, "{normals}");
+    }
 }

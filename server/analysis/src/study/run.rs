@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::observer::{Aided, Changed, Seen, View};
 use super::random::Random;
 use super::search::false_marks_above;
-use super::{Effect, Ground, Lesion};
+use super::{Effect, Ground, Lesion, Place};
 use crate::maps::tissue_of;
 use crate::{Head, MapParameters, MapsUndefined};
 
@@ -59,7 +59,7 @@ impl StudyParameters {
     pub const FULL: Self = Self {
         lesions: 60,
         shams: 60,
-        normals: 400,
+        normals: 1000,
         seed: 20_061_122,
         lesion: None,
         maps: MapParameters::STANDARD,
@@ -180,11 +180,13 @@ pub fn run_head(
     mut observe: impl FnMut(&Trial, usize) -> ControlFlow<()>,
 ) -> Result<Vec<Trial>, MapsUndefined> {
     let ground = Ground::new(head)?;
-    let pristine = Pristine::of(&ground, parameters);
     let count = parameters.lesions + parameters.shams;
+    let places = ground.places(count + parameters.normals, parameters.seed);
+    let (places, normals) = places.split_at(count.min(places.len()));
+    let pristine = Pristine::of(&ground, normals, &parameters.maps);
     let mut random = Random::new(parameters.seed ^ 0x5EED);
     let mut trials = Vec::new();
-    for (number, place) in ground.places(count, parameters.seed).iter().enumerate() {
+    for (number, place) in places.iter().enumerate() {
         let is_sham = parameters.is_sham(number);
         let (sign, lesion) = parameters.drawn(place.position_in_patient, is_sham, &mut random);
         let sightings = pristine.sightings(&ground, &lesion, &parameters.maps)?;
@@ -209,8 +211,7 @@ pub fn run_head(
 }
 
 impl StudyParameters {
-    /// Whether a trial is a sham. Shams are spread evenly among the lesions: places are apart from each other, so the last ones drawn are
-    /// those that the first ones left over.
+    /// Whether a trial is a sham. Shams are spread evenly among the lesions.
     fn is_sham(&self, number: usize) -> bool {
         let shams_before = |number: usize| number * self.shams / (self.lesions + self.shams);
         shams_before(number + 1) > shams_before(number)
@@ -257,23 +258,22 @@ impl StudyParameters {
 /// A head without a lesion, with the scores of all observers.
 struct Pristine {
     seen: Seen,
+    aided: Aided,
     /// The scores at normal places, ascending, in the order of [`View::ALL`].
     normals: Vec<Vec<f32>>,
 }
 
 impl Pristine {
-    fn of(ground: &Ground<'_>, parameters: &StudyParameters) -> Self {
+    fn of(ground: &Ground<'_>, places: &[Place], parameters: &MapParameters) -> Self {
         let seen = Seen::of(ground.head, &ground.block, &ground.values);
         let aided = Aided::of(
             ground.head,
             &ground.block,
             (&ground.values, &ground.tissue),
-            &parameters.maps,
+            parameters,
         );
-        // Chosen by the same rule as the places of lesions, so that depth and lobe give nothing away.
-        let places = ground.normal_places(parameters.normals, parameters.seed ^ 0x0A11);
         let normals = View::ALL.map(|view| {
-            let score = |place: &super::Place| match view.is_aided() {
+            let score = |place: &Place| match view.is_aided() {
                 true => aided.at(view, place.position_in_patient),
                 false => seen.at(view, place.position_in_patient),
             };
@@ -283,6 +283,7 @@ impl Pristine {
         });
         Self {
             seen,
+            aided,
             normals: normals.to_vec(),
         }
     }
@@ -294,18 +295,29 @@ impl Pristine {
         lesion: &Lesion,
         parameters: &MapParameters,
     ) -> Result<Vec<Sighting>, MapsUndefined> {
+        let changed = Changed {
+            centre: lesion.centre_in_patient,
+            reach_mm: lesion.reach_mm(),
+        };
         let volume = ground.with_lesion(lesion);
+        if volume == *ground.head.volume {
+            // The maps of the same volume are the same, so those of a sham need no second computation.
+            let seen = self
+                .seen
+                .with(ground.head, &ground.block, &ground.values, changed);
+            return Ok(self.sighted(lesion, &seen, &self.aided));
+        }
         let head = Head {
             volume: &volume,
             ..ground.head
         };
         let (block, values, tissue) = tissue_of(head)?;
-        let changed = Changed {
-            centre: lesion.centre_in_patient,
-            reach_mm: lesion.reach_mm(),
-        };
         let seen = self.seen.with(head, &block, &values, changed);
         let aided = Aided::of(head, &block, (&values, &tissue), parameters);
+        Ok(self.sighted(lesion, &seen, &aided))
+    }
+
+    fn sighted(&self, lesion: &Lesion, seen: &Seen, aided: &Aided) -> Vec<Sighting> {
         let centre = lesion.centre_in_patient;
         let sighting = |(view, normals): (View, &Vec<f32>)| {
             let (marks, score) = match view.is_aided() {
@@ -317,11 +329,11 @@ impl Pristine {
                 false_marks: false_marks_above(&marks, centre, lesion.radius_mm),
             }
         };
-        Ok(View::ALL
+        View::ALL
             .into_iter()
             .zip(&self.normals)
             .map(sighting)
-            .collect())
+            .collect()
     }
 }
 

@@ -1,7 +1,7 @@
 use glam::DVec3;
 
+use super::run::run_head;
 use super::*;
-use crate::study::run::run_head;
 use crate::tests::phantom::{Phantom, Scan, lesion, plain_grid};
 
 fn noisy() -> Scan {
@@ -116,7 +116,7 @@ fn a_thickening_moves_the_junction_into_white_matter_and_a_darkening_lowers_it()
 }
 
 #[test]
-fn places_are_apart_deep_enough_and_the_same_for_a_seed() {
+fn places_are_deep_enough_and_the_same_for_a_seed() {
     let scan = noisy();
     let ground = Ground::new(scan.head()).unwrap();
     let places = ground.places(12, 5);

@@ -110,6 +110,7 @@ pub(super) fn named(family: &str) -> Option<(Vec<Variant>, Bias)> {
         "warp" => warp(),
         "signs" => signs(),
         "joined" => two_signs(),
+        "third term" => third_term().into(),
         _ => return None,
     };
     let mut variants = vec![one("present", blur(|_| ()))];
@@ -250,12 +251,17 @@ fn two_signs() -> Vec<Variant> {
             Join::Sum,
             vec![blur(|_| ()), thickness(), dark()],
         ),
+    ]
+}
+
+fn third_term() -> [Variant; 2] {
+    [
         one(
-            "blur with a third of white matter",
+            "white matter as a third term",
             of(&[(DETAIL, -0.6), (SHARPNESS, -0.25), (white(3.0), -0.3)]),
         ),
         one(
-            "blur with a third of all tissue",
+            "all tissue as a third term",
             of(&[(DETAIL, -0.7), (SHARPNESS, -0.3), (tissue(3.0), -0.3)]),
         ),
     ]
