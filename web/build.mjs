@@ -188,10 +188,11 @@ async function sources() {
 }
 
 /** Long names of members that, like those in camelCase, no JSON, shader, attribute or browser has. */
-const OWN = `about actions announce averages_shallow bare_window comparison complain contour_count contours_mm convention crosshair_mm
-  describe drawable encode equipment fetched gradients internal isStep isWhole measured mm_per_pixel mm_per_s outlines_mm painter pictures placing
-  native_spacing_mm points_per_contour preferences redraw stride strip texels trouble unread voxel_from_patient voxels
-  wanted`;
+const OWN = `about actions announce averages_shallow bare_window comparison complain contour_count contours_mm convention
+  crosshair_mm describe drawable encode enlarge equipment fetched gradients intensities internal isLast isReady
+  isStep isWhole keepsName letter measured mm_per_pixel mm_per_s native_spacing_mm outlines_mm painter pictures
+  placing points_per_contour preferences redraw retryAfter stride strip texels trouble unread voxel_from_patient
+  voxels wanted`;
 
 /** Fields of the shaders' uniform blocks that the scripts have elsewhere as well, as members of their own. */
 const SHARED_FIELDS = [

@@ -160,7 +160,10 @@ test("the page leads to two cases, which are linked in angle, depth, point and w
   await page.locator("#linked").check();
   assert.equal(await said(right, "d", (text) => text === "9"), "9");
   // The token was asked for: the browser says so.
-  assert.ok(troubles.every((trouble) => trouble.includes("401")), troubles.join("\n"));
+  assert.ok(
+    troubles.every((trouble) => trouble.includes("401")),
+    troubles.join("\n"),
+  );
   await context.close();
 });
 

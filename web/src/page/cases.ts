@@ -27,7 +27,7 @@ export interface CaseListListener {
   ready(one: Case): void;
 }
 
-/** Whether a case is what the words look for: all of them, in its name, date or state, or as the beginning of its id. */
+/** Whether a case is what the words look for: all in its name, date or state, or as the beginning of its id. */
 export function matches(one: Case, search: string): boolean {
   const text = caseFacts(one).toLowerCase();
   return search

@@ -101,8 +101,7 @@ export class Viewer {
     this.#slices = new SliceGroup(shown, {
       load: later,
       resized: (isDoubleClick) => {
-        const [before] = this.#unclicked;
-        if (isDoubleClick && before) this.#take(before);
+        if (isDoubleClick && this.#unclicked[0]) this.#take(this.#unclicked[0]);
         redraw();
       },
       move: (position, done) => this.#moveCross(position, done),
