@@ -189,7 +189,7 @@ async function sources() {
 
 /** Long names of members that, like those in camelCase, no JSON, shader, attribute or browser has. */
 const OWN = `about actions announce averages_shallow bare_window comparison complain contour_count contours_mm convention
-  crosshair_mm describe drawable encode enlarge equipment fetched gradients intensities internal isLast isReady
+  crosshair_mm describe drawable encode enlarge equipment fetched gradients internal isLast isReady
   isStep isWhole keepsName letter measured mm_per_pixel mm_per_s native_spacing_mm outlines_mm painter pictures
   placing points_per_contour preferences redraw retryAfter stride strip texels trouble unread voxel_from_patient
   voxels wanted`;
