@@ -7,6 +7,7 @@ import { after, before, test } from "node:test";
 
 import type { Browser, Frame, Page } from "playwright-core";
 
+import { violations } from "./axe.ts";
 import { isBrain, nifti } from "./phantom.ts";
 import {
   type Server,
@@ -174,6 +175,8 @@ test("an address opens both cases as they were; one that names none opens none",
   await page.waitForSelector("body[data-linked=true]");
   const [left, right] = frames(page);
   assert.equal(await said(left, "d", (text) => text === "7"), "7");
+  await keep(page, "compare-again");
+  assert.deepEqual(await violations(page), []);
   // The right one takes over what the left one shows.
   assert.equal(await said(right, "l", (text) => text === ""), "");
   for (const [asked, words] of [

@@ -31,6 +31,8 @@ export class Side {
   #state: ViewState | null = null;
   #panes: Element | null = null;
   #isFollowing = false;
+  /** What was opened before is given up. */
+  #turn = 0;
 
   constructor(name: "left" | "right", cases: readonly Case[], host: SideHost) {
     this.#host = host;
@@ -60,15 +62,19 @@ export class Side {
     const id = asked.kind === "case" ? asked.id : "";
     this.choice.value = id;
     if (id === "") return;
-    const frame = h("iframe", { title: this.#name, src: `./#${address}` });
-    this.#frame = frame;
-    this.element.replaceChildren(frame);
+    const turn = this.#turn;
     const shown = await getCase(id);
-    // A case that is not ready, or is gone, says so in its frame.
-    while (frame === this.#frame && shown.state === "ready") {
+    if (turn !== this.#turn) return;
+    const frame = h("iframe", { title: this.#name, src: `./#${address}` });
+    this.element.replaceChildren(frame);
+    this.#frame = frame;
+    while (turn === this.#turn) {
       const inside = frame.contentDocument;
-      const panes = inside?.body?.dataset.loaded ? inside.querySelector(".panes") : null;
-      if (panes) return this.#meet(shown, panes);
+      const isLoaded = inside?.body?.dataset.loaded === "true";
+      // A case that is not ready says so in its frame.
+      if (isLoaded && shown.state !== "ready") return this.#frameIn(inside);
+      const panes = isLoaded ? inside.querySelector(".panes") : null;
+      if (panes && shown.state === "ready") return this.#meet(shown, panes);
       await wait(LOOK_AGAIN_MS);
     }
   }
@@ -76,6 +82,7 @@ export class Side {
   /** Shows nothing. */
   close(): void {
     [this.#frame, this.#shown, this.#state, this.#panes] = [null, null, null, null];
+    this.#turn += 1;
     this.element.replaceChildren();
   }
 
@@ -93,13 +100,17 @@ export class Side {
       this.#state = (event as CustomEvent<ViewState>).detail;
       if (!this.#isFollowing) this.#host.changed(this);
     });
-    const inside = panes.ownerDocument;
+    this.#frameIn(panes.ownerDocument);
+    // Changing nothing tells the state.
+    this.follow({});
+  }
+
+  /** Leaves out of the page what stands around both frames. */
+  #frameIn(inside: Document): void {
     inside.documentElement.classList.add("framed");
     this.#frame?.classList.add("met");
     // The controls have too little room beside half a picture: they are one click away.
     const fold = inside.querySelector('use[href="#icon-panel"]')?.closest("button");
     if (fold?.getAttribute("aria-expanded") === "true") fold.click();
-    // Changing nothing tells the state.
-    this.follow({});
   }
 }
