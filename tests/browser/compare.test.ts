@@ -180,7 +180,7 @@ test("an address opens both cases as they were; one that names none opens none",
   // The right one takes over what the left one shows.
   assert.equal(await said(right, "l", (text) => text === ""), "");
   for (const [asked, words] of [
-    ["nonsense", "Choose a case for each side."],
+    ["nonsense", "Choose two cases."],
     [`${"0".repeat(32)}/${later}`, "There is no case with this id."],
   ] as const) {
     await page.goto(new URL(`compare#${asked}`, server.address).href);
