@@ -609,7 +609,7 @@ test("the versions of a case are told apart in the list", { skip, timeout: 600_0
   const { id: version } = (await answer.json()) as { id: string };
   await page.waitForSelector(`#case-list li[data-id="${version}"][data-state=ready]`);
   const words = (one: string | null): Promise<string> => page.locator(`#case-list li[data-id="${one}"]`).innerText();
-  assert.match(await words(version), /\d:\d\d · version/);
+  assert.match(await words(version), /\d:\d\d · offset -?\d/);
   await page.waitForFunction(
     (one) =>
       /\d:\d\d · first version/.test(document.querySelector(`#case-list li[data-id="${one}"]`)?.textContent ?? ""),

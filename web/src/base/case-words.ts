@@ -51,7 +51,7 @@ export const reasonWords = ({ reasons, reason_codes }: Quality): readonly string
 export function versionOf(one: Case): string {
   const isVersion = one.previous !== undefined;
   if (!isVersion && !one.next?.length) return "";
-  return t(isVersion ? "case.version" : "case.original", { time: moment(one.created_at) });
+  return t(isVersion ? "case.version" : "case.original", { ...one, time: moment(one.created_at) });
 }
 
 /** The edges of a voxel as it was acquired; one number where they are alike. */

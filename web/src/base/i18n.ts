@@ -44,7 +44,7 @@ export async function learn(wanted: Language): Promise<void> {
 export const spoken = (): Language => language;
 
 /** The words of a key, `{name}` being replaced by the value of that name. */
-export function t(key: Key, values: Readonly<Record<string, string | number>> = {}): string {
+export function t(key: Key, values: Readonly<Record<string, unknown>> = {}): string {
   return words[key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 }
 

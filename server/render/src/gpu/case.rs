@@ -26,6 +26,8 @@ pub(super) const FIELD_BYTES: u64 = 2 + 4 + 2;
 pub(super) struct CaseMaps {
     /// The format of values.
     pub(super) texels: Texels,
+    /// The stored intensity of a texel of 0.
+    pub(super) stored_offset: u16,
     /// Native voxels in a texel, along each axis.
     pub(super) reduction: [usize; 3],
     /// Texels of the volume.
@@ -95,8 +97,9 @@ impl CaseTextures {
         let volume_size = reduced_size(native, plan.reduction);
         let texels = open.texels;
         let volume = texture(open, texels.intensity_format(), volume_size);
+        let stored_offset = texels.stored_offset(&stored);
         fill(open, &volume, volume_size, &stored, |values| {
-            texels.intensities(values)
+            texels.intensities(values, stored_offset)
         });
         let field_size = scene.field.grid().size();
         let [field, smoothed] = [scene.field, scene.normals].map(|field| {
@@ -115,6 +118,7 @@ impl CaseTextures {
         Self {
             maps: CaseMaps {
                 texels,
+                stored_offset,
                 reduction: plan.reduction,
                 volume_size,
                 envelope_in_field: box_around(scene.shell),

@@ -9,7 +9,8 @@ use wgpu::TextureFormat;
 /// A format of 16 bits that can be filtered between texels.
 ///
 /// Whole numbers, which are exact, if the device can filter them. Otherwise half-precision numbers, which every device
-/// can filter: then depths beyond 16 voxels are off by up to 1/128 voxel, and intensities are exact up to 2,048.
+/// can filter: then depths beyond 16 voxels are off by up to 1/128 voxel, and intensities are exact up to 2,048 above the
+/// least.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Texels {
     /// `R16Unorm` and `R16Snorm`.
@@ -52,11 +53,22 @@ impl Texels {
         }
     }
 
-    /// Bytes of stored intensities.
-    pub(super) fn intensities(self, stored: &[u16]) -> Cow<'_, [u8]> {
+    /// The stored intensity of a texel of 0: signed intensities are stored from 32,768 on, where half precision is coarse.
+    pub(super) fn stored_offset(self, stored: &[u16]) -> u16 {
+        match self {
+            Self::Whole => 0,
+            Self::Half => stored.iter().copied().min().unwrap_or(0),
+        }
+    }
+
+    /// Bytes of stored intensities, none of which is below `offset`.
+    pub(super) fn intensities(self, stored: &[u16], offset: u16) -> Cow<'_, [u8]> {
         match self {
             Self::Whole => Cow::Borrowed(bytemuck::cast_slice(stored)),
-            Self::Half => halves(stored, 1.0 / HALF_SCALE),
+            Self::Half => {
+                let above: Vec<u16> = stored.iter().map(|&stored| stored - offset).collect();
+                Cow::Owned(halves(&above, 1.0 / HALF_SCALE).into_owned())
+            }
         }
     }
 
@@ -83,7 +95,7 @@ mod tests {
     #[test]
     fn half_precision_holds_every_intensity_up_to_2048_and_comes_near_to_the_rest() {
         let stored: Vec<u16> = (0..=u16::MAX).collect();
-        let bytes = Texels::Half.intensities(&stored);
+        let bytes = Texels::Half.intensities(&stored, 0);
         for (&stored, bytes) in stored.iter().zip(bytes.chunks_exact(2)) {
             let half = f16::from_ne_bytes([bytes[0], bytes[1]]).to_f32();
             let found = half * Texels::Half.stored_scale();
@@ -97,6 +109,20 @@ mod tests {
                 "{stored}: {found}"
             );
         }
+    }
+
+    #[test]
+    fn half_precision_holds_signed_intensities_above_the_least() {
+        let stored: Vec<u16> = (32_768..=34_816).rev().collect();
+        let least = Texels::Half.stored_offset(&stored);
+        assert_eq!(least, 32_768);
+        let bytes = Texels::Half.intensities(&stored, least);
+        for (&stored, bytes) in stored.iter().zip(bytes.chunks_exact(2)) {
+            let half = f16::from_ne_bytes([bytes[0], bytes[1]]).to_f32();
+            let found = half * Texels::Half.stored_scale() + f32::from(least);
+            assert_eq!(found, f32::from(stored));
+        }
+        assert_eq!(Texels::Whole.stored_offset(&stored), 0);
     }
 
     #[test]

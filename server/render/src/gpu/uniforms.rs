@@ -74,7 +74,7 @@ pub(super) fn picture(
             .map(|side| side as f32),
         stored_scale: base.map_or(maps.texels.stored_scale(), |base| base.scale),
         field_size: field_grid.size().map(|side| side as f32),
-        stored_offset: base.map_or(0.0, |base| base.offset),
+        stored_offset: base.map_or(maps.stored_offset.into(), |base| base.offset),
         towards_viewer: single(projection.towards_viewer_in_patient()),
         depth_scale: maps.texels.depth_scale(),
         box_low: single(maps.envelope_in_field[0] + (depth - BOX_MARGIN)),
