@@ -619,6 +619,26 @@ test("the versions of a case are told apart in the list", { skip, timeout: 600_0
   await page.waitForSelector(`#case-list li[data-id="${version}"]`, { state: "detached" });
 });
 
+test("a case is renamed from its panel, and everything bears the new label", { skip }, async () => {
+  const id = (await page.locator("#case-list li", { hasText: "Marked" }).getAttribute("data-id")) ?? "";
+  const { page: own, troubles, context } = await openPage(browser);
+  await own.goto(new URL(`#${id}&d=7`, server.address).href);
+  await shown(own);
+  await own.locator("summary", { hasText: "Case and mask" }).click();
+  await own.locator("button", { hasText: "Rename …" }).click();
+  await own.locator("dialog.ask-text #text").fill("Renamed");
+  await own.keyboard.press("Enter");
+  await own.waitForSelector("#case-title:has-text('Renamed')");
+  await shown(own);
+  assert.match(await own.title(), /^Renamed · /);
+  assert.match(await own.locator(".pane.surface").first().innerText(), /Renamed · added /);
+  assert.equal(new URL(own.url()).hash, `#${id}&d=7`);
+  const back = { method: "PATCH", body: JSON.stringify({ name: "Marked" }) };
+  assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address), back)).status, 200);
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
 test("a case is deleted only after a confirmation", { skip }, async () => {
   const item = page.locator("#case-list li", { hasText: "Marked" });
   const id = await item.getAttribute("data-id");
