@@ -382,6 +382,7 @@ mod tests {
             darkening: 0.0,
             seed: 1,
             sightings: vec![sighting(false_marks); View::ALL.len()],
+            channels: Vec::new(),
         };
         let head = |is_tuned, trials| HeadResult {
             name: "head".to_owned(),

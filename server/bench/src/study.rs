@@ -8,10 +8,87 @@ use analysis::study::{Ground, HeadResult, StudyParameters, Trial, run_head};
 use geometry::{BrainMask, DepthField, Mask, Volume, distance_map, envelope};
 use imaging::nifti;
 
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
 use crate::BenchError;
 
 /// Radius of the ball that closes the brain mask, in mm.
 const CLOSING_MM: f64 = 10.0;
+
+/// The version of the files of results. It increases if lesions, places or observers change.
+const FORMAT: u32 = 2;
+
+/// The parameters of a stored result, in the words of the command line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct MadeWith {
+    format: u32,
+    map_format: u32,
+    lesions: usize,
+    shams: usize,
+    normals: usize,
+    seed: u64,
+    radius_mm: Option<f64>,
+    blur_mm: Option<f64>,
+}
+
+impl MadeWith {
+    fn these(parameters: &StudyParameters) -> Self {
+        Self {
+            format: FORMAT,
+            map_format: analysis::MAP_FORMAT,
+            lesions: parameters.lesions,
+            shams: parameters.shams,
+            normals: parameters.normals,
+            seed: parameters.seed,
+            radius_mm: parameters.lesion.map(|(_, radius_mm, _)| radius_mm),
+            blur_mm: parameters.lesion.map(|(_, _, effect)| effect.blur_mm),
+        }
+    }
+}
+
+/// The file of results of one head.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Stored {
+    made_with: MadeWith,
+    #[serde(flatten)]
+    result: HeadResult,
+}
+
+impl Stored {
+    /// The result in a file, if it was made with these parameters.
+    fn read(path: &Path, bytes: &[u8], made_with: &MadeWith) -> Result<HeadResult, BenchError> {
+        let refused = |reason: &str| {
+            let path = path.display();
+            let advice = "remove it, or name another directory with --results";
+            Err(BenchError::Usage(format!("{path} {reason}; {advice}")))
+        };
+        let json: Value = match serde_json::from_slice(bytes) {
+            Ok(json) => json,
+            Err(error) => return refused(&format!("is not a result of a study: {error}")),
+        };
+        let wanted = serde_json::to_value(made_with).expect("numbers");
+        let stored = &json["made_with"];
+        let others = wanted.as_object().into_iter().flatten();
+        let others: Vec<String> = others
+            .filter(|(name, now)| stored.get(name.as_str()) != Some(now))
+            .map(|(name, now)| match stored.get(name.as_str()) {
+                Some(then) => format!("{name} {then}, not {now}"),
+                None => format!("no {name}"),
+            })
+            .collect();
+        if !others.is_empty() {
+            return refused(&format!(
+                "was made with other parameters ({})",
+                others.join("; ")
+            ));
+        }
+        match serde_json::from_value::<Self>(json) {
+            Ok(stored) => Ok(stored.result),
+            Err(error) => refused(&format!("is not a result of a study: {error}")),
+        }
+    }
+}
 
 /// A head of the study, as files.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,7 +104,7 @@ pub struct StudyHead {
 /// The output directories.
 #[derive(Debug, Clone)]
 pub struct StudyFolders {
-    /// The directory of `NAME.json` for each head, which is reused if it exists.
+    /// The directory of `NAME.json` for each head, which is reused if it was made with the same parameters.
     pub results: PathBuf,
     /// The directory for each head with each of its lesions, as NIfTI.
     pub lesions: Option<PathBuf>,
@@ -37,7 +114,7 @@ impl StudyHead {
     /// The trials of this head: from the directory of results, or new ones.
     ///
     /// # Errors
-    /// If a file cannot be read or written, or the head has no maps.
+    /// If a file cannot be read or written, a result was made with other parameters, or the head has no maps.
     pub fn trials(
         &self,
         parameters: &StudyParameters,
@@ -45,14 +122,11 @@ impl StudyHead {
         progress: &dyn Fn(&str),
     ) -> Result<HeadResult, BenchError> {
         let path = folders.results.join(format!("{}.json", self.name));
+        let made_with = MadeWith::these(parameters);
         if let Ok(bytes) = std::fs::read(&path) {
-            let damaged = |error| {
-                let path = path.display();
-                BenchError::Usage(format!(
-                    "{path} is not a result of a study: {error}; remove it"
-                ))
-            };
-            return serde_json::from_slice(&bytes).map_err(damaged);
+            let mut result = Stored::read(&path, &bytes, &made_with)?;
+            result.is_tuned = self.is_tuned;
+            return Ok(result);
         }
         let (volume, mask) = self.read()?;
         let brain = BrainMask::from_mask(&mask, volume.grid())?;
@@ -83,9 +157,10 @@ impl StudyHead {
             is_tuned: self.is_tuned,
             trials,
         };
-        let bytes = serde_json::to_vec_pretty(&result).expect("numbers and names");
+        let stored = Stored { made_with, result };
+        let bytes = serde_json::to_vec_pretty(&stored).expect("numbers and names");
         write(&path, &bytes)?;
-        Ok(result)
+        Ok(stored.result)
     }
 
     fn read(&self) -> Result<(Volume, Mask), BenchError> {

@@ -174,6 +174,14 @@ fn the_quick_study_finds_most_lesions_and_reuses_its_results() {
     );
     let again: Value = serde_json::from_slice(&again.stdout).expect("it prints JSON");
     assert_eq!(again, first);
+    // A run with other parameters must not take these results for its own.
+    let other_arguments = ["study", "--lesions", "3", "--json", "--results", results];
+    let refused = run(&other_arguments);
+    let errors = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && refused.stdout.is_empty());
+    assert!(errors.contains("lesions 12, not 3"), "{errors}");
+    assert!(errors.contains("shams 4, not 3"), "{errors}");
+    assert!(errors.contains("--results"), "{errors}");
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! A study of synthetic lesions in real heads, with model observers that look for them.
 
+mod hotelling;
 mod lesion;
 mod observer;
+mod patches;
 mod places;
 mod random;
 mod region;
@@ -11,10 +13,11 @@ mod search;
 #[cfg(test)]
 mod tests;
 
+pub use hotelling::{CHANNELS, Outputs};
 pub use lesion::{Effect, Lesion};
 pub use observer::View;
 pub use places::Place;
-pub use report::{Criteria, Report, Verdict};
+pub use report::{Criteria, KnownPlace, Report, Verdict};
 pub use run::{HeadResult, Sighting, Sign, StudyParameters, Trial, run_head};
 pub use search::{HIT_MM, Mark, false_marks_above};
 

@@ -109,6 +109,11 @@ pub(crate) struct Seen {
 /// The scores of the observers of maps in a head.
 pub(crate) struct Aided {
     points: Vec<AidedPoint>,
+    /// The maps of the block; NaN where they are undefined.
+    pub(crate) sharpness: Vec<f32>,
+    pub(crate) blur: Vec<f32>,
+    /// The mean sharpness of the junction.
+    pub(crate) mean_sharpness: f32,
 }
 
 /// A voxel of the junction with its maps.
@@ -122,7 +127,8 @@ struct AidedPoint {
     blur: f32,
 }
 
-fn nearest_axes(block: &Block) -> [usize; 3] {
+/// The axes of the volume nearest to the patient's left, back and top.
+pub(crate) fn nearest_axes(block: &Block) -> [usize; 3] {
     let columns = block.grid.patient_from_voxel().matrix3;
     [0, 1, 2].map(|patient: usize| {
         let along = |axis: usize| columns.col(axis).normalize()[patient].abs();
@@ -296,8 +302,13 @@ impl Aided {
                 blur,
             }
         });
+        let points: Vec<AidedPoint> = points.collect();
+        let sum: f32 = points.iter().map(|point| point.sharpness).sum();
         Self {
-            points: points.collect(),
+            mean_sharpness: sum / points.len().max(1) as f32,
+            points,
+            blur: comparison.blur,
+            sharpness: sharpness.values,
         }
     }
 

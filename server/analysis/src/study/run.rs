@@ -5,7 +5,9 @@ use std::ops::ControlFlow;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::hotelling::Outputs;
 use super::observer::{Aided, Changed, Seen, View};
+use super::patches::outputs;
 use super::random::Random;
 use super::search::false_marks_above;
 use super::{Effect, Ground, Lesion, Place};
@@ -141,6 +143,8 @@ pub struct Trial {
     pub seed: u64,
     /// Its sightings, in the order of [`View::ALL`].
     pub sightings: Vec<Sighting>,
+    /// The outputs of the channels of O2 at its place, in the order of [`View::ALL`].
+    pub channels: Vec<Outputs>,
 }
 
 impl Trial {
@@ -189,7 +193,7 @@ pub fn run_head(
     for (number, place) in places.iter().enumerate() {
         let is_sham = parameters.is_sham(number);
         let (sign, lesion) = parameters.drawn(place.position_in_patient, is_sham, &mut random);
-        let sightings = pristine.sightings(&ground, &lesion, &parameters.maps)?;
+        let (sightings, channels) = pristine.observed(&ground, &lesion, &parameters.maps)?;
         let trial = Trial {
             sign,
             radius_mm: lesion.radius_mm,
@@ -200,6 +204,7 @@ pub fn run_head(
             darkening: lesion.effect.darkening,
             seed: lesion.seed,
             sightings,
+            channels,
         };
         let flow = observe(&trial, count);
         trials.push(trial);
@@ -288,24 +293,28 @@ impl Pristine {
         }
     }
 
-    /// The sightings of one lesion; every map is computed from the volume with the lesion.
-    fn sightings(
+    /// The sightings of one lesion, and the outputs of the channels at its place; every map is computed from the volume
+    /// with the lesion.
+    fn observed(
         &self,
         ground: &Ground<'_>,
         lesion: &Lesion,
         parameters: &MapParameters,
-    ) -> Result<Vec<Sighting>, MapsUndefined> {
+    ) -> Result<(Vec<Sighting>, Vec<Outputs>), MapsUndefined> {
         let changed = Changed {
             centre: lesion.centre_in_patient,
             reach_mm: lesion.reach_mm(),
         };
+        let place = (lesion.centre_in_patient, lesion.radius_mm);
         let volume = ground.with_lesion(lesion);
         if volume == *ground.head.volume {
             // The maps of the same volume are the same, so those of a sham need no second computation.
             let seen = self
                 .seen
                 .with(ground.head, &ground.block, &ground.values, changed);
-            return Ok(self.sighted(lesion, &seen, &self.aided));
+            let shown = (ground.values.as_slice(), &self.aided);
+            let channels = outputs(ground.head, &ground.block, shown, place);
+            return Ok((self.sighted(lesion, &seen, &self.aided), channels));
         }
         let head = Head {
             volume: &volume,
@@ -314,7 +323,8 @@ impl Pristine {
         let (block, values, tissue) = tissue_of(head)?;
         let seen = self.seen.with(head, &block, &values, changed);
         let aided = Aided::of(head, &block, (&values, &tissue), parameters);
-        Ok(self.sighted(lesion, &seen, &aided))
+        let channels = outputs(head, &block, (&values, &aided), place);
+        Ok((self.sighted(lesion, &seen, &aided), channels))
     }
 
     fn sighted(&self, lesion: &Lesion, seen: &Seen, aided: &Aided) -> Vec<Sighting> {

@@ -181,7 +181,23 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         is_tuned: false,
         trials,
     };
+    // Six channels need more than five patches.
+    let larger = HeadResult {
+        trials: [&head.trials[..]; 3].concat(),
+        ..head.clone()
+    };
+    let twice = Report::new(parameters.seed, vec![larger.clone(), larger]);
     let report = Report::new(parameters.seed, vec![head]);
+    assert!(
+        report.known_place().is_empty(),
+        "O2 needs another head to learn from"
+    );
+    let rows = twice.known_place();
+    assert_eq!((rows[0].counts, rows[2].counts), ([9, 6], [18, 12]));
+    for area in rows.iter().flat_map(|row| row.o1.iter().chain(&row.o2)) {
+        assert!((0.0..=1.0).contains(area), "{rows:?}");
+    }
+    assert!(twice.table(&Criteria::STANDARD).contains("O1 / O2"));
     let table = report.table(&Criteria::STANDARD);
     assert!(
         table.contains("| phantom | 3 |") && table.contains("(c) V9 minus V10"),

@@ -37,7 +37,8 @@ pub(super) struct StudyArgs {
     /// The seed of all random choices. [default: the seed of the study]
     #[arg(long)]
     seed: Option<u64>,
-    /// Directory for the results of each head; a head with results is not run again.
+    /// Directory for the results of each head; a head with results is not run again, and results of other parameters are
+    /// refused.
     #[arg(long, value_name = "DIR", default_value = "study")]
     results: PathBuf,
     /// Also write each head with each of its lesions into this directory as NIfTI.
@@ -130,7 +131,11 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     let report = Report::new(parameters.seed, results);
     if args.json {
         let verdicts = report.verdicts(&Criteria::STANDARD);
-        println!("{:#}", json!({ "report": report, "verdicts": verdicts }));
+        let known_place = report.known_place();
+        println!(
+            "{:#}",
+            json!({ "report": report, "known_place": known_place, "verdicts": verdicts })
+        );
     } else {
         print!("{}", report.table(&Criteria::STANDARD));
     }
