@@ -87,7 +87,11 @@ class Comparing {
   }
 
   async #choose(side: Side, id: string): Promise<void> {
+    // What was found of the other pair says nothing of this one.
     this.#registration = null;
+    document.body.dataset.linked = "false";
+    this.#verdict.classList.remove("warn");
+    setText(this.#verdict, "");
     await this.#open(side, id);
     await this.#register();
   }
@@ -111,6 +115,9 @@ class Comparing {
   /** Asks how the heads lie to each other, and links them. */
   async #register(): Promise<void> {
     const [left, right] = [this.#left.now, this.#right.now];
+    // A warning in one frame must not shift its picture against the other.
+    const isWarned = this.#left.isWarned || this.#right.isWarned;
+    for (const side of [this.#left, this.#right]) side.makeRoom(isWarned);
     this.#addressLater();
     document.body.dataset.linked = "false";
     this.#verdict.classList.remove("warn");
@@ -129,7 +136,8 @@ class Comparing {
       this.#verdict.classList.toggle("warn", !isSame);
       this.#relink();
     } catch (problem) {
-      setText(this.#verdict, problemWords(problem));
+      if (left.shown === this.#left.now?.shown && right.shown === this.#right.now?.shown)
+        setText(this.#verdict, problemWords(problem));
     }
   }
 

@@ -55,6 +55,16 @@ export class Side {
     return this.#frame?.contentWindow?.location.hash.replace(/^#/, "") ?? "";
   }
 
+  /** Whether a warning stands above the picture. */
+  get isWarned(): boolean {
+    return (this.#frame?.contentDocument?.querySelector(".quality:not([hidden])") ?? null) !== null;
+  }
+
+  /** Keeps room for a warning above the picture, or not. */
+  makeRoom(isWarned: boolean): void {
+    this.#frame?.contentDocument?.documentElement.classList.toggle("warned", isWarned);
+  }
+
   /** Shows what an address of the page says, in a frame of its own; an empty one: nothing. */
   async open(address: string): Promise<void> {
     this.close();
