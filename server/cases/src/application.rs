@@ -121,6 +121,8 @@ pub struct Cases {
     pub headers: Arc<HeaderReader>,
     pub(crate) checks: RoomToCheck,
     pub(crate) max_layers: usize,
+    /// One registration of cases at a time: pictures get their turns between them.
+    pub(crate) registering: Arc<tokio::sync::Mutex<()>>,
     deidentify: bool,
     remembered: Arc<Remembered>,
 }
@@ -202,6 +204,7 @@ impl Cases {
             )),
             checks: RoomToCheck::new(options.head, options.limits),
             max_layers: options.max_layers,
+            registering: Arc::default(),
             deidentify: options.deidentify,
             remembered,
         };

@@ -50,6 +50,7 @@ impl Cases {
         id: &CaseId,
         other: &CaseId,
     ) -> Result<CaseRegistration, Error> {
+        let _one_at_a_time = self.registering.lock().await;
         let turn = self.queue.turn().await?;
         let (case, other) = (self.placed(id).await?, self.placed(other).await?);
         let found = turn.run(move || place_case(&case, &other)).await?;
