@@ -156,25 +156,32 @@ async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), CliError>
 }
 
 /// Resolves at Ctrl-C or SIGTERM, after ending endless answers.
-async fn stop_of(state: AppState) {
-    told_to_stop().await;
-    tracing::info!("stopping");
-    state.stopping().begin();
+fn stop_of(state: AppState) -> impl Future<Output = ()> {
+    let told = told_to_stop();
+    async move {
+        told.await;
+        tracing::info!("stopping");
+        state.stopping().begin();
+    }
 }
 
+/// Resolves when a signal tells the process to stop. It listens from the call on, so that a signal that comes
+/// immediately after the address is printed is not lost.
 #[cfg(unix)]
-pub(super) async fn told_to_stop() {
+pub(super) fn told_to_stop() -> impl Future<Output = ()> {
     use tokio::signal::unix::{SignalKind, signal};
-    let mut terminate = signal(SignalKind::terminate()).ok();
-    let terminated = async {
-        match &mut terminate {
-            Some(signal) => signal.recv().await,
-            None => std::future::pending().await,
+    let signals = [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok());
+    async move {
+        let [terminated, interrupted] = signals.map(|listener| async move {
+            match listener {
+                Some(mut signal) => _ = signal.recv().await,
+                None => std::future::pending().await,
+            }
+        });
+        tokio::select! {
+            () = terminated => {}
+            () = interrupted => {}
         }
-    };
-    tokio::select! {
-        _ = tokio::signal::ctrl_c() => {}
-        _ = terminated => {}
     }
 }
 
