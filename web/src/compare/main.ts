@@ -8,6 +8,7 @@ import type { Case } from "../model/case.ts";
 import { linked } from "../model/linked.ts";
 import { type Affine, inverted, subtract, transform } from "../model/space.ts";
 import { askToken } from "../page/dialogs.ts";
+import { angleOf } from "../page/nudge.ts";
 import { loadPreferences } from "../page/preferences.ts";
 import { Side } from "./side.ts";
 
@@ -15,7 +16,7 @@ import { Side } from "./side.ts";
 const REST_MS = 600;
 
 interface Registration {
-  /** From the patient space of the right case to that of the left one. */
+  /** From the patient space of the second case to that of the first. */
   readonly case_from_other: Affine;
   readonly verdict: "registered" | "rough";
 }
@@ -33,9 +34,7 @@ async function allCases(): Promise<Case[]> {
 /** How far a transform moves the middle of a head, and turns it, in words. */
 function motionWords(affine: Affine, middle: readonly [number, number, number]): string {
   const shift = Math.hypot(...subtract(transform(affine, middle), middle));
-  const trace = [0, 1, 2].reduce((sum, axis) => sum + (affine[axis]?.[axis] ?? 0), 0);
-  const angle = (Math.acos(Math.min(Math.max((trace - 1) / 2, -1), 1)) * 180) / Math.PI;
-  return t("compare.registered", { shift: number(shift, 1), angle: number(angle, 1) });
+  return t("compare.registered", { shift: number(shift, 1), angle: number(angleOf(affine), 1) });
 }
 
 class Comparing {
@@ -88,10 +87,7 @@ class Comparing {
 
   async #choose(side: Side, id: string): Promise<void> {
     // What was found of the other pair says nothing of this one.
-    this.#registration = null;
-    document.body.dataset.linked = "false";
-    this.#verdict.classList.remove("warn");
-    setText(this.#verdict, "");
+    this.#unlink("");
     await this.#open(side, id);
     await this.#register();
   }
@@ -119,15 +115,14 @@ class Comparing {
     const isWarned = this.#left.isWarned || this.#right.isWarned;
     for (const side of [this.#left, this.#right]) side.makeRoom(isWarned);
     this.#addressLater();
-    document.body.dataset.linked = "false";
-    this.#verdict.classList.remove("warn");
-    if (!left || !right) return setText(this.#verdict, this.#trouble || t("compare.choose-both"));
-    setText(this.#verdict, t("compare.registering"));
+    if (!left || !right) return this.#unlink(this.#trouble || t("compare.choose-both"));
+    this.#unlink(t("compare.registering"));
+    // Others may be chosen in the meantime.
+    const isStillShown = (): boolean => left.shown === this.#left.now?.shown && right.shown === this.#right.now?.shown;
     const path = `v1/cases/${left.shown.id}/registration?with=${right.shown.id}`;
     try {
       const found = (await (await send(path)).json()) as Registration;
-      // Others may have been chosen in the meantime.
-      if (left.shown !== this.#left.now?.shown || right.shown !== this.#right.now?.shown) return;
+      if (!isStillShown()) return;
       this.#registration = found;
       const { case_from_other, verdict } = found;
       const isSame = verdict === "registered";
@@ -136,9 +131,16 @@ class Comparing {
       this.#verdict.classList.toggle("warn", !isSame);
       this.#relink();
     } catch (problem) {
-      if (left.shown === this.#left.now?.shown && right.shown === this.#right.now?.shown)
-        setText(this.#verdict, problemWords(problem));
+      if (isStillShown()) this.#unlink(problemWords(problem));
     }
+  }
+
+  /** Both go their own ways, for a reason. */
+  #unlink(why: string): void {
+    this.#registration = null;
+    document.body.dataset.linked = "false";
+    this.#verdict.classList.remove("warn");
+    setText(this.#verdict, why);
   }
 
   #relink(): void {

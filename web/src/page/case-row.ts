@@ -108,7 +108,7 @@ export class Row {
       const image = await served({ path });
       this.#thumb.replaceChildren(image);
     } catch {
-      // A list without the picture is still a list; a row that is made anew asks again.
+      // The list works without the picture. A row that is built again asks for it again.
     }
   }
 }

@@ -108,7 +108,7 @@ export class CaseSection {
     );
   }
 
-  /** Everything that bears the label is made anew. */
+  /** Renames the case and loads the page again: the label stands in many places. */
   async #rename(): Promise<void> {
     const name = await askText(t("case.rename"), t("case.label"), this.#shown.name ?? "");
     if (!name) return;
