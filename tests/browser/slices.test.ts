@@ -9,7 +9,7 @@ import type { ReadyCase } from "../../web/src/model/case.ts";
 import { type Demo, type Hands, startDemo } from "./hands.ts";
 import { isBrain, nifti } from "./phantom.ts";
 import { picturesAgree } from "./pixels.ts";
-import { type Server, type Watched, fragment, keep, openPage, skip, typeDepth, until } from "./support.ts";
+import { type Server, type Watched, fragment, keep, openPage, shown, skip, typeDepth, until } from "./support.ts";
 
 const PLANES = ["axial", "coronal", "sagittal"] as const;
 
@@ -77,7 +77,10 @@ test(
     // A wheel event tells whole pixels.
     const [cx, cy] = [Math.round(box.x + box.width / 2), Math.round(box.y + box.height / 2)];
     const slider = await page.locator(".slice.axial .slice-range").boundingBox();
-    assert.ok(slider && slider.y >= box.y + box.height - 0.5, "the slider lies below the picture");
+    const title = await page.locator(".slice.axial .pane-line").boundingBox();
+    const button = await page.locator(".slice.axial .icon-button").boundingBox();
+    for (const below of [slider, title, button])
+      assert.ok(below && below.y >= box.y + box.height - 0.5, "slider, name and button lie below the picture");
     const asked = (): Promise<string> =>
       page.waitForRequest((request) => request.url().includes("/slices/axial")).then((request) => request.url());
     // The slice of the test before may be shown until this one's has come.
@@ -132,7 +135,7 @@ test(
     await page.keyboard.press("o");
     assert.doesNotMatch(await waiting, /depth_mm/);
     await page.keyboard.press("o");
-    await page.locator(".slice.coronal .slice-view > .icon-button").click();
+    await page.locator(".slice.coronal .slice-bar > .icon-button").click();
     const panes = await page.locator(".panes").boundingBox();
     const large = await page.locator(".slice.coronal").boundingBox();
     assert.ok(panes && large && Math.abs(large.width - panes.width) < 2 && Math.abs(large.height - panes.height) < 2);
@@ -150,6 +153,36 @@ test(
     assert.ok(((await page.locator(".slice.coronal").boundingBox())?.width ?? 9999) < panes.width / 2);
   },
 );
+
+test("controls that are folded stay so when the page is loaded again", { skip }, async () => {
+  await reset();
+  const fold = page.getByRole("button", { name: "Controls", exact: true });
+  for (const isShown of [false, true]) {
+    await fold.click();
+    await page.reload();
+    await shown(page);
+    assert.equal(await page.locator(".panel").isVisible(), isShown);
+    assert.equal(await fold.getAttribute("aria-expanded"), String(isShown));
+  }
+});
+
+test("the surface is enlarged by its button, and Escape or a layout shows the slices again", { skip }, async () => {
+  await reset();
+  const surface = page.locator("#surface");
+  const enlarge = surface.locator(".icon-button");
+  assert.equal(await enlarge.isVisible(), false, "alone it is as large as it can be");
+  const choose = page.locator(".layouts button[value=slices]");
+  await choose.click();
+  const width = async (): Promise<number> => (await surface.boundingBox())?.width ?? 0;
+  const small = await width();
+  for (const shrink of [() => page.keyboard.press("Escape"), () => choose.click(), () => enlarge.click()]) {
+    await enlarge.click();
+    await until(width, (now) => now > 1.3 * small);
+    assert.equal(await page.locator(".slice.axial .icon-button").isVisible(), true, "only hidden below it");
+    await shrink();
+    await until(width, (now) => now === small);
+  }
+});
 
 test(
   "a double click in a slice moves nothing, Escape shrinks it, and one step back undoes a drag",

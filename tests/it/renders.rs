@@ -219,6 +219,25 @@ async fn a_sweep_comes_back_if_asked_to_and_shows_neither_end_twice() {
 }
 
 #[tokio::test]
+async fn a_sweep_averages_near_the_envelope_if_asked_to() {
+    let (server, case) = server_and_case().await;
+    let sweep = |slab_mm: f64| {
+        let render = json!({"width": 96, "height": 96, "slab_mm": slab_mm});
+        json!({"sweep": {"from_mm": 0, "to_mm": 2, "frames": 5, "average_shallow": true, "render": render}})
+    };
+    let averaged = frames(&ask(&server, &case, &sweep(0.0)).await);
+    let stills = [(0.0, 1.0), (0.5, 0.5), (1.0, 0.5), (1.5, 0.25), (2.0, 0.0)];
+    for (frame, (depth, slab)) in averaged.iter().zip(stills) {
+        let query = format!("depth_mm={depth}&slab_mm={slab}");
+        let still = pixels(&server, &case, &query).await;
+        assert!(*frame == still, "{depth} mm");
+    }
+    let own = frames(&ask(&server, &case, &sweep(2.0)).await);
+    let still = pixels(&server, &case, "depth_mm=0&slab_mm=2").await;
+    assert!(own[0] == still, "a slab of its own stays");
+}
+
+#[tokio::test]
 async fn what_cannot_be_sent_or_drawn_is_refused() {
     let (server, case) = server_and_case().await;
     let list = json!({"renders": [picture(1.0, "left")]});

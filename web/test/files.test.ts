@@ -38,10 +38,11 @@ test("a turn and a sweep show what is seen, and last as long as was chosen", () 
   const seen = { ...FIRST, orientation: NAMED_VIEWS.anterior, slab_mm: 0 };
   const { swivel } = turnBody(seen, 72, 83, [480, 320]) as { swivel: Body & { render: Body } };
   assert.deepEqual([swivel.frames, swivel.delay_ms, swivel.render.view], [72, 83, "anterior"]);
+  assert.equal(swivel.render.renderer, "trace", "exact at any depth");
   const choice = { ...wholeSweep(SHOWN), from_mm: 6, to_mm: 20, mm_per_s: 5 };
   const { sweep } = sweepBody(seen, choice, 0.5, [480, 320]) as { sweep: Body & { render: Body } };
   assert.deepEqual([sweep.from_mm, sweep.to_mm, sweep.frames, sweep.delay_ms], [6, 20, 29, 100]);
-  assert.equal(sweep.there_and_back, true);
+  assert.deepEqual([sweep.there_and_back, sweep.average_shallow], [true, true]);
   assert.equal(sweep.render.depth_mm, undefined, "the depth is the sweep's");
   const fine = sweepBody(seen, choice, 0.01, [64, 64]) as { sweep: { frames: number } };
   assert.ok(2 * fine.sweep.frames - 2 <= MOST_PICTURES);

@@ -201,6 +201,7 @@ test("preferences that are damaged are as at first", () => {
     wheel: "zoom",
     shortcuts: true,
     knows_depth: false,
+    panel: true,
     list_width: 260,
   });
   for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3}'])

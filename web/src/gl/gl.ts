@@ -29,13 +29,13 @@ export interface Equipment {
 }
 
 /** Something that must be there by now, or that the device must have made. */
-export function made<T>(thing: T | null | undefined, what: string): T {
-  if (thing == null) throw new GlError(`no ${what}`);
+export function made<T>(thing: T | null | undefined): T {
+  if (thing == null) throw new GlError();
   return thing;
 }
 
 function compiled(gl: Gl, type: GLenum, text: string): WebGLShader {
-  const shader = made(gl.createShader(type), "shader");
+  const shader = made(gl.createShader(type));
   gl.shaderSource(shader, text);
   gl.compileShader(shader);
   return shader;
@@ -58,7 +58,7 @@ export function createProgram(
   fragment: string,
   { attribute, captured }: Ends = {},
 ): WebGLProgram {
-  const program = made(gl.createProgram(), "program");
+  const program = made(gl.createProgram());
   const shaders = [compiled(gl, gl.VERTEX_SHADER, vertex), compiled(gl, gl.FRAGMENT_SHADER, fragment)];
   for (const shader of shaders) gl.attachShader(program, shader);
   if (attribute) gl.bindAttribLocation(program, 0, attribute);
@@ -150,7 +150,7 @@ export class UniformBlock {
     const here = new ArrayBuffer(bytes);
     this.#floats = new Float32Array(here);
     this.#wholes = new Uint32Array(here);
-    this.#buffer = made(gl.createBuffer(), "buffer");
+    this.#buffer = made(gl.createBuffer());
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.#buffer);
     gl.bufferData(gl.UNIFORM_BUFFER, bytes, gl.DYNAMIC_DRAW);
     gl.bindBufferBase(gl.UNIFORM_BUFFER, BLOCK_BINDINGS[name.toLowerCase()] ?? 0, this.#buffer);
@@ -158,7 +158,7 @@ export class UniformBlock {
 
   write(fields: Fields): void {
     for (const [name, value] of Object.entries(fields)) {
-      const offset = made(this.#offsets[name], name);
+      const offset = made(this.#offsets[name]);
       const target = this.#whole.has(name) ? this.#wholes : this.#floats;
       if (typeof value === "number") target[offset / 4] = value;
       else target.set(value, offset / 4);
@@ -170,7 +170,7 @@ export class UniformBlock {
 
 /** Vertex numbers in the least room, as they are drawn. */
 export function createIndices(gl: Gl, triangles: Uint32Array): WebGLBuffer {
-  const buffer = made(gl.createBuffer(), "buffer");
+  const buffer = made(gl.createBuffer());
   gl.bindVertexArray(null);
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
   gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, triangles, gl.STATIC_DRAW);
@@ -186,7 +186,7 @@ export interface Vertices {
 
 /** Room for the positions of so many vertices. */
 export function createVertices(gl: Gl, indices: WebGLBuffer, count: number): Vertices {
-  const [array, positions] = [made(gl.createVertexArray(), "vertex array"), made(gl.createBuffer(), "buffer")];
+  const [array, positions] = [made(gl.createVertexArray()), made(gl.createBuffer())];
   gl.bindVertexArray(array);
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
   gl.bindBuffer(gl.ARRAY_BUFFER, positions);
@@ -228,7 +228,7 @@ export interface Format {
 }
 
 function createTexture(gl: Gl, target: GLenum, filter: GLenum): WebGLTexture {
-  const texture = made(gl.createTexture(), "texture");
+  const texture = made(gl.createTexture());
   gl.bindTexture(target, texture);
   gl.texParameteri(target, gl.TEXTURE_MIN_FILTER, filter);
   gl.texParameteri(target, gl.TEXTURE_MAG_FILTER, filter);
@@ -278,8 +278,8 @@ export interface Target {
 
 /** A picture of colours. */
 export function createTarget(gl: Gl, size: Vec2): Target {
-  const frame = made(gl.createFramebuffer(), "frame buffer");
-  const buffer = made(gl.createRenderbuffer(), "render buffer");
+  const frame = made(gl.createFramebuffer());
+  const buffer = made(gl.createRenderbuffer());
   gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
   gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
   gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA8, size[0], size[1]);
@@ -305,7 +305,7 @@ export async function finished(gl: Gl): Promise<void> {
 
 /** The pixels of a picture off screen, the top row first, once they are drawn; null if the context was lost. */
 export async function readTarget(gl: Gl, { frame, size: [width, height] }: Target): Promise<ImageData | null> {
-  const buffer = made(gl.createBuffer(), "buffer");
+  const buffer = made(gl.createBuffer());
   gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
   gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
   gl.bufferData(gl.PIXEL_PACK_BUFFER, 4 * width * height, gl.STREAM_READ);
@@ -330,7 +330,7 @@ export interface DepthTarget extends Target {
 }
 
 export function createDepthTarget(gl: Gl, size: Vec2): DepthTarget {
-  const frame = made(gl.createFramebuffer(), "frame buffer");
+  const frame = made(gl.createFramebuffer());
   const texture = createTexture(gl, gl.TEXTURE_2D, gl.NEAREST);
   gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, size[0], size[1]);
   gl.bindFramebuffer(gl.FRAMEBUFFER, frame);

@@ -95,7 +95,7 @@ export class Painter {
   constructor(gl: Gl, equipment: Equipment, shown: CaseMaps) {
     this.#gl = gl;
     this.#case = shown;
-    this.#encodings = made(findEncodings(gl, equipment.probe), "texture of 16 bits");
+    this.#encodings = made(findEncodings(gl, equipment.probe));
     this.#picture = new UniformBlock(gl, equipment, "Picture");
     this.#paths = new UniformBlock(gl, equipment, "Paths");
     this.#contours = new UniformBlock(gl, equipment, "Contours");
@@ -124,7 +124,7 @@ export class Painter {
 
   /** Takes the positions of one depth; `setTriangles` comes first. */
   setPositions(positions: Float32Array, depth_mm: number): void {
-    writePositions(this.#gl, made(this.#mesh, "mesh").vertices, positions);
+    writePositions(this.#gl, made(this.#mesh).vertices, positions);
     this.#positioned = { depth_mm, by: "server" };
   }
 
@@ -284,8 +284,8 @@ export class Painter {
 
   /** Hands over what all passes of a pane are given. */
   #takeUp(look: Look, size: Vec2, sphere = this.#case.sphere): Maps {
-    const volume = made(this.#volume, "volume");
-    const field = made(this.#field, "field");
+    const volume = made(this.#volume);
+    const field = made(this.#field);
     const layer = look.layer && this.#layers.get(look.layer.id);
     const overlay = look.overlay && this.#layers.get(look.overlay.name);
     const { grid, borderBox } = field;
@@ -313,7 +313,7 @@ export class Painter {
   /** Draws the mesh into a depth buffer of `size`. */
   #drawDepths(depth_mm: number, size: Vec2): void {
     const gl = this.#gl;
-    const mesh = made(this.#mesh, "mesh");
+    const mesh = made(this.#mesh);
     this.#shrink(mesh.vertices, depth_mm);
     gl.activeTexture(gl.TEXTURE0 + UNITS.depths);
     this.#depths = fitting(this.#depths, size) ?? createDepthTarget(gl, size);
@@ -332,12 +332,12 @@ export class Painter {
   #shrink(vertices: Vertices, depth_mm: number): void {
     const field = this.#field;
     if (this.#positioned?.depth_mm === depth_mm && (!this.#shrinking || this.#positioned.by === field)) return;
-    const { table, rows, pieces } = made(this.#shrinking, "paths");
+    const { table, rows, pieces } = made(this.#shrinking);
     this.#paths.write(pathsFields(table, depth_mm));
     this.#bind(UNITS.rows, rows, this.#gl.TEXTURE_2D);
     this.#bind(UNITS.pieces, pieces, this.#gl.TEXTURE_2D);
     computePositions(this.#gl, this.#programs.shrink, vertices);
-    this.#positioned = { depth_mm, by: made(field, "field") };
+    this.#positioned = { depth_mm, by: made(field) };
   }
 
   /** Shades each pixel once. */

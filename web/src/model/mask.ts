@@ -16,11 +16,11 @@ const UINT8 = 2;
 /** Reads a NIfTI-1 file of eight bits along the patient's axes, as `GET …/mask` sends it. */
 export function decodeMask(bytes: ArrayBuffer): MaskBlock {
   const header = new DataView(bytes);
-  refuseUnless(bytes.byteLength >= HEADER_BYTES + 4 && header.getInt32(0, true) === HEADER_BYTES, "mask");
+  refuseUnless(bytes.byteLength >= HEADER_BYTES + 4 && header.getInt32(0, true) === HEADER_BYTES);
   const [nx, ny, nz] = [42, 44, 46].map((at) => header.getInt16(at, true)) as [number, number, number];
   const offset = header.getFloat32(108, true);
-  refuseUnless(header.getInt16(70, true) === UINT8 && Math.min(nx, ny, nz) >= 1, "mask");
-  refuseUnless(bytes.byteLength >= offset + nx * ny * nz, "mask");
+  refuseUnless(header.getInt16(70, true) === UINT8 && Math.min(nx, ny, nz) >= 1);
+  refuseUnless(bytes.byteLength >= offset + nx * ny * nz);
   // NIfTI counts to the right and to the front, the patient's space here to the left and to the back.
   const row = (index: number, sign: number): number[] =>
     [0, 1, 2, 3].map((column) => sign * header.getFloat32(280 + 16 * index + 4 * column, true));
@@ -28,7 +28,7 @@ export function decodeMask(bytes: ArrayBuffer): MaskBlock {
   const isSkew = [0, 1, 2].some((axis) =>
     [0, 1, 2].some((other) => other !== axis && Math.abs(patient_from_voxel[axis]?.[other] ?? 1) > 1e-4),
   );
-  refuseUnless(!isSkew, "mask");
+  refuseUnless(!isSkew);
   return { size: [nx, ny, nz], voxels: new Uint8Array(bytes, offset, nx * ny * nz), patient_from_voxel };
 }
 

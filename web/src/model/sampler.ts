@@ -16,7 +16,7 @@ export interface Sampler {
 
 export function samplerOf({ size, voxels, scale, offset, patient_from_voxel }: Block): Sampler {
   const voxel_from_patient = inverted(patient_from_voxel);
-  refuseUnless(voxel_from_patient !== null, "texture");
+  refuseUnless(voxel_from_patient !== null);
   const [nx, ny, nz] = size;
   const stored = (index: number): number => voxels[index] as number;
   const at = ([x, y, z]: Vec3): number => {

@@ -12,7 +12,8 @@ type Json = string | number | boolean | readonly Json[] | { readonly [key: strin
 
 /** A picture of a state, with what stands on it, as the server's interface takes it in JSON. */
 export function pictureBody(state: RenderState, size: Vec2): Record<string, Json> {
-  const query = renderQuery(state, size);
+  // What is saved need not be drawn as fast as what moves.
+  const query = renderQuery({ ...state, way: state.way === "auto" ? "exact" : state.way }, size);
   const lists = ["orientation", "pan", "window", "overlay_window"];
   const words = ["view", "colormap", "layer", "overlay", "overlay_colormap", "renderer"];
   const entries = [...query].map(([key, text]): [string, Json] => {
@@ -54,7 +55,8 @@ export function sweepBody(state: RenderState, choice: SweepChoice, step_mm: numb
   const delay_ms = Math.min(Math.max(Math.round((1000 * (to_mm - from_mm)) / (frames - 1) / mm_per_s), 10), 10_000);
   const render = without(pictureBody(state, size), "depth_mm", "slab_mm");
   const slab = state.slab_mm > 0 ? { slab_mm: state.slab_mm } : {};
-  return { sweep: { from_mm, to_mm, frames, delay_ms, there_and_back: turns, render: { ...render, ...slab } } };
+  const pictures = { from_mm, to_mm, frames, delay_ms, there_and_back: turns, average_shallow: state.averages_shallow };
+  return { sweep: { ...pictures, render: { ...render, ...slab } } };
 }
 
 export const SHEET_VIEWS: readonly ViewName[] = VIEW_NAMES;

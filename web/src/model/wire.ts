@@ -16,29 +16,25 @@ export const triangleCount = (mesh: MeshSize): number => 2 * mesh.contour_count 
 /** An answer that is not what the interface promises. */
 export class WireError extends Error {}
 
-/** Refuses a body that does not hold what it should: `what`, in one word. */
-export function refuseUnless(holds: boolean, what: string): asserts holds {
-  if (!holds) throw new WireError(`unreadable ${what}`);
+/** Refuses a body that does not hold what it should. */
+export function refuseUnless(holds: boolean): asserts holds {
+  if (!holds) throw new WireError();
 }
 
-const checkLength = (bytes: ArrayBuffer, expected: number, what: string): void =>
-  refuseUnless(bytes.byteLength === expected, what);
+const checkLength = (bytes: ArrayBuffer, expected: number): void => refuseUnless(bytes.byteLength === expected);
 
 /** Vertices of one depth: x, y, z in LPS mm for each. */
 export function decodePositions(bytes: ArrayBuffer, mesh: MeshSize): Float32Array<ArrayBuffer> {
-  checkLength(bytes, 12 * vertexCount(mesh), "positions");
+  checkLength(bytes, 12 * vertexCount(mesh));
   return new Float32Array(bytes);
 }
 
 /** Three vertex numbers for each triangle. */
 export function decodeTriangles(bytes: ArrayBuffer, mesh: MeshSize): Uint32Array<ArrayBuffer> {
-  checkLength(bytes, 12 * triangleCount(mesh), "triangles");
+  checkLength(bytes, 12 * triangleCount(mesh));
   const triangles = new Uint32Array(bytes);
   const count = vertexCount(mesh);
-  refuseUnless(
-    triangles.every((vertex) => vertex < count),
-    "triangles",
-  );
+  refuseUnless(triangles.every((vertex) => vertex < count));
   return triangles;
 }
 
@@ -68,23 +64,23 @@ const PIECE_BYTES = 24;
 const MAGIC = 0x504f5349; // "ISOP"
 
 export function decodePaths(bytes: ArrayBuffer): PathsTable {
-  refuseUnless(bytes.byteLength >= PATHS_HEADER_BYTES, "paths");
+  refuseUnless(bytes.byteLength >= PATHS_HEADER_BYTES);
   const header = new DataView(bytes, 0, PATHS_HEADER_BYTES);
   const whole = (offset: number): number => header.getUint32(offset, true);
   const real = (offset: number): number => header.getFloat32(offset, true);
-  refuseUnless(whole(0) === MAGIC, "paths");
-  refuseUnless(header.getUint16(4, true) === 1, "paths");
+  refuseUnless(whole(0) === MAGIC);
+  refuseUnless(header.getUint16(4, true) === 1);
   const mesh = { contour_count: whole(8), points_per_contour: whole(12) };
   const [vertices, row_count, pieces] = [whole(16), whole(20), whole(24)];
-  refuseUnless(vertices === vertexCount(mesh) && row_count > 0, "paths");
+  refuseUnless(vertices === vertexCount(mesh) && row_count > 0);
   const piecesAt = PATHS_HEADER_BYTES + 4 * (row_count + 1);
   const planesAt = piecesAt + PIECE_BYTES * pieces;
-  checkLength(bytes, planesAt + 6 * row_count * vertices, "paths");
+  checkLength(bytes, planesAt + 6 * row_count * vertices);
   const first_piece = new Uint32Array(bytes.slice(PATHS_HEADER_BYTES, piecesAt));
   const inOrder = first_piece.every((first, row) => first <= (first_piece[row + 1] ?? pieces));
-  refuseUnless(inOrder && first_piece[row_count] === pieces, "paths");
+  refuseUnless(inOrder && first_piece[row_count] === pieces);
   const words = new Uint32Array(bytes.slice(piecesAt, planesAt));
-  refuseUnless(areByVertex(words, first_piece), "paths");
+  refuseUnless(areByVertex(words, first_piece));
   return {
     mesh,
     origin_in_patient: [real(28), real(32), real(36)],
@@ -140,14 +136,14 @@ const MAX_SIDE = 4096;
 export function readLayout(headers: Headers): TextureLayout {
   const numbers = (name: string, count: number): number[] => {
     const list = (headers.get(`x-isocortex-${name}`) ?? "").split(",").map(Number);
-    refuseUnless(list.length === count && list.every(Number.isFinite), "texture");
+    refuseUnless(list.length === count && list.every(Number.isFinite));
     return list;
   };
   const [x = 0, y = 0, z = 0] = numbers("size", 3);
   const isSide = (side: number): boolean => Number.isInteger(side) && side >= 1 && side <= MAX_SIDE;
-  refuseUnless([x, y, z].every(isSide), "texture");
+  refuseUnless([x, y, z].every(isSide));
   const format = headers.get("x-isocortex-format");
-  refuseUnless(format === "u8" || format === "u16" || format === "i16", "texture");
+  refuseUnless(format === "u8" || format === "u16" || format === "i16");
   const affine = numbers("patient-from-voxel", 12);
   return {
     size: [x, y, z],
@@ -175,14 +171,14 @@ export function decodeVolume(
   bytes: ArrayBuffer,
   layout: TextureLayout,
 ): Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>> {
-  checkLength(bytes, byteLength(layout), "volume");
-  refuseUnless(layout.format !== "i16", "volume");
+  checkLength(bytes, byteLength(layout));
+  refuseUnless(layout.format !== "i16");
   return { ...layout, voxels: layout.format === "u8" ? new Uint8Array(bytes) : new Uint16Array(bytes) };
 }
 
 /** Depths in mm. */
 export function decodeDistance(bytes: ArrayBuffer, layout: TextureLayout): Block<Int16Array<ArrayBuffer>> {
-  checkLength(bytes, byteLength(layout), "depths");
-  refuseUnless(layout.format === "i16", "depths");
+  checkLength(bytes, byteLength(layout));
+  refuseUnless(layout.format === "i16");
   return { ...layout, voxels: new Int16Array(bytes) };
 }

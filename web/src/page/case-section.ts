@@ -33,7 +33,7 @@ export class CaseSection {
   readonly #note = status();
   readonly #keep: HTMLInputElement;
   readonly #outline: HTMLInputElement;
-  readonly #mask = h("input", { type: "file", id: "version-mask", accept: ".nii,.gz" });
+  readonly #mask = h("input", { type: "file", accept: ".nii,.gz" });
   readonly #offset: HTMLInputElement;
   readonly #radius: HTMLInputElement;
   readonly #make: HTMLButtonElement;
@@ -61,14 +61,7 @@ export class CaseSection {
       step: 0.5,
       value: shown.offset_mm,
     });
-    this.#radius = h("input", {
-      type: "number",
-      id: "version-radius",
-      min: 0,
-      max: 50,
-      step: 0.5,
-      value: shown.closing_radius_mm,
-    });
+    this.#radius = h("input", { type: "number", min: 0, max: 50, step: 0.5, value: shown.closing_radius_mm });
     this.#make = h("button", { type: "submit" }, t("version.make"));
     const chosen = h("span", { class: "quiet" }, t("version.mask-hint"));
     this.#mask.addEventListener("change", () => setText(chosen, this.#mask.files?.[0]?.name ?? t("version.mask-hint")));
@@ -171,7 +164,9 @@ export class CaseSection {
   async #tellSeries(): Promise<void> {
     try {
       const found = await getDicom(this.#shown.id);
-      this.#series = SERIES.filter((key) => found[key]).map((key) => [t(`case.${key}`), found[key] ?? ""]);
+      // A date of DICOM has no hyphens.
+      const shown = (text = ""): string => text.replace(/^(\d{4})(\d\d)(\d\d)$/, "$1-$2-$3");
+      this.#series = SERIES.filter((key) => found[key]).map((key) => [t(`case.${key}`), shown(found[key])]);
       this.#tellFacts();
       setText(this.#note, "");
     } catch (problem) {

@@ -43,8 +43,10 @@ class App {
   readonly #list: CaseList;
   readonly #upload: UploadSlot;
   readonly #root: HTMLElement;
-  readonly #fold = iconButton("panel", t("panel.toggle"), () => this.#showPanel(!this.#isPanelShown));
-  #isPanelShown = true;
+  readonly #fold = iconButton("panel", t("panel.toggle"), () => {
+    choose({ panel: !preferences.panel });
+    this.#showPanel();
+  });
   #viewer: Viewer | null = null;
   #chosen: Case | null = null;
   /** Why the case of the address cannot be shown; empty where it can. */
@@ -203,7 +205,7 @@ class App {
     // Keys are the picture's from now on: in the list, Enter would open another patient.
     if (document.activeElement?.closest("#case-list")) document.getElementById("surface")?.focus();
     this.#main.append(viewer.panel.element);
-    this.#showPanel(this.#isPanelShown);
+    this.#showPanel();
     void viewer.load();
   }
 
@@ -249,8 +251,8 @@ class App {
     );
   }
 
-  #showPanel(shown: boolean): void {
-    this.#isPanelShown = shown;
+  #showPanel(): void {
+    const { panel: shown } = preferences;
     this.#main.classList.toggle("no-panel", !shown);
     if (this.#viewer) this.#viewer.panel.element.hidden = !shown;
     this.#fold.setAttribute("aria-expanded", String(shown));

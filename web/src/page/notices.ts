@@ -70,11 +70,12 @@ export class Notices {
   progress({ stage, loaded, total }: LoadProgress): void {
     this.loading.hidden = false;
     // A full bar that waits would say that it is over.
-    if (stage === "ready" || total === 0) this.#bar.removeAttribute("value");
+    const isWaiting = stage === "ready" || total === 0;
+    if (isWaiting) this.#bar.removeAttribute("value");
     else this.#bar.value = Math.min(loaded / total, 0.99);
-    const [done, all] = [loaded, total].map((bytes) => number(bytes / 1e6, 1));
-    const bytes = stage === "ready" || total === 0 ? "" : t("load.bytes", { loaded: done ?? "", total: all ?? "" });
-    setText(this.#text, `${t(`load.${stage}`)}${bytes}`);
+    const megabytes = (bytes: number): string => number(bytes / 1e6, 1);
+    const values = { loaded: megabytes(loaded), total: megabytes(total) };
+    setText(this.#text, t(`load.${stage}`) + (isWaiting ? "" : t("load.bytes", values)));
   }
 
   end(): void {

@@ -10,6 +10,7 @@ import { section } from "./fields.ts";
 import { later } from "./later.ts";
 import type { Sweep } from "./sweep.ts";
 
+type Laid = Parameters<OnScreen["slices"]["lay"]>[0];
 type Parts = Awaited<ReturnType<typeof later>>;
 
 /** As far as rounding can move a point. */
@@ -18,10 +19,10 @@ const BORDER_MM = 0.05;
 export interface OnDemandHost {
   readonly shown: ReadyCase;
   onScreen(): Omit<OnScreen, "shown">;
-  goTo(depth_mm: number): void;
-  made(one: Case, wasThere: boolean): void;
+  readonly goTo: (depth_mm: number) => void;
+  readonly made: (one: Case, wasThere: boolean) => void;
   /** The address of what is on the screen. */
-  address(): string;
+  readonly address: () => string;
   /** The server has measured at the marked point. */
   measured(): void;
   complain(problem: unknown): void;
@@ -39,29 +40,19 @@ export class OnDemand {
 
   /** The sections of the panel that are filled when they are first opened. */
   sections(sweep: Sweep): readonly HTMLElement[] {
-    return [this.#sweepSection(sweep), this.#caseSection(), this.#exportSection(sweep)];
-  }
-
-  #exportSection(sweep: Sweep): HTMLElement {
-    return this.#section("panel.export", ({ exportSection }) =>
-      exportSection({ onScreen: () => this.#onScreen, sweep: () => sweep.choice, address: () => this.#host.address() }),
-    );
-  }
-
-  #caseSection(): HTMLElement {
-    return this.#section("panel.case", ({ CaseSection }) => {
-      const section = new CaseSection(this.#host.shown, {
-        lay: (make) => this.#host.onScreen().slices.lay(make),
-        made: (one, wasThere) => this.#host.made(one, wasThere),
-      });
-      return section.element;
-    });
-  }
-
-  #sweepSection(sweep: Sweep): HTMLElement {
-    return this.#section("panel.sweep", ({ SweepSection }) => {
-      return new SweepSection(this.#host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
-    });
+    const host = this.#host;
+    return [
+      this.#section("panel.sweep", ({ SweepSection }) => {
+        return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
+      }),
+      this.#section("panel.case", ({ CaseSection }) => {
+        const lay = (make: Laid): void => host.onScreen().slices.lay(make);
+        return new CaseSection(host.shown, { lay, made: host.made }).element;
+      }),
+      this.#section("panel.export", ({ exportSection }) =>
+        exportSection({ onScreen: () => this.#onScreen, sweep: () => sweep.choice, address: host.address }),
+      ),
+    ];
   }
 
   /** Plots the profile of a point; null where that cannot be done. */
@@ -72,7 +63,7 @@ export class OnDemand {
       const { shown } = this.#host;
       const { state } = this.#onScreen;
       return profileView(profile, state.depth_mm, {
-        go: (depth_mm) => this.#host.goTo(depth_mm),
+        go: this.#host.goTo,
         caption: () => captionOf(shown, this.#onScreen.state),
         name: fileStem(shown),
         measured: this.#measured,
@@ -124,16 +115,17 @@ export class OnDemand {
   /** A section of the panel that is filled when it is first opened. */
   #section(title: Key, fill: (parts: Parts) => HTMLElement): HTMLElement {
     const element = section(t(title), false);
+    const wait = (): void => element.addEventListener("toggle", () => void open(), { once: true });
     const open = async (): Promise<void> => {
       try {
         const body = fill(await later());
         element.querySelector(".group-body")?.replaceWith(body);
       } catch (problem) {
         this.#host.complain(problem);
-        element.addEventListener("toggle", () => void open(), { once: true });
+        wait();
       }
     };
-    element.addEventListener("toggle", () => void open(), { once: true });
+    wait();
     return element;
   }
 }

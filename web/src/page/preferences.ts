@@ -13,6 +13,8 @@ export interface Preferences {
   readonly shortcuts: boolean;
   /** Whether the line that explains the depth slider was dismissed. */
   readonly knows_depth: boolean;
+  /** Whether the panel beside the picture is shown. */
+  readonly panel: boolean;
   /** Of the list, in CSS pixels. */
   readonly list_width: number;
 }
@@ -36,6 +38,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
     wheel: WHEEL_USES.find((one) => one === stored.wheel) ?? "zoom",
     shortcuts: stored.shortcuts !== false,
     knows_depth: stored.knows_depth === true,
+    panel: stored.panel !== false,
     list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };
 }

@@ -35,7 +35,7 @@ export function seriesDialog({ shown, state, surface }: OnScreen, sweep: SweepCh
     id: "series-depths",
     value: [5, 10, 15, 20].filter((d) => d <= deepest_mm).join(", "),
   });
-  const seconds = h("input", { type: "number", id: "series-seconds", min: 1, max: 60, step: 1, value: 6 });
+  const seconds = h("input", { type: "number", min: 1, max: 60, step: 1, value: 6 });
   const fields: Readonly<Record<Kind, HTMLElement>> = {
     sheet: h("label", {}, t("series.depths"), depths),
     turn: h("label", {}, t("series.seconds"), seconds),

@@ -30,7 +30,7 @@ export class SweepSection {
     this.#from = end("sweep-from", t("sweep.from"));
     this.#to = end("sweep-to", t("sweep.to"));
     this.#speed = choice("sweep-speed", t("sweep.speed"), SWEEP_SPEEDS, (speed) => `${number(speed)} mm/s`, take);
-    this.#turns = h("input", { type: "checkbox", id: "sweep-turns", change: take });
+    this.#turns = h("input", { type: "checkbox", change: take });
     this.element = h(
       "div",
       { class: "group-body" },

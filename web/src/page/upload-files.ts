@@ -34,40 +34,44 @@ export function sortFiles<F extends Named>(files: readonly F[], mask: F | null):
   const nifti = files.filter(isNifti);
   const zips = files.filter(isZip);
   const rest = files.filter((file) => !isNifti(file) && !isZip(file) && !isLitter(file));
-  const refused = (trouble: Key): Sorted<F> => ({ volume: null, mask, dicom: [], layers: [], trouble });
-  if (files.length === 0) return refused("upload.nothing");
+  const sorted = (part: Partial<Sorted<F>>): Sorted<F> => ({
+    volume: null,
+    mask,
+    dicom: [],
+    layers: [],
+    trouble: null,
+    ...part,
+  });
   if (nifti.length + zips.length === 0) {
+    const [volume, another] = rest;
+    if (!volume) return sorted({ trouble: "upload.nothing" });
     // A single file of another kind is sent as the volume: the server says what it is not.
-    if (rest.length === 1) return { volume: rest[0] ?? null, mask, dicom: [], layers: [], trouble: null };
-    return rest.length > 0 ? { volume: null, mask, dicom: rest, layers: [], trouble: null } : refused("upload.nothing");
+    return sorted(another ? { dicom: rest } : { volume });
   }
   const several = zips.length === 0 && severalOf(nifti, mask);
-  if (several) return several;
+  if (several) return sorted(several);
   const most = mask ? 1 : 2;
-  if (zips.length > 1 || nifti.length + zips.length > most) return refused("upload.too-many");
-  if (zips.length === 1)
-    return { volume: zips[0] ?? null, mask: mask ?? nifti[0] ?? null, dicom: [], layers: [], trouble: null };
-  if (nifti.length === 1) return { volume: nifti[0] ?? null, mask, dicom: [], layers: [], trouble: null };
-  const [a, b] = nifti as [F, F];
+  if (zips.length > 1 || nifti.length + zips.length > most) return sorted({ trouble: "upload.too-many" });
+  const [[zip], [first, second]] = [zips, nifti];
+  if (zip) return sorted({ volume: zip, mask: mask ?? first ?? null });
+  if (!first || !second) return sorted({ volume: first ?? null });
   // The one that is called so; where both or none is, the smaller: a mask compresses well.
-  const maskFirst = looksLikeMask(a) === looksLikeMask(b) ? a.size < b.size : looksLikeMask(a);
-  return maskFirst
-    ? { volume: b, mask: a, dicom: [], layers: [], trouble: null }
-    : { volume: a, mask: b, dicom: [], layers: [], trouble: null };
+  const isFirst = looksLikeMask(first) === looksLikeMask(second) ? first.size < second.size : looksLikeMask(first);
+  return sorted(isFirst ? { volume: second, mask: first } : { volume: first, mask: second });
 }
 
 /**
  * The T1 among several NIfTI files of one head, its mask, and the others, which can be its layers; null where there are
  * none of these, or not one of them alone is called a T1.
  */
-function severalOf<F extends Named>(nifti: readonly F[], mask: F | null): Sorted<F> | null {
+function severalOf<F extends Named>(nifti: readonly F[], mask: F | null): Partial<Sorted<F>> | null {
   const isT1 = (file: F): boolean => sequenceOf(file)?.name === "T1";
   const [volume, another] = nifti.filter((file) => isT1(file) && !looksLikeMask(file));
   const others = nifti.filter((file) => file !== volume);
   const own = mask ? null : (others.find((file) => looksLikeMask(file) && sequenceOf(file)?.kind !== "labels") ?? null);
   const layers = others.filter((file) => file !== own);
   if (!volume || another || layers.length === 0 || (nifti.length === 2 && !layers.every(sequenceOf))) return null;
-  return { volume, mask: mask ?? own, dicom: [], layers, trouble: null };
+  return { volume, mask: mask ?? own, layers };
 }
 
 /** The volumes of layers among files, each of them one file or all files of DICOM, and a text with names of labels. */

@@ -31,7 +31,7 @@ export class UploadForm {
   readonly #folder: HTMLInputElement;
   readonly #mask: HTMLInputElement;
   readonly #name = h("input", { type: "text", id: "upload-name", maxlength: 200, autocomplete: "off" });
-  readonly #radius = h("input", { type: "number", id: "upload-radius", min: 0, max: 50, step: 0.5, value: 10 });
+  readonly #radius = h("input", { type: "number", min: 0, max: 50, step: 0.5, value: 10 });
   #files: readonly File[] = [];
   #maskFile: File | null = null;
   /** What is being sent; what is chosen meanwhile is the next case. */
@@ -103,19 +103,15 @@ export class UploadForm {
     setText(this.#note, sorted.trouble ? t(sorted.trouble) : "");
     const size = (bytes: number): string => `${number(bytes / 1e6, 1)} MB`;
     // Shown here alone: a file's name may hold the patient's, and is never sent.
-    const named = [sorted.volume, sorted.mask, ...sorted.layers]
-      .filter((file) => file !== null)
-      .map((file) => file.name);
-    tell(this.#names, named.join("\n"));
+    const { volume, dicom, mask, layers } = sorted;
+    const named = sorted.trouble ? this.#files : [volume, ...dicom, mask, ...layers];
+    tell(this.#names, named.flatMap((file) => (file ? [file.webkitRelativePath || file.name] : [])).join("\n"));
     const parts = [
-      sorted.volume && t("upload.chosen-volume", { size: size(sorted.volume.size) }),
-      sorted.dicom.length > 0 &&
-        t("upload.chosen-dicom", {
-          count: sorted.dicom.length,
-          size: size(sorted.dicom.reduce((sum, file) => sum + file.size, 0)),
-        }),
-      sorted.mask && t("upload.chosen-mask", { size: size(sorted.mask.size) }),
-      sorted.layers.length > 0 && t("upload.chosen-others", { count: sorted.layers.length }),
+      volume && t("upload.chosen-volume", { size: size(volume.size) }),
+      dicom.length > 0 &&
+        t("upload.chosen-dicom", { count: dicom.length, size: size(dicom.reduce((sum, file) => sum + file.size, 0)) }),
+      mask && t("upload.chosen-mask", { size: size(mask.size) }),
+      layers.length > 0 && t("upload.chosen-others", { count: layers.length }),
     ].filter((part): part is string => typeof part === "string");
     setText(this.#chosen, parts.join(" · "));
   }

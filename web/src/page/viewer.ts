@@ -1,6 +1,6 @@
 // The chosen case: one state, the panes that show it, and what changes it.
 
-import type { Case, ReadyCase } from "../model/case.ts";
+import type { ReadyCase } from "../model/case.ts";
 import { changeOf, laidOut, turnedTo } from "../model/commands.ts";
 import { type Change, type Command, dragWindow } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
@@ -24,25 +24,9 @@ import { Notices } from "./notices.ts";
 import { OnDemand } from "./on-demand.ts";
 import { Panel } from "./panel.ts";
 import { pointWords } from "./point-section.ts";
-import type { Preferences } from "./preferences.ts";
 import { Speaker, spokenCommand } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
-
-/** What the page around the viewer does for it. */
-export interface ViewerHost {
-  readonly preferences: () => Preferences;
-  readonly announce: (words: string) => void;
-  readonly help: () => void;
-  /** The line that explains the depth slider was dismissed. */
-  readonly knowsDepth: () => void;
-  /** A version of the case was made, or was there. */
-  readonly made: (one: Case, wasThere: boolean) => void;
-  /** The panes are laid out like this. */
-  readonly laid: (state: ViewState) => void;
-  readonly serverOnly: boolean;
-  /** The case as it was left. */
-  readonly left: Left;
-}
+import type { ViewerHost } from "./viewer-host.ts";
 
 export class Viewer {
   readonly element: HTMLElement;
@@ -111,7 +95,8 @@ export class Viewer {
     });
     const swipe = ({ detail }: CustomEvent<number>): void => this.#change({ swipe: { share: detail } });
     const follow = ({ detail }: CustomEvent<Change>): void => actions.change(detail);
-    this.#panes = h("div", { class: "panes", swipe, follow });
+    const keydown = ({ key }: KeyboardEvent): unknown => key === "Escape" && this.#shrink();
+    this.#panes = h("div", { class: "panes", swipe, follow, keydown });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
     if (!host.preferences().knows_depth) this.element.append(explanation(host.knowsDepth));
     this.element.append(this.#depthBar.element);
@@ -161,8 +146,14 @@ export class Viewer {
   }
 
   setLayout(layout: Layout): void {
+    this.#shrink();
     this.#change(laidOut(layout, this.#state), true);
     this.#host.announce(t(`layout.${layout}`));
+  }
+
+  /** Shows all panes again. */
+  #shrink(): void {
+    this.#panes.querySelector<HTMLElement>(".large .icon-button")?.click();
   }
 
   /** A key that no control has taken, or a button. */
@@ -230,7 +221,7 @@ export class Viewer {
     return new OnDemand({
       shown: this.shown,
       onScreen: () => ({ state: this.#state, panes: this.#panes, surface: this.#surface, slices: this.#slices }),
-      goTo: (depth_mm) => this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true),
+      goTo: (depth_mm) => this.#goToDepth(depth_mm),
       made: this.#host.made,
       address: () => {
         this.#address.replace();
@@ -326,6 +317,8 @@ export class Viewer {
     this.#notices.fallback(fallback);
     this.#notices.trouble(trouble);
     if (!this.#disposed) this.#schedule();
+    // More may be known of the point than when it was marked.
+    if (this.element.dataset.loaded) this.#showPoint();
   }
 
   #stopSweep(): void {
@@ -362,6 +355,10 @@ export class Viewer {
     this.#change({ crosshair_mm: position, ...(done ? turnedTo(position, this.shown) : {}) }, done);
   }
 
+  #goToDepth(depth_mm: number): void {
+    this.#change({ depth_mm: clampDepth(depth_mm, this.shown) }, true);
+  }
+
   #showPoint(): void {
     const position = this.#state.crosshair_mm;
     if (!position) return this.panel.point.show(null);
@@ -391,8 +388,9 @@ export class Viewer {
         this.#change({ crosshair_mm: null }, true);
       },
       depthOfCross: () => {
-        const depth_mm = this.#state.crosshair_mm && this.#surface.probe(this.#state.crosshair_mm)?.depth_mm;
-        if (Number(depth_mm) >= 0) this.#change({ depth_mm: clampDepth(Number(depth_mm), this.shown) }, true);
+        const { crosshair_mm } = this.#state;
+        const { depth_mm = -1 } = (crosshair_mm && this.#surface.probe(crosshair_mm)) ?? {};
+        if (depth_mm >= 0) this.#goToDepth(depth_mm);
       },
     };
   }

@@ -79,7 +79,7 @@ export class Assets {
   async equipment(): Promise<Equipment> {
     const sent = (await (await send("shaders.json", { signal: this.#signal })).json()) as Partial<Equipment>;
     const hasColors = COLOR_NAMES.every((name) => typeof sent.colors?.[name] === "string");
-    refuseUnless(Boolean(sent.names && sent.shaders) && hasColors, "shaders");
+    refuseUnless(Boolean(sent.names && sent.shaders) && hasColors);
     return sent as Equipment;
   }
 
@@ -103,7 +103,7 @@ export class Assets {
     const guess = 1000 * vertexCount(PAGE_MESH);
     const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}&${MESH_PATHS}`, guess);
     const table = decodePaths(bytes);
-    refuseUnless(vertexCount(table.mesh) === vertexCount(PAGE_MESH), "paths");
+    refuseUnless(vertexCount(table.mesh) === vertexCount(PAGE_MESH));
     return table;
   }
 
@@ -153,7 +153,7 @@ async function readAll(response: Response, guess: number, hear: (bytes: number) 
     const { done, value } = await reader.read();
     if (done) break;
     if (length + value.length > room.length) {
-      refuseUnless(length + value.length <= most, "length");
+      refuseUnless(length + value.length <= most);
       const wider = new Uint8Array(Math.min(most, Math.max(2 * room.length, length + value.length)));
       wider.set(room.subarray(0, length));
       room = wider;

@@ -15,6 +15,8 @@ export const SIDES = ["left", "right", "top", "bottom"] as const;
 /** The writing on one picture. */
 export class Overlay {
   readonly element: HTMLElement;
+  /** What is shown, and as what: in a slice, beside its slider. */
+  readonly line: HTMLElement;
   readonly #edges = SIDES.map((side) => h("span", { class: `edge ${side}` }));
   readonly #title = h("span", { class: "pane-title" });
   readonly #badge = h("span", { class: "badge", hidden: true });
@@ -36,6 +38,7 @@ export class Overlay {
   });
 
   constructor(host: HTMLElement) {
+    this.line = h("div", { class: "pane-line" }, this.#title, this.#badge);
     this.element = h(
       "div",
       { class: "overlay" },
@@ -43,7 +46,7 @@ export class Overlay {
       this.#cursor.element,
       this.#twin.element,
       ...this.#edges,
-      h("div", { class: "pane-head" }, h("div", { class: "pane-line" }, this.#title, this.#badge), this.#case),
+      h("div", { class: "pane-head" }, this.line, this.#case),
       h("div", { class: "scale" }, this.#scaleText, this.#scaleLine),
       h("span", { class: "pane-notice" }, t("notice.short")),
       this.#divider,

@@ -58,7 +58,9 @@ function shownIn(panes: HTMLElement): (element: Element) => boolean {
 function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): void {
   const isShown = shownIn(panes);
   context.textBaseline = "middle";
-  for (const element of panes.querySelectorAll<HTMLElement>(".overlay span:not(.hovered), .colour-bar span")) {
+  for (const element of panes.querySelectorAll<HTMLElement>(
+    ".overlay span:not(.hovered), .colour-bar span, .pane-line span",
+  )) {
     if (!isShown(element)) continue;
     const { x, y, width, height } = within(panes, element);
     const style = getComputedStyle(element);

@@ -17,10 +17,7 @@ export interface SliceGroupListener extends Omit<SliceListener, "enlarge"> {
 }
 
 export class SliceGroup {
-  readonly element = h("div", {
-    class: "slices",
-    keydown: ({ key }: KeyboardEvent) => key === "Escape" && this.#enlarge(null),
-  });
+  readonly element = h("div", { class: "slices" });
   readonly #shown: ReadyCase;
   readonly #listener: SliceGroupListener;
   #panes: readonly SlicePane[] = [];
@@ -100,7 +97,7 @@ export class SliceGroup {
   }
 
   /** Shows a slice as large as all panes, or all panes again. */
-  #enlarge(plane: Plane | null, isDoubleClick = false): void {
+  #enlarge(plane: Plane, isDoubleClick = false): void {
     for (const pane of this.#panes) pane.enlarge(pane.plane === plane && !pane.isLarge);
     this.#listener.resized(isDoubleClick);
   }

@@ -56,7 +56,7 @@ export class SlicePane {
   readonly #overlay: Overlay;
   readonly #picture: FollowingPicture<Seen, HTMLElement>;
   readonly #image = h("div", { class: "slice-image" });
-  /** The picture and what stands on it; the slider lies below. */
+  /** The picture and what stands on it; its name and its slider lie below. */
   readonly #frame = h("div", { class: "slice-view" }, this.#image);
   readonly #hovered = h("span", { class: "hovered", hidden: true });
   readonly #mapBar = new MapBar();
@@ -82,7 +82,6 @@ export class SlicePane {
     );
     this.#overlay = new Overlay(this.#frame);
     this.#overlay.element.append(this.#legend, this.#mapBar.element, this.#hovered);
-    this.#frame.append(iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane)));
     const [min, max] = reachOf(shown, PLANES[plane].axis);
     this.#range = h("input", {
       type: "range",
@@ -95,7 +94,8 @@ export class SlicePane {
     });
     this.#words = h("p", { id: `slice-${plane}-words`, class: "visually-hidden" });
     this.element.setAttribute("aria-describedby", this.#words.id);
-    this.element.append(this.#range, this.#words);
+    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane));
+    this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge), this.#words);
     this.#picture = new FollowingPicture<Seen, HTMLElement>(
       {
         put: (image, { state, view }) => this.#put(image, state, view),
@@ -255,14 +255,14 @@ export class SlicePane {
     const image =
       state.layer && !edges ? titleWords(state.layer.about) : imageWords(this.#shown, this.plane, this.#center(state));
     const badge = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
-    const words = [t(`plane.${this.plane}`), place, image, edges && edgesWords(state, this.isLarge)].filter(Boolean);
-    this.#overlay.title(words.join("\n"), badge);
+    const words = [place, image, edges && edgesWords(state, this.isLarge)].filter(Boolean);
+    this.#overlay.title(`${t(`plane.${this.plane}`)} ${words.join("\n")}`, badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
     this.#overlay.cursor(state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm), view.size, "lines");
     this.#overlay.twin(this.#twin(state, view), view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
-    this.#range.setAttribute("aria-valuetext", words.slice(1).join(", "));
+    this.#range.setAttribute("aria-valuetext", words.join(", "));
   }
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */

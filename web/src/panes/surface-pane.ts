@@ -20,7 +20,7 @@ import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, leftOf } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
 import { caseIdentity } from "../base/case-words.ts";
-import { h, setText } from "../base/dom.ts";
+import { h, iconButton, setText } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { depthWords } from "../base/readout.ts";
 import { createSurface } from "./cortex.ts";
@@ -97,7 +97,9 @@ export class SurfacePane {
     const [[colours, map], left] = this.#bars;
     this.element.append(colours.element, map.element);
     this.#leftBars.append(...left.map(({ element }) => element));
-    this.element.append(this.#cube.element, this.#keys);
+    // As large as all panes, where there are others.
+    const enlarge = iconButton("enlarge", t("surface.enlarge"), () => this.element.classList.toggle("large"));
+    this.element.append(this.#cube.element, this.#keys, enlarge);
     this.surface = createSurface(this.host, shown, {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),

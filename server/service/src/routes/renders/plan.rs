@@ -67,6 +67,10 @@ pub struct Sweep {
     /// Whether to append the way back; neither end is shown twice.
     #[serde(default)]
     there_and_back: bool,
+    /// Whether intensities are averaged near the envelope unless `slab_mm` is given: over 1 mm of depth down to a depth
+    /// of 1 mm, and over less down to 2 mm. Layers thinner than two voxels show as rings there.
+    #[serde(default)]
+    average_shallow: bool,
     /// The picture, without a depth.
     render: PictureRequest,
 }
@@ -294,8 +298,14 @@ impl Sweep {
         }
         let at = |frame: u32| {
             let share = frame as f32 / (self.frames - 1) as f32;
+            let depth_mm = self.from_mm * (1.0 - share) + self.to_mm * share;
+            let slab_mm = match self.average_shallow && self.render.slab_mm == 0.0 {
+                true => shallow_slab_mm(depth_mm.into()),
+                false => self.render.slab_mm,
+            };
             let render = PictureRequest {
-                depth_mm: self.from_mm * (1.0 - share) + self.to_mm * share,
+                depth_mm,
+                slab_mm,
                 ..self.render.clone()
             };
             checked_at("sweep.render", &render)
@@ -315,5 +325,15 @@ impl Sweep {
                 delay_ms: self.delay_ms,
             },
         })
+    }
+}
+
+/// How far to either side of a depth near the envelope intensities are averaged. Nothing lies above the envelope, so at
+/// a depth of 0 mm the whole millimetre is below.
+fn shallow_slab_mm(depth_mm: f64) -> f64 {
+    let mean_mm = (2.0 - depth_mm).clamp(0.0, 1.0);
+    match mean_mm > 0.0 {
+        true => (0.5 * mean_mm).max(mean_mm - depth_mm),
+        false => 0.0,
     }
 }
