@@ -13,13 +13,13 @@ import {
   keep,
   launchBrowser,
   openPage,
-  readyCase,
   scratchFolder,
   shown,
   skip,
   startServer,
   until,
 } from "./support.ts";
+import { sendCase, sendLayer } from "./uploads.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
 let server: Server;
@@ -36,27 +36,9 @@ before(
     if (skip) return;
     scratch = await scratchFolder();
     server = await startServer({ command: "serve", data: scratch.folder });
-    const send = async (path: string, parts: Readonly<Record<string, Buffer | string>>): Promise<{ id: string }> => {
-      const form = new FormData();
-      for (const [name, part] of Object.entries(parts))
-        form.append(name, new Blob([typeof part === "string" ? part : new Uint8Array(part)]), `${name}.nii`);
-      const answer = await fetch(new URL(path, server.address), { method: "POST", body: form });
-      return (await answer.json()) as { id: string };
-    };
-    await send("v1/cases", { volume: markedVolume(), mask: brainMask() });
-    id = await readyCase(server.address);
-    const layer = async (name: string, kind: string, volume: Buffer): Promise<string> => {
-      const parameters = JSON.stringify({ name, kind, transform: "none" });
-      const { id: made } = await send(`v1/cases/${id}/layers`, { parameters, volume });
-      const { state } = await until(
-        async () => (await (await fetch(new URL(`v1/cases/${id}/layers/${made}`, server.address))).json()) as Described,
-        (found) => /ready|failed/.test(found.state),
-      );
-      assert.equal(state, "ready");
-      return made;
-    };
-    flair = await layer("FLAIR", "mr", FLAIR);
-    pet = await layer("PET", "pet", PET);
+    id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
+    flair = await sendLayer(server, id, { name: "FLAIR", kind: "mr" }, FLAIR);
+    pet = await sendLayer(server, id, { name: "PET", kind: "pet" }, PET);
     browser = await launchBrowser();
   },
   { timeout: 600_000 },
@@ -67,10 +49,6 @@ after(async () => {
   await server?.stop();
   await scratch?.clean();
 });
-
-interface Described {
-  readonly state: string;
-}
 
 /** Waits until the halves show these; a half is a texture and a layer in colours, with a comma between. */
 const halves = (page: Page, left: string, right: string): Promise<unknown> => {

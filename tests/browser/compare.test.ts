@@ -20,6 +20,7 @@ import {
   startServer,
   until,
 } from "./support.ts";
+import { sendCase } from "./uploads.ts";
 
 const TOKEN = "a-token-of-more-than-sixteen-letters";
 /** How far the second head lies to the right of the first, in mm. */
@@ -42,20 +43,10 @@ const head = (right_mm: number, brightness: number): Buffer =>
   });
 const mask = (right_mm: number): Buffer => nifti((x, y, z) => (isBrain(x - right_mm, y, z) ? 1 : 0));
 
-async function prepared(name: string, right_mm: number, brightness: number): Promise<string> {
-  const form = new FormData();
-  form.append("volume", new Blob([new Uint8Array(head(right_mm, brightness))]), "t1.nii");
-  form.append("mask", new Blob([new Uint8Array(mask(right_mm))]), "mask.nii");
-  form.append("parameters", JSON.stringify({ name }));
-  const sent = await fetch(new URL("v1/cases", server.address), { method: "POST", body: form, headers: bearer });
-  const { id } = (await sent.json()) as { id: string };
-  const ask = async (): Promise<string> => {
-    const answer = await fetch(new URL(`v1/cases/${id}`, server.address), { headers: bearer });
-    return ((await answer.json()) as { state: string }).state;
-  };
-  assert.equal(await until(ask, (state) => /ready|failed/.test(state)), "ready");
-  return id;
-}
+const prepared = (name: string, right_mm: number, brightness: number): Promise<string> => {
+  const parameters = JSON.stringify({ name });
+  return sendCase(server, { volume: head(right_mm, brightness), mask: mask(right_mm), parameters }, bearer);
+};
 
 before(
   async () => {

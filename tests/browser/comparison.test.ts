@@ -14,13 +14,13 @@ import {
   keep,
   launchBrowser,
   openPage,
-  readyCase,
   scratchFolder,
   shown,
   skip,
   startServer,
   until,
 } from "./support.ts";
+import { sendCase, sendLayer } from "./uploads.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
 let server: Server;
@@ -38,27 +38,9 @@ before(
     if (skip) return;
     scratch = await scratchFolder();
     server = await startServer({ command: "serve", data: scratch.folder });
-    const send = async (path: string, parts: Readonly<Record<string, Buffer | string>>): Promise<{ id: string }> => {
-      const form = new FormData();
-      for (const [name, part] of Object.entries(parts))
-        form.append(name, new Blob([typeof part === "string" ? part : new Uint8Array(part)]), `${name}.nii`);
-      const answer = await fetch(new URL(path, server.address), { method: "POST", body: form });
-      return (await answer.json()) as { id: string };
-    };
-    await send("v1/cases", { volume: markedVolume(), mask: brainMask() });
-    id = await readyCase(server.address);
-    const layer = async (name: string, volume: Buffer): Promise<string> => {
-      const parameters = JSON.stringify({ name, kind: "mr", transform: "none" });
-      const { id: made } = await send(`v1/cases/${id}/layers`, { parameters, volume });
-      const found = await until(
-        () => described(made),
-        ({ state }) => /ready|failed/.test(state),
-      );
-      assert.equal(found.state, "ready", JSON.stringify(found));
-      return made;
-    };
-    flair = await layer("FLAIR", FLAIR);
-    ball = await layer("Ball", BALL);
+    id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
+    flair = await sendLayer(server, id, { name: "FLAIR", kind: "mr" }, FLAIR);
+    ball = await sendLayer(server, id, { name: "Ball", kind: "mr" }, BALL);
     browser = await launchBrowser();
   },
   { timeout: 600_000 },

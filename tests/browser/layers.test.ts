@@ -16,13 +16,13 @@ import {
   keep,
   launchBrowser,
   openPage,
-  readyCase,
   scratchFolder,
   shown,
   skip,
   startServer,
   until,
 } from "./support.ts";
+import { sendCase } from "./uploads.ts";
 
 interface Listed {
   readonly id: string;
@@ -51,11 +51,7 @@ before(
     if (skip) return;
     scratch = await scratchFolder();
     server = await startServer({ command: "serve", data: scratch.folder });
-    const form = new FormData();
-    form.append("volume", new Blob([new Uint8Array(markedVolume())]), "volume.nii");
-    form.append("mask", new Blob([new Uint8Array(brainMask())]), "mask.nii");
-    await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
-    id = await readyCase(server.address);
+    id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
     browser = await launchBrowser();
   },
   { timeout: 600_000 },

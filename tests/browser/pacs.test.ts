@@ -16,13 +16,13 @@ import {
   keep,
   launchBrowser,
   openPage,
-  readyCase,
   scratchFolder,
   shown,
   skip,
   startServer,
   until,
 } from "./support.ts";
+import { sendCase } from "./uploads.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
 let server: Server;
@@ -62,12 +62,7 @@ before(
     await writeFile(settings, text);
     const data = path.join(scratch.folder, "data");
     server = await startServer({ command: "serve", data, options: ["--config", settings] });
-    const form = new FormData();
-    for (const file of markedSeries({ name: "Müller^Änne", id: "P-77" }))
-      form.append("dicom", new Blob([new Uint8Array(file)]), "slice.dcm");
-    form.append("mask", new Blob([new Uint8Array(brainMask())]), "mask.nii");
-    await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
-    id = await readyCase(server.address);
+    id = await sendCase(server, { dicom: markedSeries({ name: "Müller^Änne", id: "P-77" }), mask: brainMask() });
     browser = await launchBrowser();
   },
   { timeout: 900_000 },
@@ -143,16 +138,7 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
 });
 
 test("a case of no patient has neither, and shows all the rest", { skip }, async () => {
-  const form = new FormData();
-  form.append("volume", new Blob([new Uint8Array(markedVolume(3))]), "volume.nii");
-  form.append("mask", new Blob([new Uint8Array(brainMask())]), "mask.nii");
-  const answer = await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
-  const { id: other } = (await answer.json()) as { id: string };
-  const state = async (): Promise<string> => {
-    const one = await fetch(new URL(`v1/cases/${other}`, server.address));
-    return ((await one.json()) as { state: string }).state;
-  };
-  assert.equal(await until(state, (word) => word === "ready"), "ready");
+  const other = await sendCase(server, { volume: markedVolume(3), mask: brainMask() });
   const watched = await openPage(browser);
   const { page } = watched;
   await page.goto(`${server.address}#${other}`);

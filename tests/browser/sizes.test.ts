@@ -6,17 +6,8 @@ import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 
 import { brainMask, markedVolume } from "./phantom.ts";
-import {
-  type Server,
-  keep,
-  launchBrowser,
-  openPage,
-  readyCase,
-  scratchFolder,
-  shown,
-  skip,
-  startServer,
-} from "./support.ts";
+import { type Server, keep, launchBrowser, openPage, scratchFolder, shown, skip, startServer } from "./support.ts";
+import { sendCase } from "./uploads.ts";
 
 const SIZES = [
   [390, 844],
@@ -35,12 +26,8 @@ before(
     if (skip) return;
     scratch = await scratchFolder();
     server = await startServer({ command: "serve", data: scratch.folder });
-    const form = new FormData();
-    form.append("volume", new Blob([new Uint8Array(markedVolume())]), "volume.nii");
-    form.append("mask", new Blob([new Uint8Array(brainMask())]), "mask.nii");
-    form.append("parameters", new Blob(['{"name":"A label of some length, as people give them"}']));
-    await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
-    await readyCase(server.address);
+    const parameters = '{"name":"A label of some length, as people give them"}';
+    await sendCase(server, { volume: markedVolume(), mask: brainMask(), parameters });
     browser = await launchBrowser();
   },
   { timeout: 600_000 },

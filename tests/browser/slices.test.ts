@@ -10,6 +10,7 @@ import { type Demo, type Hands, startDemo } from "./hands.ts";
 import { isBrain, nifti } from "./phantom.ts";
 import { picturesAgree } from "./pixels.ts";
 import { type Server, type Watched, fragment, keep, openPage, shown, skip, typeDepth, until } from "./support.ts";
+import { sendCase } from "./uploads.ts";
 
 const PLANES = ["axial", "coronal", "sagittal"] as const;
 
@@ -358,15 +359,8 @@ test(
 test("beside a cut through the brain outlines end, and no depth is said", { skip, timeout: 600_000 }, async () => {
   // The volume ends 26 mm above the lowest place of the brain.
   const values = (mark: number) => (x: number, y: number, z: number) => (isBrain(x, y, z + 40) ? mark : 0);
-  const form = new FormData();
-  form.append("volume", new Blob([new Uint8Array(nifti(values(300)))]), "volume.nii");
-  form.append("mask", new Blob([new Uint8Array(nifti(values(1)))]), "mask.nii");
-  const created = await fetch(new URL("v1/cases", server.address), { method: "POST", body: form });
-  const { id: cut } = (await created.json()) as { id: string };
-  const state = await until(
-    async () => (await (await fetch(new URL(`v1/cases/${cut}`, server.address))).json()) as ReadyCase,
-    (one) => /ready|failed/.test(one.state),
-  );
+  const cut = await sendCase(server, { volume: nifti(values(300)), mask: nifti(values(1)) });
+  const state = (await (await fetch(new URL(`v1/cases/${cut}`, server.address))).json()) as ReadyCase;
   assert.deepEqual(
     state.cuts?.map(({ normal }) => normal),
     [[0, 0, 1]],

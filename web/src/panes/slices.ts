@@ -255,14 +255,15 @@ export class SlicePane {
     const image =
       state.layer && !edges ? titleWords(state.layer.about) : imageWords(this.#shown, this.plane, this.#center(state));
     const badge = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
-    const words = [place, image, edges && edgesWords(state, this.isLarge)].filter(Boolean);
-    this.#overlay.title(`${t(`plane.${this.plane}`)} ${words.join("\n")}`, badge);
+    const more = [image, edges && edgesWords(state, this.isLarge)].filter(Boolean).join(" · ");
+    // Two lines, so that the picture keeps its size.
+    this.#overlay.title(`${t(`plane.${this.plane}`)}${more ? " " : "\n"}${place}\n${more}`, badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
     this.#overlay.cursor(state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm), view.size, "lines");
     this.#overlay.twin(this.#twin(state, view), view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
-    this.#range.setAttribute("aria-valuetext", words.join(", "));
+    this.#range.setAttribute("aria-valuetext", `${place} ${more}`);
   }
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
@@ -277,7 +278,6 @@ export class SlicePane {
     const depths = outlinesOf(state);
     this.#legend.hidden = depths.length < 2 || !this.#outlined;
     const words = depths.map((depth) => `${number(depth, depth % 1 === 0 ? 0 : 1)} mm`);
-    if (this.#legend.textContent === words.join("")) return;
     this.#legend.replaceChildren(
       ...words.map((text, at) => h("span", { class: `outline-${at % OUTLINE_COLOURS}` }, text)),
     );
