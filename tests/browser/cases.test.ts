@@ -80,7 +80,7 @@ test("an empty server asks for a case; a file that is no volume is refused in wo
   const report = { name: "report.pdf", mimeType: "application/pdf", buffer: Buffer.from("%PDF") };
   await page.locator("#upload-volume").setInputFiles(report);
   await page.waitForFunction(() => (document.querySelector("#upload-note")?.textContent ?? "") !== "");
-  assert.equal(await page.locator(".chosen-names").innerText(), "report.pdf");
+  assert.equal(await page.locator(".chosen-names").innerText(), "(report.pdf)");
   const file = path.join(scratch.folder, "DOE-JANE.nii");
   await writeFile(file, "this is no NIfTI file");
   await page.locator("#upload-volume").setInputFiles(file);
@@ -502,6 +502,8 @@ test("the list is sorted, walked through with arrows, and its rows are low", { s
   assert.match(await page.evaluate(() => document.activeElement?.textContent ?? ""), /Marked/);
   for (const item of await page.locator("#case-list li").all()) {
     assert.ok(((await item.boundingBox())?.height ?? 99) <= 56, "a row of at most 56 pixels");
+    const id = (await item.getAttribute("data-id")) ?? "";
+    assert.equal(await item.locator(".head .status").innerText(), id.slice(0, 8), "rows of one label differ");
   }
   await page.locator("#case-order").selectOption("newest");
 });
@@ -648,15 +650,15 @@ test("a case is renamed from its panel, and everything bears the new label", { s
 test("a case is deleted only after a confirmation", { skip }, async () => {
   const item = page.locator("#case-list li", { hasText: "Marked" });
   const id = await item.getAttribute("data-id");
-  await item.locator(".delete").click();
+  await item.locator("> button").click();
   // Versions have the same label.
   assert.match(await page.locator("dialog.confirm-delete").innerText(), new RegExp(`Marked · .* · ${id?.slice(0, 8)}`));
   await page.locator("dialog.confirm-delete button[value=keep]").click();
   assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address))).status, 200);
-  await item.locator(".delete").click();
+  await item.locator("> button").click();
   await page.keyboard.press("Escape");
   assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address))).status, 200);
-  await item.locator(".delete").click();
+  await item.locator("> button").click();
   await page.locator("dialog.confirm-delete button[value=delete]").click();
   await item.waitFor({ state: "detached" });
   assert.equal((await fetch(new URL(`v1/cases/${id}`, server.address))).status, 404);

@@ -227,6 +227,9 @@ test("a click in a slice turns the surface to that point", { skip }, async () =>
   const cube = page.locator("#surface .cube [data-view=right]");
   await cube.waitFor({ state: "attached" });
   assert.ok(Number(await cube.getAttribute("opacity")) > 0.6, "the right side is in front");
+  const focused = (): Promise<boolean> =>
+    page.evaluate(() => document.activeElement === document.querySelector(".slice.coronal"));
+  assert.equal(await focused(), true, "its keys are those of the slice");
   const range = page.locator(".slice.axial .slice-range");
   // Only a click turns the surface: who goes through the slices keeps the view of it.
   await range.fill("20");

@@ -152,6 +152,12 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
   // As long as a busy machine may take: what comes at all comes much sooner.
   context.setDefaultTimeout(180_000);
   await servePage(context);
+  const close = context.close.bind(context);
+  // Answers that a test still changes when it ends are nobody's.
+  context.close = async () => {
+    for (const routed of [...context.pages(), context]) await routed.unrouteAll({ behavior: "ignoreErrors" });
+    await close();
+  };
   const page = await context.newPage();
   const troubles: string[] = [];
   // Playwright's init scripts are not the page's: the policy lets them be, and hears of all that is the page's.

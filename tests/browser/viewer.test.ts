@@ -497,7 +497,7 @@ test(
         }
         for (const [name, opener] of [
           ["help", ".bar .icon-button >> nth=-1"],
-          ["confirm-delete", "#case-list .delete"],
+          ["confirm-delete", "#case-list li > button"],
           ["server-picture", ".panel .group:last-child button >> nth=2"],
           ["series", ".panel .group:last-child button >> nth=3"],
         ] as const) {

@@ -37,13 +37,12 @@ export class Row {
       h(
         "span",
         { class: "words" },
-        h("span", { class: "head" }, this.#title, this.#badge),
+        h("span", { class: "head" }, this.#title, h("span", { class: "status" }, one.id.slice(0, 8)), this.#badge),
         h("span", { class: "facts" }, this.#fresh, this.#status, this.#version),
         this.#bar,
       ),
     );
     this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
-    this.#delete.classList.add("delete");
     this.element = h("li", { "data-id": one.id }, this.#link, this.#delete);
   }
 
@@ -51,7 +50,6 @@ export class Row {
     this.#case = one;
     this.element.dataset.state = one.state;
     setText(this.#title, caseTitle(one));
-    this.#title.title = caseTitle(one);
     this.element.title = caseFacts(one);
     setText(this.#status, caseStatus(one));
     const version = versionOf(one);

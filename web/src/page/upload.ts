@@ -104,8 +104,10 @@ export class UploadForm {
     const size = (bytes: number): string => `${number(bytes / 1e6, 1)} MB`;
     // Shown here alone: a file's name may hold the patient's, and is never sent.
     const { volume, dicom, mask, layers } = sorted;
-    const named = sorted.trouble ? this.#files : [volume, ...dicom, mask, ...layers];
-    tell(this.#names, named.flatMap((file) => (file ? [file.webkitRelativePath || file.name] : [])).join("\n"));
+    const taken = [volume, mask, ...layers, ...dicom].filter((file) => file !== null);
+    // What is left aside stands in brackets.
+    const aside = this.#files.filter((file) => !taken.includes(file)).map(({ name }) => `(${name})`);
+    tell(this.#names, [...taken.map(({ name }) => name), ...aside].join("\n"));
     const parts = [
       volume && t("upload.chosen-volume", { size: size(volume.size) }),
       dicom.length > 0 &&

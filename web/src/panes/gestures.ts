@@ -52,7 +52,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
       listener.press?.(kind, placeOf(event), event.pointerType === "touch");
     }
     touches.set(event.pointerId, placeOf(event));
-    pane.focus({ preventScroll: true });
+    pane.closest<HTMLElement>("[tabindex]")?.focus({ preventScroll: true });
     // Else the middle button scrolls the page.
     event.preventDefault();
   });
