@@ -148,16 +148,25 @@ fn convolve(padded: &[f32], stride: usize, kernel: &Kernel, out: &mut [f32]) {
         // The last lanes may be computed twice. Their number is fixed, so the sums stay in registers.
         let start = start.min(last);
         let at = middle + start;
-        let lanes = |at: usize| -> &[f32; LANES] { padded[at..].first_chunk().expect("padded") };
-        let mut sums = lanes(at).map(|value| taps[0] * value);
+        let mut sums = [0.0; LANES];
+        for (sum, value) in sums.iter_mut().zip(lanes(padded, at)) {
+            *sum = taps[0] * value;
+        }
         for (k, &tap) in taps.iter().enumerate().skip(1) {
-            let (after, before) = (lanes(at + k * stride), lanes(at - k * stride));
-            for ((sum, &after), &before) in sums.iter_mut().zip(after).zip(before) {
-                *sum += tap * (after + sign * before);
+            let after = lanes(padded, at + k * stride);
+            let before = lanes(padded, at - k * stride);
+            for lane in 0..LANES {
+                sums[lane] += tap * (after[lane] + sign * before[lane]);
             }
         }
         out[start..start + LANES].copy_from_slice(&sums);
     }
+}
+
+/// The values from a place on. Without inlining, the sums would leave the registers.
+#[inline(always)]
+fn lanes(padded: &[f32], at: usize) -> &[f32; LANES] {
+    padded[at..].first_chunk().expect("padded")
 }
 
 #[cfg(test)]
