@@ -124,13 +124,15 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
         MapKind::Junction,
         &junction_density(&block, &values, &tissue),
     );
+    let deep = block.deep_voxels();
     let mut intensities =
-        intensity_differences(&block, &values, head.plane, parameters.intensity_mm);
+        intensity_differences(&block, &values, &deep, head.plane, parameters.intensity_mm);
     let sharpness = parameters.sharpness(&block, &values, &tissue);
     let sharpness_map = store(MapKind::Sharpness, &sharpness.values);
-    into_z(&mut intensities, &sharpness.junction, LEAST_SPREAD);
-    let intensity_map = store(MapKind::IntensityAsymmetry, &intensities);
-    drop(intensities);
+    let junction = places_among(&sharpness.junction, &deep);
+    into_z(&mut intensities, &junction, LEAST_SPREAD);
+    let intensity_map = StoredMap::at(MapKind::IntensityAsymmetry, &block.grid, &deep, &intensities);
+    drop((intensities, deep, junction));
 
     let detail = parameters.detail(&block, &values, &sharpness, &tissue);
     let depth_bands = depth_bands(head, &block, &values);
@@ -204,37 +206,35 @@ pub(crate) fn compare(
         ring_mm: parameters.ring_mm,
         mirrored_mm: parameters.mirrored_mm,
     };
-    let Measures {
-        sharpness,
-        mut detail,
-    } = measures;
-    let Sharpness {
-        values,
-        weights,
-        junction,
-        ..
-    } = sharpness;
-    for (detail, sharpness) in detail.iter_mut().zip(values) {
-        if sharpness.is_nan() {
-            *detail = f32::NAN;
-        }
-    }
-    let compared = |measure: &[f32], least_spread| {
-        let mut differences = differences(block, (measure, weights), plane, widths);
-        into_z(&mut differences.from_ring, junction, least_spread);
-        into_z(&mut differences.from_mirrored, junction, least_spread);
-        differences
-    };
-    let of_detail = compared(&detail, LEAST_DETAIL_SPREAD);
+    let Measures { sharpness, detail } = measures;
+    let values = &sharpness.values;
+    let voxels: Vec<u32> = (0..)
+        .zip(values)
+        .filter_map(|(voxel, value)| (!value.is_nan()).then_some(voxel))
+        .collect();
+    let junction = places_among(&sharpness.junction, &voxels);
+    let [mut of_sharpness, mut of_detail] = differences(
+        block,
+        &voxels,
+        ([values, &detail], &sharpness.weights),
+        plane,
+        widths,
+    );
     drop(detail);
-    let of_sharpness = compared(values, LEAST_SPREAD);
+    for (of_measure, least_spread) in [
+        (&mut of_detail, LEAST_DETAIL_SPREAD),
+        (&mut of_sharpness, LEAST_SPREAD),
+    ] {
+        into_z(&mut of_measure.from_ring, &junction, least_spread);
+        into_z(&mut of_measure.from_mirrored, &junction, least_spread);
+    }
     let mean = |detail: Vec<f32>, sharpness: &[f32]| {
         let mut mean = detail;
         for (mean, sharpness) in mean.iter_mut().zip(sharpness) {
             let share = parameters.detail_share;
             *mean = share * *mean + (1.0 - share) * sharpness;
         }
-        into_z(&mut mean, junction, LEAST_MEAN_SPREAD);
+        into_z(&mut mean, &junction, LEAST_MEAN_SPREAD);
         mean
     };
     let mut blur = mean(of_detail.from_ring, &of_sharpness.from_ring);
@@ -247,15 +247,31 @@ pub(crate) fn compare(
             (-*blur).min(-from_mirrored)
         };
     }
+    let everywhere = |at_voxels: Vec<f32>| {
+        let mut everywhere = vec![f32::NAN; block.voxel_count()];
+        for (&voxel, value) in voxels.iter().zip(at_voxels) {
+            everywhere[voxel as usize] = value;
+        }
+        everywhere
+    };
     Comparison {
-        blur,
-        asymmetry: of_sharpness.from_mirrored,
+        blur: everywhere(blur),
+        asymmetry: everywhere(of_sharpness.from_mirrored),
     }
 }
 
-/// Values as robust deviations from the values at the junction.
+/// The places of some voxels among others, of which they are a part; both ascend.
+fn places_among(part: &[u32], voxels: &[u32]) -> Vec<u32> {
+    let mut places = (0..).zip(voxels);
+    part.iter()
+        .filter_map(|wanted| places.find(|(_, voxel)| *voxel == wanted))
+        .map(|(place, _)| place)
+        .collect()
+}
+
+/// Values as robust deviations from the values at the junction, by their places.
 fn into_z(values: &mut [f32], junction: &[u32], least_spread: f32) {
-    let at_junction = junction.iter().map(|&voxel| values[voxel as usize]);
+    let at_junction = junction.iter().map(|&place| values[place as usize]);
     let robust = Robust::of(at_junction, least_spread);
     for value in values {
         *value = robust.z(*value);

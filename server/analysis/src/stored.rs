@@ -92,9 +92,7 @@ pub struct Scale {
 impl Scale {
     /// The nearest code; values beyond the ends are clamped, NaN is undefined.
     pub fn code(self, value: f32) -> u8 {
-        if value.is_nan() {
-            return UNDEFINED;
-        }
+        // NaN stays NaN, and becomes 0: UNDEFINED.
         ((value - self.least) / self.step + 1.5).clamp(1.0, 255.0) as u8
     }
 
@@ -137,6 +135,21 @@ impl StoredMap {
         let scale = kind.scale();
         let codes: Vec<u8> = values.map(|value| scale.code(value)).collect();
         assert_eq!(codes.len(), grid.voxel_count(), "one value for each voxel");
+        Self {
+            kind,
+            grid: grid.clone(),
+            scale,
+            codes,
+        }
+    }
+
+    /// A map from the values at some voxels of a grid, NaN where undefined; it is undefined everywhere else.
+    pub(crate) fn at(kind: MapKind, grid: &Grid, voxels: &[u32], values: &[f32]) -> Self {
+        let scale = kind.scale();
+        let mut codes = vec![UNDEFINED; grid.voxel_count()];
+        for (&voxel, &value) in voxels.iter().zip(values) {
+            codes[voxel as usize] = scale.code(value);
+        }
         Self {
             kind,
             grid: grid.clone(),
