@@ -3,6 +3,8 @@
 use geometry::{DepthField, Grid, Volume};
 use glam::{DAffine3, DVec3, Vec3};
 
+use crate::spans::Spans;
+
 /// The least depth of tissue, in mm; above it there are dura and vessels.
 pub(crate) const TISSUE_FROM_MM: f32 = 2.0;
 /// The least depth of the junction, in mm.
@@ -66,6 +68,11 @@ impl Block {
         let voxels = (0..).zip(&self.zones);
         let deep = voxels.filter(|(_, zone)| **zone == Zone::Deep);
         deep.map(|(voxel, _)| voxel).collect()
+    }
+
+    /// The part of each row that contains all voxels of a zone or of a deeper one.
+    pub(crate) fn spans(&self, from: Zone) -> Spans {
+        Spans::around(self.size, &self.zones, |&zone| zone >= from)
     }
 
     /// The stored values of a row of the volume, by its number among the rows of this block.
@@ -157,21 +164,19 @@ fn push_row(
     slope: f32,
     depth_mm: impl Fn(usize) -> Option<f32>,
 ) {
-    let mut x = 0;
+    let (mut x, mut here) = (0, depth_mm(0));
     while x < count {
-        let depth = depth_mm(x);
-        let to_limit = depth.map_or(0.0, |depth| {
+        let to_limit = here.map_or(0.0, |depth| {
             let [deep, tissue] = [DEEP_FROM_MM, TISSUE_FROM_MM].map(|limit| (depth - limit).abs());
             deep.min(tissue) - ROUNDING_MM
         });
-        let last = (x + (to_limit / slope) as usize).min(count - 1);
-        // The working grid is convex: if the last of them is inside, so are all.
-        let next = if last > x && depth_mm(last).is_some() {
-            last + 1
-        } else {
-            x + 1
-        };
-        zones.extend((x..next).map(|_| zone(depth.unwrap_or(OUTSIDE_MM))));
+        let zone = zone(here.unwrap_or(OUTSIDE_MM));
+        let far = (x + (to_limit / slope) as usize).min(count - 1);
+        let there = (far > x).then(|| depth_mm(far)).flatten();
+        // The working grid is convex: if the far voxel is inside, so are all up to it.
+        let next = if there.is_some() { far } else { x + 1 };
+        zones.resize(zones.len() + next - x, zone);
+        here = there.or_else(|| (next < count).then(|| depth_mm(next)).flatten());
         x = next;
     }
 }
@@ -231,4 +236,40 @@ fn in_whole_voxels(affine: DAffine3) -> Option<WholeVoxels> {
         columns: [column(0), column(1), column(2)],
         offset: column(3),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::phantom::{Phantom, plain_grid, turned};
+
+    #[test]
+    fn zones_are_those_of_the_depth_of_each_voxel() {
+        let turned = turned(10.0, 9.0, DVec3::new(2.3, -1.7, 0.4));
+        let grid = plain_grid();
+        let oblique = Grid::new(grid.size(), turned * grid.patient_from_voxel()).unwrap();
+        for grid in [grid, oblique] {
+            let scan = Phantom::PLAIN.scan(&grid);
+            // Larger than the working grid of the envelope, on all sides.
+            let size = grid.size().map(|side| side + 60);
+            let around = grid.block([-30; 3], size).unwrap();
+            let working_from_voxel =
+                scan.depth.grid().voxel_from_patient() * around.patient_from_voxel();
+            let found = zones(&around, &scan.depth);
+            assert!(found.iter().filter(|zone| **zone == Zone::Deep).count() > 100_000);
+            for (index, found) in found.into_iter().enumerate() {
+                let voxel = around.voxel(index).map(|along| along as f64);
+                let place = working_from_voxel.transform_point3(DVec3::from_array(voxel));
+                let depth_mm = depth_at(&scan.depth, place.as_vec3());
+                // The rows of an oblique grid are added up differently, by less than this.
+                let is_at_limit = [DEEP_FROM_MM, TISSUE_FROM_MM]
+                    .into_iter()
+                    .any(|limit| (depth_mm + 1e-4 - limit).abs() < 1e-4);
+                assert!(
+                    found == zone(depth_mm) || is_at_limit,
+                    "{voxel:?} at {depth_mm} mm"
+                );
+            }
+        }
+    }
 }

@@ -118,21 +118,23 @@ impl Maps {
 /// If the voxels, the contrast or the envelope are unsuitable.
 pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
-    let store = |kind, values: &[f32]| StoredMap::new(kind, &block.grid, values.iter().copied());
-
-    let junction_map = store(
-        MapKind::Junction,
-        &junction_density(&block, &values, &tissue),
-    );
+    let store = |kind, voxels: &[u32], values: &[f32]| {
+        let values = voxels.iter().map(|&voxel| values[voxel as usize]);
+        StoredMap::new(kind, &block.grid, voxels, values)
+    };
     let deep = block.deep_voxels();
+    let junction_density = junction_density(&block, &values, &tissue);
+    let junction_map = store(MapKind::Junction, &deep, &junction_density);
+    drop(junction_density);
     let mut intensities =
         intensity_differences(&block, &values, &deep, head.plane, parameters.intensity_mm);
     let sharpness = parameters.sharpness(&block, &values, &tissue);
-    let sharpness_map = store(MapKind::Sharpness, &sharpness.values);
+    let sharpness_map = store(MapKind::Sharpness, &sharpness.defined, &sharpness.values);
     let junction = places_among(&sharpness.junction, &deep);
     into_z(&mut intensities, &junction, LEAST_SPREAD);
-    let intensity_map = StoredMap::at(MapKind::IntensityAsymmetry, &block.grid, &deep, &intensities);
-    drop((intensities, deep, junction));
+    let intensity_map =
+        StoredMap::new(MapKind::IntensityAsymmetry, &block.grid, &deep, intensities);
+    drop((deep, junction));
 
     let detail = parameters.detail(&block, &values, &sharpness, &tissue);
     let depth_bands = depth_bands(head, &block, &values);
@@ -145,11 +147,11 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
         mut blur,
         asymmetry,
     } = compare(&block, measures, head.plane, parameters);
-    let asymmetry_map = store(MapKind::Asymmetry, &asymmetry);
-    drop(asymmetry);
+    let defined = &sharpness.defined;
+    let asymmetry_map = StoredMap::new(MapKind::Asymmetry, &block.grid, defined, asymmetry);
     let junction = &sharpness.junction;
     let scores = Scores::smoothed(&block, junction, &mut blur, parameters.candidate_mm);
-    let blur_map = store(MapKind::Blur, &blur);
+    let blur_map = store(MapKind::Blur, defined, &blur);
     let candidates = candidates(&block, &scores, head, parameters.choice());
     Ok(Maps {
         maps: vec![
@@ -186,12 +188,12 @@ pub(crate) struct Measures<'a> {
     pub(crate) detail: Vec<f32>,
 }
 
-/// The measures compared with their surroundings and the other side; NaN where sharpness is undefined.
+/// The measures compared with their surroundings and the other side.
 pub(crate) struct Comparison {
     /// How far sharpness and detail are below their surroundings, or below the other side, whichever is less; in robust
-    /// deviations.
+    /// deviations. NaN where sharpness is undefined.
     pub(crate) blur: Vec<f32>,
-    /// How far sharpness is above the other side, in robust deviations.
+    /// How far sharpness is above the other side, in robust deviations, at the voxels at which sharpness is defined.
     pub(crate) asymmetry: Vec<f32>,
 }
 
@@ -207,16 +209,12 @@ pub(crate) fn compare(
         mirrored_mm: parameters.mirrored_mm,
     };
     let Measures { sharpness, detail } = measures;
-    let values = &sharpness.values;
-    let voxels: Vec<u32> = (0..)
-        .zip(values)
-        .filter_map(|(voxel, value)| (!value.is_nan()).then_some(voxel))
-        .collect();
-    let junction = places_among(&sharpness.junction, &voxels);
+    let voxels = &sharpness.defined;
+    let junction = places_among(&sharpness.junction, voxels);
     let [mut of_sharpness, mut of_detail] = differences(
         block,
-        &voxels,
-        ([values, &detail], &sharpness.weights),
+        voxels,
+        ([&sharpness.values, &detail], &sharpness.weights),
         plane,
         widths,
     );
@@ -247,16 +245,13 @@ pub(crate) fn compare(
             (-*blur).min(-from_mirrored)
         };
     }
-    let everywhere = |at_voxels: Vec<f32>| {
-        let mut everywhere = vec![f32::NAN; block.voxel_count()];
-        for (&voxel, value) in voxels.iter().zip(at_voxels) {
-            everywhere[voxel as usize] = value;
-        }
-        everywhere
-    };
+    let mut everywhere = vec![f32::NAN; block.voxel_count()];
+    for (&voxel, value) in voxels.iter().zip(blur) {
+        everywhere[voxel as usize] = value;
+    }
     Comparison {
-        blur: everywhere(blur),
-        asymmetry: everywhere(of_sharpness.from_mirrored),
+        blur: everywhere,
+        asymmetry: of_sharpness.from_mirrored,
     }
 }
 
@@ -327,5 +322,16 @@ impl MapParameters {
             half_width: self.half_width,
             window_mm: self.window_mm,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_of_the_voxels_is_found_among_them() {
+        assert_eq!(places_among(&[4, 9, 12], &[1, 4, 7, 9, 12]), [1, 3, 4]);
+        assert!(places_among(&[], &[1, 4]).is_empty());
     }
 }

@@ -130,24 +130,16 @@ pub enum StoredMapError {
 }
 
 impl StoredMap {
-    /// A map from the values of a grid, NaN where undefined.
-    pub(crate) fn new(kind: MapKind, grid: &Grid, values: impl Iterator<Item = f32>) -> Self {
-        let scale = kind.scale();
-        let codes: Vec<u8> = values.map(|value| scale.code(value)).collect();
-        assert_eq!(codes.len(), grid.voxel_count(), "one value for each voxel");
-        Self {
-            kind,
-            grid: grid.clone(),
-            scale,
-            codes,
-        }
-    }
-
     /// A map from the values at some voxels of a grid, NaN where undefined; it is undefined everywhere else.
-    pub(crate) fn at(kind: MapKind, grid: &Grid, voxels: &[u32], values: &[f32]) -> Self {
+    pub(crate) fn new(
+        kind: MapKind,
+        grid: &Grid,
+        voxels: &[u32],
+        values: impl IntoIterator<Item = f32>,
+    ) -> Self {
         let scale = kind.scale();
         let mut codes = vec![UNDEFINED; grid.voxel_count()];
-        for (&voxel, &value) in voxels.iter().zip(values) {
+        for (&voxel, value) in voxels.iter().zip(values) {
             codes[voxel as usize] = scale.code(value);
         }
         Self {
@@ -274,7 +266,8 @@ mod tests {
             7 => f32::NAN,
             _ => index as f32 * 0.4 - 11.0,
         });
-        StoredMap::new(MapKind::Blur, &grid, values)
+        let voxels: Vec<u32> = (0..60).collect();
+        StoredMap::new(MapKind::Blur, &grid, &voxels, values)
     }
 
     #[test]
