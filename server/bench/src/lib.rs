@@ -6,6 +6,7 @@
 
 pub mod agreement;
 mod backends;
+mod brain;
 mod clock;
 pub mod counted;
 mod error;
