@@ -8,7 +8,7 @@ use geometry::{BrainMask, Volume};
 use imaging::nifti;
 
 use crate::BenchError;
-use crate::study::read;
+use crate::files::read;
 
 /// The probability above which the network counts a voxel as brain, as for cases.
 const THRESHOLD: f32 = 0.5;

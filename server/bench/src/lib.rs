@@ -10,6 +10,7 @@ mod brain;
 mod clock;
 pub mod counted;
 mod error;
+mod files;
 mod head;
 mod machine;
 pub mod paper;

@@ -13,6 +13,7 @@ use serde_json::Value;
 
 use crate::BenchError;
 pub use crate::brain::MaskFrom;
+use crate::files::read;
 
 /// Radius of the ball that closes the brain mask, in mm.
 const CLOSING_MM: f64 = 10.0;
@@ -208,13 +209,6 @@ fn from_dicom(folder: &Path) -> Result<Vec<u8>, BenchError> {
         ))
     };
     Ok(converted.map_err(refused)?.nifti)
-}
-
-pub(crate) fn read(path: &Path) -> Result<Vec<u8>, BenchError> {
-    std::fs::read(path).map_err(|reason| BenchError::Unreadable {
-        path: path.to_owned(),
-        reason,
-    })
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
