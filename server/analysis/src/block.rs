@@ -3,10 +3,20 @@
 use geometry::{DepthField, Grid, Volume};
 use glam::{DAffine3, DVec3, Vec3};
 
+use crate::spans::Spans;
+
 /// The least depth of tissue, in mm; above it there are dura and vessels.
 pub(crate) const TISSUE_FROM_MM: f32 = 2.0;
 /// The least depth of the junction, in mm.
 pub(crate) const DEEP_FROM_MM: f32 = 3.0;
+
+/// The depth outside the working grid, in mm.
+const OUTSIDE_MM: f32 = -1.0;
+/// The greatest difference of depth between two neighbours of the working grid, in voxels: 1 for a distance, and what
+/// rounding to steps of 1/128 adds.
+const MOST_A_VOXEL: f32 = 1.01;
+/// More than the rounding errors of a depth, in mm.
+const ROUNDING_MM: f32 = 0.01;
 
 /// The depth class of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,6 +61,18 @@ impl Block {
 
     pub(crate) fn voxel_count(&self) -> usize {
         self.zones.len()
+    }
+
+    /// The voxels at which the junction may be, ascending.
+    pub(crate) fn deep_voxels(&self) -> Vec<u32> {
+        let voxels = (0..).zip(&self.zones);
+        let deep = voxels.filter(|(_, zone)| **zone == Zone::Deep);
+        deep.map(|(voxel, _)| voxel).collect()
+    }
+
+    /// The part of each row that contains all voxels of a zone or of a deeper one.
+    pub(crate) fn spans(&self, from: Zone) -> Spans {
+        Spans::around(self.size, &self.zones, |&zone| zone >= from)
     }
 
     /// The stored values of a row of the volume, by its number among the rows of this block.
@@ -115,21 +137,48 @@ fn bounds(native: &Grid, depth: &DepthField) -> Option<[[usize; 3]; 2]> {
 fn zones(grid: &Grid, depth: &DepthField) -> Vec<Zone> {
     let [nx, ny, nz] = grid.size();
     let working_from_voxel = depth.grid().voxel_from_patient() * grid.patient_from_voxel();
+    let step = working_from_voxel.matrix3.x_axis;
+    let slope = MOST_A_VOXEL * step.abs().element_sum() as f32 * depth.spacing_mm();
     let mut zones = Vec::with_capacity(nx * ny * nz);
     let whole = in_whole_voxels(working_from_voxel);
     for (z, y) in (0..nz).flat_map(|z| (0..ny).map(move |y| (z, y))) {
         if let Some(affine) = &whole {
-            let value = |x: usize| affine.value(depth, [x, y, z]);
-            zones.extend((0..nx).map(|x| zone(value(x))));
+            push_row(&mut zones, nx, slope, |x| affine.value(depth, [x, y, z]));
         } else {
             let start = DVec3::new(0.0, y as f64, z as f64);
             let start = working_from_voxel.transform_point3(start);
-            let step = working_from_voxel.matrix3.x_axis;
             let place = |x: usize| (start + step * x as f64).as_vec3();
-            zones.extend((0..nx).map(|x| zone(depth_at(depth, place(x)))));
+            push_row(&mut zones, nx, slope, |x| depth_inside(depth, place(x)));
         }
     }
     zones
+}
+
+/// Appends the zones of a row, whose depths (in mm, `None` outside the working grid) differ by at most `slope` from one
+/// voxel to the next.
+///
+/// Most voxels are so far from a limit that the zone of the voxels after them is the same.
+fn push_row(
+    zones: &mut Vec<Zone>,
+    count: usize,
+    slope: f32,
+    depth_mm: impl Fn(usize) -> Option<f32>,
+) {
+    let (mut x, mut here) = (0, depth_mm(0));
+    while x < count {
+        let to_limit = here.map_or(0.0, |depth| {
+            let [deep, tissue] = [DEEP_FROM_MM, TISSUE_FROM_MM].map(|limit| (depth - limit).abs());
+            deep.min(tissue) - ROUNDING_MM
+        });
+        let zone = zone(here.unwrap_or(OUTSIDE_MM));
+        let far = (x + (to_limit / slope) as usize).min(count - 1);
+        let there = (far > x).then(|| depth_mm(far)).flatten();
+        // The working grid is convex: if the far voxel is inside, so are all up to it.
+        let next = if there.is_some() { far } else { x + 1 };
+        zones.resize(zones.len() + next - x, zone);
+        here = there.or_else(|| (next < count).then(|| depth_mm(next)).flatten());
+        x = next;
+    }
 }
 
 fn zone(depth_mm: f32) -> Zone {
@@ -144,12 +193,14 @@ fn zone(depth_mm: f32) -> Zone {
 
 /// The depth at a position in voxels of the working grid, in mm; negative outside that grid.
 pub(crate) fn depth_at(depth: &DepthField, place: Vec3) -> f32 {
+    depth_inside(depth, place).unwrap_or(OUTSIDE_MM)
+}
+
+/// The same, `None` outside that grid.
+fn depth_inside(depth: &DepthField, place: Vec3) -> Option<f32> {
     let size = Vec3::from_array(depth.grid().size().map(|side| side as f32 - 1.0));
-    if place.cmpge(Vec3::ZERO).all() && place.cmple(size).all() {
-        depth.depth_mm(place)
-    } else {
-        -1.0
-    }
+    let is_inside = place.cmpge(Vec3::ZERO).all() && place.cmple(size).all();
+    is_inside.then(|| depth.depth_mm(place))
 }
 
 /// Maps one grid to another with coinciding voxel centres.
@@ -159,7 +210,7 @@ struct WholeVoxels {
 }
 
 impl WholeVoxels {
-    fn value(&self, depth: &DepthField, voxel: [usize; 3]) -> f32 {
+    fn value(&self, depth: &DepthField, voxel: [usize; 3]) -> Option<f32> {
         let place = |axis: usize| {
             let along = |from: usize| self.columns[from][axis] * voxel[from] as i64;
             self.offset[axis] + along(0) + along(1) + along(2)
@@ -167,10 +218,11 @@ impl WholeVoxels {
         let size = depth.grid().size();
         let there = [place(0), place(1), place(2)];
         if (0..3).any(|axis| !(0..size[axis] as i64).contains(&there[axis])) {
-            return -1.0;
+            return None;
         }
         let index = depth.grid().index(there.map(|place| place as usize));
-        f32::from(depth.values()[index]) * (depth.spacing_mm() / DepthField::STEPS_PER_VOXEL)
+        let mm_per_step = depth.spacing_mm() / DepthField::STEPS_PER_VOXEL;
+        Some(f32::from(depth.values()[index]) * mm_per_step)
     }
 }
 
@@ -184,4 +236,40 @@ fn in_whole_voxels(affine: DAffine3) -> Option<WholeVoxels> {
         columns: [column(0), column(1), column(2)],
         offset: column(3),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::phantom::{Phantom, plain_grid, turned};
+
+    #[test]
+    fn zones_are_those_of_the_depth_of_each_voxel() {
+        let turned = turned(10.0, 9.0, DVec3::new(2.3, -1.7, 0.4));
+        let grid = plain_grid();
+        let oblique = Grid::new(grid.size(), turned * grid.patient_from_voxel()).unwrap();
+        for grid in [grid, oblique] {
+            let scan = Phantom::PLAIN.scan(&grid);
+            // Larger than the working grid of the envelope, on all sides.
+            let size = grid.size().map(|side| side + 60);
+            let around = grid.block([-30; 3], size).unwrap();
+            let working_from_voxel =
+                scan.depth.grid().voxel_from_patient() * around.patient_from_voxel();
+            let found = zones(&around, &scan.depth);
+            assert!(found.iter().filter(|zone| **zone == Zone::Deep).count() > 100_000);
+            for (index, found) in found.into_iter().enumerate() {
+                let voxel = around.voxel(index).map(|along| along as f64);
+                let place = working_from_voxel.transform_point3(DVec3::from_array(voxel));
+                let depth_mm = depth_at(&scan.depth, place.as_vec3());
+                // The rows of an oblique grid are added up differently, by less than this.
+                let is_at_limit = [DEEP_FROM_MM, TISSUE_FROM_MM]
+                    .into_iter()
+                    .any(|limit| (depth_mm + 1e-4 - limit).abs() < 1e-4);
+                assert!(
+                    found == zone(depth_mm) || is_at_limit,
+                    "{voxel:?} at {depth_mm} mm"
+                );
+            }
+        }
+    }
 }

@@ -5,8 +5,8 @@ use std::collections::HashSet;
 use glam::DVec3;
 
 use crate::Head;
-use crate::block::{Block, depth_at};
-use crate::convolve::{Kernel, smooth};
+use crate::block::{Block, Zone, depth_at};
+use crate::convolve::{Kernel, smooth_within};
 
 /// A side of the patient.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -78,9 +78,10 @@ impl<'a> Scores<'a> {
                 weights[voxel as usize] = 1.0;
             }
         }
+        let deep = block.spans(Zone::Deep);
         rayon::join(
-            || smooth(&mut sums, block.size, &kernels),
-            || smooth(&mut weights, block.size, &kernels),
+            || smooth_within(&mut sums, &deep, &kernels),
+            || smooth_within(&mut weights, &deep, &kernels),
         );
         let mean = |voxel: usize| sums[voxel] / weights[voxel].max(LEAST_WEIGHT);
         let score = |voxel: usize| sums[voxel] / (weights[voxel] + PRIOR_WEIGHT);

@@ -17,8 +17,10 @@ pub(crate) struct Coarse {
     pub(crate) spacing_mm: [f64; 3],
 }
 
-/// Two sums for each cell: weighted values and weights.
-pub(crate) type Pair = [f32; 2];
+/// The sums of a cell: weighted values of one or more measures, and weights.
+pub(crate) type Sums<const N: usize> = [f32; N];
+/// Weighted values of one measure, and weights.
+pub(crate) type Pair = Sums<2>;
 
 impl Coarse {
     /// Cells of about `step_mm`, and no smaller than a voxel.
@@ -47,29 +49,42 @@ impl Coarse {
         self.factor.iter().product::<usize>() as f32
     }
 
-    /// The mean of `pair_at` over the voxels of each cell, by index in the block, separately for both numbers.
-    pub(crate) fn means(&self, mut pair_at: impl FnMut(usize) -> Pair) -> [Vec<f32>; 2] {
+    /// The mean of `sums_at` over the voxels of each cell, by index in the block, separately for each number.
+    pub(crate) fn means<const N: usize>(
+        &self,
+        mut sums_at: impl FnMut(usize) -> Sums<N>,
+    ) -> [Vec<f32>; N] {
         let [nx, ny, _] = self.fine;
         let [cx, cy, _] = self.size;
-        let mut sums = [0, 1].map(|_| vec![0.0; self.size.iter().product()]);
+        let mut means = [0; N].map(|_| vec![0.0; self.size.iter().product()]);
         let share = 1.0 / self.voxels_of_a_cell();
         for number in 0..ny * self.fine[2] {
             let cell_row =
                 cx * (number % ny / self.factor[1] + cy * (number / ny / self.factor[2]));
             for first in (0..nx).step_by(self.factor[0]) {
                 let last = (first + self.factor[0]).min(nx);
-                let pairs = (first..last).map(|x| pair_at(number * nx + x));
-                let [a, b] = pairs.fold([0.0; 2], |[a, b], pair| [a + pair[0], b + pair[1]]);
+                let mut total = [0.0; N];
+                for x in first..last {
+                    let sums = sums_at(number * nx + x);
+                    for (total, sum) in total.iter_mut().zip(sums) {
+                        *total += sum;
+                    }
+                }
                 let cell = cell_row + first / self.factor[0];
-                sums[0][cell] += a * share;
-                sums[1][cell] += b * share;
+                for (means, total) in means.iter_mut().zip(total) {
+                    means[cell] += total * share;
+                }
             }
         }
-        sums
+        means
     }
 
-    /// Both numbers smoothed by a Gaussian, which includes the width of the cells, and interleaved.
-    pub(crate) fn smoothed(&self, means: &[Vec<f32>; 2], sigma_mm: f64) -> Vec<Pair> {
+    /// The numbers smoothed by a Gaussian, which includes the width of the cells, and interleaved.
+    pub(crate) fn smoothed<const N: usize>(
+        &self,
+        means: &[Vec<f32>; N],
+        sigma_mm: f64,
+    ) -> Vec<Sums<N>> {
         let kernels = [0, 1, 2].map(|axis| {
             let factor = self.factor[axis] as f64;
             // The variance of the voxels of a cell, and of the interpolation between two cells.
@@ -82,13 +97,13 @@ impl Coarse {
             let wanted = (sigma_mm / self.spacing_mm[axis]).powi(2) - cell - between;
             Kernel::gaussian(wanted.max(0.0).sqrt())
         });
-        let [mut first, mut second] = means.clone();
-        smooth(&mut first, self.size, &kernels);
-        smooth(&mut second, self.size, &kernels);
-        first
-            .into_iter()
-            .zip(second)
-            .map(<[f32; 2]>::from)
+        let mut smoothed = means.clone();
+        for numbers in &mut smoothed {
+            smooth(numbers, self.size, &kernels);
+        }
+        let cells = 0..smoothed[0].len();
+        cells
+            .map(|cell| smoothed.each_ref().map(|numbers| numbers[cell]))
             .collect()
     }
 
@@ -102,14 +117,14 @@ impl Coarse {
         cell_from_voxel * voxel_from_other
     }
 
-    /// The pair at a position in cells, trilinear; `None` beyond the outermost cells.
+    /// The sums at a position in cells, trilinear; 0 beyond the outermost cells.
     #[inline]
-    pub(crate) fn sample(&self, pairs: &[Pair], place: Vec3) -> Pair {
+    pub(crate) fn sample<const N: usize>(&self, cells: &[Sums<N>], place: Vec3) -> Sums<N> {
         let [nx, ny, nz] = self.size;
         let last = Vec3::new(nx as f32 - 1.0, ny as f32 - 1.0, nz as f32 - 1.0);
         // Also false for NaN.
         if !(place.cmpge(Vec3::splat(-0.5)).all() && place.cmple(last + 0.5).all()) {
-            return [0.0; 2];
+            return [0.0; N];
         }
         let [x, y, z] = [
             Between::of(place.x, nx, 1),
@@ -117,13 +132,18 @@ impl Coarse {
             Between::of(place.z, nz, nx * ny),
         ];
         let start = x.start + y.start + z.start;
-        let row = |at: usize| x.mix(pairs[at], pairs[at + x.step]);
+        let row = |at: usize| x.mix(cells[at], cells[at + x.step]);
         let slice = |at: usize| y.mix(row(at), row(at + y.step));
         z.mix(slice(start), slice(start + z.step))
     }
 
     /// A row of cells, interpolated from the rows of cells around a row of voxels of the block.
-    pub(crate) fn mixed_row(&self, pairs: &[Pair], number: usize, mixed: &mut Vec<Pair>) {
+    pub(crate) fn mixed_row<const N: usize>(
+        &self,
+        cells: &[Sums<N>],
+        number: usize,
+        mixed: &mut Vec<Sums<N>>,
+    ) {
         let [nx, ny, nz] = self.size;
         let place = |axis: usize, voxel: usize| {
             let factor = self.factor[axis] as f32;
@@ -131,7 +151,7 @@ impl Coarse {
         };
         let y = Between::of(place(1, number % self.fine[1]), ny, nx);
         let z = Between::of(place(2, number / self.fine[1]), nz, nx * ny);
-        let row = |at: usize| &pairs[at..at + nx];
+        let row = |at: usize| &cells[at..at + nx];
         let start = y.start + z.start;
         let low = row(start).iter().zip(row(start + y.step));
         let high = row(start + z.step).iter().zip(row(start + y.step + z.step));
@@ -173,17 +193,14 @@ impl Between {
         }
     }
 
-    #[inline]
-    fn mix(self, low: Pair, high: Pair) -> Pair {
-        [
-            low[0] + (high[0] - low[0]) * self.part,
-            low[1] + (high[1] - low[1]) * self.part,
-        ]
+    #[inline(always)]
+    fn mix<const N: usize>(self, low: Sums<N>, high: Sums<N>) -> Sums<N> {
+        std::array::from_fn(|place| low[place] + (high[place] - low[place]) * self.part)
     }
 
-    /// The pair in an interpolated row.
+    /// The sums in an interpolated row.
     #[inline]
-    pub(crate) fn of_row(self, row: &[Pair]) -> Pair {
+    pub(crate) fn of_row<const N: usize>(self, row: &[Sums<N>]) -> Sums<N> {
         self.mix(row[self.start], row[self.start + self.step])
     }
 }

@@ -4,6 +4,8 @@
 
 use multiversion::multiversion;
 
+use crate::spans::Spans;
+
 /// The extent of a Gaussian, in standard deviations.
 const REACH: f64 = 3.3;
 /// The number of values that are summed at once.
@@ -72,7 +74,7 @@ impl Kernel {
         products[0] + 2.0 * products[1..].iter().sum::<f64>()
     }
 
-    /// Convolves a row. `padded` has [`Kernel::reach`] strides before and after it.
+    /// Convolves a row. `padded` begins [`Kernel::reach`] strides before it and ends as many after it, or later.
     pub(crate) fn apply(&self, padded: &[f32], stride: usize, out: &mut [f32]) {
         convolve(padded, stride, self, out);
     }
@@ -87,44 +89,47 @@ fn gaussian_taps(sigma_voxels: f64) -> Vec<f64> {
 
 /// Convolves a block along its three axes; beyond its faces it is 0.
 pub(crate) fn smooth(values: &mut [f32], size: [usize; 3], kernels: &[Kernel; 3]) {
-    let [nx, ny, nz] = size;
-    let [along_x, along_y, along_z] = kernels;
-    let mut padded = Vec::new();
-    for plane in values.chunks_exact_mut(nx * ny) {
-        if along_x.reach() > 0 {
-            for row in plane.chunks_exact_mut(nx) {
-                pad(&mut padded, along_x.reach(), [&*row]);
-                along_x.apply(&padded, 1, row);
-            }
-        }
-        if along_y.reach() > 0 {
-            pad(&mut padded, along_y.reach() * nx, [&*plane]);
-            along_y.apply(&padded, nx, plane);
-        }
-    }
-    if along_z.reach() == 0 {
-        return;
-    }
-    let mut slab = vec![0.0; nx * nz];
-    for y in 0..ny {
-        let start = |z: usize| nx * (y + ny * z);
-        let rows = (0..nz).map(|z| &values[start(z)..][..nx]);
-        pad(&mut padded, along_z.reach() * nx, rows);
-        along_z.apply(&padded, nx, &mut slab);
-        for (z, row) in slab.chunks_exact(nx).enumerate() {
-            values[start(z)..][..nx].copy_from_slice(row);
-        }
-    }
+    smooth_within(values, &Spans::whole(size), kernels);
 }
 
-/// Consecutive rows, with zeros before and after them.
-fn pad<'a>(padded: &mut Vec<f32>, margin: usize, rows: impl IntoIterator<Item = &'a [f32]>) {
-    padded.clear();
-    padded.resize(margin, 0.0);
-    for row in rows {
-        padded.extend_from_slice(row);
+/// Convolves a block along its three axes; beyond its faces it is 0. The result is right within the spans, and has no
+/// meaning elsewhere.
+pub(crate) fn smooth_within(values: &mut [f32], spans: &Spans, kernels: &[Kernel; 3]) {
+    let [nx, ny, nz] = spans.size;
+    let [along_x, along_y, along_z] = kernels;
+    // What each pass has to compute for the one after it.
+    let after_y = spans.widened_along_z(along_z.reach());
+    let after_x = after_y.widened_along_y(along_y.reach());
+    let mut padded_row = vec![0.0; nx + 2 * along_x.reach()];
+    let mut padded = vec![0.0; nx * (ny + 2 * along_y.reach())];
+    let first = nx * along_y.reach();
+    for (z, plane) in values.chunks_exact_mut(nx * ny).enumerate() {
+        for (y, row) in plane.chunks_exact(nx).enumerate() {
+            let span = after_x.row(y, z);
+            padded_row[along_x.reach()..][..nx].copy_from_slice(row);
+            let out = &mut padded[first + nx * y..][span.clone()];
+            along_x.apply(&padded_row[span.start..], 1, out);
+        }
+        for (y, row) in plane.chunks_exact_mut(nx).enumerate() {
+            let span = after_y.row(y, z);
+            along_y.apply(&padded[nx * y + span.start..], nx, &mut row[span]);
+        }
     }
-    padded.resize(padded.len() + margin, 0.0);
+    let mut padded = vec![0.0; nx * (nz + 2 * along_z.reach())];
+    let first = nx * along_z.reach();
+    let start = |y: usize, z: usize| nx * (y + ny * z);
+    for y in 0..ny {
+        for z in 0..nz {
+            let span = after_y.row(y, z);
+            let row = &values[start(y, z)..][span.clone()];
+            padded[first + nx * z..][span].copy_from_slice(row);
+        }
+        for z in 0..nz {
+            let span = spans.row(y, z);
+            let out = &mut values[start(y, z)..][span.clone()];
+            along_z.apply(&padded[nx * z + span.start..], nx, out);
+        }
+    }
 }
 
 /// `out[i]` becomes the weighted sum of `padded` around `i`, at every `stride`-th value.
@@ -148,16 +153,25 @@ fn convolve(padded: &[f32], stride: usize, kernel: &Kernel, out: &mut [f32]) {
         // The last lanes may be computed twice. Their number is fixed, so the sums stay in registers.
         let start = start.min(last);
         let at = middle + start;
-        let lanes = |at: usize| -> &[f32; LANES] { padded[at..].first_chunk().expect("padded") };
-        let mut sums = lanes(at).map(|value| taps[0] * value);
+        let mut sums = [0.0; LANES];
+        for (sum, value) in sums.iter_mut().zip(lanes(padded, at)) {
+            *sum = taps[0] * value;
+        }
         for (k, &tap) in taps.iter().enumerate().skip(1) {
-            let (after, before) = (lanes(at + k * stride), lanes(at - k * stride));
-            for ((sum, &after), &before) in sums.iter_mut().zip(after).zip(before) {
-                *sum += tap * (after + sign * before);
+            let after = lanes(padded, at + k * stride);
+            let before = lanes(padded, at - k * stride);
+            for lane in 0..LANES {
+                sums[lane] += tap * (after[lane] + sign * before[lane]);
             }
         }
         out[start..start + LANES].copy_from_slice(&sums);
     }
+}
+
+/// The values from a place on. Without inlining, the sums would leave the registers.
+#[inline(always)]
+fn lanes(padded: &[f32], at: usize) -> &[f32; LANES] {
+    padded[at..].first_chunk().expect("padded")
 }
 
 #[cfg(test)]
@@ -213,6 +227,27 @@ mod tests {
                 }
                 assert!((f64::from(fast[index]) - sum).abs() < 1e-5, "{index}");
             }
+        }
+    }
+
+    #[test]
+    fn within_spans_a_convolution_is_that_of_the_whole_block() {
+        let size = [70, 31, 26];
+        let kernels = [1.4, 0.8, 1.1].map(Kernel::gaussian);
+        let values = noise(size.iter().product());
+        let is_in_ball = |index: usize| {
+            let [x, y, z] = [index % 70, index / 70 % 31, index / 70 / 31].map(|p| p as f32);
+            (x - 40.0).powi(2) + (y - 14.0).powi(2) + (z - 12.0).powi(2) < 150.0
+        };
+        let ball: Vec<bool> = (0..values.len()).map(is_in_ball).collect();
+        let [mut whole, mut within] = [values.clone(), values];
+        smooth(&mut whole, size, &kernels);
+        let spans = Spans::around(size, &ball, |is_inside| *is_inside);
+        smooth_within(&mut within, &spans, &kernels);
+        let inside = (0..ball.len()).filter(|&index| ball[index]);
+        assert!(inside.clone().count() > 5_000);
+        for index in inside {
+            assert_eq!(whole[index].to_bits(), within[index].to_bits(), "{index}");
         }
     }
 

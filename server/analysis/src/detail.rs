@@ -1,7 +1,7 @@
 //! The fine detail of the intensities around the junction of grey and white matter.
 
 use crate::block::{Block, Zone};
-use crate::convolve::{Kernel, smooth};
+use crate::convolve::{Kernel, smooth_within};
 
 /// The intensities of tissue, in tissue scale; fluid and vessels beyond them would outweigh every junction.
 const TISSUE_RANGE: [f32; 2] = [-0.5, 1.5];
@@ -20,7 +20,7 @@ pub(crate) struct Band {
 }
 
 /// The standard deviation of the tissue scale between two Gaussians, in a window around each voxel, weighted by
-/// nearness to the junction. The share of the noise is subtracted.
+/// nearness to the junction. The share of the noise is subtracted. It has no meaning in voxels that are not deep enough.
 ///
 /// A blurred junction has less detail than a sharp one, whatever the direction of the junction and whether it is
 /// straight or a thin fold, for which a mean gradient is small as well.
@@ -38,9 +38,10 @@ pub(crate) fn detail(
         .map(|value| value.clamp(TISSUE_RANGE[0], TISSUE_RANGE[1]))
         .collect();
     let mut coarser = energy.clone();
+    let [tissue, deep] = [Zone::Tissue, Zone::Deep].map(|zone| block.spans(zone));
     rayon::join(
-        || smooth(&mut energy, block.size, &fine),
-        || smooth(&mut coarser, block.size, &coarse),
+        || smooth_within(&mut energy, &tissue, &fine),
+        || smooth_within(&mut coarser, &tissue, &coarse),
     );
     // From here on, the second buffer holds the weights.
     for (index, (energy, coarser)) in energy.iter_mut().zip(&mut coarser).enumerate() {
@@ -52,8 +53,8 @@ pub(crate) fn detail(
     let mut weights = coarser;
     let window = block.in_voxels(band.window_mm).map(Kernel::gaussian);
     rayon::join(
-        || smooth(&mut energy, block.size, &window),
-        || smooth(&mut weights, block.size, &window),
+        || smooth_within(&mut energy, &deep, &window),
+        || smooth_within(&mut weights, &deep, &window),
     );
     for (energy, weight) in energy.iter_mut().zip(&weights) {
         let variance = *energy / weight.max(LEAST_WEIGHT) - noise;

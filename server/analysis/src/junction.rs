@@ -1,7 +1,7 @@
 //! The density of voxels between grey and white matter.
 
 use crate::block::{Block, Zone};
-use crate::convolve::{Kernel, smooth};
+use crate::convolve::{Kernel, smooth_within};
 use crate::tissue::TissueScale;
 
 /// Edge of the cube, in mm.
@@ -9,7 +9,7 @@ const CUBE_MM: f64 = 5.0;
 
 /// The fraction of a cube of 5 mm with intensities between mean grey + ½ SD and mean white − ½ SD.
 ///
-/// NaN in voxels that are not deep enough. Source: Huppertz et al., "Enhanced visualization of blurred gray-white
+/// It has no meaning in voxels that are not deep enough. Source: Huppertz et al., "Enhanced visualization of blurred gray-white
 /// matter junctions in focal cortical dysplasia by voxel-based 3D MRI analysis", Epilepsy Research 67, 2005; there, the
 /// mean of normal heads is subtracted; here it is not.
 pub(crate) fn junction_density(block: &Block, values: &[f32], tissue: &TissueScale) -> Vec<f32> {
@@ -20,11 +20,6 @@ pub(crate) fn junction_density(block: &Block, values: &[f32], tissue: &TissueSca
         .map(|(value, &zone)| f32::from(u8::from(is_deep(zone) && between.contains(value))))
         .collect();
     let kernels = block.in_voxels(CUBE_MM).map(Kernel::mean);
-    smooth(&mut density, block.size, &kernels);
-    for (density, &zone) in density.iter_mut().zip(&block.zones) {
-        if !is_deep(zone) {
-            *density = f32::NAN;
-        }
-    }
+    smooth_within(&mut density, &block.spans(Zone::Deep), &kernels);
     density
 }

@@ -20,6 +20,7 @@ mod registration;
 mod robust;
 mod sharpness;
 mod slant;
+mod spans;
 mod stored;
 #[cfg(feature = "study")]
 pub mod study;

@@ -118,19 +118,23 @@ impl Maps {
 /// If the voxels, the contrast or the envelope are unsuitable.
 pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
-    let store = |kind, values: &[f32]| StoredMap::new(kind, &block.grid, values.iter().copied());
-
-    let junction_map = store(
-        MapKind::Junction,
-        &junction_density(&block, &values, &tissue),
-    );
+    let store = |kind, voxels: &[u32], values: &[f32]| {
+        let values = voxels.iter().map(|&voxel| values[voxel as usize]);
+        StoredMap::new(kind, &block.grid, voxels, values)
+    };
+    let deep = block.deep_voxels();
+    let junction_density = junction_density(&block, &values, &tissue);
+    let junction_map = store(MapKind::Junction, &deep, &junction_density);
+    drop(junction_density);
     let mut intensities =
-        intensity_differences(&block, &values, head.plane, parameters.intensity_mm);
+        intensity_differences(&block, &values, &deep, head.plane, parameters.intensity_mm);
     let sharpness = parameters.sharpness(&block, &values, &tissue);
-    let sharpness_map = store(MapKind::Sharpness, &sharpness.values);
-    into_z(&mut intensities, &sharpness.junction, LEAST_SPREAD);
-    let intensity_map = store(MapKind::IntensityAsymmetry, &intensities);
-    drop(intensities);
+    let sharpness_map = store(MapKind::Sharpness, &sharpness.defined, &sharpness.values);
+    let junction = places_among(&sharpness.junction, &deep);
+    into_z(&mut intensities, &junction, LEAST_SPREAD);
+    let intensity_map =
+        StoredMap::new(MapKind::IntensityAsymmetry, &block.grid, &deep, intensities);
+    drop((deep, junction));
 
     let detail = parameters.detail(&block, &values, &sharpness, &tissue);
     let depth_bands = depth_bands(head, &block, &values);
@@ -143,11 +147,11 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
         mut blur,
         asymmetry,
     } = compare(&block, measures, head.plane, parameters);
-    let asymmetry_map = store(MapKind::Asymmetry, &asymmetry);
-    drop(asymmetry);
+    let defined = &sharpness.defined;
+    let asymmetry_map = StoredMap::new(MapKind::Asymmetry, &block.grid, defined, asymmetry);
     let junction = &sharpness.junction;
     let scores = Scores::smoothed(&block, junction, &mut blur, parameters.candidate_mm);
-    let blur_map = store(MapKind::Blur, &blur);
+    let blur_map = store(MapKind::Blur, defined, &blur);
     let candidates = candidates(&block, &scores, head, parameters.choice());
     Ok(Maps {
         maps: vec![
@@ -184,12 +188,12 @@ pub(crate) struct Measures<'a> {
     pub(crate) detail: Vec<f32>,
 }
 
-/// The measures compared with their surroundings and the other side; NaN where sharpness is undefined.
+/// The measures compared with their surroundings and the other side.
 pub(crate) struct Comparison {
     /// How far sharpness and detail are below their surroundings, or below the other side, whichever is less; in robust
-    /// deviations.
+    /// deviations. NaN where sharpness is undefined.
     pub(crate) blur: Vec<f32>,
-    /// How far sharpness is above the other side, in robust deviations.
+    /// How far sharpness is above the other side, in robust deviations, at the voxels at which sharpness is defined.
     pub(crate) asymmetry: Vec<f32>,
 }
 
@@ -204,37 +208,31 @@ pub(crate) fn compare(
         ring_mm: parameters.ring_mm,
         mirrored_mm: parameters.mirrored_mm,
     };
-    let Measures {
-        sharpness,
-        mut detail,
-    } = measures;
-    let Sharpness {
-        values,
-        weights,
-        junction,
-        ..
-    } = sharpness;
-    for (detail, sharpness) in detail.iter_mut().zip(values) {
-        if sharpness.is_nan() {
-            *detail = f32::NAN;
-        }
-    }
-    let compared = |measure: &[f32], least_spread| {
-        let mut differences = differences(block, (measure, weights), plane, widths);
-        into_z(&mut differences.from_ring, junction, least_spread);
-        into_z(&mut differences.from_mirrored, junction, least_spread);
-        differences
-    };
-    let of_detail = compared(&detail, LEAST_DETAIL_SPREAD);
+    let Measures { sharpness, detail } = measures;
+    let voxels = &sharpness.defined;
+    let junction = places_among(&sharpness.junction, voxels);
+    let [mut of_sharpness, mut of_detail] = differences(
+        block,
+        voxels,
+        ([&sharpness.values, &detail], &sharpness.weights),
+        plane,
+        widths,
+    );
     drop(detail);
-    let of_sharpness = compared(values, LEAST_SPREAD);
+    for (of_measure, least_spread) in [
+        (&mut of_detail, LEAST_DETAIL_SPREAD),
+        (&mut of_sharpness, LEAST_SPREAD),
+    ] {
+        into_z(&mut of_measure.from_ring, &junction, least_spread);
+        into_z(&mut of_measure.from_mirrored, &junction, least_spread);
+    }
     let mean = |detail: Vec<f32>, sharpness: &[f32]| {
         let mut mean = detail;
         for (mean, sharpness) in mean.iter_mut().zip(sharpness) {
             let share = parameters.detail_share;
             *mean = share * *mean + (1.0 - share) * sharpness;
         }
-        into_z(&mut mean, junction, LEAST_MEAN_SPREAD);
+        into_z(&mut mean, &junction, LEAST_MEAN_SPREAD);
         mean
     };
     let mut blur = mean(of_detail.from_ring, &of_sharpness.from_ring);
@@ -247,15 +245,28 @@ pub(crate) fn compare(
             (-*blur).min(-from_mirrored)
         };
     }
+    let mut everywhere = vec![f32::NAN; block.voxel_count()];
+    for (&voxel, value) in voxels.iter().zip(blur) {
+        everywhere[voxel as usize] = value;
+    }
     Comparison {
-        blur,
+        blur: everywhere,
         asymmetry: of_sharpness.from_mirrored,
     }
 }
 
-/// Values as robust deviations from the values at the junction.
+/// The places of some voxels among others, of which they are a part; both ascend.
+fn places_among(part: &[u32], voxels: &[u32]) -> Vec<u32> {
+    let mut places = (0..).zip(voxels);
+    part.iter()
+        .filter_map(|wanted| places.find(|(_, voxel)| *voxel == wanted))
+        .map(|(place, _)| place)
+        .collect()
+}
+
+/// Values as robust deviations from the values at the junction, by their places.
 fn into_z(values: &mut [f32], junction: &[u32], least_spread: f32) {
-    let at_junction = junction.iter().map(|&voxel| values[voxel as usize]);
+    let at_junction = junction.iter().map(|&place| values[place as usize]);
     let robust = Robust::of(at_junction, least_spread);
     for value in values {
         *value = robust.z(*value);
@@ -311,5 +322,16 @@ impl MapParameters {
             half_width: self.half_width,
             window_mm: self.window_mm,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_of_the_voxels_is_found_among_them() {
+        assert_eq!(places_among(&[4, 9, 12], &[1, 4, 7, 9, 12]), [1, 3, 4]);
+        assert!(places_among(&[], &[1, 4]).is_empty());
     }
 }

@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::MidsagittalPlane;
 use crate::block::{Block, Zone};
-use crate::coarse::{Coarse, Pair};
+use crate::coarse::{Coarse, Pair, Sums};
 
 /// The cell size for the sums of surroundings, in mm.
 const STEP_MM: f64 = 2.0;
@@ -18,7 +18,8 @@ const LEAST_INSIDE: f32 = 0.3;
 /// The intensities of tissue; beyond are vessels and fluid, in tissue scale.
 const INTENSITY_RANGE: [f32; 2] = [-1.5, 1.6];
 
-/// Differences for each voxel of a block; NaN where one of the two values is undefined.
+/// Differences of a measure at some voxels of a block; NaN where one of the two values is undefined.
+#[derive(Debug, Default)]
 pub(crate) struct Differences {
     /// Own value minus the mean of the surroundings.
     pub(crate) from_ring: Vec<f32>,
@@ -33,61 +34,62 @@ pub(crate) struct Widths {
     pub(crate) mirrored_mm: f64,
 }
 
-/// Compares a measure of the junction (NaN where it is undefined) with its surroundings and with the other side. Only
-/// the mirrored side is smoothed.
+/// Compares two measures of the junction with their surroundings and with the other side, at the voxels at which they
+/// are defined (ascending); elsewhere, the first is NaN. Only the mirrored side is smoothed.
 pub(crate) fn differences(
     block: &Block,
-    (values, weights): (&[f32], &[f32]),
+    voxels: &[u32],
+    (measures, weights): ([&[f32]; 2], &[f32]),
     plane: &MidsagittalPlane,
     widths: Widths,
-) -> Differences {
+) -> [Differences; 2] {
     let coarse = Coarse::new(block.size, block.spacing_mm, STEP_MM);
+    let [first, second] = measures;
     let means = coarse.means(|index| {
-        let (value, weight) = (values[index], weights[index]);
-        if value.is_nan() {
-            [0.0; 2]
+        if first[index].is_nan() {
+            [0.0; 3]
         } else {
-            [value * weight, weight]
+            let weight = weights[index];
+            [first[index] * weight, second[index] * weight, weight]
         }
     });
     let around = coarse.smoothed(&means, widths.ring_mm);
     let mirrored = coarse.smoothed(&means, widths.mirrored_mm);
     drop(means);
-    let less = |own: f32, [sum, weight]: Pair, least: f32| {
+    let less = |own: f32, sum: f32, weight: f32, least: f32| {
         if weight > least {
             own - sum / weight
         } else {
             f32::NAN
         }
     };
-    let mut from_ring = vec![f32::NAN; block.voxel_count()];
-    let mut from_mirrored = vec![f32::NAN; block.voxel_count()];
-    let cell_from_voxel = coarse.through(mirrored_from_voxel(&block.grid, plane));
-    for_each_pair(
+    let mut differences = measures.map(|_| Differences {
+        from_ring: Vec::with_capacity(voxels.len()),
+        from_mirrored: Vec::with_capacity(voxels.len()),
+    });
+    let places = Places {
         block,
-        &coarse,
-        &around,
-        cell_from_voxel,
-        |index, own, other| {
-            let value = values[index];
-            if !value.is_nan() {
-                from_ring[index] = less(value, own, LEAST_RING);
-                let mirrored = coarse.sample(&mirrored, other);
-                from_mirrored[index] = less(value, mirrored, LEAST_MIRRORED);
-            }
-        },
-    );
-    Differences {
-        from_ring,
-        from_mirrored,
-    }
+        coarse: &coarse,
+        cell_from_mirrored: coarse.through(mirrored_from_voxel(&block.grid, plane)),
+    };
+    places.visit(voxels, &around, |index, own, other| {
+        let other = coarse.sample(&mirrored, other);
+        for ((differences, measure), place) in differences.iter_mut().zip(measures).zip(0..) {
+            let value = measure[index];
+            let from_ring = less(value, own[place], own[2], LEAST_RING);
+            let from_mirrored = less(value, other[place], other[2], LEAST_MIRRORED);
+            differences.from_ring.push(from_ring);
+            differences.from_mirrored.push(from_mirrored);
+        }
+    });
+    differences
 }
 
-/// The tissue scale minus its mirrored value, both smoothed by a Gaussian of `width_mm`, in voxels that are deep
-/// enough.
+/// The tissue scale minus its mirrored value, both smoothed by a Gaussian of `width_mm`, at some voxels (ascending).
 pub(crate) fn intensity_differences(
     block: &Block,
     values: &[f32],
+    voxels: &[u32],
     plane: &MidsagittalPlane,
     width_mm: f64,
 ) -> Vec<f32> {
@@ -109,43 +111,52 @@ pub(crate) fn intensity_differences(
             f32::NAN
         }
     };
-    let mut differences = vec![f32::NAN; block.voxel_count()];
-    let cell_from_voxel = coarse.through(mirrored_from_voxel(&block.grid, plane));
-    for_each_pair(
+    let places = Places {
         block,
-        &coarse,
-        &smoothed,
-        cell_from_voxel,
-        |index, own, other| {
-            if block.zones[index] == Zone::Deep {
-                differences[index] = mean(own) - mean(coarse.sample(&smoothed, other));
-            }
-        },
-    );
+        coarse: &coarse,
+        cell_from_mirrored: coarse.through(mirrored_from_voxel(&block.grid, plane)),
+    };
+    let mut differences = Vec::with_capacity(voxels.len());
+    places.visit(voxels, &smoothed, |_, own, other| {
+        differences.push(mean(own) - mean(coarse.sample(&smoothed, other)));
+    });
     differences
 }
 
-/// Calls `visit` with the index of each voxel, its pair of numbers, and its position through an affine.
-fn for_each_pair(
-    block: &Block,
-    coarse: &Coarse,
-    pairs: &[Pair],
-    cell_from_voxel: DAffine3,
-    mut visit: impl FnMut(usize, Pair, Vec3),
-) {
-    let [nx, ny, nz] = block.size;
-    let (along_row, mut mixed) = (coarse.along_row(), Vec::new());
-    let step = cell_from_voxel.matrix3.x_axis.as_vec3();
-    for number in 0..ny * nz {
-        let start = DVec3::from_array([0, number % ny, number / ny].map(|place| place as f64));
-        let start = cell_from_voxel.transform_point3(start).as_vec3();
-        coarse.mixed_row(pairs, number, &mut mixed);
-        for (x, between) in along_row.iter().enumerate() {
-            visit(
-                number * nx + x,
-                between.of_row(&mixed),
-                start + step * x as f32,
-            );
+/// The places of voxels of a block among cells.
+struct Places<'a> {
+    block: &'a Block,
+    coarse: &'a Coarse,
+    /// To the mirrored position.
+    cell_from_mirrored: DAffine3,
+}
+
+impl Places<'_> {
+    /// Calls `visit` with the index of each of the voxels (ascending), the sums of the cells there, and the mirrored
+    /// position in cells.
+    fn visit<const N: usize>(
+        &self,
+        mut voxels: &[u32],
+        cells: &[Sums<N>],
+        mut visit: impl FnMut(usize, Sums<N>, Vec3),
+    ) {
+        let [nx, ny, _] = self.block.size;
+        let (along_row, mut mixed) = (self.coarse.along_row(), Vec::new());
+        let step = self.cell_from_mirrored.matrix3.x_axis.as_vec3();
+        while let Some(&first) = voxels.first() {
+            let number = first as usize / nx;
+            let begin = number * nx;
+            let count = voxels.partition_point(|&voxel| (voxel as usize) < begin + nx);
+            let (row, rest) = voxels.split_at(count);
+            let start = DVec3::from_array([0, number % ny, number / ny].map(|place| place as f64));
+            let start = self.cell_from_mirrored.transform_point3(start).as_vec3();
+            self.coarse.mixed_row(cells, number, &mut mixed);
+            for index in row.iter().map(|&voxel| voxel as usize) {
+                let x = index - begin;
+                let own = along_row[x].of_row(&mixed);
+                visit(index, own, start + step * x as f32);
+            }
+            voxels = rest;
         }
     }
 }

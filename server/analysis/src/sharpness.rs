@@ -1,7 +1,7 @@
 //! The sharpness of the junction of grey and white matter.
 
 use crate::block::{Block, Zone};
-use crate::convolve::{Kernel, smooth};
+use crate::convolve::{Kernel, smooth_within};
 use crate::gradient::Weighted;
 
 /// The least weight around a voxel for its sharpness to be defined.
@@ -18,9 +18,11 @@ pub(crate) struct Sharpness {
     pub(crate) values: Vec<f32>,
     /// The nearness of each voxel to the middle between grey and white, 0 to 1.
     pub(crate) weights: Vec<f32>,
-    /// The weights after the Gaussian of the window.
+    /// The weights after the Gaussian of the window, in tissue; it has no meaning elsewhere.
     pub(crate) density: Vec<f32>,
-    /// The voxels of the junction, ascending.
+    /// The voxels at which it is defined, ascending.
+    pub(crate) defined: Vec<u32>,
+    /// The voxels of the junction, a part of them, ascending.
     pub(crate) junction: Vec<u32>,
 }
 
@@ -31,17 +33,18 @@ pub(crate) fn sharpness(block: &Block, weighted: Weighted, window_mm: f64) -> Sh
         gradients: mut values,
     } = weighted;
     let kernels = block.in_voxels(window_mm).map(Kernel::gaussian);
+    let deep = block.spans(Zone::Deep);
     let mut density = weights.clone();
     let is_junction = |weight: &f32| f32::from(u8::from(*weight > JUNCTION_FROM));
     let mut near: Vec<f32> = weights.iter().map(is_junction).collect();
     rayon::join(
-        || smooth(&mut values, block.size, &kernels),
+        || smooth_within(&mut values, &deep, &kernels),
         || {
-            smooth(&mut density, block.size, &kernels);
-            smooth(&mut near, block.size, &kernels);
+            smooth_within(&mut density, &block.spans(Zone::Tissue), &kernels);
+            smooth_within(&mut near, &deep, &kernels);
         },
     );
-    let mut junction = Vec::new();
+    let (mut defined, mut junction) = (Vec::new(), Vec::new());
     for (index, value) in values.iter_mut().enumerate() {
         let is_defined = block.zones[index] == Zone::Deep
             && density[index] > LEAST_WEIGHT
@@ -51,14 +54,18 @@ pub(crate) fn sharpness(block: &Block, weighted: Weighted, window_mm: f64) -> Sh
         } else {
             f32::NAN
         };
-        if is_defined && weights[index] > JUNCTION_FROM {
-            junction.push(index as u32);
+        if is_defined {
+            defined.push(index as u32);
+            if weights[index] > JUNCTION_FROM {
+                junction.push(index as u32);
+            }
         }
     }
     Sharpness {
         values,
         weights,
         density,
+        defined,
         junction,
     }
 }

@@ -92,9 +92,7 @@ pub struct Scale {
 impl Scale {
     /// The nearest code; values beyond the ends are clamped, NaN is undefined.
     pub fn code(self, value: f32) -> u8 {
-        if value.is_nan() {
-            return UNDEFINED;
-        }
+        // NaN stays NaN, and becomes 0: UNDEFINED.
         ((value - self.least) / self.step + 1.5).clamp(1.0, 255.0) as u8
     }
 
@@ -132,11 +130,18 @@ pub enum StoredMapError {
 }
 
 impl StoredMap {
-    /// A map from the values of a grid, NaN where undefined.
-    pub(crate) fn new(kind: MapKind, grid: &Grid, values: impl Iterator<Item = f32>) -> Self {
+    /// A map from the values at some voxels of a grid, NaN where undefined; it is undefined everywhere else.
+    pub(crate) fn new(
+        kind: MapKind,
+        grid: &Grid,
+        voxels: &[u32],
+        values: impl IntoIterator<Item = f32>,
+    ) -> Self {
         let scale = kind.scale();
-        let codes: Vec<u8> = values.map(|value| scale.code(value)).collect();
-        assert_eq!(codes.len(), grid.voxel_count(), "one value for each voxel");
+        let mut codes = vec![UNDEFINED; grid.voxel_count()];
+        for (&voxel, value) in voxels.iter().zip(values) {
+            codes[voxel as usize] = scale.code(value);
+        }
         Self {
             kind,
             grid: grid.clone(),
@@ -261,7 +266,8 @@ mod tests {
             7 => f32::NAN,
             _ => index as f32 * 0.4 - 11.0,
         });
-        StoredMap::new(MapKind::Blur, &grid, values)
+        let voxels: Vec<u32> = (0..60).collect();
+        StoredMap::new(MapKind::Blur, &grid, &voxels, values)
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::MapsUndefined;
+use extraction::ExtractionError;
 use geometry::GeometryError;
 use imaging::ImagingError;
 use render::RenderError;
@@ -36,6 +37,19 @@ pub enum BenchError {
     /// The head cannot be prepared.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
+    /// A brain cannot be extracted.
+    #[error("{0}; give a mask: NAME=VOLUME,MASK")]
+    Extraction(#[from] ExtractionError),
+    /// An extracted mask is not that of a brain.
+    #[error(
+        "the mask that was extracted from {head} is rated failed ({reasons}); give a mask: {head}=VOLUME,MASK"
+    )]
+    FailedMask {
+        /// The name of the head.
+        head: String,
+        /// The reasons for the rating.
+        reasons: String,
+    },
     /// The head has no maps.
     #[error(transparent)]
     Maps(#[from] MapsUndefined),
@@ -55,7 +69,12 @@ impl BenchError {
     pub fn exit_status(&self) -> u8 {
         match self {
             Self::Usage(_) => 2,
-            Self::Imaging(_) | Self::Geometry(_) | Self::Maps(_) | Self::MaskOutsideVolume => 65,
+            Self::Imaging(_)
+            | Self::Geometry(_)
+            | Self::Extraction(_)
+            | Self::FailedMask { .. }
+            | Self::Maps(_)
+            | Self::MaskOutsideVolume => 65,
             Self::Unreadable { .. } => 66,
             Self::Render(RenderError::Gpu(_)) | Self::Threads(_) => 69,
             Self::Render(_) => 70,

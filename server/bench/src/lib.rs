@@ -6,9 +6,11 @@
 
 pub mod agreement;
 mod backends;
+mod brain;
 mod clock;
 pub mod counted;
 mod error;
+mod files;
 mod head;
 mod machine;
 pub mod paper;

@@ -5,13 +5,15 @@ use std::path::{Path, PathBuf};
 
 use analysis::midsagittal_plane;
 use analysis::study::{Ground, HeadResult, StudyParameters, Trial, run_head};
-use geometry::{BrainMask, DepthField, Mask, Volume, distance_map, envelope};
+use geometry::{BrainMask, DepthField, Volume, distance_map, envelope};
 use imaging::nifti;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::BenchError;
+pub use crate::brain::MaskFrom;
+use crate::files::read;
 
 /// Radius of the ball that closes the brain mask, in mm.
 const CLOSING_MM: f64 = 10.0;
@@ -95,8 +97,8 @@ impl Stored {
 pub struct StudyHead {
     /// Its name in the tables.
     pub name: String,
-    /// A NIfTI file, or a folder with one DICOM series; `None` for the synthetic head.
-    pub files: Option<[PathBuf; 2]>,
+    /// A NIfTI file, or a folder with one DICOM series, and its mask; `None` for the synthetic head.
+    pub files: Option<(PathBuf, MaskFrom)>,
     /// Whether parameters were tuned on it.
     pub is_tuned: bool,
 }
@@ -114,7 +116,8 @@ impl StudyHead {
     /// The trials of this head: from the directory of results, or new ones.
     ///
     /// # Errors
-    /// If a file cannot be read or written, a result was made with other parameters, or the head has no maps.
+    /// If a file cannot be read or written, a result was made with other parameters, no usable mask can be made, or the
+    /// head has no maps.
     pub fn trials(
         &self,
         parameters: &StudyParameters,
@@ -128,8 +131,7 @@ impl StudyHead {
             result.is_tuned = self.is_tuned;
             return Ok(result);
         }
-        let (volume, mask) = self.read()?;
-        let brain = BrainMask::from_mask(&mask, volume.grid())?;
+        let (volume, brain) = self.read()?;
         let envelope = envelope(&brain, CLOSING_MM)?;
         let head = analysis::Head {
             volume: &volume,
@@ -163,21 +165,20 @@ impl StudyHead {
         Ok(stored.result)
     }
 
-    fn read(&self) -> Result<(Volume, Mask), BenchError> {
-        let Some([volume, mask]) = &self.files else {
+    fn read(&self) -> Result<(Volume, BrainMask), BenchError> {
+        let Some((volume, mask)) = &self.files else {
             let head = geometry::phantom::head(1.0);
-            return Ok((head.volume, head.brain));
+            let brain = BrainMask::from_mask(&head.brain, head.volume.grid())?;
+            return Ok((head.volume, brain));
         };
-        let limits = imaging::Limits::default();
         let bytes = if volume.is_dir() {
             from_dicom(volume)?
         } else {
             read(volume)?
         };
-        Ok((
-            nifti::read_volume(&bytes, &limits)?,
-            nifti::read_mask(&read(mask)?, &limits)?,
-        ))
+        let volume = nifti::read_volume(&bytes, &imaging::Limits::default())?;
+        let brain = mask.brain(&self.name, &volume)?;
+        Ok((volume, brain))
     }
 }
 
@@ -208,13 +209,6 @@ fn from_dicom(folder: &Path) -> Result<Vec<u8>, BenchError> {
         ))
     };
     Ok(converted.map_err(refused)?.nifti)
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, BenchError> {
-    std::fs::read(path).map_err(|reason| BenchError::Unreadable {
-        path: path.to_owned(),
-        reason,
-    })
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {

@@ -1,7 +1,10 @@
 //! `isocortex-bench` on a small made-up head: every table is there, and numbers are in it.
 
+use std::path::Path;
 use std::process::{Command, Output};
 
+use geometry::{Grid, Volume};
+use glam::{DAffine3, DVec3};
 use serde_json::Value;
 
 /// Runs the program on a small head.
@@ -10,6 +13,7 @@ fn run(arguments: &[&str]) -> Output {
         .args(arguments)
         .env_remove("ISOCORTEX_DEMO_VOLUME")
         .env_remove("ISOCORTEX_DEMO_MASK")
+        .env_remove("ISOCORTEX_NETWORK")
         .output()
         .expect("it can be run")
 }
@@ -184,6 +188,84 @@ fn the_quick_study_finds_most_lesions_and_reuses_its_results() {
     assert!(errors.contains("--results"), "{errors}");
 }
 
+/// Writes a volume as NIfTI and returns the path.
+fn written(folder: &Path, volume: &Volume) -> String {
+    let path = folder.join("head.nii.gz");
+    let bytes = imaging::nifti::write_volume(volume).expect("a volume can be written");
+    std::fs::write(&path, bytes).expect("the folder can be written");
+    path.to_str().expect("UTF-8").to_owned()
+}
+
+#[test]
+fn the_brain_of_a_head_without_a_mask_is_extracted_for_the_study() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let head = written(folder.path(), &geometry::phantom::head(1.0).volume);
+    let results = folder.path().to_str().expect("UTF-8");
+    let named = format!("bare={head},tuned");
+    let output = run(&[
+        "study",
+        "--head",
+        &named,
+        "--lesions",
+        "1",
+        "--json",
+        "--results",
+        results,
+    ]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    assert!(
+        errors.contains("bare: the mask was made by tree pruning; its rating is review: "),
+        "{errors}"
+    );
+    let report: Value = serde_json::from_slice(&output.stdout).expect("it prints JSON");
+    let head = &report["report"]["heads"][0];
+    assert_eq!(
+        (&head["name"], &head["is_tuned"]),
+        (&"bare".into(), &true.into())
+    );
+    let no_network = run(&[
+        "study",
+        "--head",
+        "other=/nowhere.nii",
+        "--network",
+        "/nowhere.whl",
+        "--results",
+        results,
+    ]);
+    assert_eq!(no_network.status.code(), Some(66));
+}
+
+#[test]
+fn a_volume_without_a_brain_is_refused_by_the_study_with_the_reason() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let head = geometry::phantom::head(1.0).volume;
+    // A third of the size of a head: its brain is smaller than any.
+    let axes = head.grid().patient_from_voxel() * DAffine3::from_scale(DVec3::splat(0.7));
+    let grid = Grid::new(head.grid().size(), axes).expect("a grid");
+    let small = Volume::new(grid, head.voxels().to_vec(), head.rescale()).expect("a volume");
+    let empty = Volume::new(
+        head.grid().clone(),
+        vec![7; head.grid().voxel_count()],
+        head.rescale(),
+    );
+    let empty = empty.expect("a volume");
+    let results = folder.path().to_str().expect("UTF-8");
+    for (volume, reason) in [
+        (&small, "rated failed (the mask has"),
+        (&empty, "no brain was found"),
+    ] {
+        let named = format!("head={}", written(folder.path(), volume));
+        let output = run(&["study", "--head", &named, "--quick", "--results", results]);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(65), "{errors}");
+        assert!(
+            errors.contains(reason) && errors.contains("; give a mask"),
+            "{errors}"
+        );
+    }
+}
+
 #[test]
 fn one_renderer_may_be_asked_for() {
     let mut arguments = vec!["paper", "--phantom", "4", "--quick", "--json", "--cpu-only"];
@@ -239,6 +321,9 @@ fn what_cannot_be_measured_is_refused_in_a_sentence() {
         (&["paper", "--phantom", "9"][..], 2, "0.5 to 4"),
         (&["paper", "--seconds", "0"], 2, "above 0"),
         (&["step", "cerebellum"], 2, "closing, distance"),
+        (&["study", "--head", "=t1.nii.gz"], 2, "valid name"),
+        (&["study", "--head", "t1.nii.gz"], 2, "NAME=VOLUME"),
+        (&["study", "--head", "a=t1.nii.gz,"], 2, "NAME=VOLUME"),
         (
             &[
                 "paper",

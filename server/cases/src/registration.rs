@@ -23,7 +23,8 @@ pub struct CaseRegistration {
     pub nmi_after: f64,
     /// The fraction of the head that the other volume covers, 0 to 1.
     pub overlap: f64,
-    /// The median shift at which the parts of the head fit best, in mm; absent if the other volume covers too few.
+    /// The parts of the head are shifted to where each fits best; this is the median shift, in mm. Absent if the other
+    /// volume covers too few parts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residual_mm: Option<f64>,
 }
@@ -40,8 +41,8 @@ pub enum RegistrationVerdict {
 }
 
 impl Cases {
-    /// Registers `other` to a case, by the same method as layers. Takes about a second of CPU time, for two heads
-    /// twice as long.
+    /// Registers `other` to a case, by the same method as layers. This takes about a second of CPU time, for two different
+    /// heads twice as long.
     ///
     /// # Errors
     /// As [`Cases::ready`], for both cases; [`Error::Busy`].
@@ -67,7 +68,7 @@ impl Cases {
         })
     }
 
-    /// What is compared of a case: its volume around the brain, and its envelope.
+    /// The parts of a case that are compared: its volume around the brain, and its envelope.
     async fn placed(&self, id: &CaseId) -> Result<PlacedCase, Error> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Volume, ObjectKind::Envelope];
         let decode = |facts: &CaseFacts, payloads: &[bytes::Bytes]| {

@@ -22,7 +22,8 @@ pub struct FoundPlace {
     pub nmi_after: f64,
     /// The fraction of the head that the other volume covers, 0 to 1.
     pub overlap: f64,
-    /// The median shift at which the parts of the head fit best, in mm. `None` if the other volume covers too few.
+    /// The parts of the head are shifted to where each fits best; this is the median shift, in mm. `None` if the other
+    /// volume covers too few parts.
     pub residual_mm: Option<f64>,
 }
 
@@ -37,8 +38,8 @@ pub struct PlacedCase {
 
 /// Finds the place of `other` in the patient space of `case`: see [`analysis::register`].
 ///
-/// Two heads can only be aligned roughly. Of the transforms that are found in either direction, neither of which can be
-/// trusted, the one with the greatest overlap of both envelopes is returned.
+/// Two different heads can only be aligned roughly: no transform between them can be trusted. They are registered in
+/// both directions, and the transform with the greater overlap of the envelopes is returned.
 pub fn place_case(case: &PlacedCase, other: &PlacedCase) -> FoundPlace {
     let found = register(&case.volume, &case.envelope, &other.volume);
     let is_trusted = !matches!(found.verdict, Verdict::Failed(_));

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::study::{Criteria, Report, StudyParameters};
-use bench::study::{StudyFolders, StudyHead};
+use bench::study::{MaskFrom, StudyFolders, StudyHead};
 use bench::{BenchError, froc};
 use clap::Args;
 use serde_json::json;
@@ -18,10 +18,15 @@ use super::{progress, unwritable};
 /// works.
 #[derive(Debug, Args)]
 pub(super) struct StudyArgs {
-    /// A head: NAME=VOLUME,MASK, or NAME=VOLUME,MASK,tuned if parameters were chosen on it. A volume is a NIfTI file or
-    /// a folder with one DICOM series, a mask is NIfTI. May be given several times.
+    /// A head: NAME=VOLUME,MASK or NAME=VOLUME, followed by ",tuned" if parameters were chosen on it. A volume is a NIfTI
+    /// file or a folder with one DICOM series, a mask is NIfTI. Without a mask, the brain is extracted. May be given
+    /// several times.
     #[arg(long, value_name = "HEAD", value_parser = head)]
     head: Vec<StudyHead>,
+    /// The file with the weights of the network that extracts brains, deepbet-1.0.2-py3-none-any.whl. [default: extract
+    /// them by tree pruning]
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
+    network: Option<PathBuf>,
     /// Twelve lesions and four shams per head.
     #[arg(long, conflicts_with = "lesions")]
     quick: bool,
@@ -64,7 +69,10 @@ fn length(text: &str) -> Result<f64, String> {
 }
 
 fn head(text: &str) -> Result<StudyHead, String> {
-    let wrong = || "write NAME=VOLUME,MASK or NAME=VOLUME,MASK,tuned".to_owned();
+    let wrong = || {
+        "write NAME=VOLUME,MASK or NAME=VOLUME; append ,tuned if parameters were chosen on it"
+            .to_owned()
+    };
     let (name, files) = text.split_once('=').ok_or_else(wrong)?;
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
     if name.is_empty() || !name.chars().all(is_plain) {
@@ -76,10 +84,16 @@ fn head(text: &str) -> Result<StudyHead, String> {
         Some(files) => (files, true),
         None => (files, false),
     };
-    let (volume, mask) = files.split_once(',').ok_or_else(wrong)?;
+    let (volume, mask) = match files.split_once(',') {
+        Some((volume, mask)) => (volume, MaskFrom::File(mask.into())),
+        None => (files, MaskFrom::Pruning),
+    };
+    if volume.is_empty() || mask == MaskFrom::File(PathBuf::new()) {
+        return Err(wrong());
+    }
     Ok(StudyHead {
         name: name.to_owned(),
-        files: Some([volume.into(), mask.into()]),
+        files: Some((volume.into(), mask)),
         is_tuned,
     })
 }
@@ -119,6 +133,12 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
             files: None,
             is_tuned: false,
         });
+    }
+    let masks = heads.iter_mut().filter_map(|head| head.files.as_mut());
+    for (_, mask) in masks {
+        if let (MaskFrom::Pruning, Some(network)) = (&mask, &args.network) {
+            *mask = MaskFrom::Network(network.clone());
+        }
     }
     let results = heads
         .iter()

@@ -268,7 +268,8 @@ impl LayerChoice {
             return Err(Error::out_of_range("layer", detail));
         }
         if overlay.as_ref().is_some_and(ChosenLayer::is_labels) && self.overlay_window.is_some() {
-            let detail = "is not accepted for a label map, whose labels have their own colours";
+            let detail =
+                "is not accepted for a label map, because labels have their own colours; omit it";
             return Err(Error::out_of_range("overlay_window", detail));
         }
         Ok(ChosenLayers {

@@ -34,8 +34,9 @@ impl Asked for RegistrationQuery {
 
 /// The place of another case in the patient space of this case
 ///
-/// A rigid registration by normalised mutual information, as for layers: two time points of one head, or two heads, whose
-/// transform only aligns them roughly (`verdict` is `rough`). Takes about a second.
+/// Registers two cases rigidly by normalised mutual information, in the same way as layers. The cases may be two time
+/// points of one head. Two different heads can only be aligned roughly (`verdict` is `rough`). The request takes about a
+/// second.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/registration", tag = "cases",
     params(("id" = String, Path, description = "The case"), RegistrationQuery),

@@ -218,7 +218,7 @@ pub async fn get_slice(
     let named = cases.identity(&id, asked.annotate).await?;
     let chosen = values.layers.of_case(&cases.library, &id).await?;
     if asked.edges && chosen.has_labels_above() {
-        let detail = "is not possible for a label map, whose values do not rise";
+        let detail = "is not possible for a label map, because labels have no edges; choose another `overlay`";
         return Err(AppError::out_of_range("edges", detail));
     }
     let work = async |facts: Arc<CaseFacts>| {
