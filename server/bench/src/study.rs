@@ -17,7 +17,7 @@ use crate::BenchError;
 const CLOSING_MM: f64 = 10.0;
 
 /// The version of the files of results. It increases if lesions, places or observers change.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// The parameters of a stored result, in the words of the command line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

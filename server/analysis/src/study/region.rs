@@ -6,7 +6,7 @@ use geometry::DepthField;
 use glam::{DVec3, Vec3};
 
 use crate::Head;
-use crate::block::{Block, depth_at};
+use crate::block::{Block, DEEP_FROM_MM, depth_at};
 use crate::convolve::{Kernel, smooth};
 
 /// The Gaussian of the gradient of an observer, in mm, and the width of its weight: from the pilot study, not from the
@@ -15,6 +15,8 @@ const GRADIENT_MM: f64 = 0.7;
 const WEIGHT_WIDTH: f32 = 0.2;
 /// The least depth of visible junction, in mm.
 const FROM_MM: f32 = 2.5;
+/// The least gradient at a point of the junction, per mm.
+const LEAST_SLOPE: f64 = 0.05;
 /// The template of an observer: a Gaussian in the cut, a narrower one across it, in mm, and their extent.
 const TEMPLATE_MM: f32 = 3.0;
 const ACROSS_MM: f32 = 0.6;
@@ -140,6 +142,29 @@ impl Region {
     fn reach(&self) -> [usize; 3] {
         self.spacing_mm
             .map(|spacing| (REACH_MM / spacing).ceil() as usize)
+    }
+
+    /// The point of the junction nearest to a place, both in voxels of the block: where the smoothed tissue scale crosses
+    /// the middle between grey and white, to a fraction of a voxel. `None` if there is none within a reach.
+    pub(crate) fn nearest_junction(&self, place: DVec3, reach_mm: f64) -> Option<DVec3> {
+        let spacing = DVec3::from_array(self.spacing_mm);
+        let at_most_mm = spacing.max_element();
+        let crossing = |index: usize| {
+            let gradient = self.gradients[index].as_dvec3();
+            let is_steep = gradient.length_squared() > LEAST_SLOPE * LEAST_SLOPE;
+            if !is_steep || self.depths_mm[index] < DEEP_FROM_MM {
+                return None;
+            }
+            let missing = 0.5 - f64::from(self.smooth[index]);
+            let step_mm = gradient * (missing / gradient.length_squared());
+            let voxel = DVec3::from_array(self.in_block(index).map(|along| along as f64));
+            (step_mm.length() <= at_most_mm).then_some(voxel + step_mm / spacing)
+        };
+        let distance_mm = |point: &DVec3| ((*point - place) * spacing).length();
+        (0..self.voxel_count())
+            .filter_map(crossing)
+            .filter(|point| distance_mm(point) <= reach_mm)
+            .min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)))
     }
 
     /// The sharpness in the cuts through a voxel of the block around which the template fits.

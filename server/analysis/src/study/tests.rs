@@ -1,8 +1,9 @@
 use glam::DVec3;
 
+use super::hotelling::area;
 use super::run::run_head;
 use super::*;
-use crate::tests::phantom::{Phantom, Scan, lesion, plain_grid};
+use crate::tests::phantom::{Phantom, Scan, lesion, on_junction, plain_grid};
 
 fn noisy() -> Scan {
     let phantom = Phantom {
@@ -113,6 +114,58 @@ fn a_thickening_moves_the_junction_into_white_matter_and_a_darkening_lowers_it()
     // Stored values: the contrast is 600. Below the junction by 2 mm, 0.94 of it are reached, and 0.5 two millimetres above that.
     assert!((150.0..330.0).contains(&(plain - thick)), "{plain} {thick}");
     assert!((80.0..140.0).contains(&(plain - dark)), "{plain} {dark}");
+}
+
+/// O2 knows the place, and places lie in the middle between grey and white: a thickening turns that very point grey.
+#[test]
+fn a_thickening_is_seen_at_its_place_but_not_at_the_centre_of_its_patch() {
+    let scan = noisy();
+    let ground = Ground::new(scan.head()).unwrap();
+    let number_of = 30;
+    let place = |number: usize| {
+        // A spiral with equal areas between its points.
+        let z = 1.0 - (2 * number + 1) as f64 / number_of as f64;
+        let angle = 2.4 * number as f64;
+        let from_axis = (1.0 - z * z).sqrt();
+        let direction = DVec3::new(from_axis * angle.cos(), from_axis * angle.sin(), z);
+        let grid = &ground.block.grid;
+        let voxel = grid
+            .voxel_from_patient()
+            .transform_point3(on_junction(direction));
+        grid.patient_from_voxel().transform_point3(voxel.round())
+    };
+    let value = |values: &[f32], position: DVec3| {
+        let grid = &ground.block.grid;
+        let voxel = grid.voxel_from_patient().transform_point3(position).round();
+        let voxel = voxel.to_array().map(|along| along as usize);
+        f64::from(values[grid.index(voxel)])
+    };
+    let (mut at_places, mut at_centres) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+    for place in (0..number_of).map(place) {
+        let mut lesion = blur(place);
+        lesion.effect = Effect {
+            thickening_mm: 2.0,
+            ..Effect::NONE
+        };
+        let volume = ground.with_lesion(&lesion);
+        let head = Head {
+            volume: &volume,
+            ..scan.head()
+        };
+        let (_, with, _) = tissue_of(head).unwrap();
+        for (kind, values) in [&with, &ground.values].into_iter().enumerate() {
+            let centre = patches::centre(head, &ground.block, values, place);
+            assert!(centre.distance(place) < 5.0, "{centre} {place}");
+            // Darker is more suspicious.
+            at_places[kind].push(-value(values, place));
+            at_centres[kind].push(-value(values, centre));
+        }
+    }
+    let at_place = area(&at_places[0], &at_places[1]);
+    let at_centre = area(&at_centres[0], &at_centres[1]);
+    assert!(at_place > 0.95, "{at_place}");
+    // Two standard errors of 30 against 30.
+    assert!((at_centre - 0.5).abs() < 0.15, "{at_centre}");
 }
 
 #[test]
