@@ -26,6 +26,7 @@ struct MadeWith {
     map_format: u32,
     lesions: usize,
     shams: usize,
+    patches: usize,
     normals: usize,
     seed: u64,
     radius_mm: Option<f64>,
@@ -39,6 +40,7 @@ impl MadeWith {
             map_format: analysis::MAP_FORMAT,
             lesions: parameters.lesions,
             shams: parameters.shams,
+            patches: parameters.patches,
             normals: parameters.normals,
             seed: parameters.seed,
             radius_mm: parameters.lesion.map(|(_, radius_mm, _)| radius_mm),
@@ -144,7 +146,8 @@ impl StudyHead {
         })?;
         if let Some(folder) = &folders.lesions {
             let ground = Ground::new(head)?;
-            for (number, trial) in trials.iter().enumerate() {
+            let searched = trials.iter().filter(|trial| trial.is_searched);
+            for (number, trial) in searched.enumerate() {
                 let bytes = nifti::write_volume(&ground.with_lesion(&trial.lesion()))?;
                 write(
                     &folder.join(format!("{}-{number}.nii.gz", self.name)),

@@ -120,8 +120,8 @@ impl Report {
         let judged = |own: usize, sign: Option<Sign>| {
             let head = &self.heads[own];
             let is_chosen = |trial: &&Trial| sign.is_none_or(|sign| trial.sign == sign);
-            let lesions: Vec<&Trial> = lesions(head).filter(is_chosen).collect();
-            let shams: Vec<&Trial> = shams(head).collect();
+            let [lesions, shams] = lesions_and_shams(head);
+            let lesions: Vec<&Trial> = lesions.into_iter().filter(is_chosen).collect();
             let areas = |score: &dyn Fn(usize, &Trial) -> f64| -> Vec<f64> {
                 let of = |view: usize, trials: &[&Trial]| -> Vec<f64> {
                     trials.iter().map(|trial| score(view, trial)).collect()
@@ -160,9 +160,10 @@ impl Report {
         let others = self.heads.iter().enumerate();
         let groups: Vec<Group> = others
             .filter(|(other, _)| *other != own)
-            .map(|(_, head)| Group {
-                with: lesions(head).map(outputs).collect(),
-                without: shams(head).map(outputs).collect(),
+            .map(|(_, head)| {
+                let [with, without] =
+                    lesions_and_shams(head).map(|trials| trials.into_iter().map(outputs).collect());
+                Group { with, without }
             })
             .collect();
         Template::trained(&groups)
@@ -230,7 +231,7 @@ impl Report {
             self.heads
                 .iter()
                 .flat_map(|head| &head.trials)
-                .filter(|trial| trial.sign == Sign::Sham)
+                .filter(|trial| trial.is_searched && trial.sign == Sign::Sham)
         };
         let areas = View::ALL.map(|view| {
             (
@@ -392,8 +393,11 @@ fn averaged(name: &str, heads: &[KnownPlace]) -> KnownPlace {
     }
 }
 
-fn shams(head: &HeadResult) -> impl Iterator<Item = &Trial> {
-    head.trials.iter().filter(|trial| trial.sign == Sign::Sham)
+/// All lesions and all shams of a head, searched for or not.
+fn lesions_and_shams(head: &HeadResult) -> [Vec<&Trial>; 2] {
+    let trials = head.trials.iter();
+    let (shams, lesions) = trials.partition(|trial| trial.sign == Sign::Sham);
+    [lesions, shams]
 }
 
 fn chosen<'a>(trials: &[&'a Trial], is_chosen: impl Fn(&'a Trial) -> bool) -> Vec<&'a Trial> {
@@ -404,8 +408,10 @@ fn chosen<'a>(trials: &[&'a Trial], is_chosen: impl Fn(&'a Trial) -> bool) -> Ve
         .collect()
 }
 
+/// The lesions of a head that were searched for.
 fn lesions(head: &HeadResult) -> impl Iterator<Item = &Trial> {
-    head.trials.iter().filter(|trial| trial.sign != Sign::Sham)
+    let trials = head.trials.iter();
+    trials.filter(|trial| trial.is_searched && trial.sign != Sign::Sham)
 }
 
 fn sighting(trial: &Trial, view: View) -> &Sighting {

@@ -207,17 +207,18 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
     let parameters = StudyParameters {
         lesions: 3,
         shams: 2,
+        patches: 3,
         normals: 40,
         ..StudyParameters::QUICK
     };
     let mut heard = 0;
     let trials = run_head(scan.head(), &parameters, |_, count| {
         heard += 1;
-        assert_eq!(count, 5);
+        assert_eq!(count, 6);
         std::ops::ControlFlow::Continue(())
     })
     .unwrap();
-    assert_eq!((trials.len(), heard), (5, 5));
+    assert_eq!((trials.len(), heard), (6, 6));
     let ground = Ground::new(scan.head()).unwrap();
     let [lesioned, sham] = [0, 4].map(|number| ground.with_lesion(&trials[number].lesion()));
     assert!(lesioned != scan.volume && sham == scan.volume);
@@ -225,7 +226,16 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         .iter()
         .map(|trial| trial.sign == Sign::Sham)
         .collect();
-    assert_eq!(are_shams, [false, false, true, false, true]);
+    assert_eq!(are_shams, [false, false, true, false, true, true]);
+    let are_searched: Vec<bool> = trials.iter().map(|trial| trial.is_searched).collect();
+    assert_eq!(are_searched, [true, true, true, true, true, false]);
+    let without_patches = StudyParameters {
+        patches: 0,
+        ..parameters
+    };
+    let stop = |_: &Trial, _| std::ops::ControlFlow::Break(());
+    let first = run_head(scan.head(), &without_patches, stop).unwrap();
+    assert_eq!(first[0], trials[0], "patches change nothing in the search");
     for sighting in trials.iter().flat_map(|trial| &trial.sightings) {
         assert!((0.0..=1.0).contains(&sighting.known));
     }
@@ -246,7 +256,7 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         "O2 needs another head to learn from"
     );
     let rows = twice.known_place();
-    assert_eq!((rows[0].counts, rows[2].counts), ([9, 6], [18, 12]));
+    assert_eq!((rows[0].counts, rows[2].counts), ([9, 9], [18, 18]));
     for area in rows.iter().flat_map(|row| row.o1.iter().chain(&row.o2)) {
         assert!((0.0..=1.0).contains(area), "{rows:?}");
     }

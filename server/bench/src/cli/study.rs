@@ -28,6 +28,10 @@ pub(super) struct StudyArgs {
     /// Number of lesions and of shams in each head. [default: 60]
     #[arg(long, value_name = "N")]
     lesions: Option<usize>,
+    /// Number of lesions and of shams in each head for the observers of a known place, counting those that are searched
+    /// for. [default: those alone]
+    #[arg(long, value_name = "N", conflicts_with = "radius_mm")]
+    patches: Option<usize>,
     /// Make every lesion a blur of this radius in mm, in place of all signs and sizes; there are no shams.
     #[arg(long, value_name = "MM", requires = "blur_mm", value_parser = length)]
     radius_mm: Option<f64>,
@@ -94,6 +98,7 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     if let Some(count) = args.lesions {
         (parameters.lesions, parameters.shams) = (count, count);
     }
+    parameters.patches = args.patches.unwrap_or(parameters.patches);
     if let Some((radius_mm, blur_mm)) = args.radius_mm.zip(args.blur_mm) {
         parameters = parameters.with_blurs_alone(radius_mm, blur_mm);
     }
