@@ -188,11 +188,15 @@ pub struct HeadResult {
 
 /// The trials of a head. `observe` receives each finished trial and the number of all trials, and may stop the run.
 ///
+/// `finished` are the first trials, from a run with the same parameters that was interrupted: they are returned as they
+/// are, and not observed.
+///
 /// # Errors
 /// If the head has no maps.
 pub fn run_head(
     head: Head<'_>,
     parameters: &StudyParameters,
+    finished: Vec<Trial>,
     mut observe: impl FnMut(&Trial, usize) -> ControlFlow<()>,
 ) -> Result<Vec<Trial>, MapsUndefined> {
     let ground = Ground::new(head)?;
@@ -217,9 +221,9 @@ pub fn run_head(
     };
     let all = places.iter().chain(further).enumerate();
     let drawn: Vec<_> = all.map(|(number, place)| drawn(number, place)).collect();
-    let mut trials = Vec::new();
-    for some in drawn.chunks(AT_ONCE) {
-        let finished = some.par_iter().map(|(place, sign, lesion, is_searched)| {
+    let mut trials = finished;
+    for some in drawn[trials.len().min(drawn.len())..].chunks(AT_ONCE) {
+        let computed = some.par_iter().map(|(place, sign, lesion, is_searched)| {
             let seen = pristine.observed(&ground, lesion, *is_searched, &parameters.maps);
             let (sightings, channels) = seen?;
             Ok(Trial {
@@ -236,7 +240,7 @@ pub fn run_head(
                 channels,
             })
         });
-        for trial in finished.collect::<Result<Vec<Trial>, MapsUndefined>>()? {
+        for trial in computed.collect::<Result<Vec<Trial>, MapsUndefined>>()? {
             let flow = observe(&trial, count);
             trials.push(trial);
             if flow.is_break() {

@@ -212,7 +212,7 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         ..StudyParameters::QUICK
     };
     let mut heard = 0;
-    let trials = run_head(scan.head(), &parameters, |_, count| {
+    let trials = run_head(scan.head(), &parameters, Vec::new(), |_, count| {
         heard += 1;
         assert_eq!(count, 6);
         std::ops::ControlFlow::Continue(())
@@ -234,8 +234,11 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         ..parameters
     };
     let stop = |_: &Trial, _| std::ops::ControlFlow::Break(());
-    let first = run_head(scan.head(), &without_patches, stop).unwrap();
-    assert_eq!(first[0], trials[0], "patches change nothing in the search");
+    let first = run_head(scan.head(), &without_patches, Vec::new(), stop).unwrap();
+    assert_eq!(first, trials[..1], "patches change nothing in the search");
+    let go_on = |_: &Trial, _| std::ops::ControlFlow::Continue(());
+    let continued = run_head(scan.head(), &parameters, first, go_on).unwrap();
+    assert_eq!(continued, trials);
     for sighting in trials.iter().flat_map(|trial| &trial.sightings) {
         assert!((0.0..=1.0).contains(&sighting.known));
     }

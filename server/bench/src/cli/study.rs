@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use analysis::study::{Criteria, Report, StudyParameters};
-use bench::study::{StudyFolders, StudyHead};
+use bench::study::{Finished, StudyFolders, StudyHead};
 use bench::{BenchError, froc};
 use clap::Args;
 use serde_json::json;
 
-use super::{progress, unwritable};
+use super::study_progress::StudyProgress;
+use super::unwritable;
 
 /// Put synthetic lesions into heads, and count which model observers find them
 ///
@@ -41,8 +42,8 @@ pub(super) struct StudyArgs {
     /// The seed of all random choices. [default: the seed of the study]
     #[arg(long)]
     seed: Option<u64>,
-    /// Directory for the results of each head; a head with results is not run again, and results of other parameters are
-    /// refused.
+    /// Directory for the results of each head. An interrupted run continues with the next trial, a head with results is
+    /// not run again, and results of other parameters are refused.
     #[arg(long, value_name = "DIR", default_value = "study")]
     results: PathBuf,
     /// Also write each head with each of its lesions into this directory as NIfTI.
@@ -125,10 +126,17 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
             is_tuned: false,
         });
     }
+    let mut progress = StudyProgress::new(heads.len());
     let results = heads
         .iter()
-        .map(|head| head.trials(&parameters, &folders, &progress))
-        .collect::<Result<Vec<_>, _>>()?;
+        .enumerate()
+        .map(|(number, head)| {
+            let mut report = |finished: Finished<'_>| progress.report(number, &finished);
+            head.trials(&parameters, &folders, &mut report)
+        })
+        .collect::<Result<Vec<_>, _>>();
+    progress.end();
+    let results = results?;
     if let Some(folder) = &args.plot {
         let path = folder.join("froc.svg");
         std::fs::write(&path, froc(&results)).map_err(|error| unwritable(&path, &error))?;
