@@ -29,9 +29,10 @@ const COLORS: [RGBColor; 7] = [
 ];
 
 /// The views in a plot of a search.
-const FROC_VIEWS: [View; 6] = [
+const FROC_VIEWS: [View; 7] = [
     View::ThreeStacks,
     View::Isosurfaces,
+    View::FlatMaps,
     View::IsosurfacesMirrored,
     View::Sharpness,
     View::Blur,

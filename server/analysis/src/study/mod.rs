@@ -1,5 +1,6 @@
 //! A study of synthetic lesions in real heads, with model observers that look for them.
 
+mod flat;
 mod hotelling;
 mod lesion;
 mod observer;

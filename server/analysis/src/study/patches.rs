@@ -6,9 +6,10 @@
 
 use std::array::from_fn;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::View;
+use super::flat::FlatMaps;
 use super::hotelling::{Outputs, Patch, WIDTH};
 use super::observer::{Aided, nearest_axes};
 use super::region::Region;
@@ -30,12 +31,28 @@ type Voxels = Vec<Option<usize>>;
 struct Patches {
     planes: [Voxels; 3],
     isosurface: Voxels,
+    flat: Voxels,
     mirrored: Voxels,
 }
 
 impl Patches {
-    fn around(head: Head<'_>, block: &Block, patch: &Patch, place: DVec3, width_mm: f64) -> Self {
+    fn around(
+        head: Head<'_>,
+        (block, flat): (&Block, &FlatMaps),
+        patch: &Patch,
+        place: DVec3,
+        width_mm: f64,
+    ) -> Self {
+        let offsets_mm = patch.offsets.iter();
+        let offsets_mm = offsets_mm.map(|offset| DVec2::from_array(*offset) * width_mm);
+        let on_map = flat.patch(head.depth, place, offsets_mm);
+        let voxel_from_patient = block.grid.voxel_from_patient();
+        let voxel = |point: DVec3| nearest(block, voxel_from_patient.transform_point3(point));
         Self {
+            flat: on_map
+                .into_iter()
+                .map(|point| point.and_then(voxel))
+                .collect(),
             planes: from_fn(|axis| in_plane(block, patch, place, (axis, width_mm))),
             isosurface: in_isosurface(head, block, patch, place, width_mm),
             mirrored: in_isosurface(head, block, patch, head.plane.reflected(place), width_mm),
@@ -67,12 +84,12 @@ pub(crate) fn centre(head: Head<'_>, block: &Block, values: &[f32], place: DVec3
 pub(crate) fn outputs(
     head: Head<'_>,
     block: &Block,
-    (values, aided): (&[f32], &Aided),
+    (values, flat, aided): (&[f32], &FlatMaps, &Aided),
     (place, radius_mm): (DVec3, f64),
 ) -> Vec<Outputs> {
     let patch = Patch::new();
     let centre = centre(head, block, values, place);
-    let patches = Patches::around(head, block, &patch, centre, WIDTH * radius_mm);
+    let patches = Patches::around(head, (block, flat), &patch, centre, WIDTH * radius_mm);
     let seen = |voxels: &Voxels, shown: &dyn Fn(usize) -> f32| {
         patch.outputs(voxels.iter().map(|voxel| voxel.map_or(0.0, shown)))
     };
@@ -91,6 +108,7 @@ pub(crate) fn outputs(
         View::Axial => slice(2),
         View::ThreeStacks => mean([slice(0), slice(1), slice(2)]),
         View::Isosurfaces => seen(&patches.isosurface, &tissue),
+        View::FlatMaps => seen(&patches.flat, &tissue),
         View::IsosurfacesMirrored => {
             seen(&patches.isosurface, &tissue).plus(seen(&patches.mirrored, &tissue), -1.0)
         }

@@ -18,7 +18,7 @@ const FROM_MM: f32 = 2.5;
 /// The least gradient at a point of the junction, per mm.
 const LEAST_SLOPE: f64 = 0.05;
 /// The template of an observer: a Gaussian in the cut, a narrower one across it, in mm, and their extent.
-const TEMPLATE_MM: f32 = 3.0;
+pub(crate) const TEMPLATE_MM: f32 = 3.0;
 const ACROSS_MM: f32 = 0.6;
 const REACH_MM: f64 = 9.0;
 const REACH_ACROSS_MM: f64 = 1.5;
@@ -87,10 +87,9 @@ impl Region {
         };
         for index in 0..count {
             region.gradients[index] = region.gradient(index);
-            let apart = (region.smooth[index] - 0.5) / WEIGHT_WIDTH;
             let is_deep = region.depths_mm[index] > FROM_MM;
             region.weights[index] = if is_deep {
-                (-0.5 * apart * apart).exp()
+                middle_weight(region.smooth[index])
             } else {
                 0.0
             };
@@ -128,6 +127,24 @@ impl Region {
 
     pub(crate) fn voxel_count(&self) -> usize {
         self.smooth.len()
+    }
+
+    /// The smoothed tissue scale at a point in voxels of the block, trilinear; NaN outside the region.
+    pub(crate) fn sampled(&self, voxel: [f32; 3]) -> f32 {
+        let place: [f32; 3] = std::array::from_fn(|axis| voxel[axis] - self.first[axis] as f32);
+        let is_inside =
+            |axis: usize| place[axis] >= 0.0 && place[axis] < (self.size[axis] - 1) as f32;
+        if !(0..3).all(is_inside) {
+            return f32::NAN;
+        }
+        let part = place.map(f32::fract);
+        let [x, y, z] = place.map(|along| along as usize);
+        let start = x + self.size[0] * (y + self.size[1] * z);
+        let between = |part: f32, a: f32, b: f32| a + part * (b - a);
+        let row = |start: usize| between(part[0], self.smooth[start], self.smooth[start + 1]);
+        let slice = |start: usize| between(part[1], row(start), row(start + self.size[0]));
+        let above = self.size[0] * self.size[1];
+        between(part[2], slice(start), slice(start + above))
     }
 
     /// Whether the whole template fits around a voxel of the block.
@@ -222,6 +239,12 @@ impl Region {
             isosurface: cut(3),
         }
     }
+}
+
+/// The weight of a smoothed tissue scale: 1 in the middle between grey and white.
+pub(crate) fn middle_weight(smooth: f32) -> f32 {
+    let apart = (smooth - 0.5) / WEIGHT_WIDTH;
+    (-0.5 * apart * apart).exp()
 }
 
 /// Depths and the normals of isosurfaces at the voxels of a block.

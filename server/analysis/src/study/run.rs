@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use geometry::DepthField;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -327,7 +328,7 @@ impl Pristine {
         let normals = View::ALL.map(|view| {
             let score = |place: &Place| match view.is_aided() {
                 true => aided.at(view, place.position_in_patient),
-                false => seen.at(view, place.position_in_patient),
+                false => seen.at(view, ground.head.depth, place.position_in_patient),
             };
             let mut scores: Vec<f32> = places.iter().map(score).filter(|s| !s.is_nan()).collect();
             scores.sort_by(f32::total_cmp);
@@ -360,9 +361,10 @@ impl Pristine {
             let seen = self
                 .seen
                 .with(ground.head, &ground.block, &ground.values, changed);
-            let shown = (ground.values.as_slice(), &self.aided);
+            let shown = (ground.values.as_slice(), &seen.flat, &self.aided);
             let channels = outputs(ground.head, &ground.block, shown, place);
-            let sightings = self.sighted(lesion, is_searched, (&seen, &self.aided));
+            let sightings =
+                self.sighted(lesion, is_searched, (ground.head.depth, &seen, &self.aided));
             return Ok((sightings, channels));
         }
         let head = Head {
@@ -372,8 +374,8 @@ impl Pristine {
         let (block, values, tissue) = tissue_of(head)?;
         let seen = self.seen.with(head, &block, &values, changed);
         let aided = Aided::of(head, &block, (&values, &tissue), parameters);
-        let channels = outputs(head, &block, (&values, &aided), place);
-        let sightings = self.sighted(lesion, is_searched, (&seen, &aided));
+        let channels = outputs(head, &block, (&values, &seen.flat, &aided), place);
+        let sightings = self.sighted(lesion, is_searched, (head.depth, &seen, &aided));
         Ok((sightings, channels))
     }
 
@@ -381,13 +383,13 @@ impl Pristine {
         &self,
         lesion: &Lesion,
         is_searched: bool,
-        (seen, aided): (&Seen, &Aided),
+        (depth, seen, aided): (&DepthField, &Seen, &Aided),
     ) -> Vec<Sighting> {
         let centre = lesion.centre_in_patient;
         let sighting = |(view, normals): (View, &Vec<f32>)| {
             let score = match view.is_aided() {
                 true => aided.at(view, centre),
-                false => seen.at(view, centre),
+                false => seen.at(view, depth, centre),
             };
             let marks = || match view.is_aided() {
                 true => aided.marks(view),
