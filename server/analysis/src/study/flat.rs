@@ -11,6 +11,7 @@ use std::sync::Arc;
 use geometry::DepthField;
 use glam::{DVec2, DVec3};
 
+use super::observer::NEAR_MIDDLE;
 use super::region::{Region, TEMPLATE_MM, middle_weight};
 use crate::Head;
 use crate::block::{Block, depth_at};
@@ -148,36 +149,37 @@ impl Rays {
 
 /// The first hits of all pixels of the maps of a head.
 struct Hits {
-    /// In voxels of the block, by depth, side, row and pixel; NaN where there is none.
+    /// In voxels of the block, by depth, side (the left one first), row and pixel; NaN where there is none.
     voxels: Vec<[f32; 3]>,
-    /// The radius of the ball of each map, in mm.
+    /// The radius of the ball at each depth, in mm.
     radii_mm: Vec<f64>,
 }
 
-/// Number of pixels at one depth.
-const PIXELS: usize = 2 * SIDE * SIDE;
+/// Number of pixels of one side at one depth.
+const PIXELS: usize = SIDE * SIDE;
 
-fn on_map(pixel: usize) -> OnMap {
+fn on_map(is_left: bool, pixel: usize) -> OnMap {
     let along = |number: usize| (number as f64 - RIM as f64) / PIXELS_PER_RADIUS;
     OnMap {
-        is_left: pixel < SIDE * SIDE,
-        point: DVec2::new(along(pixel % SIDE), along(pixel / SIDE % SIDE)),
+        is_left,
+        point: DVec2::new(along(pixel % SIDE), along(pixel / SIDE)),
     }
 }
 
 impl Hits {
     fn new(rays: &Rays, depth: &DepthField, block: &Block) -> Self {
         let voxel_from_patient = block.grid.voxel_from_patient();
-        let mut voxels = vec![[f32::NAN; 3]; DEPTHS_MM.len() * PIXELS];
+        let mut voxels = vec![[f32::NAN; 3]; DEPTHS_MM.len() * 2 * PIXELS];
         let mut squares = vec![(0.0, 0.0); DEPTHS_MM.len()];
-        for pixel in 0..PIXELS {
-            let Some(direction) = rays.direction(on_map(pixel)) else {
+        for index in 0..2 * PIXELS {
+            let on_map = on_map(index < PIXELS, index % PIXELS);
+            let Some(direction) = rays.direction(on_map) else {
                 continue;
             };
             let hits = rays.first_hits(depth, direction, &DEPTHS_MM);
             for (number, at_mm) in hits.into_iter().enumerate() {
                 let voxel = voxel_from_patient.transform_point3(rays.centre + direction * at_mm);
-                voxels[number * PIXELS + pixel] = voxel.as_vec3().to_array();
+                voxels[number * 2 * PIXELS + index] = voxel.as_vec3().to_array();
                 let (sum, count) = &mut squares[number];
                 (*sum, *count) = (*sum + at_mm * at_mm, *count + 1.0);
             }
@@ -205,7 +207,8 @@ pub(crate) struct FlatMaps {
     hits: Arc<Hits>,
     /// The smoothed tissue scale of each pixel; NaN where there is none.
     tissue: Vec<f32>,
-    pub(crate) points: Vec<FlatPoint>,
+    /// The points of each depth and side.
+    points: Vec<Arc<[FlatPoint]>>,
 }
 
 impl FlatMaps {
@@ -215,9 +218,10 @@ impl FlatMaps {
         let hits = Hits::new(&rays, head.depth, block);
         let sampled = hits.voxels.iter().map(|voxel| region.sampled(*voxel));
         let tissue: Vec<f32> = sampled.collect();
+        let maps = 0..2 * DEPTHS_MM.len();
         Self {
             rays,
-            points: points(block, &hits, &tissue),
+            points: maps.map(|map| points(block, &hits, &tissue, map)).collect(),
             tissue,
             hits: Arc::new(hits),
         }
@@ -232,25 +236,38 @@ impl FlatMaps {
     ) -> Self {
         let spacing = block.spacing_mm;
         let mut tissue = self.tissue.clone();
-        for (tissue, voxel) in tissue.iter_mut().zip(&self.hits.voxels) {
-            let off: [f64; 3] =
-                from_fn(|axis| (f64::from(voxel[axis]) - centre[axis]) * spacing[axis]);
-            if DVec3::from_array(off).length_squared() <= reach_mm * reach_mm {
-                *tissue = region.sampled(*voxel);
+        let mut maps = self.points.clone();
+        for (map, own) in maps.iter_mut().enumerate() {
+            let mut is_changed = false;
+            for index in map * PIXELS..(map + 1) * PIXELS {
+                let voxel = self.hits.voxels[index];
+                let off = from_fn(|axis| (f64::from(voxel[axis]) - centre[axis]) * spacing[axis]);
+                if DVec3::from_array(off).length_squared() <= reach_mm * reach_mm {
+                    let value = region.sampled(voxel);
+                    is_changed |= value.to_bits() != tissue[index].to_bits();
+                    tissue[index] = value;
+                }
+            }
+            if is_changed {
+                *own = points(block, &self.hits, &tissue, map);
             }
         }
         Self {
             rays: self.rays,
-            points: points(block, &self.hits, &tissue),
+            points: maps,
             tissue,
             hits: Arc::clone(&self.hits),
         }
     }
 
+    pub(crate) fn points(&self) -> impl Iterator<Item = &FlatPoint> {
+        self.points.iter().flat_map(|points| points.iter())
+    }
+
     /// The sharpness at the point of the junction nearest to a position; `None` if no map shows the position.
     pub(crate) fn at(&self, depth: &DepthField, position: DVec3) -> Option<f32> {
         self.rays.shown(depth, position)?;
-        let nearest = self.points.iter().min_by(|a, b| {
+        let nearest = self.points().min_by(|a, b| {
             let [a, b] = [a, b].map(|point| point.position.distance_squared(position));
             a.total_cmp(&b)
         });
@@ -282,47 +299,41 @@ impl FlatMaps {
     }
 }
 
-/// Every second pixel of the junction along each axis, with the sharpness under the template.
-fn points(block: &Block, hits: &Hits, tissue: &[f32]) -> Vec<FlatPoint> {
-    let mut points = Vec::new();
-    for (number, (shown, voxels)) in tissue
-        .chunks_exact(PIXELS)
-        .zip(hits.voxels.chunks_exact(PIXELS))
-        .enumerate()
-    {
-        let pixel_mm = hits.radii_mm[number] / PIXELS_PER_RADIUS;
-        let mut weighted = [vec![0.0; PIXELS], vec![0.0; PIXELS]];
-        for row in (0..2 * SIDE).filter(|row| (1..SIDE - 1).contains(&(row % SIDE))) {
-            for pixel in row * SIDE + 1..(row + 1) * SIDE - 1 {
-                let rise = |step: usize| shown[pixel + step] - shown[pixel - step];
-                let gradient = rise(1).hypot(rise(SIDE)) / (2.0 * pixel_mm as f32);
-                if !shown[pixel].is_nan() && !gradient.is_nan() {
-                    let weight = middle_weight(shown[pixel]);
-                    weighted[0][pixel] = weight * gradient;
-                    weighted[1][pixel] = weight;
-                }
+/// Every second pixel of the junction along each axis, with the sharpness under the template, in one of the maps.
+fn points(block: &Block, hits: &Hits, tissue: &[f32], map: usize) -> Arc<[FlatPoint]> {
+    let depth = map / 2;
+    let pixel_mm = hits.radii_mm[depth] / PIXELS_PER_RADIUS;
+    let own = map * PIXELS..(map + 1) * PIXELS;
+    let (shown, voxels) = (&tissue[own.clone()], &hits.voxels[own]);
+    let mut weighted = [vec![0.0; PIXELS], vec![0.0; PIXELS]];
+    for row in 1..SIDE - 1 {
+        for pixel in row * SIDE + 1..(row + 1) * SIDE - 1 {
+            let rise = |step: usize| shown[pixel + step] - shown[pixel - step];
+            let gradient = rise(1).hypot(rise(SIDE)) / (2.0 * pixel_mm as f32);
+            if !shown[pixel].is_nan() && !gradient.is_nan() {
+                let weight = middle_weight(shown[pixel]);
+                weighted[0][pixel] = weight * gradient;
+                weighted[1][pixel] = weight;
             }
         }
-        let template = || Kernel::gaussian(f64::from(TEMPLATE_MM) / pixel_mm);
-        for values in &mut weighted {
-            // A mean over one pixel changes nothing: the two sides are apart.
-            let kernels = [template(), template(), Kernel::mean(1.0)];
-            smooth(values, [SIDE, SIDE, 2], &kernels);
-        }
-        let is_point = |pixel: &usize| {
-            let is_even = (pixel % SIDE).is_multiple_of(2) && (pixel / SIDE).is_multiple_of(2);
-            is_even
-                && (shown[*pixel] - 0.5).abs() < super::observer::NEAR_MIDDLE
-                && weighted[1][*pixel] > 1e-6
-        };
-        points.extend((0..PIXELS).filter(is_point).map(|pixel| {
-            let voxel = DVec3::from_array(voxels[pixel].map(f64::from));
-            FlatPoint {
-                position: block.grid.patient_from_voxel().transform_point3(voxel),
-                depth_mm: DEPTHS_MM[number],
-                sharpness: weighted[0][pixel] / weighted[1][pixel],
-            }
-        }));
     }
-    points
+    let template = || Kernel::gaussian(f64::from(TEMPLATE_MM) / pixel_mm);
+    for values in &mut weighted {
+        // A mean over one pixel changes nothing: a map has no third axis.
+        let kernels = [template(), template(), Kernel::mean(1.0)];
+        smooth(values, [SIDE, SIDE, 1], &kernels);
+    }
+    let is_point = |pixel: &usize| {
+        let is_even = (pixel % SIDE).is_multiple_of(2) && (pixel / SIDE).is_multiple_of(2);
+        is_even && (shown[*pixel] - 0.5).abs() < NEAR_MIDDLE && weighted[1][*pixel] > 1e-6
+    };
+    let point = |pixel: usize| {
+        let voxel = DVec3::from_array(voxels[pixel].map(f64::from));
+        FlatPoint {
+            position: block.grid.patient_from_voxel().transform_point3(voxel),
+            depth_mm: DEPTHS_MM[depth],
+            sharpness: weighted[0][pixel] / weighted[1][pixel],
+        }
+    };
+    (0..PIXELS).filter(is_point).map(point).collect()
 }

@@ -233,7 +233,7 @@ impl Seen {
     pub(crate) fn marks(&self, view: View) -> Vec<Mark> {
         let depths = view.depths_mm();
         if view == View::FlatMaps {
-            let points = self.flat.points.iter();
+            let points = self.flat.points();
             let visible = points.filter(|point| depths.contains(&point.depth_mm));
             return greedy(visible.map(|point| Mark {
                 position_in_patient: point.position,

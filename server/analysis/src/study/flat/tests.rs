@@ -2,7 +2,7 @@ use geometry::{BrainMask, Grid, Mask, Rescale, Volume, distance_map, envelope};
 
 use super::*;
 use crate::MidsagittalPlane;
-use crate::study::observer::Seen;
+use crate::study::observer::{Changed, Seen};
 use crate::study::random::Random;
 use crate::study::{Ground, View};
 use crate::tests::phantom::{Phantom, lesion, plain_grid};
@@ -20,8 +20,11 @@ fn rays() -> Rays {
 #[test]
 fn a_cap_of_directions_has_its_area_on_the_map_and_a_point_its_direction() {
     let rays = rays();
-    let directions: Vec<(OnMap, DVec3)> = (0..PIXELS)
-        .filter_map(|pixel| Some((on_map(pixel), rays.direction(on_map(pixel))?)))
+    let all = [true, false].map(|is_left| (0..PIXELS).map(move |pixel| on_map(is_left, pixel)));
+    let directions: Vec<(OnMap, DVec3)> = all
+        .into_iter()
+        .flatten()
+        .filter_map(|on_map| Some((on_map, rays.direction(on_map)?)))
         .collect();
     for (on_map, direction) in &directions {
         let again = rays.on_map(rays.centre + *direction * 40.0);
@@ -55,10 +58,13 @@ fn a_pixel_is_the_first_place_from_outside_at_its_depth() {
         depth_at(&scan.depth, there.as_vec3())
     };
     for (number, depth_mm) in DEPTHS_MM.into_iter().enumerate() {
-        for pixel in (0..PIXELS).step_by(97) {
-            let voxel = hits.voxels[number * PIXELS + pixel].map(f64::from);
+        for index in (0..2 * PIXELS).step_by(97) {
+            let voxel = hits.voxels[number * 2 * PIXELS + index].map(f64::from);
             let position = patient_from_voxel.transform_point3(DVec3::from_array(voxel));
-            if rays.direction(on_map(pixel)).is_none() {
+            if rays
+                .direction(on_map(index < PIXELS, index % PIXELS))
+                .is_none()
+            {
                 assert!(position.is_nan());
                 continue;
             }
@@ -134,4 +140,38 @@ fn a_blurred_spot_is_the_first_mark_on_the_maps_and_its_patch_is_where_it_is() {
         // Equal areas, but not equal lengths.
         assert!((3.0..12.0).contains(&a.distance(b)), "{a} {b}");
     }
+}
+
+#[test]
+fn maps_with_a_change_are_those_of_the_changed_head() {
+    let scan = Phantom::PLAIN.scan(&plain_grid());
+    let ground = Ground::new(scan.head()).unwrap();
+    let block = &ground.block;
+    let reach_mm = 8.0;
+    let mut changed = ground.values.clone();
+    for (index, value) in changed.iter_mut().enumerate() {
+        let voxel = DVec3::from_array(block.grid.voxel(index).map(|along| along as f64));
+        let position = block.grid.patient_from_voxel().transform_point3(voxel);
+        if position.distance(lesion()) < reach_mm {
+            *value = 0.3 + 0.5 * *value;
+        }
+    }
+    let seen = |values: &[f32]| Seen::of(scan.head(), block, values);
+    let (before, expected) = (seen(&ground.values), seen(&changed));
+    let change = Changed {
+        centre: lesion(),
+        reach_mm,
+    };
+    let found = before.with(scan.head(), block, &changed, change);
+    let count = found.flat.points().count();
+    assert_eq!(count, expected.flat.points().count());
+    for (found, expected) in found.flat.points().zip(expected.flat.points()) {
+        assert_eq!(found.position, expected.position);
+        // Beyond 4 mm, a change is only rounding.
+        let off = (found.sharpness - expected.sharpness).abs();
+        assert!(off < 1e-5, "{found:?} {expected:?}");
+    }
+    assert!(!found.flat.points().eq(before.flat.points()));
+    let same = before.with(scan.head(), block, &ground.values, change);
+    assert!(same.flat.points().eq(before.flat.points()));
 }
