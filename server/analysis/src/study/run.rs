@@ -11,7 +11,7 @@ use super::hotelling::Outputs;
 use super::observer::{Aided, Changed, Seen, View};
 use super::patches::outputs;
 use super::random::Random;
-use super::search::false_marks_above;
+use super::search::{Mark, false_marks_above};
 use super::{Effect, Ground, Lesion, Place};
 use crate::maps::tissue_of;
 use crate::{Head, MapParameters, MapsUndefined};
@@ -114,8 +114,8 @@ impl Sign {
     }
 }
 
-/// The number of trials that are computed at the same time. Each needs the memory of a head and its maps.
-const AT_ONCE: usize = 2;
+/// The greatest number of trials that are computed at the same time. Each needs the memory of a head and its maps.
+const AT_ONCE: usize = 4;
 
 /// The radii for a random choice, in mm, and the strengths of the signs.
 const RADII_MM: [f64; 3] = [4.0, 6.0, 9.0];
@@ -312,6 +312,8 @@ impl StudyParameters {
 struct Pristine {
     seen: Seen,
     aided: Aided,
+    /// The marks of a search, in the order of [`View::ALL`].
+    marks: Vec<Vec<Mark>>,
     /// The scores at normal places, ascending, in the order of [`View::ALL`].
     normals: Vec<Vec<f32>>,
 }
@@ -335,6 +337,7 @@ impl Pristine {
             scores
         });
         Self {
+            marks: View::ALL.map(|view| marks(view, &seen, &aided)).to_vec(),
             seen,
             aided,
             normals: normals.to_vec(),
@@ -350,33 +353,31 @@ impl Pristine {
         is_searched: bool,
         parameters: &MapParameters,
     ) -> Result<(Vec<Sighting>, Vec<Outputs>), MapsUndefined> {
-        let changed = Changed {
-            centre: lesion.centre_in_patient,
-            reach_mm: lesion.reach_mm(),
-        };
         let place = (lesion.centre_in_patient, lesion.radius_mm);
         let volume = ground.with_lesion(lesion);
         if volume == *ground.head.volume {
-            // The maps of the same volume are the same, so those of a sham need no second computation.
-            let seen = self
-                .seen
-                .with(ground.head, &ground.block, &ground.values, changed);
-            let shown = (ground.values.as_slice(), &seen.flat, &self.aided);
+            // The same volume gives the same maps and marks, so a sham needs no second computation.
+            let shown = (ground.values.as_slice(), &self.seen.flat, &self.aided);
             let channels = outputs(ground.head, &ground.block, shown, place);
-            let sightings =
-                self.sighted(lesion, is_searched, (ground.head.depth, &seen, &self.aided));
-            return Ok((sightings, channels));
+            let shown = (ground.head.depth, &self.seen, &self.aided);
+            let marks = |view: usize| self.marks[view].clone();
+            return Ok((self.sighted(lesion, is_searched, shown, marks), channels));
         }
         let head = Head {
             volume: &volume,
             ..ground.head
         };
         let (block, values, tissue) = tissue_of(head)?;
+        let changed = Changed {
+            centre: lesion.centre_in_patient,
+            reach_mm: lesion.reach_mm(),
+        };
         let seen = self.seen.with(head, &block, &values, changed);
         let aided = Aided::of(head, &block, (&values, &tissue), parameters);
         let channels = outputs(head, &block, (&values, &seen.flat, &aided), place);
-        let sightings = self.sighted(lesion, is_searched, (head.depth, &seen, &aided));
-        Ok((sightings, channels))
+        let shown = (head.depth, &seen, &aided);
+        let marks = |view: usize| marks(View::ALL[view], &seen, &aided);
+        Ok((self.sighted(lesion, is_searched, shown, marks), channels))
     }
 
     fn sighted(
@@ -384,28 +385,29 @@ impl Pristine {
         lesion: &Lesion,
         is_searched: bool,
         (depth, seen, aided): (&DepthField, &Seen, &Aided),
+        marks: impl Fn(usize) -> Vec<Mark>,
     ) -> Vec<Sighting> {
         let centre = lesion.centre_in_patient;
-        let sighting = |(view, normals): (View, &Vec<f32>)| {
+        let sighting = |(number, view): (usize, View)| {
             let score = match view.is_aided() {
                 true => aided.at(view, centre),
                 false => seen.at(view, depth, centre),
             };
-            let marks = || match view.is_aided() {
-                true => aided.marks(view),
-                false => seen.marks(view),
-            };
-            let above = || false_marks_above(&marks(), centre, lesion.radius_mm);
+            let above = || false_marks_above(&marks(number), centre, lesion.radius_mm);
             Sighting {
-                known: share_below(normals, score),
+                known: share_below(&self.normals[number], score),
                 false_marks: is_searched.then(above).flatten(),
             }
         };
-        View::ALL
-            .into_iter()
-            .zip(&self.normals)
-            .map(sighting)
-            .collect()
+        View::ALL.into_iter().enumerate().map(sighting).collect()
+    }
+}
+
+/// The marks of a search through a whole head.
+fn marks(view: View, seen: &Seen, aided: &Aided) -> Vec<Mark> {
+    match view.is_aided() {
+        true => aided.marks(view),
+        false => seen.marks(view),
     }
 }
 
