@@ -218,10 +218,12 @@ impl FlatMaps {
         let hits = Hits::new(&rays, head.depth, block);
         let sampled = hits.voxels.iter().map(|voxel| region.sampled(*voxel));
         let tissue: Vec<f32> = sampled.collect();
-        let maps = 0..2 * DEPTHS_MM.len();
+        let maps = tissue.chunks_exact(PIXELS).enumerate();
         Self {
             rays,
-            points: maps.map(|map| points(block, &hits, &tissue, map)).collect(),
+            points: maps
+                .map(|(map, shown)| points(block, &hits, shown, map))
+                .collect(),
             tissue,
             hits: Arc::new(hits),
         }
@@ -237,19 +239,20 @@ impl FlatMaps {
         let spacing = block.spacing_mm;
         let mut tissue = self.tissue.clone();
         let mut maps = self.points.clone();
-        for (map, own) in maps.iter_mut().enumerate() {
+        let shown = tissue.chunks_exact_mut(PIXELS);
+        let voxels = self.hits.voxels.chunks_exact(PIXELS);
+        for (map, (own, (shown, voxels))) in maps.iter_mut().zip(shown.zip(voxels)).enumerate() {
             let mut is_changed = false;
-            for index in map * PIXELS..(map + 1) * PIXELS {
-                let voxel = self.hits.voxels[index];
+            for (value, voxel) in shown.iter_mut().zip(voxels) {
                 let off = from_fn(|axis| (f64::from(voxel[axis]) - centre[axis]) * spacing[axis]);
                 if DVec3::from_array(off).length_squared() <= reach_mm * reach_mm {
-                    let value = region.sampled(voxel);
-                    is_changed |= value.to_bits() != tissue[index].to_bits();
-                    tissue[index] = value;
+                    let before = value.to_bits();
+                    *value = region.sampled(*voxel);
+                    is_changed |= value.to_bits() != before;
                 }
             }
             if is_changed {
-                *own = points(block, &self.hits, &tissue, map);
+                *own = points(block, &self.hits, shown, map);
             }
         }
         Self {
@@ -299,12 +302,12 @@ impl FlatMaps {
     }
 }
 
-/// Every second pixel of the junction along each axis, with the sharpness under the template, in one of the maps.
-fn points(block: &Block, hits: &Hits, tissue: &[f32], map: usize) -> Arc<[FlatPoint]> {
+/// Every second pixel of the junction along each axis, with the sharpness under the template, in one of the maps,
+/// which shows this tissue scale.
+fn points(block: &Block, hits: &Hits, shown: &[f32], map: usize) -> Arc<[FlatPoint]> {
     let depth = map / 2;
     let pixel_mm = hits.radii_mm[depth] / PIXELS_PER_RADIUS;
-    let own = map * PIXELS..(map + 1) * PIXELS;
-    let (shown, voxels) = (&tissue[own.clone()], &hits.voxels[own]);
+    let voxels = &hits.voxels[map * PIXELS..(map + 1) * PIXELS];
     let mut weighted = [vec![0.0; PIXELS], vec![0.0; PIXELS]];
     for row in 1..SIDE - 1 {
         for pixel in row * SIDE + 1..(row + 1) * SIDE - 1 {
