@@ -29,9 +29,10 @@ const COLORS: [RGBColor; 7] = [
 ];
 
 /// The views in a plot of a search.
-const FROC_VIEWS: [View; 6] = [
+const FROC_VIEWS: [View; 7] = [
     View::ThreeStacks,
     View::Isosurfaces,
+    View::FlatMaps,
     View::IsosurfacesMirrored,
     View::Sharpness,
     View::Blur,
@@ -189,7 +190,7 @@ pub fn froc(heads: &[HeadResult]) -> String {
         .iter()
         .filter(counted)
         .flat_map(|head| &head.trials)
-        .filter(|trial| trial.sign != Sign::Sham)
+        .filter(|trial| trial.is_searched && trial.sign != Sign::Sham)
         .collect();
     let line = |view: View| {
         let place = View::ALL.iter().position(|other| *other == view)?;
@@ -381,6 +382,7 @@ mod tests {
             thickening_mm: 0.0,
             darkening: 0.0,
             seed: 1,
+            is_searched: true,
             sightings: vec![sighting(false_marks); View::ALL.len()],
             channels: Vec::new(),
         };

@@ -267,6 +267,50 @@ fn a_volume_without_a_brain_is_refused_by_the_study_with_the_reason() {
 }
 
 #[test]
+fn a_study_that_was_killed_continues_and_its_results_are_the_same_bytes() {
+    let [whole, cut] = [(); 2].map(|()| tempfile::tempdir().expect("a directory"));
+    let arguments = |folder: &tempfile::TempDir| {
+        let folder = folder.path().to_str().expect("UTF-8").to_owned();
+        let fixed = ["study", "--lesions", "4", "--patches", "6", "--results"];
+        [&fixed.map(str::to_owned)[..], &[folder]].concat()
+    };
+    let study = |folder| {
+        let arguments = arguments(folder);
+        let output = run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{errors}");
+        let result = folder.path().join("made-up.json");
+        (errors, std::fs::read(result).expect("a result"))
+    };
+    let (errors, expected) = study(&whole);
+    assert_eq!(errors.lines().count(), 12, "{errors}");
+
+    let unfinished = cut.path().join("made-up.unfinished");
+    let mut process = Command::new(env!("CARGO_BIN_EXE_isocortex-bench"))
+        .args(arguments(&cut))
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .expect("it can be run");
+    let stored = || std::fs::read_to_string(&unfinished).unwrap_or_default();
+    while stored().lines().count() < 4 && process.try_wait().expect("a process").is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    process.kill().expect("a process");
+    process.wait().expect("a process");
+    assert!(!cut.path().join("made-up.json").exists());
+    // A line for the parameters, and one for each trial; the last one is cut off.
+    let kept = stored().lines().count() - 2;
+    let mut torn = stored().trim_end().to_owned();
+    torn.truncate(torn.len() - 9);
+    std::fs::write(&unfinished, torn).expect("a file");
+
+    let (errors, found) = study(&cut);
+    assert_eq!(errors.lines().count(), 12 - kept, "{errors}");
+    assert!(kept > 0 && found == expected);
+    assert!(!unfinished.exists());
+}
+
+#[test]
 fn one_renderer_may_be_asked_for() {
     let mut arguments = vec!["paper", "--phantom", "4", "--quick", "--json", "--cpu-only"];
     arguments.extend(["--size", "32", "--renderer", "trace"]);

@@ -1,8 +1,8 @@
 //! A channelised Hotelling observer (O2) for a known place.
 //!
-//! It sees a round patch of a view through six Laguerre–Gauss channels and weights them by a linear template, which is
-//! the difference of the means with and without a lesion, divided by the covariance within both. Training and
-//! judgement use different heads.
+//! It sees a round patch of a view through six Laguerre–Gauss channels; the patch is centred on the nearest junction. It
+//! weights the channels by a linear template, which is the difference of the means with and without a lesion, divided by
+//! the covariance within both. Training and judgement use different heads.
 
 use serde::{Deserialize, Serialize};
 

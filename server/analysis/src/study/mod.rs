@@ -1,6 +1,8 @@
 //! A study of synthetic lesions in real heads, with model observers that look for them.
 
+mod flat;
 mod hotelling;
+mod known;
 mod lesion;
 mod observer;
 mod patches;
@@ -14,10 +16,11 @@ mod search;
 mod tests;
 
 pub use hotelling::{CHANNELS, Outputs};
+pub use known::KnownPlace;
 pub use lesion::{Effect, Lesion};
 pub use observer::View;
 pub use places::Place;
-pub use report::{Criteria, KnownPlace, Report, Verdict};
+pub use report::{Criteria, Report, Verdict};
 pub use run::{HeadResult, Sighting, Sign, StudyParameters, Trial, run_head};
 pub use search::{HIT_MM, Mark, false_marks_above};
 

@@ -2,8 +2,10 @@
 
 use std::ops::RangeInclusive;
 
+use geometry::DepthField;
 use glam::DVec3;
 
+use super::flat::FlatMaps;
 use super::region::{Cuts, Region};
 use super::search::Mark;
 use crate::block::{Block, depth_at};
@@ -12,10 +14,12 @@ use crate::maps::{Measures, compare};
 use crate::{Head, MapParameters, TissueScale};
 
 /// The greatest distance of a point of the junction from the middle between grey and white.
-const NEAR_MIDDLE: f32 = 0.12;
+pub(crate) const NEAR_MIDDLE: f32 = 0.12;
 /// The depths of the search on slices, and on isosurfaces, in mm.
 const SLICE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=28.0;
 const SURFACE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=24.0;
+/// How far a filter of the tissue scale reaches beyond a lesion, in mm.
+const FILTER_MM: f64 = 4.0;
 /// The least distance between two marks, in mm, and the greatest number of marks per head.
 const APART_MM: f64 = 10.0;
 const MARKS: usize = 60;
@@ -33,6 +37,8 @@ pub enum View {
     ThreeStacks,
     /// V5: isosurfaces.
     Isosurfaces,
+    /// V6: flat maps of isosurfaces.
+    FlatMaps,
     /// V7: isosurfaces compared with their mirror image.
     IsosurfacesMirrored,
     /// V8: sharpness on isosurfaces.
@@ -45,12 +51,13 @@ pub enum View {
 
 impl View {
     /// All views, in the order of the table.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Axial,
         Self::Coronal,
         Self::Sagittal,
         Self::ThreeStacks,
         Self::Isosurfaces,
+        Self::FlatMaps,
         Self::IsosurfacesMirrored,
         Self::Sharpness,
         Self::Blur,
@@ -65,6 +72,7 @@ impl View {
             Self::Sagittal => "V3 sagittal",
             Self::ThreeStacks => "V4 three stacks",
             Self::Isosurfaces => "V5 isosurfaces",
+            Self::FlatMaps => "V6 flat maps",
             Self::IsosurfacesMirrored => "V7 isosurfaces, mirrored",
             Self::Sharpness => "V8 sharpness on isosurfaces",
             Self::Blur => "V9 blur on isosurfaces",
@@ -102,6 +110,8 @@ struct Point {
 /// The scores of the observers of cuts in a head.
 pub(crate) struct Seen {
     points: Vec<Point>,
+    /// The flat maps of its isosurfaces.
+    pub(crate) flat: FlatMaps,
     /// The axes of the volume nearest to the patient's left, back and top.
     axes: [usize; 3],
 }
@@ -160,6 +170,7 @@ impl Seen {
         }
         Self {
             points,
+            flat: FlatMaps::of(head, block, &region),
             axes: nearest_axes(block),
         }
     }
@@ -198,8 +209,10 @@ impl Seen {
             point.mirrored = nearest.map_or(f32::NAN, |nearest| nearest.mirrored);
         }
         points.extend(untouched);
+        let resampled = (place, changed.reach_mm + FILTER_MM);
         Self {
             points,
+            flat: self.flat.with(block, &region, resampled),
             axes: self.axes,
         }
     }
@@ -213,12 +226,20 @@ impl Seen {
             View::ThreeStacks => -plane(0).max(plane(1)).max(plane(2)),
             View::Isosurfaces => -point.cuts.isosurface,
             View::IsosurfacesMirrored => point.mirrored - point.cuts.isosurface,
-            View::Sharpness | View::Blur | View::BlurOnStacks => f32::NAN,
+            View::FlatMaps | View::Sharpness | View::Blur | View::BlurOnStacks => f32::NAN,
         }
     }
 
     pub(crate) fn marks(&self, view: View) -> Vec<Mark> {
         let depths = view.depths_mm();
+        if view == View::FlatMaps {
+            let points = self.flat.points();
+            let visible = points.filter(|point| depths.contains(&point.depth_mm));
+            return greedy(visible.map(|point| Mark {
+                position_in_patient: point.position,
+                score: -point.sharpness,
+            }));
+        }
         let visible = self
             .points
             .iter()
@@ -229,8 +250,12 @@ impl Seen {
         }))
     }
 
-    /// The score at the point nearest to a position.
-    pub(crate) fn at(&self, view: View, place: DVec3) -> f32 {
+    /// The score at the point nearest to a position; the lowest if the flat maps do not show it.
+    pub(crate) fn at(&self, view: View, depth: &DepthField, place: DVec3) -> f32 {
+        if view == View::FlatMaps {
+            let sharpness = self.flat.at(depth, place);
+            return sharpness.map_or(f32::NEG_INFINITY, |sharpness| -sharpness);
+        }
         let nearest = self.points.iter().min_by(|a, b| {
             let [a, b] = [a, b].map(|point| point.position.distance_squared(place));
             a.total_cmp(&b)

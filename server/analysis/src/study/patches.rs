@@ -1,18 +1,28 @@
 //! The patches of the views around a known place, as the channels of O2 see them.
+//!
+//! A patch is centred on the point of the junction nearest to the place, in the volume that is shown: with a lesion, in
+//! the volume with the lesion. Places are drawn in the middle between grey and white, and a thickening turns that very
+//! point grey, which would be a sign for an observer who knows the exact point. No reader does.
 
 use std::array::from_fn;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::View;
+use super::flat::FlatMaps;
 use super::hotelling::{Outputs, Patch, WIDTH};
 use super::observer::{Aided, nearest_axes};
+use super::region::Region;
 use crate::Head;
 use crate::block::{Block, Zone, depth_at};
 
 /// How far a point of a patch may be off its isosurface, in mm, and the number of steps towards it.
 const OFF_SURFACE_MM: f32 = 0.5;
 const STEPS: usize = 4;
+
+/// How far from its place a patch may be centred, in mm, and the extent of the filter of the junction.
+const CENTRE_WITHIN_MM: f64 = 8.0;
+const FILTER_MM: f64 = 4.0;
 
 /// The voxels nearest to the points of a patch; `None` outside the tissue.
 type Voxels = Vec<Option<usize>>;
@@ -21,17 +31,50 @@ type Voxels = Vec<Option<usize>>;
 struct Patches {
     planes: [Voxels; 3],
     isosurface: Voxels,
+    flat: Voxels,
     mirrored: Voxels,
 }
 
 impl Patches {
-    fn around(head: Head<'_>, block: &Block, patch: &Patch, place: DVec3, width_mm: f64) -> Self {
+    fn around(
+        head: Head<'_>,
+        (block, flat): (&Block, &FlatMaps),
+        patch: &Patch,
+        place: DVec3,
+        width_mm: f64,
+    ) -> Self {
+        let offsets_mm = patch.offsets.iter();
+        let offsets_mm = offsets_mm.map(|offset| DVec2::from_array(*offset) * width_mm);
+        let on_map = flat.patch(head.depth, place, offsets_mm);
+        let voxel_from_patient = block.grid.voxel_from_patient();
+        let voxel = |point: DVec3| nearest(block, voxel_from_patient.transform_point3(point));
         Self {
+            flat: on_map
+                .into_iter()
+                .map(|point| point.and_then(voxel))
+                .collect(),
             planes: from_fn(|axis| in_plane(block, patch, place, (axis, width_mm))),
             isosurface: in_isosurface(head, block, patch, place, width_mm),
             mirrored: in_isosurface(head, block, patch, head.plane.reflected(place), width_mm),
         }
     }
+}
+
+/// The point of the junction nearest to a place, in patient space, with the values that are shown; the place itself if
+/// there is no junction near it.
+pub(crate) fn centre(head: Head<'_>, block: &Block, values: &[f32], place: DVec3) -> DVec3 {
+    let voxel = block.grid.voxel_from_patient().transform_point3(place);
+    let reach = block.in_voxels(CENTRE_WITHIN_MM + FILTER_MM);
+    let ranges = from_fn(|axis| {
+        let low = (voxel[axis] - reach[axis]).floor().max(0.0) as usize;
+        let high = (voxel[axis] + reach[axis]).ceil().max(0.0) as usize;
+        low..=high.min(block.size[axis] - 1)
+    });
+    let region = Region::new(head, block, values, ranges);
+    let nearest = region.nearest_junction(voxel, CENTRE_WITHIN_MM);
+    nearest.map_or(place, |nearest| {
+        block.grid.patient_from_voxel().transform_point3(nearest)
+    })
 }
 
 /// The outputs of the channels at a place in every view, in the order of [`View::ALL`].
@@ -41,11 +84,12 @@ impl Patches {
 pub(crate) fn outputs(
     head: Head<'_>,
     block: &Block,
-    (values, aided): (&[f32], &Aided),
+    (values, flat, aided): (&[f32], &FlatMaps, &Aided),
     (place, radius_mm): (DVec3, f64),
 ) -> Vec<Outputs> {
     let patch = Patch::new();
-    let patches = Patches::around(head, block, &patch, place, WIDTH * radius_mm);
+    let centre = centre(head, block, values, place);
+    let patches = Patches::around(head, (block, flat), &patch, centre, WIDTH * radius_mm);
     let seen = |voxels: &Voxels, shown: &dyn Fn(usize) -> f32| {
         patch.outputs(voxels.iter().map(|voxel| voxel.map_or(0.0, shown)))
     };
@@ -64,6 +108,7 @@ pub(crate) fn outputs(
         View::Axial => slice(2),
         View::ThreeStacks => mean([slice(0), slice(1), slice(2)]),
         View::Isosurfaces => seen(&patches.isosurface, &tissue),
+        View::FlatMaps => seen(&patches.flat, &tissue),
         View::IsosurfacesMirrored => {
             seen(&patches.isosurface, &tissue).plus(seen(&patches.mirrored, &tissue), -1.0)
         }

@@ -6,7 +6,7 @@ use geometry::DepthField;
 use glam::{DVec3, Vec3};
 
 use crate::Head;
-use crate::block::{Block, depth_at};
+use crate::block::{Block, DEEP_FROM_MM, depth_at};
 use crate::convolve::{Kernel, smooth};
 
 /// The Gaussian of the gradient of an observer, in mm, and the width of its weight: from the pilot study, not from the
@@ -15,8 +15,10 @@ const GRADIENT_MM: f64 = 0.7;
 const WEIGHT_WIDTH: f32 = 0.2;
 /// The least depth of visible junction, in mm.
 const FROM_MM: f32 = 2.5;
+/// The least gradient at a point of the junction, per mm.
+const LEAST_SLOPE: f64 = 0.05;
 /// The template of an observer: a Gaussian in the cut, a narrower one across it, in mm, and their extent.
-const TEMPLATE_MM: f32 = 3.0;
+pub(crate) const TEMPLATE_MM: f32 = 3.0;
 const ACROSS_MM: f32 = 0.6;
 const REACH_MM: f64 = 9.0;
 const REACH_ACROSS_MM: f64 = 1.5;
@@ -85,10 +87,9 @@ impl Region {
         };
         for index in 0..count {
             region.gradients[index] = region.gradient(index);
-            let apart = (region.smooth[index] - 0.5) / WEIGHT_WIDTH;
             let is_deep = region.depths_mm[index] > FROM_MM;
             region.weights[index] = if is_deep {
-                (-0.5 * apart * apart).exp()
+                middle_weight(region.smooth[index])
             } else {
                 0.0
             };
@@ -128,6 +129,24 @@ impl Region {
         self.smooth.len()
     }
 
+    /// The smoothed tissue scale at a point in voxels of the block, trilinear; NaN outside the region.
+    pub(crate) fn sampled(&self, voxel: [f32; 3]) -> f32 {
+        let place: [f32; 3] = std::array::from_fn(|axis| voxel[axis] - self.first[axis] as f32);
+        let is_inside =
+            |axis: usize| place[axis] >= 0.0 && place[axis] < (self.size[axis] - 1) as f32;
+        if !(0..3).all(is_inside) {
+            return f32::NAN;
+        }
+        let part = place.map(f32::fract);
+        let [x, y, z] = place.map(|along| along as usize);
+        let start = x + self.size[0] * (y + self.size[1] * z);
+        let between = |part: f32, a: f32, b: f32| a + part * (b - a);
+        let row = |start: usize| between(part[0], self.smooth[start], self.smooth[start + 1]);
+        let slice = |start: usize| between(part[1], row(start), row(start + self.size[0]));
+        let above = self.size[0] * self.size[1];
+        between(part[2], slice(start), slice(start + above))
+    }
+
     /// Whether the whole template fits around a voxel of the block.
     pub(crate) fn has_room(&self, voxel: [usize; 3]) -> bool {
         let reach = self.reach();
@@ -140,6 +159,29 @@ impl Region {
     fn reach(&self) -> [usize; 3] {
         self.spacing_mm
             .map(|spacing| (REACH_MM / spacing).ceil() as usize)
+    }
+
+    /// The point of the junction nearest to a place, both in voxels of the block: where the smoothed tissue scale crosses
+    /// the middle between grey and white, to a fraction of a voxel. `None` if there is none within a reach.
+    pub(crate) fn nearest_junction(&self, place: DVec3, reach_mm: f64) -> Option<DVec3> {
+        let spacing = DVec3::from_array(self.spacing_mm);
+        let at_most_mm = spacing.max_element();
+        let crossing = |index: usize| {
+            let gradient = self.gradients[index].as_dvec3();
+            let is_steep = gradient.length_squared() > LEAST_SLOPE * LEAST_SLOPE;
+            if !is_steep || self.depths_mm[index] < DEEP_FROM_MM {
+                return None;
+            }
+            let missing = 0.5 - f64::from(self.smooth[index]);
+            let step_mm = gradient * (missing / gradient.length_squared());
+            let voxel = DVec3::from_array(self.in_block(index).map(|along| along as f64));
+            (step_mm.length() <= at_most_mm).then_some(voxel + step_mm / spacing)
+        };
+        let distance_mm = |point: &DVec3| ((*point - place) * spacing).length();
+        (0..self.voxel_count())
+            .filter_map(crossing)
+            .filter(|point| distance_mm(point) <= reach_mm)
+            .min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)))
     }
 
     /// The sharpness in the cuts through a voxel of the block around which the template fits.
@@ -197,6 +239,12 @@ impl Region {
             isosurface: cut(3),
         }
     }
+}
+
+/// The weight of a smoothed tissue scale: 1 in the middle between grey and white.
+pub(crate) fn middle_weight(smooth: f32) -> f32 {
+    let apart = (smooth - 0.5) / WEIGHT_WIDTH;
+    (-0.5 * apart * apart).exp()
 }
 
 /// Depths and the normals of isosurfaces at the voxels of a block.

@@ -2,14 +2,16 @@
 
 use std::ops::ControlFlow;
 
+use geometry::DepthField;
 use glam::DVec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::hotelling::Outputs;
 use super::observer::{Aided, Changed, Seen, View};
 use super::patches::outputs;
 use super::random::Random;
-use super::search::false_marks_above;
+use super::search::{Mark, false_marks_above};
 use super::{Effect, Ground, Lesion, Place};
 use crate::maps::tissue_of;
 use crate::{Head, MapParameters, MapsUndefined};
@@ -21,6 +23,9 @@ pub struct StudyParameters {
     pub lesions: usize,
     /// Number of shams in each head.
     pub shams: usize,
+    /// Number of lesions, and of shams, in each head for the observers of a known place. Those above `lesions` and
+    /// `shams` are not searched for.
+    pub patches: usize,
     /// Number of normal places for comparison with a known place.
     pub normals: usize,
     /// The seed of all random choices in a head. It must differ between heads, or they all get the same lesions.
@@ -40,6 +45,7 @@ impl StudyParameters {
         };
         Self {
             shams: 0,
+            patches: 0,
             lesion: Some((Sign::Blur, radius_mm, effect)),
             ..self
         }
@@ -61,6 +67,7 @@ impl StudyParameters {
     pub const FULL: Self = Self {
         lesions: 60,
         shams: 60,
+        patches: 0,
         normals: 1000,
         seed: 20_061_122,
         lesion: None,
@@ -107,6 +114,9 @@ impl Sign {
     }
 }
 
+/// The greatest number of trials that are computed at the same time. Each needs the memory of a head and its maps.
+const AT_ONCE: usize = 4;
+
 /// The radii for a random choice, in mm, and the strengths of the signs.
 const RADII_MM: [f64; 3] = [4.0, 6.0, 9.0];
 const BLURS_MM: [f64; 3] = [1.0, 1.5, 2.0];
@@ -118,7 +128,8 @@ const DARKENINGS: [f64; 2] = [0.1, 0.2];
 pub struct Sighting {
     /// With a known place: the fraction of normal places that are less suspicious; equal ones count half.
     pub known: f64,
-    /// In a search: the number of false marks above the mark of the lesion; `None` if no mark hits it.
+    /// In a search: the number of false marks above the mark of the lesion; `None` if no mark hits it, or nothing was
+    /// searched.
     pub false_marks: Option<usize>,
 }
 
@@ -141,6 +152,8 @@ pub struct Trial {
     pub darkening: f64,
     /// The seed of its edge and noise.
     pub seed: u64,
+    /// Whether the whole head was searched for it; if not, only the known place counts.
+    pub is_searched: bool,
     /// Its sightings, in the order of [`View::ALL`].
     pub sightings: Vec<Sighting>,
     /// The outputs of the channels of O2 at its place, in the order of [`View::ALL`].
@@ -174,52 +187,87 @@ pub struct HeadResult {
     pub trials: Vec<Trial>,
 }
 
-/// The trials of a head. `observe` receives the number of finished trials and of all trials, and may stop the run.
+/// The trials of a head. `observe` receives each finished trial and the number of all trials, and may stop the run.
+///
+/// `finished` are the first trials, from a run with the same parameters that was interrupted: they are returned as they
+/// are, and not observed.
 ///
 /// # Errors
 /// If the head has no maps.
 pub fn run_head(
     head: Head<'_>,
     parameters: &StudyParameters,
+    finished: Vec<Trial>,
     mut observe: impl FnMut(&Trial, usize) -> ControlFlow<()>,
 ) -> Result<Vec<Trial>, MapsUndefined> {
     let ground = Ground::new(head)?;
-    let count = parameters.lesions + parameters.shams;
+    let searched = parameters.lesions + parameters.shams;
+    let [lesions, shams] = parameters.only_known();
+    let count = parameters.trials();
+    // The places of the search come first, so that they are the same with and without further patches.
     let places = ground.places(count + parameters.normals, parameters.seed);
-    let (places, normals) = places.split_at(count.min(places.len()));
+    let (places, others) = places.split_at(searched.min(places.len()));
+    let (normals, further) = others.split_at(parameters.normals.min(others.len()));
     let pristine = Pristine::of(&ground, normals, &parameters.maps);
     let mut random = Random::new(parameters.seed ^ 0x5EED);
-    let mut trials = Vec::new();
-    for (number, place) in places.iter().enumerate() {
-        let is_sham = parameters.is_sham(number);
-        let (sign, lesion) = parameters.drawn(place.position_in_patient, is_sham, &mut random);
-        let (sightings, channels) = pristine.observed(&ground, &lesion, &parameters.maps)?;
-        let trial = Trial {
-            sign,
-            radius_mm: lesion.radius_mm,
-            position_in_patient: place.position_in_patient.to_array(),
-            depth_mm: place.depth_mm,
-            blur_mm: lesion.effect.blur_mm,
-            thickening_mm: lesion.effect.thickening_mm,
-            darkening: lesion.effect.darkening,
-            seed: lesion.seed,
-            sightings,
-            channels,
+    let mut drawn = |number: usize, place: &Place| {
+        let is_searched = number < searched;
+        let is_sham = if is_searched {
+            is_sham(number, [parameters.lesions, parameters.shams])
+        } else {
+            is_sham(number - searched, [lesions, shams])
         };
-        let flow = observe(&trial, count);
-        trials.push(trial);
-        if flow.is_break() {
-            break;
+        let (sign, lesion) = parameters.drawn(place.position_in_patient, is_sham, &mut random);
+        (*place, sign, lesion, is_searched)
+    };
+    let all = places.iter().chain(further).enumerate();
+    let drawn: Vec<_> = all.map(|(number, place)| drawn(number, place)).collect();
+    let mut trials = finished;
+    for some in drawn[trials.len().min(drawn.len())..].chunks(AT_ONCE) {
+        let computed = some.par_iter().map(|(place, sign, lesion, is_searched)| {
+            let seen = pristine.observed(&ground, lesion, *is_searched, &parameters.maps);
+            let (sightings, channels) = seen?;
+            Ok(Trial {
+                sign: *sign,
+                radius_mm: lesion.radius_mm,
+                position_in_patient: place.position_in_patient.to_array(),
+                depth_mm: place.depth_mm,
+                blur_mm: lesion.effect.blur_mm,
+                thickening_mm: lesion.effect.thickening_mm,
+                darkening: lesion.effect.darkening,
+                seed: lesion.seed,
+                is_searched: *is_searched,
+                sightings,
+                channels,
+            })
+        });
+        for trial in computed.collect::<Result<Vec<Trial>, MapsUndefined>>()? {
+            let flow = observe(&trial, count);
+            trials.push(trial);
+            if flow.is_break() {
+                return Ok(trials);
+            }
         }
     }
     Ok(trials)
 }
 
+/// Whether a trial is a sham. Shams are spread evenly among the lesions.
+fn is_sham(number: usize, [lesions, shams]: [usize; 2]) -> bool {
+    let shams_before = |number: usize| number * shams / (lesions + shams);
+    shams_before(number + 1) > shams_before(number)
+}
+
 impl StudyParameters {
-    /// Whether a trial is a sham. Shams are spread evenly among the lesions.
-    fn is_sham(&self, number: usize) -> bool {
-        let shams_before = |number: usize| number * self.shams / (self.lesions + self.shams);
-        shams_before(number + 1) > shams_before(number)
+    /// The numbers of lesions and of shams in each head that are not searched for.
+    fn only_known(&self) -> [usize; 2] {
+        [self.lesions, self.shams].map(|searched| self.patches.saturating_sub(searched))
+    }
+
+    /// The number of trials of a head.
+    pub fn trials(&self) -> usize {
+        let [lesions, shams] = self.only_known();
+        self.lesions + self.shams + lesions + shams
     }
 
     /// A lesion at a place, with random sign, size and strengths.
@@ -264,6 +312,8 @@ impl StudyParameters {
 struct Pristine {
     seen: Seen,
     aided: Aided,
+    /// The marks of a search, in the order of [`View::ALL`].
+    marks: Vec<Vec<Mark>>,
     /// The scores at normal places, ascending, in the order of [`View::ALL`].
     normals: Vec<Vec<f32>>,
 }
@@ -280,13 +330,14 @@ impl Pristine {
         let normals = View::ALL.map(|view| {
             let score = |place: &Place| match view.is_aided() {
                 true => aided.at(view, place.position_in_patient),
-                false => seen.at(view, place.position_in_patient),
+                false => seen.at(view, ground.head.depth, place.position_in_patient),
             };
             let mut scores: Vec<f32> = places.iter().map(score).filter(|s| !s.is_nan()).collect();
             scores.sort_by(f32::total_cmp);
             scores
         });
         Self {
+            marks: View::ALL.map(|view| marks(view, &seen, &aided)).to_vec(),
             seen,
             aided,
             normals: normals.to_vec(),
@@ -299,51 +350,64 @@ impl Pristine {
         &self,
         ground: &Ground<'_>,
         lesion: &Lesion,
+        is_searched: bool,
         parameters: &MapParameters,
     ) -> Result<(Vec<Sighting>, Vec<Outputs>), MapsUndefined> {
-        let changed = Changed {
-            centre: lesion.centre_in_patient,
-            reach_mm: lesion.reach_mm(),
-        };
         let place = (lesion.centre_in_patient, lesion.radius_mm);
         let volume = ground.with_lesion(lesion);
         if volume == *ground.head.volume {
-            // The maps of the same volume are the same, so those of a sham need no second computation.
-            let seen = self
-                .seen
-                .with(ground.head, &ground.block, &ground.values, changed);
-            let shown = (ground.values.as_slice(), &self.aided);
+            // The same volume gives the same maps and marks, so a sham needs no second computation.
+            let shown = (ground.values.as_slice(), &self.seen.flat, &self.aided);
             let channels = outputs(ground.head, &ground.block, shown, place);
-            return Ok((self.sighted(lesion, &seen, &self.aided), channels));
+            let shown = (ground.head.depth, &self.seen, &self.aided);
+            let marks = |view: usize| self.marks[view].clone();
+            return Ok((self.sighted(lesion, is_searched, shown, marks), channels));
         }
         let head = Head {
             volume: &volume,
             ..ground.head
         };
         let (block, values, tissue) = tissue_of(head)?;
+        let changed = Changed {
+            centre: lesion.centre_in_patient,
+            reach_mm: lesion.reach_mm(),
+        };
         let seen = self.seen.with(head, &block, &values, changed);
         let aided = Aided::of(head, &block, (&values, &tissue), parameters);
-        let channels = outputs(head, &block, (&values, &aided), place);
-        Ok((self.sighted(lesion, &seen, &aided), channels))
+        let channels = outputs(head, &block, (&values, &seen.flat, &aided), place);
+        let shown = (head.depth, &seen, &aided);
+        let marks = |view: usize| marks(View::ALL[view], &seen, &aided);
+        Ok((self.sighted(lesion, is_searched, shown, marks), channels))
     }
 
-    fn sighted(&self, lesion: &Lesion, seen: &Seen, aided: &Aided) -> Vec<Sighting> {
+    fn sighted(
+        &self,
+        lesion: &Lesion,
+        is_searched: bool,
+        (depth, seen, aided): (&DepthField, &Seen, &Aided),
+        marks: impl Fn(usize) -> Vec<Mark>,
+    ) -> Vec<Sighting> {
         let centre = lesion.centre_in_patient;
-        let sighting = |(view, normals): (View, &Vec<f32>)| {
-            let (marks, score) = match view.is_aided() {
-                true => (aided.marks(view), aided.at(view, centre)),
-                false => (seen.marks(view), seen.at(view, centre)),
+        let sighting = |(number, view): (usize, View)| {
+            let score = match view.is_aided() {
+                true => aided.at(view, centre),
+                false => seen.at(view, depth, centre),
             };
+            let above = || false_marks_above(&marks(number), centre, lesion.radius_mm);
             Sighting {
-                known: share_below(normals, score),
-                false_marks: false_marks_above(&marks, centre, lesion.radius_mm),
+                known: share_below(&self.normals[number], score),
+                false_marks: is_searched.then(above).flatten(),
             }
         };
-        View::ALL
-            .into_iter()
-            .zip(&self.normals)
-            .map(sighting)
-            .collect()
+        View::ALL.into_iter().enumerate().map(sighting).collect()
+    }
+}
+
+/// The marks of a search through a whole head.
+fn marks(view: View, seen: &Seen, aided: &Aided) -> Vec<Mark> {
+    match view.is_aided() {
+        true => aided.marks(view),
+        false => seen.marks(view),
     }
 }
 

@@ -1,8 +1,9 @@
 use glam::DVec3;
 
+use super::hotelling::area;
 use super::run::run_head;
 use super::*;
-use crate::tests::phantom::{Phantom, Scan, lesion, plain_grid};
+use crate::tests::phantom::{Phantom, Scan, lesion, on_junction, plain_grid};
 
 fn noisy() -> Scan {
     let phantom = Phantom {
@@ -115,6 +116,58 @@ fn a_thickening_moves_the_junction_into_white_matter_and_a_darkening_lowers_it()
     assert!((80.0..140.0).contains(&(plain - dark)), "{plain} {dark}");
 }
 
+/// O2 knows the place, and places lie in the middle between grey and white: a thickening turns that very point grey.
+#[test]
+fn a_thickening_is_seen_at_its_place_but_not_at_the_centre_of_its_patch() {
+    let scan = noisy();
+    let ground = Ground::new(scan.head()).unwrap();
+    let number_of = 30;
+    let place = |number: usize| {
+        // A spiral with equal areas between its points.
+        let z = 1.0 - (2 * number + 1) as f64 / number_of as f64;
+        let angle = 2.4 * number as f64;
+        let from_axis = (1.0 - z * z).sqrt();
+        let direction = DVec3::new(from_axis * angle.cos(), from_axis * angle.sin(), z);
+        let grid = &ground.block.grid;
+        let voxel = grid
+            .voxel_from_patient()
+            .transform_point3(on_junction(direction));
+        grid.patient_from_voxel().transform_point3(voxel.round())
+    };
+    let value = |values: &[f32], position: DVec3| {
+        let grid = &ground.block.grid;
+        let voxel = grid.voxel_from_patient().transform_point3(position).round();
+        let voxel = voxel.to_array().map(|along| along as usize);
+        f64::from(values[grid.index(voxel)])
+    };
+    let (mut at_places, mut at_centres) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+    for place in (0..number_of).map(place) {
+        let mut lesion = blur(place);
+        lesion.effect = Effect {
+            thickening_mm: 2.0,
+            ..Effect::NONE
+        };
+        let volume = ground.with_lesion(&lesion);
+        let head = Head {
+            volume: &volume,
+            ..scan.head()
+        };
+        let (_, with, _) = tissue_of(head).unwrap();
+        for (kind, values) in [&with, &ground.values].into_iter().enumerate() {
+            let centre = patches::centre(head, &ground.block, values, place);
+            assert!(centre.distance(place) < 5.0, "{centre} {place}");
+            // Darker is more suspicious.
+            at_places[kind].push(-value(values, place));
+            at_centres[kind].push(-value(values, centre));
+        }
+    }
+    let at_place = area(&at_places[0], &at_places[1]);
+    let at_centre = area(&at_centres[0], &at_centres[1]);
+    assert!(at_place > 0.95, "{at_place}");
+    // Two standard errors of 30 against 30.
+    assert!((at_centre - 0.5).abs() < 0.15, "{at_centre}");
+}
+
 #[test]
 fn places_are_deep_enough_and_the_same_for_a_seed() {
     let scan = noisy();
@@ -154,17 +207,18 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
     let parameters = StudyParameters {
         lesions: 3,
         shams: 2,
+        patches: 3,
         normals: 40,
         ..StudyParameters::QUICK
     };
     let mut heard = 0;
-    let trials = run_head(scan.head(), &parameters, |_, count| {
+    let trials = run_head(scan.head(), &parameters, Vec::new(), |_, count| {
         heard += 1;
-        assert_eq!(count, 5);
+        assert_eq!(count, 6);
         std::ops::ControlFlow::Continue(())
     })
     .unwrap();
-    assert_eq!((trials.len(), heard), (5, 5));
+    assert_eq!((trials.len(), heard), (6, 6));
     let ground = Ground::new(scan.head()).unwrap();
     let [lesioned, sham] = [0, 4].map(|number| ground.with_lesion(&trials[number].lesion()));
     assert!(lesioned != scan.volume && sham == scan.volume);
@@ -172,7 +226,19 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         .iter()
         .map(|trial| trial.sign == Sign::Sham)
         .collect();
-    assert_eq!(are_shams, [false, false, true, false, true]);
+    assert_eq!(are_shams, [false, false, true, false, true, true]);
+    let are_searched: Vec<bool> = trials.iter().map(|trial| trial.is_searched).collect();
+    assert_eq!(are_searched, [true, true, true, true, true, false]);
+    let without_patches = StudyParameters {
+        patches: 0,
+        ..parameters
+    };
+    let stop = |_: &Trial, _| std::ops::ControlFlow::Break(());
+    let first = run_head(scan.head(), &without_patches, Vec::new(), stop).unwrap();
+    assert_eq!(first, trials[..1], "patches change nothing in the search");
+    let go_on = |_: &Trial, _| std::ops::ControlFlow::Continue(());
+    let continued = run_head(scan.head(), &parameters, first, go_on).unwrap();
+    assert_eq!(continued, trials);
     for sighting in trials.iter().flat_map(|trial| &trial.sightings) {
         assert!((0.0..=1.0).contains(&sighting.known));
     }
@@ -193,7 +259,7 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         "O2 needs another head to learn from"
     );
     let rows = twice.known_place();
-    assert_eq!((rows[0].counts, rows[2].counts), ([9, 6], [18, 12]));
+    assert_eq!((rows[0].counts, rows[2].counts), ([9, 9], [18, 18]));
     for area in rows.iter().flat_map(|row| row.o1.iter().chain(&row.o2)) {
         assert!((0.0..=1.0).contains(area), "{rows:?}");
     }

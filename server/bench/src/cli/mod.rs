@@ -5,6 +5,7 @@ mod head;
 mod paper;
 mod step;
 mod study;
+mod study_progress;
 
 use std::path::Path;
 use std::process::ExitCode;

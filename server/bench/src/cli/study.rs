@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use analysis::study::{Criteria, Report, StudyParameters};
-use bench::study::{MaskFrom, StudyFolders, StudyHead};
+use bench::study::{Finished, MaskFrom, StudyFolders, StudyHead};
 use bench::{BenchError, froc};
 use clap::Args;
 use serde_json::json;
 
-use super::{progress, unwritable};
+use super::study_progress::StudyProgress;
+use super::unwritable;
 
 /// Put synthetic lesions into heads, and count which model observers find them
 ///
@@ -33,6 +34,10 @@ pub(super) struct StudyArgs {
     /// Number of lesions and of shams in each head. [default: 60]
     #[arg(long, value_name = "N")]
     lesions: Option<usize>,
+    /// Number of lesions and of shams in each head for the observers of a known place, counting those that are searched
+    /// for. [default: those alone]
+    #[arg(long, value_name = "N", conflicts_with = "radius_mm")]
+    patches: Option<usize>,
     /// Make every lesion a blur of this radius in mm, in place of all signs and sizes; there are no shams.
     #[arg(long, value_name = "MM", requires = "blur_mm", value_parser = length)]
     radius_mm: Option<f64>,
@@ -42,8 +47,8 @@ pub(super) struct StudyArgs {
     /// The seed of all random choices. [default: the seed of the study]
     #[arg(long)]
     seed: Option<u64>,
-    /// Directory for the results of each head; a head with results is not run again, and results of other parameters are
-    /// refused.
+    /// Directory for the results of each head. An interrupted run continues with the next trial, a head with results is
+    /// not run again, and results of other parameters are refused.
     #[arg(long, value_name = "DIR", default_value = "study")]
     results: PathBuf,
     /// Also write each head with each of its lesions into this directory as NIfTI.
@@ -108,6 +113,7 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     if let Some(count) = args.lesions {
         (parameters.lesions, parameters.shams) = (count, count);
     }
+    parameters.patches = args.patches.unwrap_or(parameters.patches);
     if let Some((radius_mm, blur_mm)) = args.radius_mm.zip(args.blur_mm) {
         parameters = parameters.with_blurs_alone(radius_mm, blur_mm);
     }
@@ -140,10 +146,17 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
             *mask = MaskFrom::Network(network.clone());
         }
     }
+    let mut progress = StudyProgress::new(heads.len());
     let results = heads
         .iter()
-        .map(|head| head.trials(&parameters, &folders, &progress))
-        .collect::<Result<Vec<_>, _>>()?;
+        .enumerate()
+        .map(|(number, head)| {
+            let mut report = |finished: Finished<'_>| progress.report(number, &finished);
+            head.trials(&parameters, &folders, &mut report)
+        })
+        .collect::<Result<Vec<_>, _>>();
+    progress.end();
+    let results = results?;
     if let Some(folder) = &args.plot {
         let path = folder.join("froc.svg");
         std::fs::write(&path, froc(&results)).map_err(|error| unwritable(&path, &error))?;

@@ -1,4 +1,7 @@
-//! The heads of the study: from files to trials, with one JSON file per head, so that an interrupted run continues.
+//! The heads of the study: from files to trials. Each trial is stored as it finishes, so that an interrupted run
+//! continues.
+
+mod stored;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -8,89 +11,13 @@ use analysis::study::{Ground, HeadResult, StudyParameters, Trial, run_head};
 use geometry::{BrainMask, DepthField, Volume, distance_map, envelope};
 use imaging::nifti;
 
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-
+use self::stored::{MadeWith, Stored, Unfinished};
 use crate::BenchError;
 pub use crate::brain::MaskFrom;
 use crate::files::read;
 
 /// Radius of the ball that closes the brain mask, in mm.
 const CLOSING_MM: f64 = 10.0;
-
-/// The version of the files of results. It increases if lesions, places or observers change.
-const FORMAT: u32 = 2;
-
-/// The parameters of a stored result, in the words of the command line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct MadeWith {
-    format: u32,
-    map_format: u32,
-    lesions: usize,
-    shams: usize,
-    normals: usize,
-    seed: u64,
-    radius_mm: Option<f64>,
-    blur_mm: Option<f64>,
-}
-
-impl MadeWith {
-    fn these(parameters: &StudyParameters) -> Self {
-        Self {
-            format: FORMAT,
-            map_format: analysis::MAP_FORMAT,
-            lesions: parameters.lesions,
-            shams: parameters.shams,
-            normals: parameters.normals,
-            seed: parameters.seed,
-            radius_mm: parameters.lesion.map(|(_, radius_mm, _)| radius_mm),
-            blur_mm: parameters.lesion.map(|(_, _, effect)| effect.blur_mm),
-        }
-    }
-}
-
-/// The file of results of one head.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Stored {
-    made_with: MadeWith,
-    #[serde(flatten)]
-    result: HeadResult,
-}
-
-impl Stored {
-    /// The result in a file, if it was made with these parameters.
-    fn read(path: &Path, bytes: &[u8], made_with: &MadeWith) -> Result<HeadResult, BenchError> {
-        let refused = |reason: &str| {
-            let path = path.display();
-            let advice = "remove it, or name another directory with --results";
-            Err(BenchError::Usage(format!("{path} {reason}; {advice}")))
-        };
-        let json: Value = match serde_json::from_slice(bytes) {
-            Ok(json) => json,
-            Err(error) => return refused(&format!("is not a result of a study: {error}")),
-        };
-        let wanted = serde_json::to_value(made_with).expect("numbers");
-        let stored = &json["made_with"];
-        let others = wanted.as_object().into_iter().flatten();
-        let others: Vec<String> = others
-            .filter(|(name, now)| stored.get(name.as_str()) != Some(now))
-            .map(|(name, now)| match stored.get(name.as_str()) {
-                Some(then) => format!("{name} {then}, not {now}"),
-                None => format!("no {name}"),
-            })
-            .collect();
-        if !others.is_empty() {
-            return refused(&format!(
-                "was made with other parameters ({})",
-                others.join("; ")
-            ));
-        }
-        match serde_json::from_value::<Self>(json) {
-            Ok(stored) => Ok(stored.result),
-            Err(error) => refused(&format!("is not a result of a study: {error}")),
-        }
-    }
-}
 
 /// A head of the study, as files.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -106,10 +33,24 @@ pub struct StudyHead {
 /// The output directories.
 #[derive(Debug, Clone)]
 pub struct StudyFolders {
-    /// The directory of `NAME.json` for each head, which is reused if it was made with the same parameters.
+    /// The directory of `NAME.json` for each head, which is reused if it was made with the same parameters. Until a head
+    /// is finished, its trials are in `NAME.unfinished`.
     pub results: PathBuf,
     /// The directory for each head with each of its lesions, as NIfTI.
     pub lesions: Option<PathBuf>,
+}
+
+/// A finished trial of a head.
+#[derive(Debug, Clone, Copy)]
+pub struct Finished<'a> {
+    /// The name of the head.
+    pub head: &'a str,
+    /// The trial.
+    pub trial: &'a Trial,
+    /// Number of finished trials of this head.
+    pub done: usize,
+    /// Number of all trials of this head.
+    pub count: usize,
 }
 
 impl StudyHead {
@@ -122,15 +63,16 @@ impl StudyHead {
         &self,
         parameters: &StudyParameters,
         folders: &StudyFolders,
-        progress: &dyn Fn(&str),
+        progress: &mut dyn FnMut(Finished<'_>),
     ) -> Result<HeadResult, BenchError> {
         let path = folders.results.join(format!("{}.json", self.name));
         let made_with = MadeWith::these(parameters);
-        if let Ok(bytes) = std::fs::read(&path) {
-            let mut result = Stored::read(&path, &bytes, &made_with)?;
+        if let Some(mut result) = Stored::read(&path, &made_with)? {
             result.is_tuned = self.is_tuned;
             return Ok(result);
         }
+        let path_until_then = folders.results.join(format!("{}.unfinished", self.name));
+        let (mut unfinished, finished) = Unfinished::open(path_until_then, &made_with)?;
         let (volume, brain) = self.read()?;
         let envelope = envelope(&brain, CLOSING_MM)?;
         let head = analysis::Head {
@@ -138,15 +80,28 @@ impl StudyHead {
             depth: &DepthField::new(&distance_map(&envelope)),
             plane: &midsagittal_plane(&envelope, &volume),
         };
-        let mut done = 0;
-        let trials = run_head(head, &parameters.for_head(&self.name), |trial, count| {
+        let mut done = finished.len();
+        let mut stored = Ok(());
+        let parameters = parameters.for_head(&self.name);
+        let trials = run_head(head, &parameters, finished, |trial, count| {
             done += 1;
-            progress(&described(&self.name, trial, [done, count]));
-            ControlFlow::Continue(())
+            progress(Finished {
+                head: &self.name,
+                trial,
+                done,
+                count,
+            });
+            stored = unfinished.add(trial);
+            match stored {
+                Ok(()) => ControlFlow::Continue(()),
+                Err(_) => ControlFlow::Break(()),
+            }
         })?;
+        stored?;
         if let Some(folder) = &folders.lesions {
             let ground = Ground::new(head)?;
-            for (number, trial) in trials.iter().enumerate() {
+            let searched = trials.iter().filter(|trial| trial.is_searched);
+            for (number, trial) in searched.enumerate() {
                 let bytes = nifti::write_volume(&ground.with_lesion(&trial.lesion()))?;
                 write(
                     &folder.join(format!("{}-{number}.nii.gz", self.name)),
@@ -160,8 +115,8 @@ impl StudyHead {
             trials,
         };
         let stored = Stored { made_with, result };
-        let bytes = serde_json::to_vec_pretty(&stored).expect("numbers and names");
-        write(&path, &bytes)?;
+        stored.write(&path)?;
+        unfinished.remove()?;
         Ok(stored.result)
     }
 
@@ -180,11 +135,6 @@ impl StudyHead {
         let brain = mask.brain(&self.name, &volume)?;
         Ok((volume, brain))
     }
-}
-
-fn described(name: &str, trial: &Trial, [done, count]: [usize; 2]) -> String {
-    let (sign, radius_mm) = (trial.sign.name(), trial.radius_mm);
-    format!("{name}: {done} of {count} ({sign}, radius {radius_mm} mm)")
 }
 
 /// The one series of a folder, as NIfTI.
