@@ -463,19 +463,26 @@ test(
     };
     await again("");
     await page.waitForFunction(() =>
-      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+      /already here as “Marked · added .* · [0-9a-f]{8}”/.test(
+        document.querySelector("#upload-done")?.textContent ?? "",
+      ),
     );
     assert.equal(await marked.locator(".fresh-badge").innerText(), "Already here");
     await again("Other");
     await page.waitForSelector("dialog.confirm-rename");
-    assert.match(await page.locator("dialog.confirm-rename p").innerText(), /case “Marked”. Rename it “Other”\?/);
+    assert.match(
+      await page.locator("dialog.confirm-rename p").innerText(),
+      /case “Marked · added .* · [0-9a-f]{8}”. Rename it “Other”\?/,
+    );
     await keep(page, "confirm-rename");
     // What is chosen while a case is being sent is the next case.
     const next = { name: "next.nii", mimeType: "application/octet-stream", buffer: Buffer.from(markedVolume()) };
     await page.locator("#upload-volume").setInputFiles(next);
     await page.keyboard.press("Escape");
     await page.waitForFunction(() =>
-      /already here as “Marked”/.test(document.querySelector("#upload-done")?.textContent ?? ""),
+      /already here as “Marked · added .* · [0-9a-f]{8}”/.test(
+        document.querySelector("#upload-done")?.textContent ?? "",
+      ),
     );
     assert.equal(await page.locator(".chosen-names").innerText(), "next.nii");
     assert.equal(await page.locator("#upload-name").inputValue(), "", "the next case does not get this one's label");

@@ -93,7 +93,7 @@ test("the page leads to two cases, which are linked in angle, depth, point and w
   await shown(page);
   await page.locator(".bar > a").click();
   // The token was handed on: nobody is asked a second time, neither here nor in the frames.
-  await page.locator("#compare-right").selectOption({ label: "Later scan" });
+  await page.locator("#compare-right").selectOption(later);
   await page.waitForSelector("body[data-linked=true]");
   assert.match(await page.locator(".verdict").innerText(), /^Same head, registered: 8\.\d mm, 0\.\d°$/);
   assert.deepEqual(await page.evaluate(() => ({ ...sessionStorage })), {});

@@ -13,7 +13,7 @@ use crate::negotiate::Coding;
 use crate::problem::AppError;
 
 /// Part of every entity tag: raised when the bytes of any answer to the same request change.
-const FORMAT_VERSION: u8 = 5;
+const FORMAT_VERSION: u8 = 6;
 
 /// How long answers stay fresh: a pure function of id and query never goes stale.
 const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");

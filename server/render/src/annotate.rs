@@ -44,8 +44,12 @@ pub fn annotate(
 ) -> Frame {
     let parameters = request.parameters();
     let mut canvas = canvas_of(frame);
+    let depth = format!("{} mm", short(parameters.depth_mm));
     let lines = lines(
-        format!("{} mm", short(parameters.depth_mm)),
+        match parameters.slab_mm {
+            0.0 => depth,
+            slab_mm => format!("{depth} ± {} mm", short(slab_mm)),
+        },
         parameters.window,
         layers,
     );

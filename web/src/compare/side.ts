@@ -1,7 +1,7 @@
 // One of the two cases that are compared: a frame with the page, which shows it.
 
 import { getCase } from "../base/api.ts";
-import { caseTitle } from "../base/case-words.ts";
+import { caseIdentity } from "../base/case-words.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
@@ -39,7 +39,7 @@ export class Side {
     this.#name = t(`compare.${name}`);
     const titleOf = (id: string): string => {
       const one = cases.find((other) => other.id === id);
-      return one ? caseTitle(one) : t("compare.choose");
+      return one ? caseIdentity(one) : t("compare.choose");
     };
     const ids = ["", ...cases.filter(({ state }) => state === "ready").map(({ id }) => id)];
     this.choice = choice(`compare-${name}`, this.#name, ids, titleOf, (id) => host.chosen(this, id));

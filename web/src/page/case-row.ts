@@ -1,6 +1,6 @@
 // A row of the list: one case.
 
-import { caseFacts, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
+import { caseFacts, caseIdentity, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
 import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { served } from "../base/picture.ts";
@@ -42,7 +42,7 @@ export class Row {
         this.#bar,
       ),
     );
-    this.#delete = iconButton("trash", t("delete.button", { title: caseTitle(one) }), () => remove(this.#case));
+    this.#delete = iconButton("trash", t("delete.button", { title: caseIdentity(one) }), () => remove(this.#case));
     this.element = h("li", { "data-id": one.id }, this.#link, this.#delete);
   }
 

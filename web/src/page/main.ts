@@ -245,7 +245,7 @@ class App {
       h("p", { class: "research", role: "note" }, t("notice.long")),
       language,
       iconButton("theme", t("theme.toggle"), () => choose({ theme: preferences.theme === "dark" ? "light" : "dark" })),
-      ...(document.fullscreenEnabled ? [fullScreenButton()] : []),
+      ...(document.fullscreenEnabled ? [iconButton("full", t("full-screen"), () => void toggleFullScreen())] : []),
       this.#fold,
       iconButton("help", t("help.title"), () => this.#help()),
     );
@@ -348,16 +348,11 @@ let app: App | null = null;
 function choose(change: Partial<Preferences>): void {
   const { language } = preferences;
   preferences = { ...preferences, ...change };
-  savePreferences(preferences);
+  // In a frame beside another case they are those of the frame alone.
+  if (parent === window) savePreferences(preferences);
   dress();
   if (preferences.language === language) return;
   void build().then(() => document.getElementById("language")?.focus());
-}
-
-function fullScreenButton(): HTMLElement {
-  const button = iconButton("full", t("full-screen"), () => void toggleFullScreen());
-  button.classList.add("full");
-  return button;
 }
 
 function toggleFullScreen(): Promise<void> {

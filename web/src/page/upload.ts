@@ -4,7 +4,7 @@ import { type Uploaded, uploadCase } from "../base/api.ts";
 import type { Case } from "../model/case.ts";
 import { h, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { caseTitle } from "../base/case-words.ts";
+import { caseIdentity } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { confirmRename, offerLayers } from "./dialogs.ts";
 import { fileButton, fileInput } from "./fields.ts";
@@ -128,7 +128,7 @@ export class UploadForm {
       const { created, wasThere } = await this.#sendAndName(sorted);
       const layers = await this.#sendLayers(created.id, offersOf(sorted, created));
       if (this.#isSending()) this.#forget();
-      const words = t(wasThere ? "upload.was-there" : "upload.done", { title: caseTitle(created) });
+      const words = t(wasThere ? "upload.was-there" : "upload.done", { title: caseIdentity(created) });
       setText(this.#box.done, [words, ...layers].join(" "));
       await this.#onCreated(created, wasThere);
     } catch (problem) {
@@ -173,7 +173,7 @@ export class UploadForm {
       );
     const uploaded = await send(true);
     if (!uploaded.wasThere || name === "" || name === uploaded.created.name) return uploaded;
-    return (await confirmRename(caseTitle(uploaded.created), name)) ? send(false) : uploaded;
+    return (await confirmRename(caseIdentity(uploaded.created), name)) ? send(false) : uploaded;
   }
 }
 
