@@ -389,7 +389,7 @@ test(
     const second = page.locator("#case-list li", { hasText: "Second" });
     await second.and(page.locator("[data-state=ready]")).waitFor();
     assert.deepEqual(await fragment(page), left, "what was shown is shown still");
-    assert.match(await page.locator("#upload-done").innerText(), /“Second” was added/);
+    assert.match(await page.locator("#upload-done").innerText(), /“Second · .*” was added/);
     assert.equal(await second.locator(".fresh-badge").innerText(), "New");
     await page.waitForFunction(() => document.querySelector("#live")?.textContent === "Second is ready.");
     await keep(page, "fresh-case");

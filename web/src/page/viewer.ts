@@ -131,9 +131,8 @@ export class Viewer {
     this.element.dataset.loaded = "true";
     this.#onDemand.meetNeighbour(this.element);
     void this.#aids.load().catch(() => {});
-    const wanted = this.#wanted;
+    if (this.#wanted) this.#pick(this.#wanted.place, this.#wanted.state);
     this.#wanted = null;
-    if (wanted) this.#pick(wanted.place, wanted.state);
     this.#showPoint();
     this.#schedule();
   }
@@ -318,14 +317,13 @@ export class Viewer {
     this.#notices.trouble(trouble);
     if (!this.#disposed) this.#schedule();
     // More may be known of the point than when it was marked.
-    if (this.element.dataset.loaded) this.#showPoint();
+    const { crosshair_mm } = this.#state;
+    if (crosshair_mm && this.element.dataset.loaded) this.#tellPoint(crosshair_mm);
   }
 
   #stopSweep(): void {
     if (this.#sweep.stop()) this.#apply({});
   }
-
-  // -- The marked point
 
   /** Puts the cross where the surface is seen at a place of the pane. */
   #pick(place: Vec2, state: ViewState = this.#state): void {
@@ -362,8 +360,12 @@ export class Viewer {
   #showPoint(): void {
     const position = this.#state.crosshair_mm;
     if (!position) return this.panel.point.show(null);
-    this.panel.point.show(pointWords(this.shown, position, this.#picked ?? this.#surface.probe(position)));
+    this.#tellPoint(position);
     void this.#showProfile(position);
+  }
+
+  #tellPoint(position: Vec3): void {
+    this.panel.point.show(pointWords(this.shown, position, this.#picked ?? this.#surface.probe(position)));
   }
 
   /** Plots intensity against depth below a position, where it is known by then and still the marked one. */

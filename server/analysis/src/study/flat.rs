@@ -11,8 +11,7 @@ use std::sync::Arc;
 use geometry::DepthField;
 use glam::{DVec2, DVec3};
 
-use super::observer::NEAR_MIDDLE;
-use super::region::{Region, TEMPLATE_MM, middle_weight};
+use super::region::{NEAR_MIDDLE, Region, TEMPLATE_MM, middle_weight};
 use crate::Head;
 use crate::block::{Block, depth_at};
 use crate::convolve::{Kernel, smooth};

@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use serde::{Deserialize, Serialize};
 
+use super::View;
 use super::hotelling::{Group, Template, area};
-use super::report::mean;
-use super::{HeadResult, Report, Sign, Trial, View};
+use super::run::{HeadResult, Sign, Trial};
 
 /// The area under the curve of lesions against shams with a known place, for two observers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -21,72 +21,68 @@ pub struct KnownPlace {
     pub o2: Vec<f64>,
 }
 
-impl Report {
-    /// O1 and O2 with a known place: each head, their mean, and the mean for each sign. Empty if O2 cannot be trained,
-    /// because there are fewer than two heads or no shams.
-    pub fn known_place(&self) -> Vec<KnownPlace> {
-        let templates: Option<Vec<Vec<Template>>> = (0..self.heads.len())
-            .map(|own| {
-                View::ALL
-                    .map(|view| self.template(own, view))
-                    .into_iter()
-                    .collect()
-            })
-            .collect();
-        let Some(templates) = templates else {
-            return Vec::new();
-        };
-        let judged = |own: usize, sign: Option<Sign>| {
-            let head = &self.heads[own];
-            let is_chosen = |trial: &&Trial| sign.is_none_or(|sign| trial.sign == sign);
-            let [lesions, shams] = lesions_and_shams(head);
-            let lesions: Vec<&Trial> = lesions.into_iter().filter(is_chosen).collect();
-            let areas = |score: &dyn Fn(usize, &Trial) -> f64| -> Vec<f64> {
-                let of = |view: usize, trials: &[&Trial]| -> Vec<f64> {
-                    trials.iter().map(|trial| score(view, trial)).collect()
-                };
-                let area = |view| area(&of(view, &lesions), &of(view, &shams));
-                (0..View::ALL.len()).map(area).collect()
-            };
-            KnownPlace {
-                lesions: head.name.clone(),
-                counts: [lesions.len(), shams.len()],
-                o1: areas(&|view, trial| trial.sightings[view].known),
-                o2: areas(&|view, trial| templates[own][view].score(&trial.channels[view])),
-            }
-        };
-        let of = |sign: Option<Sign>| -> Vec<KnownPlace> {
-            let rows = (0..self.heads.len()).map(|own| judged(own, sign));
-            rows.filter(|row| row.counts.iter().all(|&count| count > 0))
+/// See [`super::Report::known_place`].
+pub(super) fn known_place(heads: &[HeadResult]) -> Vec<KnownPlace> {
+    let templates: Option<Vec<Vec<Template>>> = (0..heads.len())
+        .map(|own| {
+            View::ALL
+                .map(|view| template(heads, own, view))
+                .into_iter()
                 .collect()
+        })
+        .collect();
+    let Some(templates) = templates else {
+        return Vec::new();
+    };
+    let judged = |own: usize, sign: Option<Sign>| {
+        let head = &heads[own];
+        let is_chosen = |trial: &&Trial| sign.is_none_or(|sign| trial.sign == sign);
+        let [lesions, shams] = lesions_and_shams(head);
+        let lesions: Vec<&Trial> = lesions.into_iter().filter(is_chosen).collect();
+        let areas = |score: &dyn Fn(usize, &Trial) -> f64| -> Vec<f64> {
+            let of = |view: usize, trials: &[&Trial]| -> Vec<f64> {
+                trials.iter().map(|trial| score(view, trial)).collect()
+            };
+            let area = |view| area(&of(view, &lesions), &of(view, &shams));
+            (0..View::ALL.len()).map(area).collect()
         };
-        let heads = of(None);
-        let mut rows = heads.clone();
-        rows.push(averaged("**mean**", &heads));
-        for sign in Sign::DRAWN {
-            let heads = of(Some(sign));
-            if !heads.is_empty() {
-                rows.push(averaged(sign.name(), &heads));
-            }
+        KnownPlace {
+            lesions: head.name.clone(),
+            counts: [lesions.len(), shams.len()],
+            o1: areas(&|view, trial| trial.sightings[view].known),
+            o2: areas(&|view, trial| templates[own][view].score(&trial.channels[view])),
         }
-        rows
+    };
+    let of = |sign: Option<Sign>| -> Vec<KnownPlace> {
+        let rows = (0..heads.len()).map(|own| judged(own, sign));
+        rows.filter(|row| row.counts.iter().all(|&count| count > 0))
+            .collect()
+    };
+    let mut rows = of(None);
+    rows.push(averaged("**mean**", &rows));
+    for sign in Sign::DRAWN {
+        let of_sign = of(Some(sign));
+        if !of_sign.is_empty() {
+            rows.push(averaged(sign.name(), &of_sign));
+        }
     }
+    rows
+}
 
-    /// The template of O2 for a head, trained on the others.
-    fn template(&self, own: usize, view: View) -> Option<Template> {
-        let number = View::ALL.iter().position(|other| *other == view)?;
-        let outputs = |trial: &Trial| trial.channels[number];
-        let others = self.heads.iter().enumerate();
-        let groups: Vec<Group> = others
-            .filter(|(other, _)| *other != own)
-            .map(|(_, head)| {
-                let [with, without] =
-                    lesions_and_shams(head).map(|trials| trials.into_iter().map(outputs).collect());
-                Group { with, without }
-            })
-            .collect();
-        Template::trained(&groups)
-    }
+/// The template of O2 for a head, trained on the others.
+fn template(heads: &[HeadResult], own: usize, view: View) -> Option<Template> {
+    let number = View::ALL.iter().position(|other| *other == view)?;
+    let outputs = |trial: &Trial| trial.channels[number];
+    let others = heads.iter().enumerate();
+    let groups: Vec<Group> = others
+        .filter(|(other, _)| *other != own)
+        .map(|(_, head)| {
+            let [with, without] =
+                lesions_and_shams(head).map(|trials| trials.into_iter().map(outputs).collect());
+            Group { with, without }
+        })
+        .collect();
+    Template::trained(&groups)
 }
 
 /// O1 / O2 as a table in Markdown.
@@ -130,4 +126,11 @@ fn lesions_and_shams(head: &HeadResult) -> [Vec<&Trial>; 2] {
     let trials = head.trials.iter();
     let (shams, lesions) = trials.partition(|trial| trial.sign == Sign::Sham);
     [lesions, shams]
+}
+
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), value| {
+        (sum + value, count + 1)
+    });
+    sum / count.max(1) as f64
 }

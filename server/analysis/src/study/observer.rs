@@ -6,15 +6,13 @@ use geometry::DepthField;
 use glam::DVec3;
 
 use super::flat::FlatMaps;
-use super::region::{Cuts, Region};
+use super::region::{Cuts, NEAR_MIDDLE, Region};
 use super::search::Mark;
 use crate::block::{Block, depth_at};
 use crate::candidates::Scores;
 use crate::maps::{Measures, compare};
 use crate::{Head, MapParameters, TissueScale};
 
-/// The greatest distance of a point of the junction from the middle between grey and white.
-pub(crate) const NEAR_MIDDLE: f32 = 0.12;
 /// The depths of the search on slices, and on isosurfaces, in mm.
 const SLICE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=28.0;
 const SURFACE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=24.0;

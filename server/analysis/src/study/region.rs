@@ -9,6 +9,9 @@ use crate::Head;
 use crate::block::{Block, DEEP_FROM_MM, depth_at};
 use crate::convolve::{Kernel, smooth};
 
+/// The greatest distance of a point of the junction from the middle between grey and white.
+pub(crate) const NEAR_MIDDLE: f32 = 0.12;
+
 /// The Gaussian of the gradient of an observer, in mm, and the width of its weight: from the pilot study, not from the
 /// maps.
 const GRADIENT_MM: f64 = 0.7;

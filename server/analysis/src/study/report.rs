@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use serde::{Deserialize, Serialize};
 
-use super::known::known_table;
+use super::known::{KnownPlace, known_place, known_table, mean};
 use super::random::Random;
 use super::run::{HeadResult, Sign, Trial};
 use super::{Sighting, View};
@@ -78,6 +78,12 @@ impl Report {
             views: View::ALL.map(|view| view.name().to_owned()).to_vec(),
             heads,
         }
+    }
+
+    /// O1 and O2 with a known place: each head, their mean, and the mean for each sign. Empty if O2 cannot be trained,
+    /// because there are fewer than two heads or no shams.
+    pub fn known_place(&self) -> Vec<KnownPlace> {
+        known_place(&self.heads)
     }
 
     /// The criteria with their numbers.
@@ -311,13 +317,6 @@ fn hits(trials: &[&Trial], view: View, false_marks: usize) -> f64 {
         .iter()
         .filter(|trial| is_hit(sighting(trial, view), false_marks));
     found.count() as f64 / trials.len().max(1) as f64
-}
-
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), value| {
-        (sum + value, count + 1)
-    });
-    sum / count.max(1) as f64
 }
 
 /// A mean with its 95 % interval.

@@ -14,7 +14,7 @@ use imaging::nifti;
 use self::stored::{MadeWith, Stored, Unfinished};
 use crate::BenchError;
 pub use crate::brain::MaskFrom;
-use crate::files::read;
+use crate::files::{read, write};
 
 /// Radius of the ball that closes the brain mask, in mm.
 const CLOSING_MM: f64 = 10.0;
@@ -159,11 +159,4 @@ fn from_dicom(folder: &Path) -> Result<Vec<u8>, BenchError> {
         ))
     };
     Ok(converted.map_err(refused)?.nifti)
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
-    std::fs::write(path, bytes).map_err(|error| BenchError::Unwritable {
-        path: path.to_owned(),
-        reason: error.to_string(),
-    })
 }

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::BenchError;
+use crate::files::write;
 
 /// The version of the files of results. It increases if lesions, places or observers change.
 const FORMAT: u32 = 3;
@@ -103,7 +104,7 @@ impl Stored {
     pub(super) fn write(&self, path: &Path) -> Result<(), BenchError> {
         let bytes = serde_json::to_vec_pretty(self).expect("numbers and names");
         let part = path.with_extension("json.part");
-        super::write(&part, &bytes)?;
+        write(&part, &bytes)?;
         std::fs::rename(&part, path).map_err(|error| unwritable(path, &error))
     }
 }
