@@ -1,5 +1,8 @@
 //! The part of the native grid that contains the brain, and the depth of its voxels.
 
+use std::array::from_fn;
+use std::ops::RangeInclusive;
+
 use geometry::{DepthField, Grid, Volume};
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -83,6 +86,16 @@ impl Block {
         &volume.voxels()[start..start + nx]
     }
 
+    /// The voxels within a reach of a place, which is in voxels of this block: a box.
+    pub(crate) fn box_around(&self, place: DVec3, reach_mm: f64) -> [RangeInclusive<usize>; 3] {
+        let reach = self.in_voxels(reach_mm);
+        from_fn(|axis| {
+            let low = (place[axis] - reach[axis]).floor().max(0.0) as usize;
+            let high = (place[axis] + reach[axis]).ceil().max(0.0) as usize;
+            low..=high.min(self.size[axis] - 1)
+        })
+    }
+
     /// Converts a length in mm to voxels of each axis.
     pub(crate) fn in_voxels(&self, length_mm: f64) -> [f64; 3] {
         self.spacing_mm.map(|spacing| length_mm / spacing)
@@ -154,8 +167,8 @@ fn zones(grid: &Grid, depth: &DepthField) -> Vec<Zone> {
     zones
 }
 
-/// Appends the zones of a row, whose depths (in mm, `None` outside the working grid) differ by at most `slope` from one
-/// voxel to the next.
+/// Appends the zones of a row. Its depths are in mm, `None` outside the working grid; from one voxel to the next, they
+/// differ by at most `slope`.
 ///
 /// Most voxels are so far from a limit that the zone of the voxels after them is the same.
 fn push_row(

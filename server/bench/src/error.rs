@@ -1,6 +1,6 @@
 //! Errors of a measurement.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use analysis::MapsUndefined;
 use extraction::ExtractionError;
@@ -65,6 +65,14 @@ pub enum BenchError {
 }
 
 impl BenchError {
+    /// A file or a directory that cannot be written.
+    pub fn unwritable(path: &Path, reason: &dyn std::fmt::Display) -> Self {
+        Self::Unwritable {
+            path: path.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+
     /// The exit status: 2 for an invalid command line, otherwise as in `sysexits.h` of BSD.
     pub fn exit_status(&self) -> u8 {
         match self {

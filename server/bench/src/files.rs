@@ -14,8 +14,5 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, BenchError> {
 
 /// Writes a file.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
-    std::fs::write(path, bytes).map_err(|error| BenchError::Unwritable {
-        path: path.to_owned(),
-        reason: error.to_string(),
-    })
+    std::fs::write(path, bytes).map_err(|error| BenchError::unwritable(path, &error))
 }

@@ -6,7 +6,7 @@ use geometry::DepthField;
 use glam::DVec3;
 
 use super::flat::FlatMaps;
-use super::region::{Cuts, NEAR_MIDDLE, Region};
+use super::region::{Cuts, FILTER_MM, NEAR_MIDDLE, Region};
 use super::search::Mark;
 use crate::block::{Block, depth_at};
 use crate::candidates::Scores;
@@ -16,8 +16,6 @@ use crate::{Head, MapParameters, TissueScale};
 /// The depths of the search on slices, and on isosurfaces, in mm.
 const SLICE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=28.0;
 const SURFACE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=24.0;
-/// How far a filter of the tissue scale reaches beyond a lesion, in mm.
-const FILTER_MM: f64 = 4.0;
 /// The least distance between two marks, in mm, and the greatest number of marks per head.
 const APART_MM: f64 = 10.0;
 const MARKS: usize = 60;
@@ -187,12 +185,7 @@ impl Seen {
             .transform_point3(changed.centre);
         // A template reaches 9 mm from its centre, and the gradient needs some more.
         let seen_from_mm = changed.reach_mm + 9.0;
-        let reach = block.in_voxels(seen_from_mm + 9.0 + 4.0);
-        let ranges = [0, 1, 2].map(|axis| {
-            let low = (place[axis] - reach[axis]).floor().max(0.0) as usize;
-            let high = (place[axis] + reach[axis]).ceil() as usize;
-            low..=high.min(block.size[axis] - 1)
-        });
+        let ranges = block.box_around(place, seen_from_mm + 9.0 + FILTER_MM);
         let region = Region::new(head, block, values, ranges);
         let is_changed = |point: &Point| point.position.distance(changed.centre) <= seen_from_mm;
         let (before, untouched): (Vec<Point>, Vec<Point>) =

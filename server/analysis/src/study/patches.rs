@@ -12,7 +12,7 @@ use super::View;
 use super::flat::FlatMaps;
 use super::hotelling::{Outputs, Patch, WIDTH};
 use super::observer::{Aided, nearest_axes};
-use super::region::Region;
+use super::region::{FILTER_MM, Region};
 use crate::Head;
 use crate::block::{Block, Zone, depth_at};
 
@@ -20,9 +20,8 @@ use crate::block::{Block, Zone, depth_at};
 const OFF_SURFACE_MM: f32 = 0.5;
 const STEPS: usize = 4;
 
-/// How far from its place a patch may be centred, in mm, and the extent of the filter of the junction.
+/// How far from its place a patch may be centred, in mm.
 const CENTRE_WITHIN_MM: f64 = 8.0;
-const FILTER_MM: f64 = 4.0;
 
 /// The voxels nearest to the points of a patch; `None` outside the tissue.
 type Voxels = Vec<Option<usize>>;
@@ -64,12 +63,7 @@ impl Patches {
 /// there is no junction near it.
 pub(crate) fn centre(head: Head<'_>, block: &Block, values: &[f32], place: DVec3) -> DVec3 {
     let voxel = block.grid.voxel_from_patient().transform_point3(place);
-    let reach = block.in_voxels(CENTRE_WITHIN_MM + FILTER_MM);
-    let ranges = from_fn(|axis| {
-        let low = (voxel[axis] - reach[axis]).floor().max(0.0) as usize;
-        let high = (voxel[axis] + reach[axis]).ceil().max(0.0) as usize;
-        low..=high.min(block.size[axis] - 1)
-    });
+    let ranges = block.box_around(voxel, CENTRE_WITHIN_MM + FILTER_MM);
     let region = Region::new(head, block, values, ranges);
     let nearest = region.nearest_junction(voxel, CENTRE_WITHIN_MM);
     nearest.map_or(place, |nearest| {

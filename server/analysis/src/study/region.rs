@@ -9,6 +9,8 @@ use crate::Head;
 use crate::block::{Block, DEEP_FROM_MM, depth_at};
 use crate::convolve::{Kernel, smooth};
 
+/// More than the reach of the filters of the tissue scale, in mm.
+pub(crate) const FILTER_MM: f64 = 4.0;
 /// The greatest distance of a point of the junction from the middle between grey and white.
 pub(crate) const NEAR_MIDDLE: f32 = 0.12;
 

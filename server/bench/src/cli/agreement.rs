@@ -8,7 +8,7 @@ use clap::Args;
 use render::{FrameSize, encode_png};
 
 use super::head::HeadArgs;
-use super::{OutputArgs, progress, unwritable, write};
+use super::{OutputArgs, progress, write};
 
 /// Compare pictures of meshes with exact ones, at five depths
 ///
@@ -44,7 +44,7 @@ pub(super) fn run(args: &AgreementArgs) -> Result<(), BenchError> {
         let backends = Backends::open();
         graphics = backends.graphics;
         let sheet = side_by_side(&prepared, &backends.all)?;
-        let png = encode_png(&sheet, &[]).map_err(|error| unwritable(path, &error))?;
+        let png = encode_png(&sheet, &[]).map_err(|error| BenchError::unwritable(path, &error))?;
         write(path, &png)?;
     }
     progress("ten meshes compared with exact pictures");

@@ -87,7 +87,7 @@ impl OutputArgs {
 
 /// Creates a directory if it is missing.
 fn create(directory: &Path) -> Result<(), BenchError> {
-    std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))
+    std::fs::create_dir_all(directory).map_err(|error| BenchError::unwritable(directory, &error))
 }
 
 /// Writes the plots of tables as SVG files.
@@ -99,12 +99,5 @@ fn write_plots(directory: &Path, tables: &[Table]) -> Result<(), BenchError> {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
-    std::fs::write(path, bytes).map_err(|error| unwritable(path, &error))
-}
-
-fn unwritable(path: &Path, reason: &dyn std::fmt::Display) -> BenchError {
-    BenchError::Unwritable {
-        path: path.to_owned(),
-        reason: reason.to_string(),
-    }
+    std::fs::write(path, bytes).map_err(|error| BenchError::unwritable(path, &error))
 }

@@ -10,7 +10,7 @@ use render::{FrameSize, RenderBackend, encode_png};
 use serde_json::json;
 
 use super::head::HeadArgs;
-use super::{unwritable, write};
+use super::write;
 
 /// The number of depths that are timed together, because one takes only microseconds.
 const LOOK_UPS: usize = 1000;
@@ -67,7 +67,10 @@ pub(super) fn run(args: &StepArgs) -> Result<(), BenchError> {
     if let Some(path) = &args.envelope {
         let mask = prepared.distance.envelope().mask();
         let bytes = imaging::nifti::write_mask(mask);
-        write(path, &bytes.map_err(|error| unwritable(path, &error))?)?;
+        write(
+            path,
+            &bytes.map_err(|error| BenchError::unwritable(path, &error))?,
+        )?;
     }
     let (cost, check) = args.step.once(&head, &prepared, closing_mm)?;
     let step = args.step.to_possible_value();

@@ -9,7 +9,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::study_progress::StudyProgress;
-use super::unwritable;
+use super::{create, write};
 
 /// Put synthetic lesions into heads, and count which model observers find them
 ///
@@ -130,7 +130,7 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     .into_iter()
     .flatten()
     {
-        std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
+        create(folder)?;
     }
     let mut heads = args.head.clone();
     if heads.is_empty() {
@@ -158,8 +158,7 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     progress.end();
     let results = results?;
     if let Some(folder) = &args.plot {
-        let path = folder.join("froc.svg");
-        std::fs::write(&path, froc(&results)).map_err(|error| unwritable(&path, &error))?;
+        write(&folder.join("froc.svg"), froc(&results).as_bytes())?;
     }
     let report = Report::new(parameters.seed, results);
     if args.json {

@@ -105,7 +105,7 @@ impl Stored {
         let bytes = serde_json::to_vec_pretty(self).expect("numbers and names");
         let part = path.with_extension("json.part");
         write(&part, &bytes)?;
-        std::fs::rename(&part, path).map_err(|error| unwritable(path, &error))
+        std::fs::rename(&part, path).map_err(|error| BenchError::unwritable(path, &error))
     }
 }
 
@@ -147,7 +147,7 @@ impl Unfinished {
             .create(true)
             .open(&path)
             .and_then(|file| file.set_len(kept as u64).map(|()| file))
-            .map_err(|error| unwritable(&path, &error))?;
+            .map_err(|error| BenchError::unwritable(&path, &error))?;
         let mut unfinished = Self { path, file };
         if kept == 0 {
             unfinished.line(made_with)?;
@@ -164,18 +164,11 @@ impl Unfinished {
         let mut line = serde_json::to_vec(value).expect("numbers and names");
         line.push(b'\n');
         let written = self.file.write_all(&line);
-        written.map_err(|error| unwritable(&self.path, &error))
+        written.map_err(|error| BenchError::unwritable(&self.path, &error))
     }
 
     /// Removes the file of a head that is finished.
     pub(super) fn remove(self) -> Result<(), BenchError> {
-        std::fs::remove_file(&self.path).map_err(|error| unwritable(&self.path, &error))
-    }
-}
-
-fn unwritable(path: &Path, error: &std::io::Error) -> BenchError {
-    BenchError::Unwritable {
-        path: path.to_owned(),
-        reason: error.to_string(),
+        std::fs::remove_file(&self.path).map_err(|error| BenchError::unwritable(&self.path, &error))
     }
 }
