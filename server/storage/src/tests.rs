@@ -1,5 +1,6 @@
 //! The store as a whole, without anything that prepares: uploads, versions, derived objects, deletions.
 
+mod attempts;
 mod inspect;
 mod publish;
 mod sweep;
