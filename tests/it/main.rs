@@ -39,7 +39,6 @@ mod short_faults;
 mod sides;
 mod sockets;
 mod storage_nodes;
-mod stored;
 mod uploads;
 #[path = "../../server/extraction/tests/it/wrong_heads.rs"]
 mod wrong_heads;

@@ -358,11 +358,9 @@ impl Library {
         case: &Case,
         names: &[ObjectName],
     ) -> Result<Option<StoredBrain>, StoreError> {
-        let is_judged = |facts: &&CaseFacts| facts.pipeline > 1;
-        let judged = case.facts.as_ref().filter(is_judged).is_some();
         let quality = case.facts.as_ref().and_then(|facts| facts.quality.clone());
         let stays = |quality: &Quality| {
-            quality.method.is_extraction() || (judged && quality.method == MaskMethod::Supplied)
+            quality.method.is_extraction() || quality.method == MaskMethod::Supplied
         };
         let Some(quality) = quality.filter(stays) else {
             return Ok(None);

@@ -35,6 +35,12 @@ pub enum StoreError {
         /// The newest schema that this version knows.
         known: i64,
     },
+    /// The rows were written before version 0.1.0.
+    #[error(
+        "the store was written by a version of Isocortex before 0.1.0, which this version cannot read: \
+         use another directory, and upload the volumes again"
+    )]
+    OlderSchema,
     /// The rows cannot be read or written.
     #[error("the database of the store failed")]
     Rows(#[source] Box<dyn std::error::Error + Send + Sync>),

@@ -89,10 +89,6 @@ impl Store {
         kind: ObjectKind,
     ) -> Result<Option<Bytes>, StoreError> {
         let Some(name) = names.iter().find(|name| name.kind == kind) else {
-            tracing::info!(
-                object = kind.name(),
-                "a case from an earlier version lacks an object"
-            );
             return Ok(None);
         };
         let read = self.inner.objects.get(name).await;

@@ -5,9 +5,7 @@ use std::time::Duration;
 
 use imaging::Limits;
 use pipeline::HeadLimits;
-use storage::arrivals::{
-    ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid,
-};
+use storage::arrivals::{ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid};
 use storage::{Objects, SqlRows, Store};
 
 use super::{ArrivalOptions, SeriesRule};
@@ -65,7 +63,9 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
         sop_instance_uid: uid("1.2.3.4"),
         digest: *file.digest(),
     };
-    let received = cases.store().receive(vec![(image, file)], ArrivalSource::CStore);
+    let received = cases
+        .store()
+        .receive(vec![(image, file)], ArrivalSource::CStore);
     assert_eq!(received.await.unwrap(), 1);
     let options = ArrivalOptions {
         stable: Duration::ZERO,

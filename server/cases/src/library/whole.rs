@@ -16,8 +16,7 @@ const KINDS: &[ObjectKind] = &[ObjectKind::WholeVolume];
 impl Library {
     /// The whole acquired volume of a ready case; `None` if there is no such case or it is not ready.
     ///
-    /// A case from an earlier version has no such object: it is read from the source and stored, without preparing the
-    /// case again. If the source is lost, the case becomes failed, as with any derived object.
+    /// A lost object is read from the source and stored again, without preparing the case again. If the source is lost, the case becomes failed, as with any derived object.
     ///
     /// # Errors
     /// If the store cannot be reached.

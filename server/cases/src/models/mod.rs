@@ -146,7 +146,7 @@ impl Inner {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
             Ok(Some(model)) => {
-                // A case from an earlier version gets its maps when it is opened.
+                // Its maps may be lost, or of another format.
                 self.library.ensure_maps(id);
                 Ok(Entry {
                     model: Arc::new(model),

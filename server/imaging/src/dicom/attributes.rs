@@ -151,8 +151,7 @@ pub struct Instance {
     /// The frame in a multi-frame image, from 1.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub frame: Option<usize>,
-    /// The number of the image in its series, or of the frame in a multi-frame image; `None` in layers and in sources
-    /// that were read by an earlier version.
+    /// The number of the image in its series, or of the frame in a multi-frame image; `None` in layers.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub number: Option<i64>,
 }

@@ -67,9 +67,6 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let config = args.config()?;
     logs::start(config.log_format, &config.log);
-    for renamed in &config.renamed {
-        tracing::warn!("{renamed}");
-    }
     super::block_on(async {
         let server = Server::start(&config).await?;
         println!("Isocortex listens on http://{}", server.address);

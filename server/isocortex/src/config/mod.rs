@@ -2,7 +2,6 @@
 //! command line.
 
 mod pacs;
-mod renamed;
 mod sections;
 
 use std::net::SocketAddr;
@@ -21,7 +20,6 @@ use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
-pub use self::renamed::RenamedKey;
 pub use self::sections::{
     DEFAULT_LISTEN, Http, Limits, MapsUse, Page, Prepare, Render, Secret, Storage,
 };
@@ -54,9 +52,6 @@ pub struct Config {
     /// The program that reads DICOM files: this one.
     #[serde(skip)]
     pub dicom_program: Program,
-    /// Keys in the file with an old name.
-    #[serde(skip)]
-    pub renamed: Vec<RenamedKey>,
 }
 
 impl Default for Config {
@@ -72,7 +67,6 @@ impl Default for Config {
             render: Render::default(),
             storage: Storage::default(),
             dicom_program: Program::default(),
-            renamed: Vec::new(),
         }
     }
 }
@@ -95,12 +89,6 @@ pub enum ConfigError {
         path: PathBuf,
         /// The reason.
         source: Box<toml::de::Error>,
-    },
-    /// A key with both its old and its new name.
-    #[error("{renamed}; it is set there as well")]
-    Twice {
-        /// Which.
-        renamed: RenamedKey,
     },
     /// The token is too weak.
     #[error(transparent)]
@@ -165,7 +153,7 @@ pub enum ConfigError {
 }
 
 impl Config {
-    /// Reads a TOML file; missing keys have their defaults. Old keys are accepted and listed in [`Config::renamed`].
+    /// Reads a TOML file; missing keys have their defaults.
     ///
     /// # Errors
     /// If the file cannot be read, is not TOML, or has an unknown key.
@@ -178,15 +166,7 @@ impl Config {
             path: path.to_owned(),
             source: Box::new(source),
         };
-        let mut table: toml::Table = toml::from_str(&text).map_err(malformed)?;
-        let moved = renamed::move_into_sections(&mut table);
-        let renamed = moved.map_err(|twice| ConfigError::Twice { renamed: twice.0 })?;
-        if renamed.is_empty() {
-            // Parsing the text gives errors with positions.
-            return toml::from_str(&text).map_err(malformed);
-        }
-        let config: Self = table.try_into().map_err(malformed)?;
-        Ok(Self { renamed, ..config })
+        toml::from_str(&text).map_err(malformed)
     }
 
     /// The access rules.
@@ -395,49 +375,6 @@ mod tests {
             let error = parsed(text).unwrap_err().to_string();
             assert!(error.contains("max_conections"), "{error}");
         }
-    }
-
-    #[test]
-    fn every_key_of_before_is_accepted_with_a_warning_that_names_the_new_one() {
-        let before = "data = \"there\"\nlisten = \"127.0.0.1:1\"\ntoken = \"0123456789abcdef\"\n\
-            token_file = \"t\"\nmax_upload_bytes = 1\nmax_voxels = 2\nmax_queued_cases = 3\n\
-            min_free_bytes = 4\nprepare_workers = 5\nnetwork = \"w\"\ngpu = \"off\"\n\
-            gpu_case_bytes = 6\nrender_threads = 7\nmax_queued_renders = 8\nmodel_cache_bytes = 9\n\
-            body_cache_bytes = 10\nmax_connections = 11\nheader_timeout_secs = 12\n\
-            answer_timeout_secs = 13\nupload_idle_secs = 14\nupload_timeout_secs = 15\n\
-            shutdown_grace_secs = 16\nlog = \"debug\"";
-        let today = "log = \"debug\"\n[storage]\ndata = \"there\"\nmin_free_bytes = 4\n\
-            [http]\nlisten = \"127.0.0.1:1\"\ntoken = \"0123456789abcdef\"\ntoken_file = \"t\"\n\
-            body_cache_bytes = 10\nmax_connections = 11\nheader_timeout_secs = 12\n\
-            answer_timeout_secs = 13\nupload_idle_secs = 14\nupload_timeout_secs = 15\n\
-            shutdown_grace_secs = 16\n\
-            [limits]\nmax_upload_bytes = 1\nmax_voxels = 2\nmax_queued_cases = 3\nmax_queued_renders = 8\n\
-            [prepare]\nworkers = 5\nnetwork = \"w\"\n\
-            [render]\nthreads = 7\ngpu = \"off\"\ngpu_case_bytes = 6\nmodel_cache_bytes = 9";
-        let config = parsed(before).unwrap();
-        assert_eq!(config.renamed.len(), 22);
-        let warnings: Vec<_> = config.renamed.iter().map(ToString::to_string).collect();
-        let threads = "`render_threads` at its top: write `threads` in the section [render]";
-        assert!(
-            warnings.iter().any(|warning| warning.contains(threads)),
-            "{warnings:?}"
-        );
-        let today = parsed(today).unwrap();
-        assert_eq!(today.renamed, []);
-        assert_eq!(
-            Config {
-                renamed: Vec::new(),
-                ..config
-            },
-            today
-        );
-    }
-
-    #[test]
-    fn a_key_under_both_of_its_names_is_refused() {
-        let error = parsed("gpu = \"off\"\n[render]\ngpu = \"auto\"").unwrap_err();
-        assert!(matches!(error, ConfigError::Twice { .. }));
-        assert!(error.to_string().contains("[render]"), "{error}");
     }
 
     #[test]

@@ -73,9 +73,7 @@ impl SqlRows {
     ) -> Result<Self, StoreError> {
         let pool = sqlite::open(options, connections).await?;
         migrate(&sqlx::migrate!("migrations/sqlite"), &pool).await?;
-        let rows = Self::of(Database::Sqlite(pool));
-        upkeep::add_missing_digests(&rows.database).await?;
-        Ok(rows)
+        Ok(Self::of(Database::Sqlite(pool)))
     }
 
     /// Opens a database that exists; creates and migrates the tables where necessary.
@@ -131,20 +129,20 @@ impl SqlRows {
     }
 }
 
-/// Migrates the tables. Tables of a newer version are not changed.
+/// Migrates the tables. Tables of a newer version, and of one before 0.1.0, are not changed.
 async fn migrate<D: sqlx::Database>(migrations: &Migrator, pool: &Pool<D>) -> Result<(), StoreError>
 where
     D::Connection: Migrate,
 {
+    let known = migrations.iter().map(|step| step.version).max();
+    let known = known.unwrap_or_default();
     migrations.run(pool).await.map_err(|error| match error {
-        MigrateError::VersionMissing(found) => StoreError::NewerSchema {
-            found,
-            known: migrations
-                .iter()
-                .map(|step| step.version)
-                .max()
-                .unwrap_or(0),
-        },
+        MigrateError::VersionMissing(found) if found > known => {
+            StoreError::NewerSchema { found, known }
+        }
+        MigrateError::VersionMissing(_) | MigrateError::VersionMismatch(_) => {
+            StoreError::OlderSchema
+        }
         other => other.into(),
     })
 }

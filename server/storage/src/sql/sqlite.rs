@@ -253,26 +253,6 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn rows_of_an_earlier_version_get_digests() {
-        let directory = tempfile::tempdir().unwrap();
-        let file = directory.path().join("rows.sqlite");
-        let (rows, id) = with_a_ready_case(&file).await;
-        sqlx::query("UPDATE cases SET facts_digest = NULL")
-            .execute(pool(&rows))
-            .await
-            .unwrap();
-        rows.close().await;
-        let rows = SqlRows::sqlite(&file).await.unwrap();
-        let digest: Option<String> = sqlx::query_scalar("SELECT facts_digest FROM cases")
-            .fetch_one(pool(&rows))
-            .await
-            .unwrap();
-        assert!(digest.is_some());
-        let case = rows.case(&id).await.unwrap().unwrap();
-        assert_eq!(case.state, CaseState::Ready);
-    }
-
-    #[tokio::test]
     async fn a_damaged_file_is_not_opened_for_work() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("rows.sqlite");
@@ -389,5 +369,24 @@ mod tests {
         assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
         assert!(error.to_string().contains("newer version"), "{error}");
         assert_eq!(std::fs::read(&file).unwrap(), before);
+    }
+
+    #[tokio::test]
+    async fn rows_from_before_the_first_release_are_refused_in_words_and_left_as_they_are() {
+        for change in [
+            "UPDATE _sqlx_migrations SET version = 1",
+            "UPDATE _sqlx_migrations SET checksum = x'00'",
+        ] {
+            let directory = tempfile::tempdir().unwrap();
+            let file = directory.path().join("rows.sqlite");
+            let rows = SqlRows::sqlite(&file).await.unwrap();
+            sqlx::query(change).execute(pool(&rows)).await.unwrap();
+            pool(&rows).close().await;
+            let before = std::fs::read(&file).unwrap();
+            let error = SqlRows::sqlite(&file).await.unwrap_err();
+            assert!(matches!(error, StoreError::OlderSchema));
+            assert!(error.to_string().contains("before 0.1.0"), "{error}");
+            assert_eq!(std::fs::read(&file).unwrap(), before);
+        }
     }
 }

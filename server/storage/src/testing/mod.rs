@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use case::{
     CaseFacts, CaseId, Failure, LayerFacts, MatrixOrigin, ObjectKind, Parameters, PlacementFacts,
-    PlacementVerdict, QualityState, SphereFacts, Stage, WindowFacts,
+    PlacementVerdict, PlaneFacts, QualityState, SphereFacts, Stage, WindowFacts,
 };
 
 use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
@@ -36,7 +36,11 @@ pub fn facts() -> CaseFacts {
             center: 0.5,
             width: 1.0,
         },
-        midsagittal: None,
+        midsagittal: PlaneFacts {
+            normal: [1.0, 0.0, 0.0],
+            offset_mm: 0.0,
+            correlation: 0.9,
+        },
         cuts: Vec::new(),
         pipeline: 2,
         quality: None,

@@ -27,10 +27,7 @@ async fn subject() -> RowsSubject {
 }
 
 /// Leases work, and lets its process die, until there is none; returns how often.
-async fn die_each_time(
-    subject: &RowsSubject,
-    lease: impl AsyncFn(&dyn CaseRows) -> bool,
-) -> usize {
+async fn die_each_time(subject: &RowsSubject, lease: impl AsyncFn(&dyn CaseRows) -> bool) -> usize {
     for attempt in 0..MANY {
         if !lease(&*subject.rows).await {
             return attempt;
