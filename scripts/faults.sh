@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the program, attacks it with each program of tests/faults/ (or the named ones), reports broken expectations, and prints a table
-# of the figures beside their targets (docs/reliability.md). Two hours for all.
+# of the figures beside their targets (lab/docs/reliability.md). Two hours for all.
 # Set ISOCORTEX_BINARY to attack another program, such as an older one.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh

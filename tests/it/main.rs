@@ -3,7 +3,6 @@
 mod agreement;
 mod attacks;
 mod backup;
-mod circles;
 mod command_line;
 mod dicom;
 mod dicomweb;
