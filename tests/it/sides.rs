@@ -183,7 +183,10 @@ async fn the_same_voxels_with_another_header_are_put_to_review() {
     }
     // Another mask does not settle it, and the first case stays as it was.
     let mask = server.get(&format!("{first}/mask")).await.body;
-    assert_eq!(server.get(&first).await.json()["quality"]["reason_codes"], expected);
+    assert_eq!(
+        server.get(&first).await.json()["quality"]["reason_codes"],
+        expected
+    );
     let (_, version) = version(&server, &first, "?closing_radius_mm=7", &mask).await;
     assert!(version["quality"].to_string().contains("axes-corrected"));
 }

@@ -31,12 +31,13 @@ pub(super) async fn doubt_header(
         doubts.is_some_and(|codes| codes.iter().any(|code| code == CODE))
     };
     let others = same.iter().filter(|case| case.id != *id);
-    let contradicts = others
-        .filter_map(|case| case.facts.as_ref())
-        .any(|other| match &other.voxels {
-            Some(there) if there.moments == voxels.moments => is_doubted(other),
-            there => there.is_some(),
-        });
+    let contradicts =
+        others
+            .filter_map(|case| case.facts.as_ref())
+            .any(|other| match &other.voxels {
+                Some(there) if there.moments == voxels.moments => is_doubted(other),
+                there => there.is_some(),
+            });
     if contradicts {
         quality.put_to_review(CODE, SENTENCE);
     }

@@ -197,11 +197,7 @@ impl CaseRows for SqlRows {
         }
     }
 
-    async fn cases_with_voxels(
-        &self,
-        values: &str,
-        limit: usize,
-    ) -> Result<Vec<Case>, StoreError> {
+    async fn cases_with_voxels(&self, values: &str, limit: usize) -> Result<Vec<Case>, StoreError> {
         cases::with_voxels(&mut self.database.connect().await?, values, limit).await
     }
 
