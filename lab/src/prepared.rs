@@ -54,7 +54,7 @@ impl PreparedHead {
         };
         let built = DeformableModel::build(volume, ClosedBrain::Envelope(envelope), observe)?;
         clock.begin(Step::Facts);
-        let window = pipeline::facts(&built).window;
+        let window = pipeline::facts(&built, built.model.volume()).window;
         let [black, white] = [-0.5, 0.5].map(|half| window.center + half * window.width);
         clock.begin(Step::Normals);
         built.model.normals();
