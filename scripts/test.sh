@@ -99,6 +99,7 @@ fi
 step "page's format" npm run format --silent --prefix web
 step "page's types" npm run types --silent --prefix web
 step "page's unit tests" page_tests
+step "page's size" node web/sizes.mjs
 
 if [ "$mode" = fast ]; then
   step "unit tests" rust_tests --lib --bins

@@ -115,7 +115,7 @@ fn every_variable_of_the_documents_is_read_somewhere() {
 #[test]
 fn the_page_and_the_readme_show_the_notice() {
     let notice = render::RESEARCH_USE_NOTICE;
-    for path in ["web/src/index.html", "web/src/words.en.json", "README.md"] {
+    for path in ["web/src/page.html", "web/src/words.en.json", "README.md"] {
         assert!(read(path).contains(notice), "{path}");
     }
 }
