@@ -14,6 +14,7 @@ mod heads;
 mod hygiene;
 mod interface;
 mod kill;
+mod launch;
 mod layers;
 mod maps;
 mod masks;

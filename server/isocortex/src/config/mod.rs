@@ -203,6 +203,17 @@ impl Config {
         }
     }
 
+    /// Whether the page shows the patient of a case from DICOM: unless it is set, if strangers cannot open the page's cases.
+    ///
+    /// # Errors
+    /// As [`Config::access`].
+    pub fn shows_patient(&self) -> Result<bool, ConfigError> {
+        match self.page.patient_banner {
+            Some(shows) => Ok(shows),
+            None => Ok(self.access()?.wants_token()),
+        }
+    }
+
     fn token_text(&self) -> Result<Option<String>, ConfigError> {
         match (&self.http.token, &self.http.token_file) {
             (Some(_), Some(_)) => Err(ConfigError::TwoTokens),
@@ -464,6 +475,21 @@ mod tests {
             ..open
         });
         assert!(guarded.access().unwrap().wants_token());
+    }
+
+    #[test]
+    fn the_patient_is_shown_where_a_token_is_needed_unless_it_is_set() {
+        for (token, set, shown) in [
+            (None, None, false),
+            (secret(), None, true),
+            (secret(), Some(false), false),
+            (None, Some(true), true),
+        ] {
+            let mut config = Config::default();
+            config.http.token = token;
+            config.page.patient_banner = set;
+            assert_eq!(config.shows_patient().unwrap(), shown);
+        }
     }
 
     #[test]

@@ -136,8 +136,9 @@ impl Default for Limits {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Page {
-    /// Whether it shows the patient, the study and the series of a case from DICOM.
-    pub patient_banner: bool,
+    /// Whether it shows the patient, the study and the series of a case from DICOM. By default it does if the server needs a
+    /// token.
+    pub patient_banner: Option<bool>,
 }
 
 /// `[prepare]`: preparation of cases.
