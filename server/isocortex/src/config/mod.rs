@@ -23,7 +23,7 @@ use crate::logs::LogFormat;
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::renamed::RenamedKey;
 pub use self::sections::{
-    DEFAULT_LISTEN, Http, Limits, MapsUse, Page, Prepare, Render, Secret, Storage,
+    DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret, Storage,
 };
 
 /// The limit for unpacked DICOM files, relative to the limit for an upload.
@@ -339,6 +339,12 @@ impl Config {
         ConnectionLimits {
             connections: self.http.max_connections,
             connections_per_address: self.http.max_connections_per_address,
+            trusted_proxies: self
+                .http
+                .trusted_proxies
+                .iter()
+                .map(|network| network.0)
+                .collect(),
             header_timeout: Duration::from_secs(self.http.header_timeout_secs),
             least_rate: LeastRate {
                 bytes_per_second: self.http.least_bytes_per_second,
