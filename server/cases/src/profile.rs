@@ -5,7 +5,7 @@ use std::sync::Arc;
 use case::{CaseFacts, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
-use pipeline::maps::{JunctionWidth, NoMaps, stored_plane, width_table};
+use pipeline::maps::{JunctionWidth, NoMaps, side_at, stored_plane, width_table};
 use serde::Serialize;
 
 use crate::error::Error;
@@ -189,13 +189,8 @@ impl Probe<'_> {
             samples.push(point.clone());
             samples.extend(self.way(position, 1.0));
             PointProfile {
-                side: stored_plane(self.facts).map(|plane| {
-                    if plane.normal().dot(position) > plane.offset_mm() {
-                        PatientSide::Left
-                    } else {
-                        PatientSide::Right
-                    }
-                }),
+                side: stored_plane(self.facts)
+                    .map(|plane| side_at(plane.normal().dot(position) - plane.offset_mm())),
                 junction_width: self.width(&point),
                 point,
                 samples,

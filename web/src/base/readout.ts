@@ -50,6 +50,19 @@ export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: 
 /** An intensity; a dash where it is unknown. */
 export const greyWords = (value?: number | null): string => (Number.isFinite(value) ? intensity(Number(value)) : "–");
 
+/** A value and the volume that it is of. */
+export interface NamedValue {
+  readonly name: string;
+  readonly value: number;
+}
+
+/** The intensity of the case, then the values of what else is shown: `T1 195 · FLAIR 31`. */
+export const valueWords = (grey: number | null | undefined, others: readonly NamedValue[]): string =>
+  [
+    `${t("value.own")}\u00a0${greyWords(grey)}`,
+    ...others.map(({ name, value }) => `${name}\u00a0${greyWords(value)}`),
+  ].join(" · ");
+
 /** The depth of a position; outside of the envelope it has none. A dash where it is unknown, as beside a cut. */
 export function depthAtWords(depth_mm = NaN): string {
   if (depth_mm <= -0.05) return t("point.outside");

@@ -4,7 +4,7 @@ import type { ReadyCase } from "../model/case.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { coordinate, depthAtWords, greyWords, positionWords } from "../base/readout.ts";
+import { coordinate, depthAtWords, positionWords } from "../base/readout.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay, titleWords } from "./overlay.ts";
@@ -259,8 +259,12 @@ export class SlicePane {
     // Two lines, so that the picture keeps its size.
     this.#overlay.title(`${t(`plane.${this.plane}`)}${more ? " " : "\n"}${place}\n${more}`, badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
-    this.#overlay.cursor(state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm), view.size, "lines");
-    this.#overlay.twin(this.#twin(state, view), view.size);
+    const twin = this.#twin(state, view);
+    const words = twin ? t("mark.marked") : "";
+    const ring = (state.place_mm ?? 0) / 2 / sliceMmPerPixel(view, sphere);
+    const cross = state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm);
+    this.#overlay.cursor(cross, view.size, { kind: "lines", words, ring });
+    this.#overlay.twin(twin, view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
     this.#range.setAttribute("aria-valuetext", `${place} ${more}`);
@@ -332,20 +336,26 @@ export class SlicePane {
     this.#hovered.hidden = !position;
     if (!position) return;
     const probed = this.#listener.surface().probe(position);
-    const values = { depth: depthAtWords(probed?.depth_mm), grey: greyWords(probed?.intensity) };
-    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), ...values }));
+    const depth = depthAtWords(probed?.depth_mm);
+    const values = this.#listener.values(position);
+    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), depth, values }));
   }
 
   #listen(): void {
     let at: Vec2 | null = null;
     let mayScroll = false;
+    let marked: Vec3 | null = null;
+    // A hand that leaves the head leaves the cross where it was last.
     const cross = (place: Vec2, done: boolean): void => {
       const position = this.#positionAt(place);
-      if (position) this.#listener.move(position, done);
+      if (position && this.#listener.surface().isInHead(position)) marked = position;
+      if (marked) this.#listener.move(marked, done);
+      else if (done) this.#listener.missed();
     };
     listen(this.#frame, {
       press: (kind, place, isFinger) => {
         at = kind === "turn" ? place : null;
+        marked = null;
         mayScroll = isFinger;
         if (at && !isFinger) cross(at, false);
       },
