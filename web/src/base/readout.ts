@@ -22,7 +22,9 @@ export const coordinate = (value: number, axis: number): string =>
 
 /** The depth of a state, and over how much of it intensities are averaged, where they are. */
 export function depthWords(state: Pick<ViewState, "depth_mm" | "slab_mm" | "averages_shallow">): string {
-  const depth = `${number(state.depth_mm, 1)} mm`;
+  // As exact as the box in which it is typed.
+  const isTenths = Math.abs(10 * state.depth_mm - Math.round(10 * state.depth_mm)) < 0.05;
+  const depth = `${number(state.depth_mm, isTenths ? 1 : 2)} mm`;
   if (state.slab_mm > 0) return t("depth.slab", { depth, slab: number(state.slab_mm, 1) });
   const mean_mm = slabOf(state) > 0 ? shallowMean(state.depth_mm) : 0;
   return mean_mm > 0 ? t("depth.mean", { depth, mean: number(mean_mm, 1) }) : depth;

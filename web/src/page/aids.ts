@@ -64,7 +64,7 @@ export class Aids {
     this.#listener = listener;
     for (const [at, element] of this.elements.entries()) {
       element.classList.add(at === 0 ? "maps" : "added");
-      element.querySelector(".group-body")?.append(quiet("…"));
+      element.querySelector(".group-body")?.append(quiet(t("panel.loading")));
     }
   }
 

@@ -100,8 +100,7 @@ export class Viewer {
     const swipe = ({ detail }: CustomEvent<number>): void => this.#change({ swipe: { share: detail } });
     const follow = ({ detail }: CustomEvent<Change>): void => actions.change(detail);
     const keydown = ({ key }: KeyboardEvent): unknown => key === "Escape" && this.#shrink();
-    const hidden = h("p", { class: "bare-note" }, t("outline.off"));
-    this.#panes = h("div", { class: "panes", swipe, follow, keydown }, hidden);
+    this.#panes = h("div", { class: "panes", swipe, follow, keydown });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
     if (!host.preferences().knows_depth) this.element.append(explanation(host.knowsDepth));
     this.element.append(this.#depthBar.element);

@@ -66,7 +66,8 @@ export class Cursor {
     this.words.classList.toggle("ghost", kind === "ghost");
     const isRight = x + WORDS_GAP + WORDS_ROOM > width;
     this.words.style.left = `${isRight ? x - WORDS_GAP : x + WORDS_GAP}px`;
-    this.words.style.top = `${y + 4}px`;
+    // Words of both marks at one height would meet in a narrow slice.
+    this.words.style.top = `${kind === "ghost" ? y - 24 : y + 4}px`;
     this.words.style.translate = isRight ? "-100%" : "";
   }
 }

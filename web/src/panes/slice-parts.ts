@@ -20,6 +20,8 @@ export interface SliceListener {
   enlarge(plane: Plane, isDoubleClick?: boolean): void;
   /** Who knows the points, and draws slices in the page. */
   surface(): Pick<Surface, "probe" | "isInHead" | "canSlice" | "slice">;
+  /** A hand has enlarged the slice: the others follow. */
+  zoomed(plane: Plane, zoom: number): void;
   /** The cross is put here; `done` when the hand has left. */
   move(position_in_patient: Vec3, done: boolean): void;
   /** What would have been marked is beside the head. */

@@ -14,6 +14,7 @@ import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../mode
 import { wheelZoom } from "../model/controls.ts";
 import {
   CENTRED,
+  followedSlice,
   type Placing,
   type SliceView,
   isFlipped,
@@ -66,6 +67,8 @@ export class SlicePane {
   readonly #words: HTMLElement;
   #state: ViewState | null = null;
   #placing: Placing = CENTRED;
+  /** The mark that is in sight, or was until the hand moved the slice. */
+  #followed: Vec3 | null = null;
   #drawn: SliceView | null = null;
   #outlined = true;
   #pointer: Vec2 | null = null;
@@ -112,6 +115,7 @@ export class SlicePane {
   /** Shows the slice through the state's cross, else through the middle of the head. */
   show(state: ViewState): void {
     this.#state = state;
+    this.#follow(state.crosshair_mm);
     const view = this.#view(state);
     const path = this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS));
     // The server is not asked for what follows a "#"; what it drew is drawn again once the page can, also divided.
@@ -184,7 +188,7 @@ export class SlicePane {
 
   /** The whole slice in the middle again. */
   center(): void {
-    this.#place(CENTRED);
+    this.#setPlacing(CENTRED);
   }
 
   /** Lays something over the slice, below what is written on it; null: nothing. */
@@ -314,7 +318,32 @@ export class SlicePane {
     });
   }
 
+  /** A mark that was put elsewhere is brought into sight. */
+  #follow(mark: Vec3 | null): void {
+    if (mark === this.#followed || !this.#state || this.#frame.clientWidth === 0) return;
+    this.#followed = mark;
+    if (mark) this.#placing = followedSlice(this.#view(this.#state), this.#shown, mark);
+  }
+
+  /** Enlarges the slice as another one was: about the mark if there is one, else about its middle. */
+  zoomTo(zoom: number): void {
+    if (!this.#state || zoom === this.#placing.zoom) return;
+    const view = this.#view(this.#state);
+    const middle: Vec2 = [view.size[0] / 2, view.size[1] / 2];
+    const { crosshair_mm } = this.#state;
+    const about = crosshair_mm ? slicePixel(view, this.#shown.envelope_sphere, crosshair_mm) : middle;
+    const placing = zoomedSlice(view, this.#shown, zoom / this.#placing.zoom, about);
+    this.#setPlacing(crosshair_mm ? followedSlice({ ...view, placing }, this.#shown, crosshair_mm) : placing);
+  }
+
+  /** The hand has placed the slice: the others have the same scale. */
   #place(placing: Placing): void {
+    const isZoomed = placing.zoom !== this.#placing.zoom;
+    this.#setPlacing(placing);
+    if (isZoomed) this.#listener.zoomed(this.plane, placing.zoom);
+  }
+
+  #setPlacing(placing: Placing): void {
     this.#placing = placing;
     if (this.#state) this.show(this.#state);
   }
@@ -395,7 +424,7 @@ export class SlicePane {
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       if (event.key === "Home") {
-        this.center();
+        this.#place(CENTRED);
         event.preventDefault();
         return;
       }

@@ -94,6 +94,7 @@ export class SurfacePane {
     this.#overlay = new Overlay(this.element);
     this.#overlay.identity(caseIdentity(shown));
     this.#otherOverlay = new Overlay(this.element);
+    this.#otherOverlay.identity(caseIdentity(shown));
     this.#otherOverlay.element.classList.add("other");
     this.element.append(...SIDES.map((side) => h("span", { class: `ring ${side}` })));
     const [[colours, map], left] = this.#bars;
@@ -101,7 +102,8 @@ export class SurfacePane {
     this.#leftBars.append(...left.map(({ element }) => element));
     // As large as all panes, where there are others.
     const enlarge = iconButton("enlarge", t("surface.enlarge"), () => this.element.classList.toggle("large"));
-    this.element.append(this.#cube.element, this.#keys, enlarge);
+    const note = h("p", { class: "bare-note" }, t("outline.off"));
+    this.element.append(this.#cube.element, this.#keys, enlarge, note);
     this.surface = createSurface(this.host, shown, {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
@@ -222,7 +224,8 @@ export class SurfacePane {
     const { pixelOf } = project(state, this.#shown.envelope_sphere, size);
     const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, mirrorPlane(this.#shown)))];
     // Of the two halves the one that has the point in front: the other one has its mirror image.
-    const isOther = mirror && reflection[2] > own[2];
+    const seen = sideSeen(towardsViewer(state.orientation), mirrorPlane(this.#shown));
+    const isOther = mirror && seen !== "middle" && reflection[2] > own[2];
     const [x, y] = isOther ? reflection : own;
     const kind = this.#isHidden(position, state, [isOther ? size[0] + x : x, y]) ? "hidden" : "mark";
     const words = (isMarked: boolean): string => (mirror ? t(isMarked ? "mark.marked" : "mark.opposite") : "");
