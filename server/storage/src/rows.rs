@@ -30,7 +30,7 @@ use super::arrivals::{
     SeriesQuery, SeriesUids, TransferEnd, Uid,
 };
 
-use super::{Cursor, ObjectName, Page, StoreError};
+use super::{Cursor, ForPacs, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Parameters, Progress};
 
 /// A case to be inserted.
@@ -117,6 +117,10 @@ pub trait CaseRows: ArrivalRows + LayerRows + ResultRows {
 
     /// At most `limit` cases after a cursor, newest first.
     async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError>;
+
+    /// At most `limit` ready cases whose volumes have the same stored values in any order
+    /// ([`VoxelFacts::values`](case::VoxelFacts::values)), newest first.
+    async fn cases_with_voxels(&self, values: &str, limit: usize) -> Result<Vec<Case>, StoreError>;
 
     /// The objects that a case needs; none if there is no such case.
     async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError>;
@@ -250,6 +254,15 @@ pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
         source: ArrivalSource,
     ) -> Result<Option<usize>, StoreError>;
 
+    /// Makes a series of another store as it is there, and adds images as [`ArrivalRows::receive`] does; `false`, and
+    /// nothing has changed, if a pin is gone. A series whose case is not here is read again.
+    async fn adopt_arrival(
+        &self,
+        arrival: &Arrival,
+        images: &[NewInstance],
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError>;
+
     /// Notes how many images a series has, according to its sender; nothing if none of them has come.
     async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError>;
 
@@ -283,6 +296,9 @@ pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
 
     /// The images of a series that are here, by their UIDs.
     async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError>;
+
+    /// How many series with how many images have come, and how many results there are.
+    async fn count_for_pacs(&self) -> Result<ForPacs, StoreError>;
 
     /// At most `limit` studies of cases after the first `offset` ones, the one with the newest case first.
     async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError>;
