@@ -50,13 +50,14 @@ impl PlaneFacts {
     }
 }
 
-/// A face of the volume that cuts the brain: the points `p` (LPS mm) with `normal · p = offset_mm`.
+/// A face of the volume that cuts the brain, or a plane within it beyond which it is constant: the points `p` (LPS mm) with
+/// `normal · p = offset_mm`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CutFacts {
     /// The side of the patient: `left`, `right`, `posterior`, `anterior`, `superior` or `inferior`.
     pub face: String,
-    /// Its unit normal, LPS, which points into the volume.
+    /// Its unit normal, LPS, which points to the brain.
     pub normal: [f64; 3],
     /// Its distance from the origin along the normal, in mm.
     pub offset_mm: f64,
@@ -96,10 +97,11 @@ pub struct CaseFacts {
     /// did not fit it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub midsagittal: Option<PlaneFacts>,
-    /// The faces of the volume that cut the brain. They are not dura: a voxel nearer to one than its depth has an unknown depth.
+    /// The faces of the volume that cut the brain, and planes within it beyond which it is constant. They are not dura: a voxel nearer to one than its depth has an unknown depth.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cuts: Vec<CutFacts>,
-    /// The version of the preparation: 1 ignores cuts, 2 handles them.
+    /// The version of the preparation: 1 ignores cuts, 2 handles those at faces of the volume, 3 those within it too, and compares
+    /// each supplied mask with the network's.
     #[serde(default = "first_pipeline")]
     pub pipeline: u32,
     /// Depth of the deepest voxel, in mm.
