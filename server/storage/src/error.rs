@@ -35,6 +35,9 @@ pub enum StoreError {
         /// The newest schema that this version knows.
         known: i64,
     },
+    /// There is no store at a location.
+    #[error("there is no store here: {0}; check the address of the store")]
+    NoStore(&'static str),
     /// The rows cannot be read or written.
     #[error("the database of the store failed")]
     Rows(#[source] Box<dyn std::error::Error + Send + Sync>),

@@ -68,7 +68,7 @@ pub use objects::{
     Framed, ObjectError, ObjectName, Objects, Spool, Spooled, Unreadable, frame, keep_private,
 };
 
-pub use self::copy::Copied;
+pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::StoreError;
 pub use self::inspect::{Finding, Inspected};
 pub use self::layers::{LayerUpload, SubmittedLayer};

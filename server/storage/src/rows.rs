@@ -30,7 +30,7 @@ use super::arrivals::{
     SeriesQuery, SeriesUids, TransferEnd, Uid,
 };
 
-use super::{Cursor, ObjectName, Page, StoreError};
+use super::{Cursor, ForPacs, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Parameters, Progress};
 
 /// A case to be inserted.
@@ -254,6 +254,15 @@ pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
         source: ArrivalSource,
     ) -> Result<Option<usize>, StoreError>;
 
+    /// Makes a series of another store as it is there, and adds images as [`ArrivalRows::receive`] does; `false`, and
+    /// nothing has changed, if a pin is gone. A series whose case is not here is read again.
+    async fn adopt_arrival(
+        &self,
+        arrival: &Arrival,
+        images: &[NewInstance],
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError>;
+
     /// Notes how many images a series has, according to its sender; nothing if none of them has come.
     async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError>;
 
@@ -287,6 +296,9 @@ pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
 
     /// The images of a series that are here, by their UIDs.
     async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError>;
+
+    /// How many series with how many images have come, and how many results there are.
+    async fn count_for_pacs(&self) -> Result<ForPacs, StoreError>;
 
     /// At most `limit` studies of cases after the first `offset` ones, the one with the newest case first.
     async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError>;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use async_trait::async_trait;
 
 use super::terms::Pinned;
-use crate::arrivals::{TransferEnd, Uid};
+use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, Uid};
 use crate::results::{HeldResult, NewResult, SentResult};
 use crate::{ObjectName, StoreError};
 
@@ -23,6 +23,18 @@ pub trait ResultRows {
         new: &NewResult,
         pinned: &Pinned,
     ) -> Result<Option<SentResult>, StoreError>;
+
+    /// Makes a result of another store as it is there, and turns the pin of its object into a reference; one that was on
+    /// its way waits again. `false`, and nothing has changed, if the pin is gone or its case is not here.
+    async fn adopt_result(&self, result: &SentResult, pinned: &Pinned) -> Result<bool, StoreError>;
+
+    /// At most `limit` results after a cursor, newest first, and the cursor of the next page.
+    async fn results(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError>;
 
     /// A result.
     async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError>;

@@ -64,18 +64,29 @@ impl SqlRows {
     /// # Errors
     /// If there is no memory for it.
     pub async fn in_memory() -> Result<Self, StoreError> {
-        Self::on_sqlite(SqliteConnectOptions::new().in_memory(true), 1).await
+        Self::on_connections(sqlite::Connections::in_memory().await?).await
     }
 
     async fn on_sqlite(
         options: SqliteConnectOptions,
         connections: u32,
     ) -> Result<Self, StoreError> {
-        let pool = sqlite::open(options, connections).await?;
-        migrate(&sqlx::migrate!("migrations/sqlite"), &pool).await?;
-        let rows = Self::of(Database::Sqlite(pool));
+        Self::on_connections(sqlite::Connections::open(options, connections).await?).await
+    }
+
+    async fn on_connections(connections: sqlite::Connections) -> Result<Self, StoreError> {
+        migrate(&sqlx::migrate!("migrations/sqlite"), connections.pool()).await?;
+        let rows = Self::of(Database::Sqlite(connections));
         upkeep::add_missing_digests(&rows.database).await?;
         Ok(rows)
+    }
+
+    /// Whether a database has the tables of a store.
+    ///
+    /// # Errors
+    /// If it cannot be reached.
+    pub async fn is_in_postgres(options: PgConnectOptions) -> Result<bool, StoreError> {
+        postgres::has_cases(options).await
     }
 
     /// Opens a database that exists; creates and migrates the tables where necessary.

@@ -11,7 +11,7 @@ use crate::arrivals::{
     SeriesQuery, SeriesUids, TransferEnd, Uid,
 };
 use crate::rows::{ArrivalRows, DueSeries, Pinned};
-use crate::{ObjectName, StoreError};
+use crate::{ForPacs, ObjectName, StoreError};
 use case::{CaseId, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
@@ -66,6 +66,21 @@ impl ArrivalRows for SqlRows {
         Ok(Some(new))
     }
 
+    async fn adopt_arrival(
+        &self,
+        arrival: &Arrival,
+        images: &[NewInstance],
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !pins::consume(&mut transaction, pinned).await? {
+            return Ok(false);
+        }
+        arrivals::adopt(&mut transaction, arrival, images, now).await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+
     async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
         let (mut transaction, _) = self.write().await?;
         arrivals::expect(&mut transaction, uids, instances).await?;
@@ -117,6 +132,23 @@ impl ArrivalRows for SqlRows {
 
     async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
         arrivals::images_of(&mut self.database.connect().await?, uids).await
+    }
+
+    async fn count_for_pacs(&self) -> Result<ForPacs, StoreError> {
+        let mut connection = self.database.connect().await?;
+        let row = connection
+            .query(
+                "SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
+                        (SELECT count(*) FROM results) AS results",
+            )
+            .fetch_one()
+            .await?;
+        let count = |column| row.get::<i64>(column).map(i64::unsigned_abs);
+        Ok(ForPacs {
+            series: count("series")?,
+            images: count("images")?,
+            results: count("results")?,
+        })
     }
 
     async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError> {

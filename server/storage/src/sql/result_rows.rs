@@ -6,7 +6,7 @@ use async_trait::async_trait;
 
 use super::connection::microseconds;
 use super::{SqlRows, pins, results};
-use crate::arrivals::{TransferEnd, Uid};
+use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, Uid};
 use crate::results::{HeldResult, NewResult, SentResult};
 use crate::rows::{Pinned, ResultRows};
 use crate::{ObjectName, StoreError};
@@ -25,6 +25,27 @@ impl ResultRows for SqlRows {
         let queued = results::queue(&mut transaction, new, now).await?;
         transaction.commit().await?;
         Ok(Some(queued))
+    }
+
+    async fn adopt_result(&self, result: &SentResult, pinned: &Pinned) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !transaction.has_case(&result.case.to_string()).await?
+            || !pins::consume(&mut transaction, pinned).await?
+        {
+            return Ok(false);
+        }
+        results::adopt(&mut transaction, result, now).await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+
+    async fn results(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
+        results::page(&mut self.database.connect().await?, query, after, limit).await
     }
 
     async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError> {
