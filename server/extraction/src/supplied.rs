@@ -67,9 +67,9 @@ pub struct Apart {
 }
 
 /// The limits for a mask to be ok. Masks of the same head by other programs stay below all of them.
-const MOST_95_MM: f64 = 4.0;
+const MOST_95_MM: f64 = 4.7;
 const MOST_MEAN_MM: f64 = 2.3;
-const MOST_PATCH_CM2: f64 = 10.0;
+const MOST_PATCH_CM2: f64 = 30.0;
 
 /// The distance from which on a border belongs to a patch, in mm.
 const PATCH_MM: f64 = 5.0;

@@ -19,9 +19,9 @@ const LEAST_CONSTANT_MM: f64 = 5.0;
 /// The least area of a plane, in cm².
 const LEAST_CM2: f64 = 5.0;
 
-/// How many times more of the surface must lie on a plane than in a layer of the same thickness just below it: on a ball
-/// there is as much.
-const LEAST_FLATNESS: f64 = 4.0;
+/// How many times more of the surface must lie on a plane, beside constant voxels, than faces the same way in a layer of the same
+/// thickness just below it, beside whatever: on a ball there is as much.
+const LEAST_FLATNESS: f64 = 2.5;
 
 /// The greatest angle between a plane and the voxels, as the cosine: 30°.
 const LEAST_COSINE: f64 = 0.866;
@@ -97,22 +97,31 @@ impl<'a> Side<'a> {
 
     /// The cut on this side.
     fn cut(&self) -> Option<InnerCut> {
-        let places = self.places();
+        let border = self.border();
+        let places: Vec<Place> = border
+            .iter()
+            .filter_map(|&centre| self.place(centre))
+            .collect();
         if self.area_cm2(places.len(), self.outward) < LEAST_CM2 {
             return None;
         }
         let half_mm = self.half_thickness_mm();
         let plane = self.best_plane(&places, half_mm)?;
         let on_plane: Vec<Place> = within(&places, &plane, -half_mm..half_mm).collect();
-        let below = within(&places, &plane, -4.0 * half_mm..-2.0 * half_mm).count();
         let area_cm2 = self.area_cm2(on_plane.len(), plane.outward);
+        let mut gaps: Vec<f64> = on_plane.iter().map(|place| place.gap_mm).collect();
+        gaps.sort_by(f64::total_cmp);
+        let gap_mm = gaps[((gaps.len() - 1) as f64 * REACHED) as usize].max(0.0);
+        // The layer below that where the mask ends, in which a curved surface has as much.
+        let middle_mm = gaps[gaps.len() / 2];
+        let below_mm = -4.0 * half_mm - middle_mm..-2.0 * half_mm - middle_mm;
+        let is_below =
+            |centre: &&DVec3| below_mm.contains(&(plane.outward.dot(**centre) - plane.offset_mm));
+        let below = border.iter().filter(is_below).count();
         let is_flat = on_plane.len() as f64 >= LEAST_FLATNESS * below as f64;
         if area_cm2 < LEAST_CM2 || !is_flat {
             return None;
         }
-        let mut gaps: Vec<f64> = on_plane.iter().map(|place| place.gap_mm).collect();
-        gaps.sort_by(f64::total_cmp);
-        let gap_mm = gaps[((gaps.len() - 1) as f64 * REACHED) as usize].max(0.0);
         Some(InnerCut {
             cut: Cut {
                 face: Face::towards(plane.outward),
@@ -134,8 +143,8 @@ impl<'a> Side<'a> {
         count as f64 * edge_mm * edge_mm / outward[self.along].abs() / 100.0
     }
 
-    /// Where the surface of the brain faces constant voxels on this side.
-    fn places(&self) -> Vec<Place> {
+    /// The centres of the border voxels of the brain that face this side, LPS mm.
+    fn border(&self) -> Vec<DVec3> {
         let mask = self.brain.mask();
         let grid = mask.grid();
         let [nx, ny, _] = grid.size();
@@ -150,17 +159,17 @@ impl<'a> Side<'a> {
             mask.voxels()[index] && !mask.voxels()[index.wrapping_add_signed(step)]
         };
         let voxels = (0..mask.voxels().len()).filter(|&index| faces_out(index));
-        voxels
-            .filter_map(|index| self.place(grid.voxel(index)))
-            .collect()
+        let centre = |index: usize| {
+            let voxel = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
+            grid.patient_from_voxel().transform_point3(voxel)
+        };
+        voxels.map(centre).collect()
     }
 
-    /// The place that a border voxel of the brain faces.
-    fn place(&self, voxel: [usize; 3]) -> Option<Place> {
+    /// The place that a border voxel of the brain faces, if there are constant voxels.
+    fn place(&self, centre: DVec3) -> Option<Place> {
         let working = self.brain.mask().grid();
         let native = self.volume.grid();
-        let voxel = DVec3::from_array(voxel.map(|place| place as f64));
-        let centre = working.patient_from_voxel().transform_point3(voxel);
         let at = native.voxel_from_patient().transform_point3(centre);
         let nearest = at.round();
         let last = DVec3::from_array(native.size().map(|side| (side - 1) as f64));
