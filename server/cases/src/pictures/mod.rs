@@ -19,6 +19,6 @@ pub use self::layers::{
 pub use self::numbers::{NumberList, Numbers};
 pub use self::request::{
     CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_annotation,
-    check_count, default_count, default_side, default_zoom, mesh_size, picture_size, window_of,
-    window_of_numbers,
+    check_count, default_count, default_picture_count, default_side, default_zoom, mesh_size,
+    picture_size, window_of, window_of_numbers,
 };
