@@ -81,6 +81,13 @@ async fn a_viewer_s_list_of_queries_finds_what_is_here() {
         ("&StudyDescription=*brain*", 0),
         ("&StudyInstanceUID=1.2.3", 1),
         ("&StudyInstanceUID=1.2.9,1.2.3", 1),
+        ("&IssuerOfPatientID=HOSPITAL", 0),
+        ("&00400275.00400009=1", 1),
+        ("&multiplevaluematching=true", 1),
+        ("&emptyvaluematching=true&StudyDescription=%22%22", 1),
+        ("&emptyvaluematching=true&PatientID=%22%22", 0),
+        ("&limit=0", 1),
+        ("&accept=application/dicom%2Bjson", 1),
     ] {
         let studies = list(server, &format!("/studies?{page}{filter}")).await;
         assert_eq!(studies.len(), count, "{filter}");
@@ -140,9 +147,13 @@ async fn a_viewer_s_list_of_queries_finds_what_is_here() {
     assert_eq!(first(all, "00100040"), "F");
     let fuzzy = server.get("/dicomweb/studies?fuzzymatching=true").await;
     assert!(fuzzy.header("warning").contains("fuzzy"));
-    let ignored = server.get("/dicomweb/studies?InstitutionName=x").await;
-    assert_eq!(ignored.status, 200);
-    assert!(ignored.header("warning").contains("ignored"));
+    for key in ["InstitutionName", "00400275.00400009", "00091001"] {
+        let ignored = server.get(&format!("/dicomweb/studies?{key}=x")).await;
+        assert_eq!(ignored.status, 200);
+        assert!(ignored.header("warning").contains("ignored"));
+    }
+    let wrong = server.get("/dicomweb/studies?StudyDate=20261301").await.json();
+    assert_eq!(wrong["parameter"], "StudyDate");
 }
 
 #[tokio::test]
@@ -236,7 +247,13 @@ async fn what_is_kept_is_retrieved_as_it_was_and_deleted_with_its_case() {
         ),
         ("/dicomweb/studies".to_owned(), "application/dicom+xml", 406),
         ("/dicomweb/studies?Somebody=Secret".to_owned(), "*/*", 400),
-        ("/dicomweb/studies?limit=0".to_owned(), "*/*", 400),
+        ("/dicomweb/studies?limit=-1".to_owned(), "*/*", 400),
+        ("/dicomweb/studies?StudyDate=Secret".to_owned(), "*/*", 400),
+        (
+            "/dicomweb/studies?accept=application/dicom%2Bxml".to_owned(),
+            "*/*",
+            406,
+        ),
         ("/dicomweb/studies/1.2.9".to_owned(), "*/*", 404),
         ("/dicomweb/studies/Somebody/metadata".to_owned(), "*/*", 404),
         (format!("{of_series}/instances/1.2.99"), "*/*", 404),

@@ -9,6 +9,7 @@ pub mod listen;
 pub mod logs;
 pub mod metrics;
 pub mod negotiate;
+pub mod origins;
 pub mod pace;
 mod places;
 pub mod problem;

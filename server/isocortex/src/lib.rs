@@ -3,5 +3,6 @@
 pub mod allocator;
 pub mod cli;
 pub mod config;
+mod figures;
 pub mod logs;
 pub mod start;

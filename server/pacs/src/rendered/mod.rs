@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use storage::arrivals::{SeriesQuery, Uid};
 
 use self::media::{Answer, Kind, accepted};
-use self::query::{RenderedQuery, Shown};
+use self::query::{RenderedParams, RenderedQuery, Shown};
 use crate::address::{Named, SeriesPath, StudyPath};
 use crate::error::PacsError;
 use crate::results::draw::{Drawing, Drawn};
@@ -39,8 +39,8 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 /// `quality`, `annotation`, `swivelrange`, `animationstepsize`, `animationrate`, `renderingmethod`, `renderedvolumetricmetadata`. Our own:
 /// `depth_mm`, `renderer`, `colormap`, `slab_mm`, `ambient`, `layer`, `overlay`, `overlay_window`, `overlay_threshold`, `overlay_opacity`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs",
-    params(StudyPath),
+    get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs", operation_id = "render_study",
+    params(StudyPath, RenderedParams),
     responses(
         (status = 200, description = "The picture, several pictures, or the values of the view (`renderedvolumetricmetadata=yes`)", content(
             (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "multipart/related"), (serde_json::Value = "application/dicom+json"),
@@ -66,11 +66,15 @@ pub(crate) async fn of_study(
 ///
 /// As `GET /dicomweb/studies/{study}/rendered3D`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/rendered3D", tag = "pacs",
-    params(SeriesPath),
+    get, path = "/dicomweb/studies/{study}/series/{series}/rendered3D", tag = "pacs", operation_id = "render_series",
+    params(SeriesPath, RenderedParams),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "There is no case of this series"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn of_series(
@@ -87,11 +91,15 @@ pub(crate) async fn of_series(
 ///
 /// The same as its `rendered3D`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/rendered", tag = "pacs",
-    params(SeriesPath),
+    get, path = "/dicomweb/studies/{study}/series/{series}/rendered", tag = "pacs", operation_id = "picture_of_series",
+    params(SeriesPath, RenderedParams),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "There is no case of this series"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn picture_of_series(
@@ -107,11 +115,15 @@ pub(crate) async fn picture_of_series(
 ///
 /// A picture of 128 × 128 pixels, with the keys of its `rendered3D`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/thumbnail", tag = "pacs",
-    params(SeriesPath),
+    get, path = "/dicomweb/studies/{study}/series/{series}/thumbnail", tag = "pacs", operation_id = "thumbnail_of_series",
+    params(SeriesPath, RenderedParams),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "There is no case of this series"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn thumbnail_of_series(

@@ -74,7 +74,7 @@ pub async fn metrics(
     State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let text = metrics.text(cases.queue.waiting());
+    let text = metrics.all(cases.queue.waiting()).await;
     let text = text.map_err(|_| Error::Internal)?;
     let kind = HeaderValue::from_static(OPEN_METRICS);
     let fresh = HeaderValue::from_static("no-store");
