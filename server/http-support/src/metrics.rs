@@ -103,6 +103,9 @@ pub type Source = Arc<dyn Fn() -> BoxFuture<'static, Vec<Figure>> + Send + Sync>
 /// How long all figures may take.
 const LONGEST_READING: Duration = Duration::from_secs(2);
 
+/// The media type of OpenMetrics.
+pub const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
 /// The last line of OpenMetrics.
 const END: &str = "# EOF\n";
 

@@ -4,5 +4,6 @@ pub mod allocator;
 pub mod cli;
 pub mod config;
 mod figures;
+mod health;
 pub mod logs;
 pub mod start;

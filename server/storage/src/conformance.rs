@@ -13,7 +13,7 @@ mod results;
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
+use case::{CaseFacts, CaseState, ObjectKind, Parameters, Progress, Stage, VoxelFacts};
 
 pub use self::arrivals::*;
 pub use self::layers::*;
@@ -80,6 +80,7 @@ macro_rules! rows_conformance {
                 a_ready_case_gets_other_objects_or_fails
                 a_rebuild_is_one_process_s_until_its_lease_ends
                 a_case_of_another_store_is_adopted_as_it_is_there
+                ready_cases_are_found_by_their_voxels
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
                 an_image_is_received_once
@@ -634,6 +635,45 @@ pub async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &RowsSub
     assert_eq!(rows.case(&new.id).await.unwrap().unwrap(), ready);
     assert_eq!(rows.objects(&new.id).await.unwrap(), names);
     assert_eq!(rows.waiting().await.unwrap(), 0);
+}
+
+pub async fn ready_cases_are_found_by_their_voxels(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let of = |values: &str| CaseFacts {
+        voxels: Some(VoxelFacts {
+            values: values.to_owned(),
+            moments: [1, 2, 3],
+        }),
+        ..facts()
+    };
+    let mut ids = Vec::new();
+    for (contents, values) in [("a", "same"), ("b", "other"), ("c", "same"), ("d", "same")] {
+        let new = insert(rows, contents).await;
+        let leased = claim(rows).await.unwrap();
+        let published = derived(rows, contents).await;
+        rows.publish(&leased, &published, &of(values))
+            .await
+            .unwrap();
+        ids.push(new.id);
+        subject.pass(1);
+    }
+    let found = async |values: &str, limit| {
+        let cases = rows.cases_with_voxels(values, limit).await.unwrap();
+        cases.into_iter().map(|case| case.id).collect::<Vec<_>>()
+    };
+    assert_eq!(found("same", 10).await, [ids[3], ids[2], ids[0]]);
+    assert_eq!(found("same", 1).await, [ids[3]]);
+    assert_eq!(found("none", 10).await, []);
+    rows.condemn(&ids[3], &failure()).await.unwrap();
+    assert_eq!(found("same", 10).await, [ids[2], ids[0]]);
+
+    let ready = rows.case(&ids[0]).await.unwrap().unwrap();
+    let names = rows.objects(&ids[0]).await.unwrap();
+    rows.delete(&ids[0]).await.unwrap();
+    assert_eq!(found("same", 10).await, [ids[2]]);
+    let again = pinned(rows, &names).await;
+    assert!(rows.adopt(&ready, &again).await.unwrap());
+    assert_eq!(found("same", 10).await, [ids[2], ids[0]]);
 }
 
 pub async fn what_nobody_needs_is_told(subject: &RowsSubject) {

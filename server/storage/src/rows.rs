@@ -127,6 +127,10 @@ pub trait CaseRows: ArrivalRows + LayerRows + ResultRows {
     /// At most `limit` cases after a cursor, newest first.
     async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError>;
 
+    /// At most `limit` ready cases whose volumes have the same stored values in any order
+    /// ([`VoxelFacts::values`](case::VoxelFacts::values)), newest first.
+    async fn cases_with_voxels(&self, values: &str, limit: usize) -> Result<Vec<Case>, StoreError>;
+
     /// The objects that a case needs; none if there is no such case.
     async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError>;
 

@@ -55,6 +55,11 @@ fn guard(operation: &mut Operation) {
         SecurityRequirement::default(),
     ]);
     add(operation, "401", "A token is required");
+    add(
+        operation,
+        "429",
+        "Too many wrong tokens came from the address of the client",
+    );
     for (status, answer) in &mut operation.responses.responses {
         let is_error = status.starts_with(['4', '5']);
         if let RefOr::T(answer) = answer

@@ -11,11 +11,8 @@ use utoipa::ToSchema;
 use super::fresh::fresh_json;
 use super::query::{ApiQuery, NoQuery};
 use cases::pictures::GraphicsState;
-use http_support::metrics::Metrics;
+use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::{AppError, Problem};
-
-/// The media type of OpenMetrics.
-const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// The state of the process.
 #[derive(Debug, Serialize, ToSchema)]

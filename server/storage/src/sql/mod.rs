@@ -208,6 +208,10 @@ impl CaseRows for SqlRows {
         }
     }
 
+    async fn cases_with_voxels(&self, values: &str, limit: usize) -> Result<Vec<Case>, StoreError> {
+        cases::with_voxels(&mut self.database.connect().await?, values, limit).await
+    }
+
     async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
         cases::objects(&mut self.database.connect().await?, id).await
     }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use case::{
     CaseFacts, CaseId, Failure, LayerFacts, MatrixOrigin, ObjectKind, Parameters, PlacementFacts,
-    PlacementVerdict, QualityState, SphereFacts, Stage, WindowFacts,
+    PlacementVerdict, QualityState, SphereFacts, Stage, VoxelFacts, WindowFacts,
 };
 
 use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
@@ -24,6 +24,10 @@ pub fn facts() -> CaseFacts {
         native_size: [1, 2, 3],
         native_spacing_mm: [1.0; 3],
         native_patient_from_voxel: [[0.0; 4]; 4],
+        voxels: Some(VoxelFacts {
+            values: "0".repeat(64),
+            moments: [0; 3],
+        }),
         envelope_sphere: SphereFacts {
             center_in_patient: [0.0; 3],
             radius_mm: 1.0,
