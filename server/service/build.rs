@@ -64,7 +64,8 @@ fn write_file(
         let path = folder.join(format!("{name}{ending}"));
         println!("cargo::rerun-if-changed={}", path.display());
         let path = path.canonicalize();
-        let path = path.unwrap_or_else(|_| panic!("web/dist/{name}{ending} is missing: run `make web`"));
+        let path =
+            path.unwrap_or_else(|_| panic!("web/dist/{name}{ending} is missing: run `make web`"));
         format!("include_bytes!({path:?})")
     };
     writeln!(

@@ -6,7 +6,6 @@ use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
-use crate::head::plain_head;
 use crate::results::python_with;
 use crate::server::Server;
 
@@ -78,6 +77,9 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /dicomweb/studies/{study}/series/{series}/rendered3D",
         "get /dicomweb/studies/{study}/series/{series}/rendered",
         "get /dicomweb/studies/{study}/series/{series}/thumbnail",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/rendered",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/thumbnail",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}/rendered",
         "get /v1/pacs",
         "get /v1/arrivals",
         "get /v1/arrivals/{id}",
@@ -117,7 +119,7 @@ async fn the_description_is_valid_and_answers_are_as_it_says() {
         return;
     };
     let server = Server::start().await;
-    let (case, _) = server.prepare(&plain_head()).await;
+    let case = server.plain_case().await;
     let mut answers = Vec::new();
     for (name, address) in [
         ("CasePage", "/v1/cases".to_owned()),
@@ -163,11 +165,16 @@ async fn every_error_has_a_schema_and_every_key_of_a_search_is_described() {
             }
         }
     }
-    let schemes = description["components"]["securitySchemes"].as_object().unwrap();
+    let schemes = description["components"]["securitySchemes"]
+        .as_object()
+        .unwrap();
     assert!(schemes.contains_key("basic") && schemes.contains_key("bearer"));
     for (path, key) in [
         ("/dicomweb/studies", "PatientID"),
-        ("/dicomweb/studies/{study}/series/{series}/instances", "limit"),
+        (
+            "/dicomweb/studies/{study}/series/{series}/instances",
+            "limit",
+        ),
         ("/dicomweb/studies/{study}/rendered3D", "viewpointup"),
         ("/v1/dicom-results", "state"),
     ] {

@@ -93,7 +93,9 @@ pub(crate) async fn reject_for_now<S: AsyncRead + AsyncWrite + Unpin>(
 ) -> Result<(), Abort> {
     let mut wire = Wire::new(stream, options.idle);
     match wire.receive().await? {
-        Pdu::AssociationRQ(_) => Ok(wire.send(&Pdu::AssociationRJ(rejection(Rejection::Limit))).await?),
+        Pdu::AssociationRQ(_) => Ok(wire
+            .send(&Pdu::AssociationRJ(rejection(Rejection::Limit)))
+            .await?),
         _ => Err(Abort::Unexpected),
     }
 }

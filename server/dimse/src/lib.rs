@@ -16,9 +16,9 @@ mod peers;
 mod tls;
 mod wire;
 
+pub use self::counts::{AssociationCounts, Rejection};
 pub use self::listen::serve;
 pub use self::node::{BadStorageNode, StorageNode};
-pub use self::counts::{AssociationCounts, Rejection};
 pub use self::options::{DimseOptions, is_aet};
 pub use self::outcome::NotStored;
 pub use self::peers::{Peer, PeerAddress};

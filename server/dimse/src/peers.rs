@@ -136,7 +136,10 @@ mod tests {
             ("192.0.2.7", network("192.0.2.7/32")),
             ("10.0.0.0/8", network("10.0.0.0/8")),
             ("orthanc", Some(PeerAddress::Host("orthanc".to_owned()))),
-            ("pacs-1.example", Some(PeerAddress::Host("pacs-1.example".to_owned()))),
+            (
+                "pacs-1.example",
+                Some(PeerAddress::Host("pacs-1.example".to_owned())),
+            ),
             ("10.0.0.0/33", None),
             ("10.0.0/8", None),
             ("10.0.0.256", None),

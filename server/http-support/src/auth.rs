@@ -20,6 +20,12 @@ use crate::problem::AppError;
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
 
+/// Where DICOMweb clients ask.
+const DICOMWEB: &str = "/dicomweb/";
+
+/// Asks for the token as a password.
+const BASIC: HeaderValue = HeaderValue::from_static("Basic realm=\"isocortex\", charset=\"UTF-8\"");
+
 /// The access rules.
 ///
 /// With a token, every request under `/v1` must carry it, under any host name. Without a token, the server listens on
@@ -200,8 +206,7 @@ pub async fn guard_origin(
     next: Next,
 ) -> Result<Response, AppError> {
     access.check_host(request.uri(), request.headers())?;
-    let is_cross_site =
-        is_cross_site_change(request.method(), request.uri(), request.headers());
+    let is_cross_site = is_cross_site_change(request.method(), request.uri(), request.headers());
     if is_cross_site && access.origins.allowed(request.headers()).is_none() {
         return Err(AppError::CrossSite);
     }
@@ -229,11 +234,19 @@ pub async fn require_token(
         };
     };
     // A request without a token is not a guess.
-    if given_token(request.headers()).is_none() {
-        return Err(refusal);
-    }
-    let Some(wait) = access.guesses.record(Peer::of(&request)) else {
-        return Err(refusal);
+    let wait = match given_token(request.headers()) {
+        Some(_) => access.guesses.record(Peer::of(&request)),
+        None => None,
+    };
+    let Some(wait) = wait else {
+        let mut response = refusal.into_response();
+        // Some DICOMweb clients send a password only if they are asked for one. A browser would ask its user, so the page,
+        // which never asks here, must not see this.
+        if request.uri().path().starts_with(DICOMWEB) {
+            let headers = response.headers_mut();
+            headers.append(header::WWW_AUTHENTICATE, BASIC);
+        }
+        return Ok(response);
     };
     let response = AppError::TooManyGuesses { wait }.into_response();
     let shared = connection.is_some_and(|connection| connection.is_shared());

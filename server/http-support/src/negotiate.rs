@@ -88,7 +88,9 @@ impl Coding {
             Self::Identity => return bytes.clone(),
             Self::Zstd => zstd::bulk::compress(bytes, zstd_level.cast_signed()),
             Self::Gzip => gzip(bytes, gzip_level),
-            Self::Brotli => unreachable!("only what is compressed while building is sent as brotli"),
+            Self::Brotli => {
+                unreachable!("only what is compressed while building is sent as brotli")
+            }
         };
         compressed
             .expect("compressing from memory to memory cannot fail")

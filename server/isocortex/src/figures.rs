@@ -88,9 +88,14 @@ fn counts(store: &Store) -> Vec<Figure> {
         "isocortex_images_received",
         "Images that came from a PACS by their way, and what became of them",
     );
-    let images = store.signals().images().into_iter().fold(images, |figure, (way, status, count)| {
-        figure.with(&[("way", way), ("status", status.name())], count as f64)
-    });
+    let images =
+        store
+            .signals()
+            .images()
+            .into_iter()
+            .fold(images, |figure, (way, status, count)| {
+                figure.with(&[("way", way), ("status", status.name())], count as f64)
+            });
     let preparations = [
         ("ready", counters.prepared),
         ("failed", counters.failed),
@@ -103,7 +108,10 @@ fn counts(store: &Store) -> Vec<Figure> {
     });
     let bad = Figure::counter("isocortex_bad_objects", "Objects found missing or damaged");
     let rebuilt = Figure::counter("isocortex_rebuilds", "Cases rebuilt from their source");
-    let failures = Figure::counter("isocortex_store_failures", "Operations of the store that failed");
+    let failures = Figure::counter(
+        "isocortex_store_failures",
+        "Operations of the store that failed",
+    );
     vec![
         images,
         prepared,
@@ -130,16 +138,31 @@ async fn rows(store: &Store) -> Vec<Figure> {
     };
     for (what, name, help) in [
         ("cases", "isocortex_cases", "Cases by state"),
-        ("arrivals", "isocortex_arrivals", "Series from a PACS by what became of them"),
-        ("retrievals", "isocortex_retrievals", "Series fetched from a node, by state"),
-        ("results", "isocortex_results", "Results for a node, by state"),
+        (
+            "arrivals",
+            "isocortex_arrivals",
+            "Series from a PACS by what became of them",
+        ),
+        (
+            "retrievals",
+            "isocortex_retrievals",
+            "Series fetched from a node, by state",
+        ),
+        (
+            "results",
+            "isocortex_results",
+            "Results for a node, by state",
+        ),
     ] {
         let of_it = counted.by_state.iter().filter(|(found, ..)| found == what);
         let figure = Figure::gauge(name, help);
-        figures.push(of_it.fold(figure, |figure, (_, node, state, count)| match node.as_str() {
-            "" => figure.with(&[("state", state)], *count as f64),
-            node => figure.with(&[("node", node), ("state", state)], *count as f64),
-        }));
+        figures.push(of_it.fold(
+            figure,
+            |figure, (_, node, state, count)| match node.as_str() {
+                "" => figure.with(&[("state", state)], *count as f64),
+                node => figure.with(&[("node", node), ("state", state)], *count as f64),
+            },
+        ));
     }
     let help = "For how long the oldest result waits that has not been sent";
     let waits = counted.oldest_unsent.unwrap_or_default();
@@ -174,7 +197,10 @@ fn of_process() -> Vec<Figure> {
             process.threads,
         ),
         one(
-            Figure::gauge("process_start_time_seconds", "When the process started, since 1970"),
+            Figure::gauge(
+                "process_start_time_seconds",
+                "When the process started, since 1970",
+            ),
             process.started_at,
         ),
     ]);

@@ -8,6 +8,7 @@ use axum::routing::get;
 use cases::Error;
 use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::AppError;
+use service::routes::health::READY_WITHIN;
 use storage::Store;
 
 use crate::figures;
@@ -25,13 +26,16 @@ pub fn routes(store: Store) -> Router {
 }
 
 async fn readyz(State(store): State<Store>) -> Result<Response, AppError> {
-    store.check().await.map_err(|error| {
-        tracing::warn!(%error, "the store is not ready");
-        match Error::from(error) {
-            unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
-            _ => Error::Unavailable,
-        }
-    })?;
+    let checked = tokio::time::timeout(READY_WITHIN, store.check()).await;
+    checked
+        .map_err(|_elapsed| Error::Unavailable)?
+        .map_err(|error| {
+            tracing::warn!(%error, "the store is not ready");
+            match Error::from(error) {
+                unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
+                _ => Error::Unavailable,
+            }
+        })?;
     Ok((StatusCode::OK, "ok\n").into_response())
 }
 

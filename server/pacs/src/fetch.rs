@@ -39,7 +39,11 @@ pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
     }
     let fetched = match fetched {
         Ok(()) => {
-            tracing::info!(retrieval = retrieval.id, node = retrieval.node, "a series was fetched");
+            tracing::info!(
+                retrieval = retrieval.id,
+                node = retrieval.node,
+                "a series was fetched"
+            );
             TransferEnd::Done
         }
         Err(FetchError::Lost) => return Ok(true),

@@ -33,7 +33,12 @@ pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
     }
     let end = match sent {
         Ok(()) => {
-            tracing::info!(result = result.id, case = result.case.short(), node = result.node, "a result was sent");
+            tracing::info!(
+                result = result.id,
+                case = result.case.short(),
+                node = result.node,
+                "a result was sent"
+            );
             TransferEnd::Done
         }
         Err(error) if error.may_pass() && result.attempts < MAX_ATTEMPTS => {

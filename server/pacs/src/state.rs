@@ -115,7 +115,10 @@ impl Pacs {
     pub fn reached(&self) -> Vec<(String, bool)> {
         let reached = self.inner.reached.lock();
         let reached = reached.unwrap_or_else(PoisonError::into_inner);
-        reached.iter().map(|(node, is)| (node.clone(), *is)).collect()
+        reached
+            .iter()
+            .map(|(node, is)| (node.clone(), *is))
+            .collect()
     }
 
     pub(crate) fn node(&self, name: &str) -> Option<&Node> {

@@ -151,7 +151,8 @@ async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, PacsError> {
         next: next.map(|cursor| cursor.to_string()),
     };
     for retrieval in found {
-        page.retrievals.push(retrievals::view(pacs, retrieval).await?);
+        page.retrievals
+            .push(retrievals::view(pacs, retrieval).await?);
     }
     Ok(fresh_json(StatusCode::OK, &page))
 }

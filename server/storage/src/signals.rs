@@ -84,13 +84,17 @@ pub struct Signals {
 impl Signals {
     /// Counts images that came.
     pub(super) fn images_came(&self, source: ArrivalSource, status: ImageStatus, count: usize) {
-        *lock(&self.images).entry((source.name(), status)).or_default() += count as u64;
+        *lock(&self.images)
+            .entry((source.name(), status))
+            .or_default() += count as u64;
     }
 
     /// How many images came on which way and what became of them, since the process started.
     pub fn images(&self) -> Vec<(&'static str, ImageStatus, u64)> {
         let images = lock(&self.images);
-        let each = images.iter().map(|(&(way, status), &count)| (way, status, count));
+        let each = images
+            .iter()
+            .map(|(&(way, status), &count)| (way, status, count));
         let mut images: Vec<_> = each.collect();
         images.sort_unstable();
         images

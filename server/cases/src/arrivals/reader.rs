@@ -104,10 +104,18 @@ impl Cases {
         let outcome = self.outcome(&due, options).await;
         match &outcome {
             Outcome::Case(case) => {
-                tracing::info!(arrival = due.id, case = case.short(), "a series became a case");
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a case"
+                );
             }
             Outcome::Layer(case) => {
-                tracing::info!(arrival = due.id, case = case.short(), "a series became a layer");
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a layer"
+                );
             }
             Outcome::Nothing(failure) => {
                 let reason = failure.name.as_str();

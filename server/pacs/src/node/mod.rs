@@ -45,11 +45,17 @@ pub(crate) enum NodeError {
     Silent,
     #[error("the node refused our credentials")]
     Refused,
-    #[error("the node does not have this series, or its `url` is not the root of a DICOMweb server")]
+    #[error(
+        "the node does not have this series, or its `url` is not the root of a DICOMweb server"
+    )]
     NotFound,
-    #[error("the node has no DICOMweb at its `url`; name the root, which ends with /dicom-web for Orthanc")]
+    #[error(
+        "the node has no DICOMweb at its `url`; name the root, which ends with /dicom-web for Orthanc"
+    )]
     NoDicomWeb,
-    #[error("the node has no STOW-RS at its `url`; name the root of a DICOMweb server, which ends with /dicom-web for Orthanc")]
+    #[error(
+        "the node has no STOW-RS at its `url`; name the root of a DICOMweb server, which ends with /dicom-web for Orthanc"
+    )]
     NoStow,
     #[error("the node answered with status {0}")]
     Status(u16),

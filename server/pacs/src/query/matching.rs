@@ -14,13 +14,15 @@ pub(crate) fn is_moment(vr: &str, wanted: &str) -> bool {
     };
     wanted.is_empty()
         || wanted == "*"
-        || wanted.split('\\').all(|one| match one.trim().split_once('-') {
-            None => is_one(one.trim()),
-            Some((from, to)) => {
-                let is_end = |end: &str| end.is_empty() || is_one(end);
-                is_end(from.trim()) && is_end(to.trim()) && !(from.is_empty() && to.is_empty())
-            }
-        })
+        || wanted
+            .split('\\')
+            .all(|one| match one.trim().split_once('-') {
+                None => is_one(one.trim()),
+                Some((from, to)) => {
+                    let is_end = |end: &str| end.is_empty() || is_one(end);
+                    is_end(from.trim()) && is_end(to.trim()) && !(from.is_empty() && to.is_empty())
+                }
+            })
 }
 
 fn is_date(text: &str) -> bool {
@@ -42,7 +44,9 @@ fn is_time(text: &str) -> bool {
     let digits = whole.replace(':', "");
     let are_digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
     let below = |at: usize, end: u32| {
-        let part = digits.get(at..at + 2).and_then(|part| part.parse::<u32>().ok());
+        let part = digits
+            .get(at..at + 2)
+            .and_then(|part| part.parse::<u32>().ok());
         part.is_none_or(|part| part < end)
     };
     are_digits(&digits)

@@ -9,10 +9,10 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use imaging::dicom::{attribute, element};
 use serde_json::{Map, Value};
+use storage::arrivals::{AccessionNumber, SeriesQuery, Uid};
 use utoipa::IntoParams;
 use utoipa::openapi::path::{Parameter, ParameterIn};
 use utoipa::openapi::schema::Type;
-use storage::arrivals::{AccessionNumber, SeriesQuery, Uid};
 
 use self::keys::{CONTROLS, PageSize, SearchKeys};
 use crate::address::{Named, SeriesPath, StudyPath};
@@ -121,7 +121,8 @@ impl IntoParams for SearchParams {
 }
 
 /// How an attribute is matched.
-const MATCHED: &str = "Results that match: text with `*` and `?`, UIDs with commas, dates and times with ranges";
+const MATCHED: &str =
+    "Results that match: text with `*` and `?`, UIDs with commas, dates and times with ranges";
 
 type Pairs = Result<Query<Vec<(String, String)>>, QueryRejection>;
 

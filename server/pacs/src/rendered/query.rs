@@ -20,7 +20,7 @@ use crate::error::PacsError;
 const USUAL_DEPTH_MM: f32 = 8.0;
 
 /// The quality of JPEG if none is requested.
-const USUAL_QUALITY: u8 = 90;
+pub(crate) const USUAL_QUALITY: u8 = 90;
 
 /// The step of an animation if none is requested, in degrees.
 const USUAL_STEP: f64 = 10.0;
@@ -41,19 +41,40 @@ const DIRECTION_STEP: f64 = 1e-9;
 /// The keys of the standard, and our own, with what they mean.
 pub(crate) const KEYS: [(&str, &str); 25] = [
     ("accept", "The accepted media types, instead of the header"),
-    ("orientation", "Where the viewer is: `a`, `p`, `r`, `l`, `h` or `f`"),
-    ("viewpointposition", "The place of the viewer, `x,y,z` in mm (LPS)"),
-    ("viewpointlookat", "The point in the middle of the picture, `x,y,z` in mm (LPS)"),
+    (
+        "orientation",
+        "Where the viewer is: `a`, `p`, `r`, `l`, `h` or `f`",
+    ),
+    (
+        "viewpointposition",
+        "The place of the viewer, `x,y,z` in mm (LPS)",
+    ),
+    (
+        "viewpointlookat",
+        "The point in the middle of the picture, `x,y,z` in mm (LPS)",
+    ),
     ("viewpointup", "The direction upwards, `x,y,z`"),
     ("window", "`centre,width` or `centre,width,function`"),
     ("viewport", "`width,height` in pixels, 1 to 4096 each"),
     ("quality", "Of JPEG, 1 to 100"),
-    ("annotation", "`patient`, `technique` or both: draws the label of the case, depth, scale and directions"),
-    ("swivelrange", "Several pictures: the angle of the whole turn, in degrees"),
-    ("animationstepsize", "The angle between two pictures, in degrees"),
+    (
+        "annotation",
+        "`patient`, `technique` or both: draws the label of the case, depth, scale and directions",
+    ),
+    (
+        "swivelrange",
+        "Several pictures: the angle of the whole turn, in degrees",
+    ),
+    (
+        "animationstepsize",
+        "The angle between two pictures, in degrees",
+    ),
     ("animationrate", "Recommended pictures per second"),
     ("renderingmethod", "`volume_rendered`"),
-    ("renderedvolumetricmetadata", "`yes` for the values of the view instead of a picture"),
+    (
+        "renderedvolumetricmetadata",
+        "`yes` for the values of the view instead of a picture",
+    ),
     ("depth_mm", "Depth below the envelope, in mm; 8 by default"),
     ("renderer", "As of `GET /v1/cases/{id}/render`"),
     ("colormap", "As of `GET /v1/cases/{id}/render`"),

@@ -199,6 +199,11 @@ async fn load(pacs: &Pacs, named: &Named) -> Result<HeldStudy, PacsError> {
     Ok(study)
 }
 
+/// The file of an instance.
+pub(crate) async fn object_of(pacs: &Pacs, named: &Named) -> Result<ObjectName, PacsError> {
+    Ok(objects(&load(pacs, named).await?)?[0])
+}
+
 /// The files of those instances that may be retrieved.
 fn objects(study: &HeldStudy) -> Result<Vec<ObjectName>, PacsError> {
     let instances = study.series.iter().flat_map(|series| &series.instances);

@@ -84,9 +84,7 @@ struct Document {
 impl Document {
     /// A document that the program writes at its start.
     fn written(media_type: &'static str, bytes: Bytes) -> Self {
-        let codings = Coding::WHILE_RUNNING
-            .into_iter()
-            .chain([Coding::Identity]);
+        let codings = Coding::WHILE_RUNNING.into_iter().chain([Coding::Identity]);
         Self {
             media_type,
             cache_control: PUBLIC_REVALIDATE,
@@ -159,7 +157,11 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
     let written = [
         ("/openapi.json", JSON, description.to_string().into()),
         ("/docs", HTML, manual.into()),
-        ("/docs.css", CSS, Bytes::from_static(manual::STYLE.as_bytes())),
+        (
+            "/docs.css",
+            CSS,
+            Bytes::from_static(manual::STYLE.as_bytes()),
+        ),
     ]
     .map(|(address, media_type, bytes)| (address, Document::written(media_type, bytes)));
     let page = PAGE.iter().map(|file| (file.address, file.document()));

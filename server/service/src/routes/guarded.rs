@@ -12,8 +12,16 @@ const BASIC: &str = "basic";
 pub(crate) fn describe(api: &mut OpenApi) {
     let components = api.components.get_or_insert_with(Components::default);
     for (name, scheme, description) in [
-        (BEARER, HttpAuthScheme::Bearer, "Required if the server has a token."),
-        (BASIC, HttpAuthScheme::Basic, "The token as the password of any user, for clients that know nothing else."),
+        (
+            BEARER,
+            HttpAuthScheme::Bearer,
+            "Required if the server has a token.",
+        ),
+        (
+            BASIC,
+            HttpAuthScheme::Basic,
+            "The token as the password of any user, for clients that know nothing else.",
+        ),
     ] {
         let scheme = HttpBuilder::new().scheme(scheme);
         let scheme = scheme.description(Some(description)).build();

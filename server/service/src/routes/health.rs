@@ -1,5 +1,7 @@
 //! The server's own state.
 
+use std::time::Duration;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -13,6 +15,9 @@ use super::query::{ApiQuery, NoQuery};
 use cases::pictures::GraphicsState;
 use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::{AppError, Problem};
+
+/// How long the store may take to answer: probes usually wait for a second or two.
+pub const READY_WITHIN: Duration = Duration::from_secs(3);
 
 /// The state of the process.
 #[derive(Debug, Serialize, ToSchema)]
@@ -52,7 +57,12 @@ pub async fn readyz(
     State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    cases.store().check().await.map_err(|error| {
+    let checked = tokio::time::timeout(READY_WITHIN, cases.store().check()).await;
+    let checked = checked.map_err(|_elapsed| {
+        tracing::warn!("the store does not answer in time");
+        Error::Unavailable
+    })?;
+    checked.map_err(|error| {
         tracing::warn!(%error, "the store is not ready");
         match Error::from(error) {
             unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,

@@ -159,8 +159,9 @@ impl ArrivalRows for SqlRows {
         let oldest: Option<i64> = oldest.get("oldest")?;
         Ok(RowCounts {
             by_state,
-            oldest_unsent: oldest
-                .map(|oldest| Duration::from_micros(now.saturating_sub(oldest).max(0).unsigned_abs())),
+            oldest_unsent: oldest.map(|oldest| {
+                Duration::from_micros(now.saturating_sub(oldest).max(0).unsigned_abs())
+            }),
         })
     }
 
