@@ -169,7 +169,7 @@ impl StorageNode {
     ) -> Result<(), NotStored> {
         let class = match &errand {
             Errand::Echo => VERIFICATION,
-            Errand::Store(object) => &object.head.object.sop_class_uid,
+            Errand::Store(object) => object.head.object.sop_class_uid.as_str(),
         };
         let request = request_to_store(CONTEXT, class, &self.our_aet, &self.aet);
         wire.send(&Pdu::AssociationRQ(request)).await?;

@@ -12,6 +12,7 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
+use tokio::time::Timeout;
 
 /// Upper bounds of the buckets of answer times, in seconds.
 const TIME_CLASSES: [f64; 12] = [
@@ -213,18 +214,20 @@ impl Metrics {
     pub async fn all(&self, waiting_renders: usize) -> Result<String, fmt::Error> {
         let mut text = self.text(waiting_renders)?;
         text.truncate(text.trim_end_matches(END).len());
-        let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
-        let readings: Vec<_> = sources.iter().map(|source| source()).collect();
-        drop(sources);
-        let readings = readings
-            .into_iter()
-            .map(|reading| tokio::time::timeout(LONGEST_READING, reading));
+        let readings = self.readings();
         let figures = futures_util::future::join_all(readings).await;
         for figure in figures.into_iter().flatten().flatten() {
             figure.write(&mut text);
         }
         text.push_str(END);
         Ok(text)
+    }
+
+    /// Begins to read every source.
+    fn readings(&self) -> Vec<Timeout<BoxFuture<'static, Vec<Figure>>>> {
+        let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
+        let limited = |source: &Source| tokio::time::timeout(LONGEST_READING, source());
+        sources.iter().map(limited).collect()
     }
 
     /// What is counted here, in the text format of OpenMetrics 1.0.

@@ -14,7 +14,7 @@ const TICKS: f64 = 100.0;
 const PAGE: f64 = 4096.0;
 
 /// Adds the figures of the process and of the store.
-pub fn add_store(metrics: &Metrics, store: &Store) {
+pub(crate) fn add_store(metrics: &Metrics, store: &Store) {
     metrics.add_source(Arc::new(|| Box::pin(async { of_process() })));
     let counted = store.clone();
     metrics.add_source(Arc::new(move || {
@@ -30,7 +30,7 @@ pub fn add_store(metrics: &Metrics, store: &Store) {
 }
 
 /// Adds the figures of the nodes of a PACS.
-pub fn add_pacs(metrics: &Metrics, pacs: &Pacs) {
+pub(crate) fn add_pacs(metrics: &Metrics, pacs: &Pacs) {
     let pacs = pacs.clone();
     metrics.add_source(Arc::new(move || {
         let pacs = pacs.clone();
@@ -39,7 +39,7 @@ pub fn add_pacs(metrics: &Metrics, pacs: &Pacs) {
 }
 
 /// Adds the figures of the listener for C-STORE.
-pub fn add_associations(metrics: &Metrics, counts: &Arc<AssociationCounts>) {
+pub(crate) fn add_associations(metrics: &Metrics, counts: &Arc<AssociationCounts>) {
     let counts = Arc::clone(counts);
     metrics.add_source(Arc::new(move || {
         let counts = Arc::clone(&counts);

@@ -14,7 +14,7 @@ use storage::Store;
 use crate::figures;
 
 /// The routes of a worker on a store.
-pub fn routes(store: Store) -> Router {
+pub(crate) fn routes(store: Store) -> Router {
     let metrics = Metrics::new();
     figures::add_store(&metrics, &store);
     Router::new()

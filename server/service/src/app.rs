@@ -6,7 +6,7 @@ use axum::Router;
 use axum::extract::FromRef as _;
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware;
-use axum::response::IntoResponse;
+use axum::response::{IntoResponse, Response};
 use cases::Error;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
@@ -84,7 +84,7 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
         ))
         .layer(middleware::from_fn_with_state(access, origins::share))
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(middleware::map_response(move |response| {
+        .layer(middleware::map_response(move |response: Response| {
             add_security_headers(response, policy.clone())
         }))
         .layer(middleware::from_fn_with_state(metrics, logs::observe))
@@ -103,10 +103,7 @@ fn content_policy(ancestors: &FrameAncestors) -> HeaderValue {
     HeaderValue::from_bytes(&policy).unwrap_or(HeaderValue::from_static(CONTENT_POLICY))
 }
 
-async fn add_security_headers(
-    mut response: axum::response::Response,
-    policy: HeaderValue,
-) -> axum::response::Response {
+async fn add_security_headers(mut response: Response, policy: HeaderValue) -> Response {
     let headers = response.headers_mut();
     headers
         .entry(header::CONTENT_SECURITY_POLICY)
@@ -121,7 +118,7 @@ async fn add_security_headers(
 }
 
 /// The panic hook writes the text of the panic to standard error; it never reaches the client.
-fn panicked(_panic: Box<dyn Any + Send + 'static>) -> axum::response::Response {
+fn panicked(_panic: Box<dyn Any + Send + 'static>) -> Response {
     tracing::error!("a handler panicked");
     AppError::from(Error::Internal).into_response()
 }

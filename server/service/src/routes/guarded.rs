@@ -74,7 +74,7 @@ fn guard(operation: &mut Operation) {
             && is_error
             && answer.content.is_empty()
         {
-            answer.content.insert(PROBLEM.to_owned(), problem());
+            answer.content.insert(PROBLEM.to_owned(), problem().into());
         }
     }
 }
