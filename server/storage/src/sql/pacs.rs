@@ -6,9 +6,9 @@ use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, pins, results, retrievals};
 use crate::arrivals::{
     Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, Uid,
+    SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
 };
-use crate::rows::{DueSeries, Pinned};
+use crate::rows::{DueSeries, Pinned, RowCounts};
 use crate::{ForPacs, ObjectName, Store, StoreError};
 use case::{CaseId, ObjectKind};
 
@@ -165,6 +165,41 @@ impl Store {
         arrivals::images_of(&mut self.rows().connect().await?, uids).await
     }
 
+    /// How many cases, series, retrievals and results are in which state, for metrics.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn row_counts(&self) -> Result<RowCounts, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let now = self.rows().now(&mut connection).await?;
+        let rows = connection
+            .query(
+                "SELECT 'cases' AS what, '' AS node, state, count(*) AS number FROM cases GROUP BY state
+                 UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
+                 UNION ALL SELECT 'retrievals', node, state, count(*) FROM retrievals GROUP BY node, state
+                 UNION ALL SELECT 'results', node, state, count(*) FROM results GROUP BY node, state",
+            )
+            .fetch_all()
+            .await?;
+        let read = |row: &Row| {
+            let [what, node, state] = ["what", "node", "state"].map(|column| row.get(column));
+            let number: i64 = row.get("number")?;
+            Ok((what?, node?, state?, number.unsigned_abs()))
+        };
+        let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
+        let oldest = connection
+            .query("SELECT min(created_at) AS oldest FROM results WHERE state IN ('queued', 'running')")
+            .fetch_one()
+            .await?;
+        let oldest: Option<i64> = oldest.get("oldest")?;
+        Ok(RowCounts {
+            by_state,
+            oldest_unsent: oldest.map(|oldest| {
+                Duration::from_micros(now.saturating_sub(oldest).max(0).unsigned_abs())
+            }),
+        })
+    }
+
     /// How many series with how many images have come, and how many results there are.
     ///
     /// # Errors
@@ -252,6 +287,19 @@ impl Store {
         let retrieval = retrievals::request(&mut transaction, node, uids, now).await?;
         transaction.commit().await?;
         Ok(retrieval)
+    }
+
+    /// At most `limit` retrievals after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn retrievals(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<Retrieval>, Option<ArrivalCursor>), StoreError> {
+        retrievals::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
     /// A retrieval.
