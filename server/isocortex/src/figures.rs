@@ -130,7 +130,7 @@ async fn rows(store: &Store) -> Vec<Figure> {
         let help = "Free bytes on the disk of the folder of this process";
         figures.push(Figure::gauge("isocortex_free_bytes", help).with(&[], free as f64));
     }
-    let counted = store.rows().row_counts().await;
+    let counted = store.row_counts().await;
     let up = Figure::gauge("isocortex_database_up", "Whether the database answers");
     figures.push(up.with(&[], f64::from(u8::from(counted.is_ok()))));
     let Ok(counted) = counted else {
