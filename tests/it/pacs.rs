@@ -498,7 +498,7 @@ async fn no_attribute_of_an_image_shows_anywhere_else() {
     }
     for (body, status) in [
         (
-            json!({"what": "sheet", "render": {"width": 64, "height": 64}, "node": "CANARY"}),
+            json!({"what": "sheet", "render": {"width": 128, "height": 128}, "node": "CANARY"}),
             404,
         ),
         (json!({"what": "view", "CANARY": 1}), 400),
@@ -512,7 +512,7 @@ async fn no_attribute_of_an_image_shows_anywhere_else() {
         assert_eq!(refused.status, status, "{body}");
         texts.push(refused.body);
     }
-    let sent = json!({"what": "view", "render": {"width": 64, "height": 64}});
+    let sent = json!({"what": "view", "render": {"width": 128, "height": 128}});
     assert_eq!(
         crate::results::result(server, &case, &sent).await.status,
         200

@@ -8,6 +8,7 @@ use dicom_ul::pdu::{
     AssociationRJSource, AssociationRQ, PresentationContextProposed, PresentationContextResult,
     PresentationContextResultReason as Reason, UserVariableItem,
 };
+use imaging::dicom::write::{IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME};
 use imaging::dicom::{IMAGE_CLASSES, TRANSFER_SYNTAXES};
 
 use crate::command::VERIFICATION;
@@ -16,15 +17,6 @@ use crate::wire::MAX_PDU_LENGTH;
 
 /// The context of all DICOM applications (PS3.7 A.2.1).
 const APPLICATION_CONTEXT: &str = "1.2.840.10008.3.1.1.1";
-
-/// Our implementation, made from a UUID (PS3.5 B.2).
-const IMPLEMENTATION_CLASS: &str = "2.25.128694716284019362450871639201743650912";
-const IMPLEMENTATION_VERSION: &str = concat!(
-    "ISOCORTEX_",
-    env!("CARGO_PKG_VERSION_MAJOR"),
-    "_",
-    env!("CARGO_PKG_VERSION_MINOR")
-);
 
 /// Explicit VR Little Endian, in which we write.
 pub(crate) const EXPLICIT: &str = TRANSFER_SYNTAXES[0];
@@ -97,8 +89,8 @@ pub(crate) fn negotiate(
 fn user_variables() -> Vec<UserVariableItem> {
     vec![
         UserVariableItem::MaxLength(MAX_PDU_LENGTH),
-        UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS.to_owned()),
-        UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION.to_owned()),
+        UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS_UID.to_owned()),
+        UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION_NAME.to_owned()),
     ]
 }
 

@@ -7,6 +7,7 @@ use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
+use jiff::tz::TimeZone;
 use serde::Serialize;
 use tokio::sync::{Semaphore, SemaphorePermit};
 
@@ -37,6 +38,8 @@ pub struct Options {
     pub serves_source: bool,
     /// Whether the page shows the patient.
     pub shows_patient: bool,
+    /// The zone of the scanners' dates and times, if it is known.
+    pub time_zone: Option<TimeZone>,
     /// How errors become answers.
     pub problems: Problems,
 }
@@ -82,6 +85,10 @@ impl Pacs {
 
     pub(crate) fn shows_patient(&self) -> bool {
         self.inner.options.shows_patient
+    }
+
+    pub(crate) fn time_zone(&self) -> Option<&TimeZone> {
+        self.inner.options.time_zone.as_ref()
     }
 
     pub(crate) fn serves_source(&self) -> bool {

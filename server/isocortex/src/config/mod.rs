@@ -96,6 +96,14 @@ pub enum ConfigError {
         /// The reason.
         source: Box<toml::de::Error>,
     },
+    /// An unknown time zone.
+    #[error(
+        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
+    )]
+    TimeZone {
+        /// The value.
+        zone: String,
+    },
     /// A key with both its old and its new name.
     #[error("{renamed}; it is set there as well")]
     Twice {

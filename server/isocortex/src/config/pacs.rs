@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
+use std::str::FromStr as _;
 use std::time::Duration;
 
 use ::pacs::node::{self, Credentials, WebNode};
@@ -10,6 +11,7 @@ use dimse::{
     DimseOptions, ListeningTls, StorageNode, TlsAuthority, TlsIdentity, connecting_tls, is_aet,
     listening_tls,
 };
+use jiff::tz::{Offset, TimeZone};
 use serde::Deserialize;
 
 use super::{ConfigError, read_secret};
@@ -30,6 +32,9 @@ pub struct Pacs {
     pub keep_source: bool,
     /// Which series become cases.
     pub series: SeriesUse,
+    /// The zone of the dates and times of sources that do not state it: an offset such as `-03:00`, or a name such as
+    /// `America/Sao_Paulo`.
+    pub time_zone: Option<String>,
     /// Images by C-STORE.
     pub dimse: Dimse,
     /// Nodes from which series are fetched and to which results are sent.
@@ -55,6 +60,7 @@ impl Default for Pacs {
             deidentify: false,
             keep_source: false,
             series: SeriesUse::default(),
+            time_zone: None,
             dimse: Dimse::default(),
             nodes: Vec::new(),
         }
@@ -182,6 +188,19 @@ impl Pacs {
                 SeriesUse::Any => SeriesRule::Any,
             },
         }
+    }
+
+    /// The zone of the scanners' dates and times, if it is configured.
+    ///
+    /// # Errors
+    /// If it is neither an offset nor the name of a zone that this machine knows.
+    pub fn time_zone(&self) -> Result<Option<TimeZone>, ConfigError> {
+        let zone = |text: &String| {
+            let offset = Offset::from_str(text).ok().map(TimeZone::fixed);
+            let zone = offset.or_else(|| TimeZone::get(text).ok());
+            zone.ok_or_else(|| ConfigError::TimeZone { zone: text.clone() })
+        };
+        self.time_zone.as_ref().map(zone).transpose()
     }
 
     /// The nodes.
@@ -330,6 +349,22 @@ mod tests {
             ));
             assert!(matches!(pacs.dimse(), Err(ConfigError::Aet)), "{aet}");
         }
+    }
+
+    #[test]
+    fn a_time_zone_is_an_offset_or_a_known_name() {
+        let zone = |text| parsed(&format!("time_zone = \"{text}\"")).time_zone();
+        assert_eq!(parsed("").time_zone().unwrap(), None);
+        for offset in ["-03:00", "+0530"] {
+            assert!(
+                zone(offset).unwrap().unwrap().to_fixed_offset().is_ok(),
+                "{offset}"
+            );
+        }
+        assert!(matches!(
+            zone("Nowhere/City"),
+            Err(ConfigError::TimeZone { .. })
+        ));
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! Results of a case as DICOM objects: returned, or sent to a node.
 
 mod compose;
+mod directions;
 pub(crate) mod draw;
+mod moment;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
@@ -111,7 +113,7 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let node = asked.node.as_deref().map(|name| pacs.named_node(name));
     let node = node.transpose()?;
     let plan = asked.plan()?;
-    let composer = Composer::begin(pacs.cases(), id, &asked, plan).await?;
+    let composer = Composer::begin(pacs, id, &asked, plan).await?;
     if is_preview {
         return Ok(picture(composer.preview(pacs.cases()).await?));
     }
