@@ -707,7 +707,11 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
 #[tokio::test]
 async fn a_node_that_refuses_an_object_is_believed() {
     // Another Isocortex stores MR and CT images only.
-    let other = Server::start_with(|config| config.dicom_program = crate::dicom::reader()).await;
+    let other = Server::start_with(|config| {
+        config.dicom_program = crate::dicom::reader();
+        config.pacs.ignore_other_objects = false;
+    })
+    .await;
     let socket = other.on_a_socket().await;
     let neighbour = Neighbour::start(|config| {
         add_node(

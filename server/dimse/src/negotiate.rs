@@ -64,7 +64,8 @@ pub(crate) fn negotiate(
             AssociationRJServiceUserReason::CallingAETitleNotRecognized,
         ));
     }
-    let results: Vec<_> = request.presentation_contexts.iter().map(result).collect();
+    let proposed = request.presentation_contexts.iter();
+    let results: Vec<_> = proposed.map(|proposed| result(proposed, options)).collect();
     let accepted = request.presentation_contexts.iter().zip(&results);
     let contexts = accepted
         .filter(|(_, result)| result.reason == Reason::Acceptance)
@@ -131,14 +132,34 @@ fn rejection(reason: AssociationRJServiceUserReason) -> AssociationRJ {
     }
 }
 
-/// The first of our transfer syntaxes that is proposed for a class that we know.
-fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
+/// Whether a class may be one of objects that are stored: of the standard (PS3.4 B.5), or of a manufacturer.
+fn is_storage(class: &str) -> bool {
+    let standard = class.strip_prefix("1.2.840.10008.");
+    standard.is_none_or(|rest| rest.starts_with("5.1.4.1.1."))
+}
+
+/// The first of our transfer syntaxes that is proposed for a class that we know; any syntax of an object that is not kept.
+fn result(
+    proposed: &PresentationContextProposed,
+    options: &DimseOptions,
+) -> PresentationContextResult {
     let class = proposed.abstract_syntax.trim_end_matches('\0');
     let ours: &[&str] = match class {
         VERIFICATION => &TRANSFER_SYNTAXES[..2],
         class if IMAGE_CLASSES.contains(&class) => &TRANSFER_SYNTAXES,
         _ => &[],
     };
+    if ours.is_empty()
+        && options.ignores_other_objects
+        && is_storage(class)
+        && let Some(syntax) = proposed.transfer_syntaxes.first()
+    {
+        return PresentationContextResult {
+            id: proposed.id,
+            reason: Reason::Acceptance,
+            transfer_syntax: syntax.clone(),
+        };
+    }
     let is_proposed = |ours: &&&str| {
         let mut proposed = proposed.transfer_syntaxes.iter();
         proposed.any(|syntax| syntax.trim_end_matches('\0') == **ours)
@@ -205,7 +226,11 @@ mod tests {
             ("1.2.840.10008.5.1.4.1.1.88.11", &["1.2.840.10008.1.2"]),
             (MR, &["1.2.840.10008.1.2", "1.2.840.10008.1.2.1"]),
         ];
-        let accepted = negotiate(&request(&others), local, &options()).unwrap();
+        let strict = DimseOptions {
+            ignores_other_objects: false,
+            ..options()
+        };
+        let accepted = negotiate(&request(&others), local, &strict).unwrap();
         let reasons = accepted.answer.presentation_contexts.iter();
         let reasons: Vec<_> = reasons.map(|result| result.reason.clone()).collect();
         assert_eq!(
@@ -218,6 +243,18 @@ mod tests {
         );
         assert_eq!(accepted.contexts[0].transfer_syntax, "1.2.840.10008.1.2.1");
         assert_eq!(accepted.contexts[0].id, 5);
+        // Objects that are not kept may come in any syntax; what is no storage may not.
+        let others: [(&str, &[&str]); 3] = [
+            (
+                "1.2.840.10008.5.1.4.1.1.104.1",
+                &["1.2.840.10008.1.2.4.100"],
+            ),
+            ("1.3.12.2.1107.5.9.1", &["1.2.840.10008.1.2"]),
+            ("1.2.840.10008.5.1.4.1.2.2.1", &["1.2.840.10008.1.2"]),
+        ];
+        let accepted = negotiate(&request(&others), local, &options()).unwrap();
+        let ids: Vec<_> = accepted.contexts.iter().map(|context| context.id).collect();
+        assert_eq!(ids, [1, 3]);
     }
 
     #[test]

@@ -35,6 +35,8 @@ pub struct DimseOptions {
     pub whole: Duration,
     /// TLS; without it, nothing is encrypted.
     pub tls: Option<ListeningTls>,
+    /// Whether objects that are no images are accepted and not kept; otherwise they are refused.
+    pub ignores_other_objects: bool,
 }
 
 impl Default for DimseOptions {
@@ -46,6 +48,7 @@ impl Default for DimseOptions {
             idle: Duration::from_secs(30),
             whole: Duration::from_secs(3600),
             tls: None,
+            ignores_other_objects: true,
         }
     }
 }

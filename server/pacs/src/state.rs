@@ -34,6 +34,8 @@ pub struct Options {
     pub uploads: UploadLimits,
     /// The nodes from which series are fetched and to which results are sent.
     pub nodes: Vec<Node>,
+    /// Whether objects that are no images are accepted and not kept.
+    pub ignores_other_objects: bool,
     /// Whether the images that cases were made of are served.
     pub serves_source: bool,
     /// Whether the page shows the patient.
@@ -89,6 +91,10 @@ impl Pacs {
 
     pub(crate) fn time_zone(&self) -> Option<&TimeZone> {
         self.inner.options.time_zone.as_ref()
+    }
+
+    pub(crate) fn ignores_other_objects(&self) -> bool {
+        self.inner.options.ignores_other_objects
     }
 
     pub(crate) fn serves_source(&self) -> bool {

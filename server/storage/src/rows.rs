@@ -26,8 +26,8 @@ pub use self::layers::{
 pub use self::results::ResultRows;
 pub use self::terms::{LeaseTerms, Pinned, Published, Release};
 use super::arrivals::{
-    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, Uid,
+    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Received,
+    Retrieval, SeriesQuery, SeriesUids, TransferEnd, Uid,
 };
 
 use super::{Cursor, ForPacs, ObjectName, Page, StoreError};
@@ -244,15 +244,28 @@ pub trait CaseRows: ArrivalRows + LayerRows + ResultRows {
 /// Series that arrive, are fetched, and are cases, in a database that several processes may share.
 #[async_trait]
 pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
-    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references; returns
-    /// how many are new. An image that is there already stays as it is. `None`, and nothing has changed, if a pin is
+    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references. An image
+    /// that is there already stays as it is, unless the new one replaces it. `None`, and nothing has changed, if a pin is
     /// gone: write the objects again.
     async fn receive(
         &self,
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Option<usize>, StoreError>;
+    ) -> Result<Option<Received>, StoreError>;
+
+    /// The objects of those images that are there already, in the same order.
+    async fn known(&self, instances: &[NewInstance])
+    -> Result<Vec<Option<ObjectName>>, StoreError>;
+
+    /// Counts an object that is not kept in the arrival of its series. An arrival that has nothing else became nothing, for
+    /// this reason.
+    async fn ignore(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        reason: &Failure,
+    ) -> Result<(), StoreError>;
 
     /// Makes a series of another store as it is there, and adds images as [`ArrivalRows::receive`] does; `false`, and
     /// nothing has changed, if a pin is gone. A series whose case is not here is read again.

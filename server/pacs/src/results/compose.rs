@@ -69,6 +69,10 @@ impl Composer {
         let cases = pacs.cases();
         let facts = cases.ready(&id).await?;
         let case = cases.case(&id).await?;
+        let series = cases.store().rows().series_of(&id).await?;
+        if series.is_some_and(|series| series.is_superseded) {
+            return Err(superseded());
+        }
         let source = source(cases, &id, asked).await?;
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(no_patient)?;
@@ -273,6 +277,14 @@ async fn listed(
 
 fn refuse(kind: &'static str, detail: &str) -> PacsError {
     PacsError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
+}
+
+fn superseded() -> PacsError {
+    PacsError::new(
+        StatusCode::CONFLICT,
+        "superseded",
+        "the patient or the study of this case was corrected since; use the case of the corrected images",
+    )
 }
 
 fn no_patient() -> PacsError {

@@ -89,7 +89,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
         (status = 406, description = "A segmentation or a list has no picture"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or its patient or study was corrected since (`superseded`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), or no frame of reference for a segmentation"),
         (status = 503, description = "Too much work is waiting"),
     )

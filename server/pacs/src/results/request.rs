@@ -246,8 +246,9 @@ impl StudyRequest {
             let detail = format!("`study.{name}` must be {rule}");
             PacsError::bad_request("body-value-out-of-range", detail)
         };
-        if Uid::parse(&self.study_instance_uid).is_none() {
-            let rule = "a UID: digits and points, at most 64";
+        let study = Uid::parse(&self.study_instance_uid);
+        if !study.is_some_and(|uid| uid.is_strict()) {
+            let rule = "a UID: numbers without leading zeros and points between them, at most 64 characters";
             return Err(wrong("StudyInstanceUID", rule));
         }
         if self.patient_id.trim().is_empty() {
@@ -614,7 +615,7 @@ mod tests {
         assert_eq!(value("StudyDate"), None);
         for (body, named) in [
             (
-                r#"{"StudyInstanceUID": "x", "PatientID": "P"}"#,
+                r#"{"StudyInstanceUID": "1.02", "PatientID": "P"}"#,
                 "StudyInstanceUID",
             ),
             (

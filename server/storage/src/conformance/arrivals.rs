@@ -8,9 +8,9 @@ use case::{CaseId, Failure, ObjectKind};
 use super::RowsSubject;
 use crate::ObjectName;
 use crate::arrivals::{
-    AccessionNumber, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries,
-    DueTerms, NOT_T1, NewInstance, Outcome, SeriesQuery, SeriesUids, TransferEnd, TransferState,
-    Uid,
+    AccessionNumber, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries, Change,
+    DueTerms, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome, Received, SeriesQuery, SeriesUids,
+    TransferEnd, TransferState, Uid,
 };
 use crate::rows::{CaseRows, DueSeries, Sweep};
 use crate::testing::{failure, new_case, pinned};
@@ -40,14 +40,19 @@ fn image(number: u32, image: u32) -> NewInstance {
         accession_number: AccessionNumber::parse("A1"),
         digest: blake3::hash(name.as_bytes()),
         sop_instance_uid: uid(&name),
+        replaces: None,
     }
 }
 
 async fn receive(rows: &dyn CaseRows, images: &[NewInstance]) -> usize {
+    received(rows, images).await.new
+}
+
+async fn received(rows: &dyn CaseRows, images: &[NewInstance]) -> Received {
     let names: Vec<_> = images.iter().map(ObjectName::from).collect();
     let pinned = pinned(rows, &names).await;
-    let new = rows.receive(images, &pinned, ArrivalSource::Stow).await;
-    new.unwrap().expect("the pins are there")
+    let received = rows.receive(images, &pinned, ArrivalSource::Stow).await;
+    received.unwrap().expect("the pins are there")
 }
 
 async fn due(rows: &dyn CaseRows) -> Option<DueSeries> {
@@ -117,6 +122,88 @@ pub async fn an_image_is_received_once(subject: &RowsSubject) {
     let received = rows.receive(&images, &lost, ArrivalSource::Stow).await;
     assert_eq!(received.unwrap(), None);
     assert_eq!(rows.arrivals_of(&study()).await.unwrap().len(), 2);
+}
+
+pub async fn an_image_that_replaces_another_supersedes_the_cases_of_its_series(
+    subject: &RowsSubject,
+) {
+    let rows = &*subject.rows;
+    receive(rows, &[image(1, 1), image(1, 2)]).await;
+    subject.pass(21);
+    let first = a_case(rows, "a").await;
+    let leased = due(rows).await.unwrap();
+    assert!(rows.settle(&leased, &Outcome::Case(first)).await.unwrap());
+    let corrected = |number: u32, change| NewInstance {
+        digest: blake3::hash(format!("corrected {number}").as_bytes()),
+        replaces: Some(change),
+        ..image(1, number)
+    };
+    let known = rows.known(&[image(1, 1), image(1, 3)]).await.unwrap();
+    assert_eq!(known, [Some(ObjectName::from(&image(1, 1))), None]);
+    // Other pixels are no reason to distrust the patient of the case.
+    let pixels = received(rows, &[corrected(1, Change::Pixels)]).await;
+    let arrival = rows.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(pixels.corrected, [arrival.id.as_str()]);
+    assert_eq!(
+        (arrival.state, arrival.superseded, arrival.instances),
+        (ArrivalState::Receiving, 1, 2)
+    );
+    assert!(!rows.series_of(&first).await.unwrap().unwrap().is_superseded);
+    // Of each series, only the first image is reported.
+    let owner = received(rows, &[corrected(2, Change::Owner)]).await;
+    assert_eq!((owner.new, owner.corrected.len()), (0, 0));
+    assert!(rows.series_of(&first).await.unwrap().unwrap().is_superseded);
+    let old = [image(1, 1), image(1, 2)].map(|image| ObjectName::from(&image));
+    let abandoned = rows.abandoned(10).await.unwrap();
+    assert!(old.iter().all(|name| abandoned.contains(name)));
+    // The new case is not superseded, and a correction that is taken back leads to the first one again.
+    subject.pass(21);
+    let second = a_case(rows, "b").await;
+    let leased = due(rows).await.unwrap();
+    assert_eq!(leased.previous, Some(first));
+    assert!(rows.settle(&leased, &Outcome::Case(second)).await.unwrap());
+    assert!(
+        !rows
+            .series_of(&second)
+            .await
+            .unwrap()
+            .unwrap()
+            .is_superseded
+    );
+    let back = NewInstance {
+        replaces: Some(Change::Owner),
+        ..image(1, 2)
+    };
+    assert_eq!(received(rows, &[back]).await.corrected.len(), 1);
+    subject.pass(21);
+    let leased = due(rows).await.unwrap();
+    assert!(rows.settle(&leased, &Outcome::Case(first)).await.unwrap());
+    let is_superseded = async |case| rows.series_of(case).await.unwrap().unwrap().is_superseded;
+    assert!(!is_superseded(&first).await && is_superseded(&second).await);
+}
+
+pub async fn objects_that_are_not_kept_are_counted(subject: &RowsSubject) {
+    let rows = &*subject.rows;
+    let reason = Failure::unusable(OTHER_OBJECTS, "the series has no image");
+    for _ in 0..2 {
+        rows.ignore(&series(1), ArrivalSource::CStore, &reason)
+            .await
+            .unwrap();
+    }
+    let arrival = rows.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(
+        (arrival.state, arrival.ignored, arrival.instances),
+        (ArrivalState::Nothing, 2, 0)
+    );
+    assert_eq!(arrival.reason, Some(reason));
+    subject.pass(21);
+    assert!(due(rows).await.is_none());
+    receive(rows, &[image(1, 1)]).await;
+    let arrival = rows.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(
+        (arrival.state, arrival.ignored, arrival.instances),
+        (ArrivalState::Receiving, 2, 1)
+    );
 }
 
 pub async fn a_series_is_due_when_nothing_came_for_a_while(subject: &RowsSubject) {
@@ -300,6 +387,7 @@ pub async fn cases_are_found_by_their_series(subject: &RowsSubject) {
         case: second,
         uids: series(2),
         accession_number: AccessionNumber::parse("A2"),
+        is_superseded: false,
     };
     for _ in 0..2 {
         rows.index_series(&of_second).await.unwrap();

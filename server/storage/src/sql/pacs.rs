@@ -7,12 +7,12 @@ use async_trait::async_trait;
 use super::connection::{Connection, Row, microseconds};
 use super::{SqlRows, arrivals, pins, results, retrievals};
 use crate::arrivals::{
-    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, Uid,
+    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Received,
+    Retrieval, SeriesQuery, SeriesUids, TransferEnd, Uid,
 };
 use crate::rows::{ArrivalRows, DueSeries, Pinned};
 use crate::{ForPacs, ObjectName, StoreError};
-use case::{CaseId, ObjectKind};
+use case::{CaseId, Failure, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
 pub(super) async fn objects(
@@ -53,17 +53,44 @@ impl ArrivalRows for SqlRows {
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Option<usize>, StoreError> {
+    ) -> Result<Option<Received>, StoreError> {
         let (mut transaction, now) = self.write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(None);
         }
-        let mut new = 0;
+        let mut received = Received::default();
         for instance in instances {
-            new += usize::from(arrivals::add(&mut transaction, instance, source, now).await?);
+            match arrivals::add(&mut transaction, instance, source, now).await? {
+                arrivals::Added::New => received.new += 1,
+                arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
+                arrivals::Added::Known | arrivals::Added::Replaced => {}
+            }
         }
         transaction.commit().await?;
-        Ok(Some(new))
+        Ok(Some(received))
+    }
+
+    async fn known(
+        &self,
+        instances: &[NewInstance],
+    ) -> Result<Vec<Option<ObjectName>>, StoreError> {
+        let mut connection = self.database.connect().await?;
+        let mut known = Vec::with_capacity(instances.len());
+        for instance in instances {
+            known.push(arrivals::known(&mut connection, instance).await?);
+        }
+        Ok(known)
+    }
+
+    async fn ignore(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        reason: &Failure,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        arrivals::ignore(&mut transaction, (uids, source), reason, now).await?;
+        transaction.commit().await
     }
 
     async fn adopt_arrival(

@@ -1,0 +1,6 @@
+-- Images that took the place of others with the same UID, and objects that were not kept.
+ALTER TABLE arrivals ADD COLUMN superseded BIGINT NOT NULL DEFAULT 0;
+ALTER TABLE arrivals ADD COLUMN ignored BIGINT NOT NULL DEFAULT 0;
+
+-- Whether the patient or the study was corrected since a case was made.
+ALTER TABLE case_series ADD COLUMN superseded BIGINT NOT NULL DEFAULT 0;
