@@ -4,6 +4,7 @@ mod agreement;
 mod attacks;
 mod backup;
 mod command_line;
+mod corrections;
 mod dicom;
 mod dicomweb;
 mod extraction;

@@ -24,7 +24,7 @@ fn data_set(file: &[u8]) -> &[u8] {
 
 /// A result of each kind, with its name.
 pub(crate) fn every_kind() -> [(&'static str, Value); 6] {
-    let size = json!({"width": 96, "height": 80});
+    let size = json!({"width": 128, "height": 128});
     [
         ("view", json!({"what": "view", "render": small()})),
         ("sheet", json!({"what": "sheet", "render": size})),

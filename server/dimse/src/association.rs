@@ -2,8 +2,10 @@
 
 use std::net::IpAddr;
 
+use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
+use imaging::dicom::IMAGE_CLASSES;
 use storage::arrivals::ArrivalSource;
 use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -109,7 +111,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     let Pdu::AssociationRQ(request) = wire.receive().await? else {
         return Err(Abort::Unexpected);
     };
-    let negotiated = negotiate(&request, &caller.titles, &options.aet);
+    let negotiated = negotiate(&request, &caller.titles, options);
     let Accepted { answer, contexts } = match negotiated {
         Ok(accepted) => accepted,
         Err(why) => {
@@ -134,6 +136,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         contexts: &contexts,
         state: State::Command(Vec::new()),
         stored: 0,
+        ignores_other_objects: options.ignores_other_objects,
     };
     loop {
         match wire.receive().await? {
@@ -173,6 +176,7 @@ struct Messages<'a> {
     contexts: &'a [Context],
     state: State,
     stored: usize,
+    ignores_other_objects: bool,
 }
 
 /// What comes next.
@@ -218,6 +222,9 @@ impl Messages<'_> {
                 mut file,
             } if !is_command && id == context => {
                 if file.len() + value.data.len() as u64 > MAX_INSTANCE_BYTES {
+                    if self.is_ignored(&request) {
+                        return Ok(self.ignore(request, context, Status::Success, value.is_last));
+                    }
                     return Err(Abort::TooLarge);
                 }
                 if let Err(error) = file.write(value.data.into()).await {
@@ -321,6 +328,8 @@ impl Messages<'_> {
         };
         let identity = match self.cases.headers.read(&file).await {
             Ok(identity) => identity,
+            // Nothing of it is kept, so nothing of it need be understood.
+            Err(Error::Failure(_)) if self.is_ignored(request) => return Status::Success,
             Err(error) => return status_of(&error),
         };
         let is_same = identity.sop_class_uid.as_str() == object.sop_class_uid
@@ -328,18 +337,33 @@ impl Messages<'_> {
         if !is_same {
             return Status::DataSetDoesNotMatch;
         }
+        let source = ArrivalSource::CStore;
         if !identity.is_image {
-            return Status::ClassNotSupported;
+            if !self.ignores_other_objects {
+                return Status::ClassNotSupported;
+            }
+            let ignored = self.cases.ignore(identity, source).await;
+            return ignored.map_or_else(|error| status_of(&error), |()| Status::Success);
         }
         let images = vec![(identity, file)];
-        let received = self.cases.receive(images, ArrivalSource::CStore);
-        match received.await {
-            Ok(_) => {
-                self.stored += 1;
-                Status::Success
-            }
-            Err(error) => status_of(&error),
+        let received = match self.cases.receive(images, source).await {
+            Ok(received) => received,
+            Err(error) => return status_of(&error),
+        };
+        self.stored += 1;
+        match received.first() {
+            Some(Reception::Corrected) => Status::Corrected,
+            Some(Reception::Refused) => Status::CannotUnderstand,
+            Some(Reception::Stored) | None => Status::Success,
         }
+    }
+
+    /// Whether an object is of a class of which nothing is kept.
+    fn is_ignored(&self, request: &Request) -> bool {
+        let Request::Store { object, .. } = request else {
+            return false;
+        };
+        self.ignores_other_objects && !IMAGE_CLASSES.contains(&object.sop_class_uid.as_str())
     }
 }
 

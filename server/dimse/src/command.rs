@@ -50,6 +50,8 @@ pub(crate) enum Request {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Status {
     Success = 0x0000,
+    /// A warning: coercion of data elements.
+    Corrected = 0xB000,
     OutOfResources = 0xA700,
     DataSetDoesNotMatch = 0xA900,
     CannotUnderstand = 0xC000,

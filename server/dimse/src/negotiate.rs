@@ -6,6 +6,7 @@ use dicom_ul::pdu::{
     AssociationRJSource, AssociationRQ, PresentationContextProposed, PresentationContextResult,
     PresentationContextResultReason as Reason, UserVariableItem,
 };
+use imaging::dicom::write::{IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME};
 use imaging::dicom::{IMAGE_CLASSES, TRANSFER_SYNTAXES};
 
 use crate::command::VERIFICATION;
@@ -14,15 +15,6 @@ use crate::wire::MAX_PDU_LENGTH;
 
 /// The context of all DICOM applications (PS3.7 A.2.1).
 const APPLICATION_CONTEXT: &str = "1.2.840.10008.3.1.1.1";
-
-/// Our implementation, made from a UUID (PS3.5 B.2).
-const IMPLEMENTATION_CLASS: &str = "2.25.128694716284019362450871639201743650912";
-const IMPLEMENTATION_VERSION: &str = concat!(
-    "ISOCORTEX_",
-    env!("CARGO_PKG_VERSION_MAJOR"),
-    "_",
-    env!("CARGO_PKG_VERSION_MINOR")
-);
 
 /// Explicit VR Little Endian, in which we write.
 pub(crate) const EXPLICIT: &str = TRANSFER_SYNTAXES[0];
@@ -52,19 +44,20 @@ pub(crate) struct Accepted {
 pub(crate) fn negotiate(
     request: &AssociationRQ,
     titles: &[String],
-    our_aet: &str,
+    options: &DimseOptions,
 ) -> Result<Accepted, Rejection> {
     if request.protocol_version & 1 == 0 || request.application_context_name != APPLICATION_CONTEXT
     {
         return Err(Rejection::Context);
     }
-    if request.called_ae_title != our_aet {
+    if request.called_ae_title != options.aet {
         return Err(Rejection::CalledTitle);
     }
     if !titles.contains(&request.calling_ae_title) {
         return Err(Rejection::CallingTitle);
     }
-    let results: Vec<_> = request.presentation_contexts.iter().map(result).collect();
+    let proposed = request.presentation_contexts.iter();
+    let results: Vec<_> = proposed.map(|proposed| result(proposed, options)).collect();
     let accepted = request.presentation_contexts.iter().zip(&results);
     let contexts = accepted
         .filter(|(_, result)| result.reason == Reason::Acceptance)
@@ -89,8 +82,8 @@ pub(crate) fn negotiate(
 fn user_variables() -> Vec<UserVariableItem> {
     vec![
         UserVariableItem::MaxLength(MAX_PDU_LENGTH),
-        UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS.to_owned()),
-        UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION.to_owned()),
+        UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS_UID.to_owned()),
+        UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION_NAME.to_owned()),
     ]
 }
 
@@ -136,14 +129,34 @@ pub(crate) fn rejection(why: Rejection) -> AssociationRJ {
     }
 }
 
-/// The first of our transfer syntaxes that is proposed for a class that we know.
-fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
+/// Whether a class may be one of objects that are stored: of the standard (PS3.4 B.5), or of a manufacturer.
+fn is_storage(class: &str) -> bool {
+    let standard = class.strip_prefix("1.2.840.10008.");
+    standard.is_none_or(|rest| rest.starts_with("5.1.4.1.1."))
+}
+
+/// The first of our transfer syntaxes that is proposed for a class that we know; any syntax of an object that is not kept.
+fn result(
+    proposed: &PresentationContextProposed,
+    options: &DimseOptions,
+) -> PresentationContextResult {
     let class = proposed.abstract_syntax.trim_end_matches('\0');
     let ours: &[&str] = match class {
         VERIFICATION => &TRANSFER_SYNTAXES[..2],
         class if IMAGE_CLASSES.contains(&class) => &TRANSFER_SYNTAXES,
         _ => &[],
     };
+    if ours.is_empty()
+        && options.ignores_other_objects
+        && is_storage(class)
+        && let Some(syntax) = proposed.transfer_syntaxes.first()
+    {
+        return PresentationContextResult {
+            id: proposed.id,
+            reason: Reason::Acceptance,
+            transfer_syntax: syntax.clone(),
+        };
+    }
     let is_proposed = |ours: &&&str| {
         let mut proposed = proposed.transfer_syntaxes.iter();
         proposed.any(|syntax| syntax.trim_end_matches('\0') == **ours)
@@ -167,7 +180,18 @@ mod tests {
     const MR: &str = "1.2.840.10008.5.1.4.1.1.4";
 
     fn negotiated(request: &AssociationRQ) -> Result<Accepted, Rejection> {
-        negotiate(request, &["SENDER".to_owned()], "ISOCORTEX")
+        negotiate(request, &titles(), &options())
+    }
+
+    fn titles() -> [String; 1] {
+        ["SENDER".to_owned()]
+    }
+
+    fn options() -> DimseOptions {
+        DimseOptions {
+            aet: "ISOCORTEX".to_owned(),
+            ..DimseOptions::default()
+        }
     }
 
     fn request(contexts: &[(&str, &[&str])]) -> AssociationRQ {
@@ -201,7 +225,11 @@ mod tests {
             ("1.2.840.10008.5.1.4.1.1.88.11", &["1.2.840.10008.1.2"]),
             (MR, &["1.2.840.10008.1.2", "1.2.840.10008.1.2.1"]),
         ];
-        let accepted = negotiated(&request(&others)).unwrap();
+        let strict = DimseOptions {
+            ignores_other_objects: false,
+            ..options()
+        };
+        let accepted = negotiate(&request(&others), &titles(), &strict).unwrap();
         let reasons = accepted.answer.presentation_contexts.iter();
         let reasons: Vec<_> = reasons.map(|result| result.reason.clone()).collect();
         assert_eq!(
@@ -214,13 +242,25 @@ mod tests {
         );
         assert_eq!(accepted.contexts[0].transfer_syntax, "1.2.840.10008.1.2.1");
         assert_eq!(accepted.contexts[0].id, 5);
+        // Objects that are not kept may come in any syntax; what is no storage may not.
+        let others: [(&str, &[&str]); 3] = [
+            (
+                "1.2.840.10008.5.1.4.1.1.104.1",
+                &["1.2.840.10008.1.2.4.100"],
+            ),
+            ("1.3.12.2.1107.5.9.1", &["1.2.840.10008.1.2"]),
+            ("1.2.840.10008.5.1.4.1.2.2.1", &["1.2.840.10008.1.2"]),
+        ];
+        let accepted = negotiated(&request(&others)).unwrap();
+        let ids: Vec<_> = accepted.contexts.iter().map(|context| context.id).collect();
+        assert_eq!(ids, [1, 3]);
     }
 
     #[test]
     fn strangers_are_rejected() {
         let known = request(&[]);
         assert!(negotiated(&known).is_ok());
-        let refused = negotiate(&known, &["OTHER".to_owned()], "ISOCORTEX");
+        let refused = negotiate(&known, &["OTHER".to_owned()], &options());
         assert_eq!(refused.err(), Some(Rejection::CallingTitle));
         let mut other = known.clone();
         other.called_ae_title = "OTHER".to_owned();

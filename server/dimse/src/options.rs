@@ -28,6 +28,8 @@ pub struct DimseOptions {
     pub whole: Duration,
     /// TLS; without it, nothing is encrypted.
     pub tls: Option<ReloadedTls>,
+    /// Whether objects that are no images are accepted and not kept; otherwise they are refused.
+    pub ignores_other_objects: bool,
     /// What is counted.
     pub counts: Arc<AssociationCounts>,
 }
@@ -41,6 +43,7 @@ impl Default for DimseOptions {
             idle: Duration::from_secs(30),
             whole: Duration::from_secs(3600),
             tls: None,
+            ignores_other_objects: true,
             counts: Arc::default(),
         }
     }

@@ -116,8 +116,10 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
             whole: Duration::from_secs(config.http.upload_timeout_secs),
         },
         nodes: config.pacs.nodes()?,
+        ignores_other_objects: config.pacs.ignore_other_objects,
         serves_source: config.pacs.keep_source,
         shows_patient: config.shows_patient()?,
+        time_zone: config.pacs.time_zone()?,
         problems: Problems {
             of_cases: |error| AppError::from(error).into_response(),
             other: |refusal| {

@@ -8,6 +8,7 @@ use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
+use jiff::tz::TimeZone;
 use serde::Serialize;
 use tokio::sync::{Semaphore, SemaphorePermit};
 
@@ -34,10 +35,14 @@ pub struct Options {
     pub uploads: UploadLimits,
     /// The nodes from which series are fetched and to which results are sent.
     pub nodes: Vec<Node>,
+    /// Whether objects that are no images are accepted and not kept.
+    pub ignores_other_objects: bool,
     /// Whether the images that cases were made of are served.
     pub serves_source: bool,
     /// Whether the page shows the patient.
     pub shows_patient: bool,
+    /// The zone of the scanners' dates and times, if it is known.
+    pub time_zone: Option<TimeZone>,
     /// How errors become answers.
     pub problems: Problems,
 }
@@ -86,6 +91,14 @@ impl Pacs {
 
     pub(crate) fn shows_patient(&self) -> bool {
         self.inner.options.shows_patient
+    }
+
+    pub(crate) fn time_zone(&self) -> Option<&TimeZone> {
+        self.inner.options.time_zone.as_ref()
+    }
+
+    pub(crate) fn ignores_other_objects(&self) -> bool {
+        self.inner.options.ignores_other_objects
     }
 
     pub(crate) fn serves_source(&self) -> bool {

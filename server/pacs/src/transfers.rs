@@ -114,8 +114,8 @@ pub(crate) async fn list_results(State(pacs): State<Pacs>, asked: Asked) -> Resp
 
 async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, PacsError> {
     let asked = checked(asked)?;
-    let rows = pacs.cases().store().rows();
-    let (results, next) = rows
+    let store = pacs.cases().store();
+    let (results, next) = store
         .results(&asked.of, asked.after.as_ref(), asked.limit)
         .await?;
     let page = SentResultList {
@@ -142,8 +142,8 @@ pub(crate) async fn list_retrievals(State(pacs): State<Pacs>, asked: Asked) -> R
 
 async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, PacsError> {
     let asked = checked(asked)?;
-    let rows = pacs.cases().store().rows();
-    let (found, next) = rows
+    let store = pacs.cases().store();
+    let (found, next) = store
         .retrievals(&asked.of, asked.after.as_ref(), asked.limit)
         .await?;
     let mut page = RetrievalList {

@@ -173,6 +173,17 @@ impl Cases {
             None => None,
         };
         let (of, parameters) = match previous {
+            // Layers, findings and the label stay with the patient whom they are about.
+            Some(case) if !self.is_of_patient(&upload, &case.id).await? => {
+                let name = None;
+                (
+                    None,
+                    Parameters {
+                        name,
+                        ..case.parameters
+                    },
+                )
+            }
             Some(case) => (Some(case.id), case.parameters),
             None => (None, Parameters::default()),
         };

@@ -91,6 +91,14 @@ pub enum ConfigError {
         /// The reason.
         source: Box<toml::de::Error>,
     },
+    /// An unknown time zone.
+    #[error(
+        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
+    )]
+    TimeZone {
+        /// The value.
+        zone: String,
+    },
     /// The token is too weak.
     #[error(transparent)]
     Token(#[from] BadToken),

@@ -10,6 +10,7 @@ use dimse::{
     DimseOptions, ListeningTls, PeerAddress, ReloadedTls, StorageNode, TlsAuthority, TlsIdentity,
     connecting_tls, is_aet, listening_tls,
 };
+use jiff::tz::{Offset, TimeZone};
 use serde::Deserialize;
 
 use super::{ConfigError, read_secret};
@@ -30,6 +31,11 @@ pub struct Pacs {
     pub keep_source: bool,
     /// Which series become cases.
     pub series: SeriesUse,
+    /// Whether objects that are no MR or CT images, such as reports, are accepted and not kept; otherwise they are refused.
+    pub ignore_other_objects: bool,
+    /// The zone of the dates and times of sources that do not state it: an offset such as `-03:00`, or a name such as
+    /// `America/Sao_Paulo`.
+    pub time_zone: Option<String>,
     /// Images by C-STORE.
     pub dimse: Dimse,
     /// Nodes from which series are fetched and to which results are sent.
@@ -55,6 +61,8 @@ impl Default for Pacs {
             deidentify: false,
             keep_source: false,
             series: SeriesUse::default(),
+            ignore_other_objects: true,
+            time_zone: None,
             dimse: Dimse::default(),
             nodes: Vec::new(),
         }
@@ -162,6 +170,22 @@ impl Dimse {
     }
 }
 
+/// An offset from UTC, such as `-03:00`.
+fn offset_of(text: &str) -> Option<Offset> {
+    let sign = match text.get(..1)? {
+        "+" => 1,
+        "-" => -1,
+        _ => return None,
+    };
+    let (hours, minutes) = text[1..].split_once(':')?;
+    let number = |part: &str| -> Option<i32> {
+        let is_plain = part.len() == 2 && part.bytes().all(|byte| byte.is_ascii_digit());
+        is_plain.then(|| part.parse().ok())?
+    };
+    let minutes = 60 * number(hours)? + number(minutes)?;
+    Offset::from_seconds(sign * 60 * minutes).ok()
+}
+
 fn read_file(path: &Path) -> Result<String, ConfigError> {
     std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
         path: path.to_owned(),
@@ -185,6 +209,19 @@ impl Pacs {
                 SeriesUse::Any => SeriesRule::Any,
             },
         }
+    }
+
+    /// The zone of the scanners' dates and times, if it is configured.
+    ///
+    /// # Errors
+    /// If it is neither an offset nor the name of a zone that this machine knows.
+    pub fn time_zone(&self) -> Result<Option<TimeZone>, ConfigError> {
+        let zone = |text: &String| {
+            let offset = offset_of(text).map(TimeZone::fixed);
+            let zone = offset.or_else(|| TimeZone::get(text).ok());
+            zone.ok_or_else(|| ConfigError::TimeZone { zone: text.clone() })
+        };
+        self.time_zone.as_ref().map(zone).transpose()
     }
 
     /// The nodes.
@@ -235,6 +272,7 @@ impl Pacs {
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
             tls: self.dimse.tls()?.map(ReloadedTls::new),
+            ignores_other_objects: self.ignore_other_objects,
             ..DimseOptions::default()
         };
         Ok(Some((listen, options)))
@@ -345,6 +383,22 @@ mod tests {
             ));
             assert!(matches!(pacs.dimse(), Err(ConfigError::Aet)), "{aet}");
         }
+    }
+
+    #[test]
+    fn a_time_zone_is_an_offset_or_a_known_name() {
+        let zone = |text| parsed(&format!("time_zone = \"{text}\"")).time_zone();
+        assert_eq!(parsed("").time_zone().unwrap(), None);
+        for offset in ["-03:00", "+05:30"] {
+            assert!(
+                zone(offset).unwrap().unwrap().to_fixed_offset().is_ok(),
+                "{offset}"
+            );
+        }
+        assert!(matches!(
+            zone("Nowhere/City"),
+            Err(ConfigError::TimeZone { .. })
+        ));
     }
 
     #[test]

@@ -5,12 +5,12 @@ use std::time::Duration;
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, pins, results, retrievals};
 use crate::arrivals::{
-    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
+    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Received,
+    Retrieval, SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
 };
 use crate::rows::{DueSeries, Pinned, RowCounts};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, ObjectKind};
+use case::{CaseId, Failure, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
 pub(super) async fn objects(
@@ -45,25 +45,61 @@ pub(super) async fn objects(
 }
 
 impl Store {
-    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references; returns
-    /// how many are new. An image that is there already stays as it is. `None`, and nothing has changed, if a pin is
+    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references. An image
+    /// that is there already stays as it is, unless the new one replaces it. `None`, and nothing has changed, if a pin is
     /// gone: write the objects again.
     pub(crate) async fn insert_images(
         &self,
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Option<usize>, StoreError> {
+    ) -> Result<Option<Received>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(None);
         }
-        let mut new = 0;
+        let mut received = Received::default();
         for instance in instances {
-            new += usize::from(arrivals::add(&mut transaction, instance, source, now).await?);
+            match arrivals::add(&mut transaction, instance, source, now).await? {
+                arrivals::Added::New => received.new += 1,
+                arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
+                arrivals::Added::Known | arrivals::Added::Replaced => {}
+            }
         }
         transaction.commit().await?;
-        Ok(Some(new))
+        Ok(Some(received))
+    }
+
+    /// The objects of those images that are there already, in the same order.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn known(
+        &self,
+        instances: &[NewInstance],
+    ) -> Result<Vec<Option<ObjectName>>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let mut known = Vec::with_capacity(instances.len());
+        for instance in instances {
+            known.push(arrivals::known(&mut connection, instance).await?);
+        }
+        Ok(known)
+    }
+
+    /// Counts an object that is not kept in the arrival of its series. An arrival that has nothing else became nothing, for
+    /// this reason.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn ignore(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        reason: &Failure,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        arrivals::ignore(&mut transaction, (uids, source), reason, now).await?;
+        transaction.commit().await
     }
 
     /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is
