@@ -542,8 +542,8 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
     let body = json!({"what": "view", "render": small(), "node": "pacs"});
     let accepted = result(&neighbour.server, &case, &body).await;
     // A process takes it, and ends before it has sent anything.
-    let rows = neighbour.server.state.cases.store().rows();
-    let leased = rows.lease_result(Duration::from_secs(3600)).await.unwrap();
+    let store = neighbour.server.state.cases.store();
+    let leased = store.lease_result(Duration::from_secs(3600)).await.unwrap();
     assert!(leased.is_some());
     let server = neighbour.restarted().await;
     let _background = pacs::Background::start(server.pacs.clone());

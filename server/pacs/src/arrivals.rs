@@ -141,8 +141,8 @@ async fn list(
         )
     })?;
     let (limit, after) = query.checked()?;
-    let rows = pacs.cases().store().rows();
-    let (arrivals, next) = rows.arrivals(after.as_ref(), limit).await?;
+    let store = pacs.cases().store();
+    let (arrivals, next) = store.arrivals(after.as_ref(), limit).await?;
     let page = ArrivalList {
         arrivals: arrivals.into_iter().map(Into::into).collect(),
         next: next.map(|cursor| cursor.to_string()),
@@ -174,7 +174,7 @@ async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
     if !is_id(id) {
         return Err(missing());
     }
-    let arrival = pacs.cases().store().rows().arrival(id).await?;
+    let arrival = pacs.cases().store().arrival(id).await?;
     let view = ArrivalView::from(arrival.ok_or_else(missing)?);
     Ok(fresh_json(StatusCode::OK, &view))
 }

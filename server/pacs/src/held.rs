@@ -89,8 +89,8 @@ pub(crate) struct HeldStudy {
 impl HeldStudy {
     /// A study; `None` if no case was made of it.
     pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Option<Self>, PacsError> {
-        let rows = pacs.cases().store().rows();
-        let cases = rows
+        let store = pacs.cases().store();
+        let cases = store
             .cases_of(&SeriesQuery::Study(uid.clone(), None))
             .await?;
         if cases.is_empty() {
@@ -108,7 +108,7 @@ impl HeldStudy {
                 study.add_source(pacs, case).await?;
             }
         }
-        for result in rows.results_of(uid).await? {
+        for result in store.results_of(uid).await? {
             study.series.push(of_result(result));
         }
         study.summarise();
@@ -197,7 +197,7 @@ async fn objects(pacs: &Pacs, uids: &SeriesUids) -> Result<HashMap<Uid, ObjectNa
     if !pacs.serves_source() {
         return Ok(HashMap::new());
     }
-    let images = pacs.cases().store().rows().images_of(uids).await?;
+    let images = pacs.cases().store().images_of(uids).await?;
     Ok(images.into_iter().collect())
 }
 
@@ -280,7 +280,7 @@ fn places(source: &Attributes, facts: &CaseFacts) -> Vec<Values> {
     let place = |slice: usize| {
         let mut values = Values::default();
         let position = [0, 1, 2].map(|axis| origin[axis] + slice as f64 * between[axis]);
-        values.put("Rows", rows.to_string());
+        values.put("Rows", store.to_string());
         values.put("Columns", columns.to_string());
         values.put("PixelSpacing", texts(&spacing));
         values.put("ImageOrientationPatient", texts(&directions));

@@ -192,7 +192,7 @@ async fn find(pacs: &Pacs, query: &SeriesQuery) -> Result<LaunchView, PacsError>
         study: None,
         series: None,
     };
-    for series in store.rows().cases_of(query).await? {
+    for series in store.cases_of(query).await? {
         let Some(case) = store.case(&series.case).await? else {
             continue;
         };
@@ -214,7 +214,7 @@ async fn find(pacs: &Pacs, query: &SeriesQuery) -> Result<LaunchView, PacsError>
     if found.case.is_some() {
         return Ok(found);
     }
-    let arrivals = store.rows().arrivals_of(query).await?;
+    let arrivals = store.arrivals_of(query).await?;
     let is_coming = |state| arrivals.iter().any(|arrival| arrival.state == state);
     if is_coming(ArrivalState::Receiving) {
         found.state = "receiving";

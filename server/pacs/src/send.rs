@@ -21,8 +21,8 @@ const RETRY_AFTER: Duration = Duration::from_secs(5);
 
 /// Sends the result that has waited longest; `false` if there is none.
 pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
-    let rows = pacs.cases().store().rows();
-    let Some(result) = rows.lease_result(LEASE).await? else {
+    let store = pacs.cases().store();
+    let Some(result) = store.lease_result(LEASE).await? else {
         return Ok(false);
     };
     let end = match send(pacs, &result).await {
@@ -37,7 +37,7 @@ pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
             TransferEnd::Failed(Failure::unusable(error.kind(), error.to_string()))
         }
     };
-    rows.end_result(&result, &end).await?;
+    store.end_result(&result, &end).await?;
     Ok(true)
 }
 
@@ -76,7 +76,7 @@ impl SendError {
 
 async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     let node = pacs.node(&result.node).ok_or(SendError::NoSuchNode)?;
-    let file = pacs.cases().store().objects().get(&result.object).await;
+    let file = pacs.cases().store().object(&result.object).await;
     let file = file.map_err(|error| match error {
         Unreadable::Store(_) => SendError::Store,
         Unreadable::Missing | Unreadable::Damaged(_) => SendError::Lost,

@@ -1,7 +1,7 @@
 //! Copies one store into another: a move between back ends, or a backup.
 
+use crate::Unreadable;
 use case::{CaseId, CaseState, Layer};
-use objects::Unreadable;
 
 use super::{ObjectName, Store, StoreError};
 
@@ -57,11 +57,11 @@ impl Store {
         id: &CaseId,
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
-        let Some(case) = self.rows().case(id).await? else {
+        let Some(case) = self.case_row(id).await? else {
             // The case was deleted meanwhile.
             return Ok(true);
         };
-        let mut names = self.rows().objects(id).await?;
+        let mut names = self.case_objects(id).await?;
         if case.state != CaseState::Ready {
             names.retain(|name| name.kind.is_source());
         }
@@ -75,11 +75,11 @@ impl Store {
                 return Ok(false);
             }
         }
-        if other.rows().adopt(&case, &pinned).await? {
+        if other.adopt(&case, &pinned).await? {
             copied.cases += 1;
         }
-        if let Some(series) = self.rows().series_of(id).await? {
-            other.rows().index_series(&series).await?;
+        if let Some(series) = self.series_of(id).await? {
+            other.index_series(&series).await?;
         }
         other.abandon(&pinned).await;
         let mut is_whole = true;
@@ -96,7 +96,7 @@ impl Store {
         mut layer: Layer,
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
-        let mut names = self.rows().layer_objects(&layer.case, &layer.id).await?;
+        let mut names = self.layer_objects(&layer.case, &layer.id).await?;
         if layer.state != CaseState::Ready {
             names.retain(|name| name.kind.is_source());
         }
@@ -114,7 +114,7 @@ impl Store {
             layer.state = CaseState::Queued;
             pinned.names.retain(|pinned| pinned != name);
         }
-        other.rows().adopt_layer(&layer, &pinned).await?;
+        other.adopt_layer(&layer, &pinned).await?;
         other.abandon(&pinned).await;
         Ok(true)
     }

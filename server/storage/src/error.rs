@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::io::ErrorKind;
 
-use objects::{BUCKET, ObjectError};
+use crate::objects::{BUCKET, ObjectError};
 use sqlx::error::DatabaseError;
 
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.

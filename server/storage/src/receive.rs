@@ -45,7 +45,7 @@ impl Store {
                 self.abandon(&pinned).await;
                 return Err(error);
             }
-            let received = self.rows().receive(&instances, &pinned, source).await;
+            let received = self.insert_images(&instances, &pinned, source).await;
             match received {
                 Ok(Some(new)) if new < instances.len() => {
                     // Files of images that were there already are not needed.
@@ -127,7 +127,7 @@ mod tests {
         store.close().await;
         let store = Store::open(directory.path()).await.unwrap();
         let query = SeriesQuery::Study(uid("1.2"), None);
-        let arrivals = store.rows().arrivals_of(&query).await.unwrap();
+        let arrivals = store.arrivals_of(&query).await.unwrap();
         assert_eq!(arrivals[0].instances, 3);
         assert_eq!(files_below(&objects).len(), 2);
     }

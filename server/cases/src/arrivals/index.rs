@@ -55,14 +55,14 @@ impl Cases {
             uids: series.uids,
             accession_number: series.accession_number,
         };
-        self.store().rows().index_series(&series).await
+        self.store().index_series(&series).await
     }
 
     /// Enters a version under the series of its case.
     pub(crate) async fn index_version(&self, of: &CaseId, case: CaseId) -> Result<(), StoreError> {
-        let rows = self.store().rows();
-        match rows.series_of(of).await? {
-            Some(series) => rows.index_series(&CaseSeries { case, ..series }).await,
+        let store = self.store();
+        match store.series_of(of).await? {
+            Some(series) => store.index_series(&CaseSeries { case, ..series }).await,
             None => Ok(()),
         }
     }

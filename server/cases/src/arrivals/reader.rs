@@ -97,8 +97,8 @@ impl Cases {
             patience: options.stable * PATIENCE,
             lease: LEASE,
         };
-        let rows = self.store().rows();
-        let Some(due) = rows.lease_due(&terms).await? else {
+        let store = self.store();
+        let Some(due) = store.lease_due(&terms).await? else {
             return Ok(false);
         };
         let outcome = self.outcome(&due, options).await;
@@ -111,15 +111,15 @@ impl Cases {
             }
             Outcome::Later(_) => tracing::warn!(arrival = due.id, "a series will be read later"),
         }
-        if !rows.settle(&due, &outcome).await? {
+        if !store.settle(&due, &outcome).await? {
             tracing::info!(arrival = due.id, "more images of a series came meanwhile");
         }
         Ok(true)
     }
 
     async fn forget_arrivals(&self, options: &ArrivalOptions) -> Result<(), StoreError> {
-        let rows = self.store().rows();
-        let forgotten = rows.forget_arrivals(options.keep, options.keep_source);
+        let store = self.store();
+        let forgotten = store.forget_arrivals(options.keep, options.keep_source);
         let forgotten = forgotten.await?;
         if forgotten > 0 {
             self.store().collect().await?;
@@ -174,7 +174,7 @@ impl Cases {
     async fn make_layer(&self, due: &DueSeries) -> Result<Option<Outcome>, Error> {
         let study = SeriesQuery::Study(due.uids.study.clone(), None);
         let mut case = None;
-        for found in self.store().rows().cases_of(&study).await? {
+        for found in self.store().cases_of(&study).await? {
             let held = self.store().case(&found.case).await?;
             if held.is_some_and(|held| held.state != CaseState::Failed) {
                 case = Some(found.case);

@@ -1,12 +1,11 @@
 //! Series that cannot be read, for a reason that is not theirs.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use imaging::Limits;
 use pipeline::HeadLimits;
+use storage::Store;
 use storage::arrivals::{ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid};
-use storage::{Objects, SqlRows, Store};
 
 use super::{ArrivalOptions, SeriesRule};
 use crate::application::{Cases, Options};
@@ -47,11 +46,7 @@ fn uid(text: &str) -> Uid {
 #[tokio::test]
 #[ignore = "step 4"]
 async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
-    let rows = SqlRows::in_memory().await.unwrap();
-    let clock = rows.clone();
-    let directory = tempfile::tempdir().unwrap();
-    let objects = Objects::in_directory(directory.path()).unwrap();
-    let store = Store::on(Arc::new(rows), objects, crate::testing::options()).unwrap();
+    let store = Store::in_memory(crate::testing::options()).await.unwrap();
     let cases = application(store, OUT_OF_MEMORY);
     let file = cases.store().spool_all("an image".into()).await.unwrap();
     let image = NewInstance {
@@ -75,10 +70,10 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
     let mut attempts = 0;
     while attempts < 100 && cases.read_due_series(&options).await.unwrap() {
         attempts += 1;
-        clock.pass_time(Duration::from_secs(24 * 3600));
+        cases.store().pass_time(Duration::from_secs(24 * 3600));
     }
     let query = SeriesQuery::Study(uid("1.2"), None);
-    let arrival = cases.store().rows().arrivals_of(&query).await.unwrap();
+    let arrival = cases.store().arrivals_of(&query).await.unwrap();
     let arrival = arrival.into_iter().next().unwrap();
     assert_eq!(arrival.state, ArrivalState::Nothing);
     let words = arrival.reason.unwrap().detail;

@@ -163,7 +163,7 @@ pub(crate) async fn copy_objects(
     directory: &TempDir,
 ) -> Result<bool, Error> {
     for (number, name) in names.iter().enumerate() {
-        let object = match store.objects().get(name).await {
+        let object = match store.object(name).await {
             Ok(object) => object,
             Err(Unreadable::Store(error)) => return Err(error.into()),
             Err(_) => return Ok(false),

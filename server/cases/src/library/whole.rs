@@ -36,11 +36,11 @@ impl Library {
     /// Stores the whole volume again, from the source; `None` if the case or its source is lost.
     async fn restore_whole_volume(&self, id: &CaseId) -> Result<Option<Volume>, StoreError> {
         let ready = |case: &case::Case| case.state == CaseState::Ready;
-        let case = self.store().rows().case(id).await?.filter(ready);
+        let case = self.store().case(id).await?.filter(ready);
         let Some(facts) = case.and_then(|case| case.facts) else {
             return Ok(None);
         };
-        let names = self.store().rows().objects(id).await?;
+        let names = self.store().case_objects(id).await?;
         let Some(source) = self.source(id, &names).await? else {
             return Ok(None);
         };

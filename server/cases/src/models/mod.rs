@@ -127,7 +127,7 @@ impl Inner {
         let now = self.now_ms();
         let unseen_ms = now.saturating_sub(entry.seen_ms.load(Ordering::Relaxed));
         if u128::from(unseen_ms) >= TRUST_FOR.as_millis() {
-            let case = match self.library.store().rows().case(id).await {
+            let case = match self.library.store().case(id).await {
                 Err(error) if error.is_away() && unseen_ms < REMEMBERED_WHILE_AWAY_MS => {
                     return Ok(Some(entry.model));
                 }

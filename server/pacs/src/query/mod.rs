@@ -438,7 +438,7 @@ impl Studies {
             }
             (None, Some(number)) => {
                 let query = SeriesQuery::AccessionNumber(number);
-                let cases = pacs.cases().store().rows().cases_of(&query).await?;
+                let cases = pacs.cases().store().cases_of(&query).await?;
                 let mut uids: Vec<_> = cases.into_iter().map(|case| case.uids.study).collect();
                 let mut seen = std::collections::HashSet::new();
                 uids.retain(|uid| seen.insert(uid.clone()));
@@ -463,8 +463,8 @@ impl Studies {
         if self.waiting.is_empty()
             && let Some(offset) = self.offset
         {
-            let rows = pacs.cases().store().rows();
-            self.waiting = rows.studies(offset, BATCH).await?.into();
+            let store = pacs.cases().store();
+            self.waiting = store.studies(offset, BATCH).await?.into();
             self.offset = (self.waiting.len() == BATCH).then_some(offset + BATCH);
         }
         let next = self.waiting.pop_front();

@@ -173,7 +173,7 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, PacsError> {
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
     let store = pacs.cases().store();
     let mut other = None;
-    for series in store.rows().cases_of(&query).await? {
+    for series in store.cases_of(&query).await? {
         let Some(case) = store.case(&series.case).await? else {
             continue;
         };

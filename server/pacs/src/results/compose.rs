@@ -233,7 +233,7 @@ async fn listed(
     study: &Uid,
     plan: &KeyObjectPlan,
 ) -> Result<Vec<Listed>, PacsError> {
-    let results = cases.store().rows().results_of(study).await?;
+    let results = cases.store().results_of(study).await?;
     let of_source = |uid: &Uid| {
         let mut images = source.instances.iter();
         let image = images.find(|image| image.sop_instance_uid == uid.as_str())?;

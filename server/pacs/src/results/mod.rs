@@ -122,9 +122,9 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let store = pacs.cases().store();
     let instance = composer.instance();
     // A result that was made before is sent as it is.
-    let known = store.rows().object_of_result(&instance).await?;
+    let known = store.object_of_result(&instance).await?;
     let known = match known {
-        Some(name) => store.objects().get(&name).await.ok(),
+        Some(name) => store.object(&name).await.ok(),
         None => None,
     };
     let study = composer.study();
@@ -238,7 +238,7 @@ async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
     if !is_id(id) {
         return Err(missing());
     }
-    let result = pacs.cases().store().rows().result(id).await?;
+    let result = pacs.cases().store().result(id).await?;
     let view = ResultView::from(result.ok_or_else(missing)?);
     Ok(fresh_json(StatusCode::OK, &view))
 }

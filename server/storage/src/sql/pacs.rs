@@ -2,16 +2,14 @@
 
 use std::time::Duration;
 
-use async_trait::async_trait;
-
 use super::connection::{Connection, Row, microseconds};
-use super::{SqlRows, arrivals, pins, results, retrievals};
+use super::{arrivals, pins, results, retrievals};
 use crate::arrivals::{
     Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
     SeriesQuery, SeriesUids, TransferEnd, Uid,
 };
-use crate::rows::{ArrivalRows, DueSeries, Pinned};
-use crate::{ObjectName, StoreError};
+use crate::rows::{DueSeries, Pinned};
+use crate::{ObjectName, Store, StoreError};
 use case::{CaseId, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
@@ -46,15 +44,17 @@ pub(super) async fn objects(
     rows.iter().map(read).collect()
 }
 
-#[async_trait]
-impl ArrivalRows for SqlRows {
-    async fn receive(
+impl Store {
+    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references; returns
+    /// how many are new. An image that is there already stays as it is. `None`, and nothing has changed, if a pin is
+    /// gone: write the objects again.
+    pub(crate) async fn insert_images(
         &self,
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
     ) -> Result<Option<usize>, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(None);
         }
@@ -66,21 +66,29 @@ impl ArrivalRows for SqlRows {
         Ok(Some(new))
     }
 
-    async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Notes how many images a series has, according to its sender; nothing if none of them has come.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         arrivals::expect(&mut transaction, uids, instances).await?;
         transaction.commit().await
     }
 
-    async fn lease_due(&self, terms: &DueTerms) -> Result<Option<DueSeries>, StoreError> {
+    /// Leases the series that is due and has waited longest.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn lease_due(&self, terms: &DueTerms) -> Result<Option<DueSeries>, StoreError> {
         // Most queries find nothing and must not wait for writers.
-        let mut reader = self.database.connect().await?;
-        let now = self.now(&mut reader).await?;
+        let mut reader = self.rows().connect().await?;
+        let now = self.rows().now(&mut reader).await?;
         if arrivals::due(&mut reader, terms, now).await?.is_none() {
             return Ok(None);
         }
         drop(reader);
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let Some(id) = arrivals::due(&mut transaction, terms, now).await? else {
             return Ok(None);
         };
@@ -90,8 +98,13 @@ impl ArrivalRows for SqlRows {
         Ok(Some(due))
     }
 
-    async fn settle(&self, due: &DueSeries, outcome: &Outcome) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Notes what became of a leased series; `false`, and nothing has changed, if the lease is not ours any more, or
+    /// the case is gone.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn settle(&self, due: &DueSeries, outcome: &Outcome) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let settled = arrivals::settle(&mut transaction, due, outcome, now).await?;
         if settled {
             transaction.commit().await?;
@@ -99,36 +112,61 @@ impl ArrivalRows for SqlRows {
         Ok(settled)
     }
 
-    async fn arrivals(
+    /// At most `limit` series after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn arrivals(
         &self,
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
-        arrivals::page(&mut self.database.connect().await?, after, limit).await
+        arrivals::page(&mut self.rows().connect().await?, after, limit).await
     }
 
-    async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
-        arrivals::one(&mut self.database.connect().await?, id).await
+    /// A series that came.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
+        arrivals::one(&mut self.rows().connect().await?, id).await
     }
 
-    async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
-        arrivals::of(&mut self.database.connect().await?, query).await
+    /// The series that came and that a request names.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
+        arrivals::of(&mut self.rows().connect().await?, query).await
     }
 
-    async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
-        arrivals::images_of(&mut self.database.connect().await?, uids).await
+    /// The images of a series that are here, by their UIDs.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
+        arrivals::images_of(&mut self.rows().connect().await?, uids).await
     }
 
-    async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError> {
-        arrivals::studies(&mut self.database.connect().await?, offset, limit).await
+    /// At most `limit` studies of cases after the first `offset` ones, the one with the newest case first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError> {
+        arrivals::studies(&mut self.rows().connect().await?, offset, limit).await
     }
 
-    async fn forget_arrivals(
+    /// Forgets settled series for which nothing has come for this long, and abandons their images; returns how many. Also
+    /// forgets retrievals and results that ended and are that old. With `keep_cases`, the series of cases stay.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn forget_arrivals(
         &self,
         unchanged: Duration,
         keep_cases: bool,
     ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let before = now - microseconds(unchanged);
         let forgotten = arrivals::forget(&mut transaction, before, keep_cases, now).await?;
         retrievals::forget(&mut transaction, before).await?;
@@ -137,39 +175,67 @@ impl ArrivalRows for SqlRows {
         Ok(forgotten)
     }
 
-    async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Enters the series of a case into the index; nothing if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         arrivals::index(&mut transaction, series).await?;
         transaction.commit().await
     }
 
-    async fn series_of(&self, case: &CaseId) -> Result<Option<CaseSeries>, StoreError> {
-        arrivals::series_of(&mut self.database.connect().await?, case).await
+    /// The indexed series of a case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn series_of(&self, case: &CaseId) -> Result<Option<CaseSeries>, StoreError> {
+        arrivals::series_of(&mut self.rows().connect().await?, case).await
     }
 
-    async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
-        arrivals::cases_of(&mut self.database.connect().await?, query).await
+    /// The cases that a request names, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
+        arrivals::cases_of(&mut self.rows().connect().await?, query).await
     }
 
-    async fn request(&self, node: &str, uids: &SeriesUids) -> Result<Retrieval, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Queues a retrieval; returns the one that waits already for the same series from the same node.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn request_retrieval(
+        &self,
+        node: &str,
+        uids: &SeriesUids,
+    ) -> Result<Retrieval, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let retrieval = retrievals::request(&mut transaction, node, uids, now).await?;
         transaction.commit().await?;
         Ok(retrieval)
     }
 
-    async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError> {
-        retrievals::one(&mut self.database.connect().await?, id).await
+    /// A retrieval.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError> {
+        retrievals::one(&mut self.rows().connect().await?, id).await
     }
 
-    async fn lease_retrieval(&self, lease: Duration) -> Result<Option<Retrieval>, StoreError> {
-        let mut reader = self.database.connect().await?;
-        let now = self.now(&mut reader).await?;
+    /// Leases the retrieval that has waited longest.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn lease_retrieval(&self, lease: Duration) -> Result<Option<Retrieval>, StoreError> {
+        let mut reader = self.rows().connect().await?;
+        let now = self.rows().now(&mut reader).await?;
         if retrievals::available(&mut reader, now).await?.is_none() {
             return Ok(None);
         }
         drop(reader);
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let Some(id) = retrievals::available(&mut transaction, now).await? else {
             return Ok(None);
         };
@@ -179,14 +245,18 @@ impl ArrivalRows for SqlRows {
         Ok(leased)
     }
 
-    async fn progress(
+    /// Renews the lease of a retrieval and notes how far it is; `false` if the lease is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn note_progress(
         &self,
         retrieval: &Retrieval,
         received: usize,
         expected: Option<usize>,
         lease: Duration,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let until = now + microseconds(lease);
         let ours =
             retrievals::progress(&mut transaction, retrieval, received, expected, until).await?;
@@ -194,12 +264,16 @@ impl ArrivalRows for SqlRows {
         Ok(ours)
     }
 
-    async fn end_retrieval(
+    /// Ends the lease of a retrieval; `false` if it is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn end_retrieval(
         &self,
         retrieval: &Retrieval,
         fetched: &TransferEnd,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let ended = retrievals::end(&mut transaction, retrieval, fetched, now).await?;
         transaction.commit().await?;
         Ok(ended)

@@ -2,6 +2,7 @@
 
 pub mod postgres;
 pub mod s3;
+pub mod steps;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -12,7 +13,7 @@ use case::{
     PlacementVerdict, PlaneFacts, QualityState, SphereFacts, Stage, WindowFacts,
 };
 
-use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
+use super::rows::{Claim, LeaseTerms, NewCase, Pinned};
 use super::{ObjectName, Store};
 
 /// The facts of a case, made up.
@@ -88,7 +89,7 @@ pub fn name(kind: ObjectKind, contents: &str) -> ObjectName {
 }
 
 /// Objects pinned for an hour.
-pub async fn pinned(rows: &dyn CaseRows, names: &[ObjectName]) -> Pinned {
+pub async fn pinned(store: &Store, names: &[ObjectName]) -> Pinned {
     static HOLDERS: AtomicUsize = AtomicUsize::new(0);
     let holder = format!("test-{}", HOLDERS.fetch_add(1, Ordering::Relaxed));
     let pinned = Pinned {
@@ -96,29 +97,29 @@ pub async fn pinned(rows: &dyn CaseRows, names: &[ObjectName]) -> Pinned {
         names: names.to_vec(),
     };
     let hour = Duration::from_secs(3600);
-    assert!(rows.pin(&pinned, hour).await.unwrap());
+    assert!(store.try_pin(&pinned, hour).await.unwrap());
     pinned
 }
 
 /// A case of the volume `contents`, whose source is pinned.
-pub async fn new_case(rows: &dyn CaseRows, contents: &str) -> NewCase {
+pub async fn new_case(store: &Store, contents: &str) -> NewCase {
     let source = name(ObjectKind::SourceVolume, contents);
     NewCase {
         id: CaseId::of(&source.digest, None, &Parameters::default()),
         parameters: Parameters::default(),
         previous: None,
-        sources: pinned(rows, &[source]).await,
+        sources: pinned(store, &[source]).await,
         queue_limit: 100,
     }
 }
 
 /// Leases a job for 30 s; it fails at its fourth attempt.
-pub async fn claim(rows: &dyn CaseRows) -> Option<Claim> {
+pub async fn claim(store: &Store) -> Option<Claim> {
     let terms = LeaseTerms {
         lease: Duration::from_secs(30),
         max_attempts: 3,
     };
-    rows.claim(&terms).await.unwrap()
+    store.claim(&terms).await.unwrap()
 }
 
 /// Every file below a directory, ascending.

@@ -5,34 +5,23 @@ use std::time::Duration;
 use crate::arrivals::{
     ArrivalSource, ArrivalState, DueTerms, NewInstance, SeriesQuery, SeriesUids, TransferState, Uid,
 };
-use crate::conformance::RowsSubject;
+use crate::conformance::Subject;
 use crate::results::{NewResult, ResultSeries};
-use crate::rows::CaseRows;
 use crate::testing::{new_case, pinned};
-use crate::{ObjectName, SqlRows};
+use crate::{ObjectName, Store};
 
 const LEASE: Duration = Duration::from_secs(60);
 
 /// More than anything is tried.
 const MANY: usize = 100;
 
-async fn subject() -> RowsSubject {
-    let rows = SqlRows::in_memory().await.unwrap();
-    let clock = rows.clone();
-    RowsSubject {
-        rows: std::sync::Arc::new(rows),
-        pass_time: Box::new(move |by| clock.pass_time(by)),
-        keep: Box::new(()),
-    }
-}
-
 /// Leases work, and lets its process die, until there is none; returns how often.
-async fn die_each_time(subject: &RowsSubject, lease: impl AsyncFn(&dyn CaseRows) -> bool) -> usize {
+async fn die_each_time(subject: &Subject, lease: impl AsyncFn(&Store) -> bool) -> usize {
     for attempt in 0..MANY {
-        if !lease(&*subject.rows).await {
+        if !lease(&subject.store).await {
             return attempt;
         }
-        (subject.pass_time)(24 * 60 * LEASE);
+        subject.pass(24 * 3600);
     }
     MANY
 }
@@ -51,27 +40,29 @@ fn series() -> SeriesUids {
 #[tokio::test]
 #[ignore = "step 4"]
 async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
-    let subject = subject().await;
-    let rows = &*subject.rows;
+    let subject = Subject::in_memory().await;
+    let store = &subject.store;
     let image = NewInstance {
         uids: series(),
         accession_number: None,
         digest: blake3::hash(b"an image"),
         sop_instance_uid: uid("1.2.3.4.5"),
     };
-    let pins = pinned(rows, &[ObjectName::from(&image)]).await;
-    let received = rows.receive(&[image], &pins, ArrivalSource::CStore).await;
+    let pins = pinned(store, &[ObjectName::from(&image)]).await;
+    let received = store
+        .insert_images(&[image], &pins, ArrivalSource::CStore)
+        .await;
     assert_eq!(received.unwrap(), Some(1));
-    (subject.pass_time)(LEASE);
+    subject.pass(60);
     let terms = DueTerms {
         stable: LEASE,
         patience: LEASE,
         lease: LEASE,
     };
-    let lease = async |rows: &dyn CaseRows| rows.lease_due(&terms).await.unwrap().is_some();
+    let lease = async |store: &Store| store.lease_due(&terms).await.unwrap().is_some();
     let attempts = die_each_time(&subject, lease).await;
     let query = SeriesQuery::Study(uid("1.2.3"), None);
-    let arrival = rows.arrivals_of(&query).await.unwrap().pop().unwrap();
+    let arrival = store.arrivals_of(&query).await.unwrap().pop().unwrap();
     assert_eq!(arrival.state, ArrivalState::Nothing);
     let words = arrival.reason.unwrap().detail;
     assert!(words.contains(&format!("{attempts} attempts")), "{words}");
@@ -80,11 +71,15 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
 #[tokio::test]
 #[ignore = "step 4"]
 async fn a_retrieval_whose_worker_dies_each_time_fails() {
-    let subject = subject().await;
-    let retrieval = subject.rows.request("pacs", &series()).await.unwrap();
-    let lease = async |rows: &dyn CaseRows| rows.lease_retrieval(LEASE).await.unwrap().is_some();
+    let subject = Subject::in_memory().await;
+    let retrieval = subject
+        .store
+        .request_retrieval("pacs", &series())
+        .await
+        .unwrap();
+    let lease = async |store: &Store| store.lease_retrieval(LEASE).await.unwrap().is_some();
     let attempts = die_each_time(&subject, lease).await;
-    let seen = subject.rows.retrieval(&retrieval.id).await.unwrap();
+    let seen = subject.store.retrieval(&retrieval.id).await.unwrap();
     let seen = seen.unwrap();
     assert_eq!(seen.state, TransferState::Failed);
     let words = seen.reason.unwrap().detail;
@@ -94,10 +89,10 @@ async fn a_retrieval_whose_worker_dies_each_time_fails() {
 #[tokio::test]
 #[ignore = "step 4"]
 async fn a_result_whose_sender_dies_each_time_fails() {
-    let subject = subject().await;
-    let rows = &*subject.rows;
-    let case = new_case(rows, "a").await;
-    rows.insert(&case).await.unwrap();
+    let subject = Subject::in_memory().await;
+    let store = &subject.store;
+    let case = new_case(store, "a").await;
+    store.insert_case(&case).await.unwrap();
     let new = NewResult {
         case: case.id,
         node: "pacs".to_owned(),
@@ -111,11 +106,11 @@ async fn a_result_whose_sender_dies_each_time_fails() {
         instance: uid("2.25.7"),
         digest: blake3::hash(b"a result"),
     };
-    let pins = pinned(rows, &[new.object()]).await;
-    let queued = rows.queue_result(&new, &pins).await.unwrap().unwrap();
-    let lease = async |rows: &dyn CaseRows| rows.lease_result(LEASE).await.unwrap().is_some();
+    let pins = pinned(store, &[new.object()]).await;
+    let queued = store.insert_result(&new, &pins).await.unwrap().unwrap();
+    let lease = async |store: &Store| store.lease_result(LEASE).await.unwrap().is_some();
     let attempts = die_each_time(&subject, lease).await;
-    let seen = rows.result(&queued.id).await.unwrap().unwrap();
+    let seen = store.result(&queued.id).await.unwrap().unwrap();
     assert_eq!(seen.state, TransferState::Failed);
     let words = seen.reason.unwrap().detail;
     assert!(words.contains(&format!("{attempts} attempts")), "{words}");

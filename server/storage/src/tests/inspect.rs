@@ -18,8 +18,8 @@ async fn three_cases(directory: &TempDir) -> (Store, [CaseId; 3]) {
     let of = ready(&store, "volume").await;
     later().await;
     let failed = submit(&store, "bad").await.unwrap().case.id;
-    let claimed = claim(store.rows()).await.unwrap();
-    assert!(store.rows().fail(&claimed, &failure()).await.unwrap());
+    let claimed = claim(store).await.unwrap();
+    assert!(store.fail(&claimed, &failure()).await.unwrap());
     let version = Version {
         of,
         mask: NewMask::Kept,
@@ -31,7 +31,7 @@ async fn three_cases(directory: &TempDir) -> (Store, [CaseId; 3]) {
 }
 
 async fn object(store: &Store, id: &CaseId, kind: ObjectKind) -> ObjectName {
-    let names = store.rows().objects(id).await.unwrap();
+    let names = store.case_objects(id).await.unwrap();
     *names.iter().find(|name| name.kind == kind).unwrap()
 }
 

@@ -5,16 +5,16 @@ mod error;
 mod frame;
 mod link;
 mod name;
-mod objects;
 mod private;
 mod s3;
 mod spool;
+mod store;
 #[cfg(test)]
 mod tests;
 
 pub use self::error::{BUCKET, ObjectError};
 pub use self::frame::{Framed, frame};
 pub use self::name::ObjectName;
-pub use self::objects::{Objects, Unreadable};
 pub use self::private::keep_private;
 pub use self::spool::{Spool, Spooled};
+pub use self::store::{Objects, Unreadable};

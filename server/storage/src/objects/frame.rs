@@ -17,7 +17,7 @@ use bytes::Bytes;
 
 use case::ObjectKind;
 
-use crate::ObjectName;
+use super::ObjectName;
 
 const MAGIC: &[u8; 8] = b"ISOCOBJ\n";
 const VERSION: u16 = 1;

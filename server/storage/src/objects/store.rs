@@ -9,8 +9,8 @@ use object_store::local::LocalFileSystem;
 use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutPayload};
 use tokio::io::AsyncReadExt;
 
-use crate::frame::{FrameError, Framed, plain_header, unframe};
-use crate::{ObjectError, ObjectName, Spooled, link};
+use super::frame::{FrameError, Framed, plain_header, unframe};
+use super::{ObjectError, ObjectName, Spooled, link};
 
 /// The size of a part when a file is copied into the store; S3 accepts 5 MiB or more.
 const PART_LENGTH: usize = 8 << 20;

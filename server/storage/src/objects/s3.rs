@@ -25,8 +25,8 @@ use object_store::client::{
 use object_store::prefix::PrefixStore;
 use object_store::{ClientOptions, RetryConfig};
 
-use crate::error::BUCKET;
-use crate::{ObjectError, Objects};
+use super::error::BUCKET;
+use super::{ObjectError, Objects};
 
 /// How long to repeat a failed request: shorter than a client waits for an answer.
 const RETRY_FOR: Duration = Duration::from_secs(15);
@@ -109,7 +109,7 @@ fn shared_credentials(
         .get("AWS_PROFILE")
         .map_or("default", String::as_str);
     let text = std::fs::read_to_string(file)?;
-    crate::keep_private(Path::new(file), "the file of the credentials");
+    super::keep_private(Path::new(file), "the file of the credentials");
     let credentials = profile_of(&text, profile);
     credentials.map(Some).ok_or_else(|| {
         ObjectError::Store(

@@ -1,7 +1,7 @@
 //! Uploads in progress: temporary files, hashed as they arrive.
 //!
 //! Each begins with room for the header of an object, so that the file becomes an object by another name; an upload is
-//! written only once ([`Objects::put_file`](crate::Objects::put_file)).
+//! written only once ([`Objects::put_file`](super::Objects::put_file)).
 
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use bytes::Bytes;
 use tempfile::TempPath;
 use tokio::io::{AsyncReadExt, AsyncSeekExt as _, AsyncWriteExt};
 
-use crate::ObjectError;
-use crate::frame::HEADER_LENGTH;
+use super::ObjectError;
+use super::frame::HEADER_LENGTH;
 
 /// The number of bytes to hash and write at once.
 const BUFFER_LENGTH: usize = 1 << 20;
