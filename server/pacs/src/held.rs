@@ -280,7 +280,7 @@ fn places(source: &Attributes, facts: &CaseFacts) -> Vec<Values> {
     let place = |slice: usize| {
         let mut values = Values::default();
         let position = [0, 1, 2].map(|axis| origin[axis] + slice as f64 * between[axis]);
-        values.put("Rows", store.to_string());
+        values.put("Rows", rows.to_string());
         values.put("Columns", columns.to_string());
         values.put("PixelSpacing", texts(&spacing));
         values.put("ImageOrientationPatient", texts(&directions));

@@ -12,7 +12,6 @@ use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
 
 pub(crate) use self::arrivals::*;
 pub(crate) use self::layers::*;
-pub(crate) use self::objects::objects_do_what_they_must;
 pub(crate) use self::results::*;
 
 use super::objects::Objects;
@@ -63,14 +62,14 @@ macro_rules! conformance {
     ($($implementation:ident: $make:path),+ $(,)?) => {$(
         mod $implementation {
             use super::*;
-            conformance! { @list tests $make }
+            $crate::conformance::conformance! { @list tests $make }
         }
     )+};
     (in_turn $make:expr) => {
-        conformance! { @list in_turn $make }
+        $crate::conformance::conformance! { @list in_turn $make }
     };
     (@list $how:ident $make:tt) => {
-            conformance! { @$how $make;
+            $crate::conformance::conformance! { @$how $make;
                 a_case_is_inserted_once
                 a_case_is_renamed
                 cases_are_listed_newest_first_in_pages
@@ -209,7 +208,7 @@ pub(crate) async fn cases_are_listed_newest_first_in_pages(subject: &Subject) {
     let mut listed = Vec::new();
     let mut cursor = None;
     for length in [3, 3, 1] {
-        let page = store.cases(cursor.as_ref(), 3).await.unwrap();
+        let page = store.cases(cursor, 3).await.unwrap();
         assert_eq!(page.cases.len(), length);
         listed.extend(
             page.cases

@@ -140,8 +140,6 @@ impl From<ObjectError> for StoreError {
             ObjectError::Store(source) => Self::Objects(source),
             ObjectError::Disk(source) => Self::Disk(source),
             ObjectError::Stopped(source) => Self::Stopped(source),
-            // Unreachable until a reason is added.
-            other => Self::Objects(Box::new(other)),
         }
     }
 }

@@ -62,6 +62,7 @@ use tokio::task::JoinSet;
 
 use self::directory::Directory;
 use self::objects::Objects;
+use self::rows::{Change, Sweep};
 use self::sql::Rows;
 use case::{Case, CaseId};
 

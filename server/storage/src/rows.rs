@@ -16,7 +16,8 @@ mod terms;
 use std::time::Duration;
 
 pub use self::due::DueSeries;
-pub use self::layers::{ChangedLayer, InsertedLayer, LayerChange, LayerClaim, LayerName, NewLayer};
+pub use self::layers::{ChangedLayer, LayerChange, LayerClaim, LayerName};
+pub(crate) use self::layers::{InsertedLayer, NewLayer};
 pub use self::terms::{LeaseTerms, Pinned, Published, Release};
 
 use super::ObjectName;
@@ -24,7 +25,7 @@ use case::{CaseId, Parameters};
 
 /// A case to be inserted.
 #[derive(Debug, Clone)]
-pub struct NewCase {
+pub(crate) struct NewCase {
     /// Its name.
     pub id: CaseId,
     /// The parameters from the upload.
@@ -39,7 +40,7 @@ pub struct NewCase {
 
 /// The result of an insertion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Inserted {
+pub(crate) enum Inserted {
     /// The case is new, and queued.
     Created,
     /// It existed and had failed; it is queued again.
@@ -69,7 +70,7 @@ pub struct Claim {
 
 /// The holder of tombstones, and their lease.
 #[derive(Debug, Clone)]
-pub struct Sweep {
+pub(crate) struct Sweep {
     /// Unique for each sweep.
     pub holder: String,
     /// After this time, another sweep may take over the tombstones.
@@ -78,7 +79,7 @@ pub struct Sweep {
 
 /// A change of the rows by any process, including this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Change {
+pub(crate) enum Change {
     /// A job waits for a worker.
     Queued,
     /// A case is new or has changed.

@@ -80,7 +80,7 @@ async fn an_upload_is_queued_once_and_again_after_it_has_failed() {
         assert_eq!(submitted.created, created, "{what}");
         assert_eq!(submitted.case.state, CaseState::Queued);
     }
-    let claim = claim(store).await.unwrap();
+    let claim = claim(&store).await.unwrap();
     assert!(store.fail(&claim, &failure()).await.unwrap());
     let again = submit(&store, "volume").await.unwrap();
     assert!(again.created, "a failed one is queued again");
@@ -145,7 +145,7 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
     let upload = upload(&store, "volume", Some("mask")).await;
     let submitted = store.submit_upload(upload, Parameters::default()).await;
     let of = submitted.unwrap().case.id;
-    let first = claim(store).await.unwrap();
+    let first = claim(&store).await.unwrap();
     assert_eq!(first.sources.len(), 2);
     let closer = || Parameters {
         closing_radius_mm: 8.0,
@@ -163,7 +163,7 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
         assert_ne!(version.id_with(&names, &Parameters::default()), Some(id));
         let made = store.submit_version(version).await.unwrap().unwrap();
         assert_eq!((made.case.id, made.case.previous), (id, Some(of)));
-        let claimed = claim(store).await.unwrap();
+        let claimed = claim(&store).await.unwrap();
         assert_eq!((claimed.id, claimed.sources.len()), (id, sources));
         let volume = store.read(&id, &claimed.sources, ObjectKind::SourceVolume);
         assert_eq!(volume.await.unwrap().as_deref(), Some(&b"volume"[..]));

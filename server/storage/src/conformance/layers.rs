@@ -6,6 +6,7 @@ use case::{CaseId, CaseState, Layer, LayerId, LayerKind, LayerParameters, Object
 
 use super::{LEASE, Subject, derived, insert, removed};
 use crate::ObjectName;
+use crate::Store;
 use crate::rows::{
     ChangedLayer, Inserted, InsertedLayer, LayerChange, LayerClaim, LayerName, LeaseTerms, NewCase,
     NewLayer, Pinned, Published, Release,

@@ -1,11 +1,10 @@
 //! Errors of the objects.
 
 /// The name of a bucket in the errors of `object_store`.
-pub const BUCKET: &str = "S3";
+pub(crate) const BUCKET: &str = "S3";
 
 /// The reason why an operation on objects failed. The sentences may be shown to clients; the sources are for the log.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
 pub enum ObjectError {
     /// The object store failed.
     #[error("the object store failed")]

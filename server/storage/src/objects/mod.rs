@@ -12,9 +12,11 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-pub use self::error::{BUCKET, ObjectError};
+pub(crate) use self::error::BUCKET;
+pub use self::error::ObjectError;
 pub use self::frame::{Framed, frame};
 pub use self::name::ObjectName;
 pub use self::private::keep_private;
 pub use self::spool::{Spool, Spooled};
-pub use self::store::{Objects, Unreadable};
+pub(crate) use self::store::Objects;
+pub use self::store::Unreadable;

@@ -43,7 +43,7 @@ impl Objects {
     ///
     /// # Errors
     /// If these variables are invalid.
-    pub fn in_bucket(bucket: &str, prefix: &str) -> Result<Self, ObjectError> {
+    pub(crate) fn in_bucket(bucket: &str, prefix: &str) -> Result<Self, ObjectError> {
         let variables = std::env::vars_os();
         let as_text = |(name, value): (OsString, OsString)| {
             Some((name.into_string().ok()?, value.into_string().ok()?))
@@ -55,7 +55,7 @@ impl Objects {
     ///
     /// # Errors
     /// If they are invalid.
-    pub fn in_bucket_with(
+    pub(crate) fn in_bucket_with(
         bucket: &str,
         prefix: &str,
         variables: &HashMap<String, String>,

@@ -31,7 +31,7 @@ pub enum Unreadable {
 
 /// The objects of a store.
 #[derive(Debug, Clone)]
-pub struct Objects {
+pub(crate) struct Objects {
     files: Arc<dyn ObjectStore>,
     /// Their directory, if they are on this machine.
     directory: Option<PathBuf>,
@@ -39,7 +39,7 @@ pub struct Objects {
 
 impl Objects {
     /// Objects in any object store.
-    pub fn new(files: Arc<dyn ObjectStore>) -> Self {
+    pub(crate) fn new(files: Arc<dyn ObjectStore>) -> Self {
         Self {
             files,
             directory: None,
@@ -50,7 +50,7 @@ impl Objects {
     ///
     /// # Errors
     /// If the directory cannot be used.
-    pub fn in_directory(directory: &Path) -> Result<Self, ObjectError> {
+    pub(crate) fn in_directory(directory: &Path) -> Result<Self, ObjectError> {
         std::fs::create_dir_all(directory)?;
         let files = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
         Ok(Self {
@@ -64,7 +64,7 @@ impl Objects {
     ///
     /// # Errors
     /// If the object store fails.
-    pub async fn put(&self, framed: &Framed) -> Result<(), ObjectError> {
+    pub(crate) async fn put(&self, framed: &Framed) -> Result<(), ObjectError> {
         let header = Bytes::copy_from_slice(&framed.header);
         let payload = PutPayload::from_iter([header, framed.payload.clone()]);
         self.files.put(&framed.name.path(), payload).await?;
@@ -76,7 +76,11 @@ impl Objects {
     ///
     /// # Errors
     /// If the object store fails.
-    pub async fn put_file(&self, name: &ObjectName, file: &Spooled) -> Result<(), ObjectError> {
+    pub(crate) async fn put_file(
+        &self,
+        name: &ObjectName,
+        file: &Spooled,
+    ) -> Result<(), ObjectError> {
         let header = plain_header(name, file.len());
         if let Some(directory) = &self.directory {
             let place = directory.join(name.path().as_ref());
@@ -109,7 +113,7 @@ impl Objects {
     ///
     /// # Errors
     /// If it is missing or damaged, or the object store fails.
-    pub async fn get(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
+    pub(crate) async fn get(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
         self.read(name).await.map(|(payload, _framed)| payload)
     }
 
@@ -117,7 +121,7 @@ impl Objects {
     ///
     /// # Errors
     /// As [`Objects::get`].
-    pub async fn get_framed(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
+    pub(crate) async fn get_framed(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
         self.read(name).await.map(|(_payload, framed)| framed)
     }
 
@@ -125,7 +129,11 @@ impl Objects {
     ///
     /// # Errors
     /// If the object store fails.
-    pub async fn put_framed(&self, name: &ObjectName, framed: Bytes) -> Result<(), ObjectError> {
+    pub(crate) async fn put_framed(
+        &self,
+        name: &ObjectName,
+        framed: Bytes,
+    ) -> Result<(), ObjectError> {
         self.files.put(&name.path(), framed.into()).await?;
         Ok(())
     }
@@ -152,7 +160,7 @@ impl Objects {
     ///
     /// # Errors
     /// If the object store fails.
-    pub async fn list(&self) -> Result<Vec<ObjectName>, ObjectError> {
+    pub(crate) async fn list(&self) -> Result<Vec<ObjectName>, ObjectError> {
         let found = self.files.list(None).map_ok(|file| {
             let mut parts = file.location.parts();
             let (kind, _prefix, digest) = (parts.next()?, parts.next()?, parts.next()?);
@@ -167,7 +175,7 @@ impl Objects {
     ///
     /// # Errors
     /// If the object store fails.
-    pub async fn delete(&self, name: &ObjectName) -> Result<(), ObjectError> {
+    pub(crate) async fn delete(&self, name: &ObjectName) -> Result<(), ObjectError> {
         match self.files.delete(&name.path()).await {
             Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
             Err(error) => Err(error.into()),
@@ -178,7 +186,7 @@ impl Objects {
     ///
     /// # Errors
     /// If the object store fails.
-    pub async fn check(&self) -> Result<(), ObjectError> {
+    pub(crate) async fn check(&self) -> Result<(), ObjectError> {
         let nowhere = object_store::path::Path::from("check");
         match self.files.head(&nowhere).await {
             Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(()),

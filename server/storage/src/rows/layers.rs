@@ -6,7 +6,7 @@ use super::terms::Pinned;
 
 /// A layer to be inserted.
 #[derive(Debug, Clone)]
-pub struct NewLayer {
+pub(crate) struct NewLayer {
     /// Its case.
     pub case: CaseId,
     /// Its id.
@@ -34,7 +34,7 @@ pub enum LayerName {
 
 /// The result of the insertion of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum InsertedLayer {
+pub(crate) enum InsertedLayer {
     /// The layer is new, and queued.
     Created,
     /// It existed and had failed; it is queued again.

@@ -54,7 +54,7 @@ impl Rows {
     ///
     /// # Errors
     /// If the file cannot be used, or was written by a newer version.
-    pub async fn sqlite(file: &Path) -> Result<Self, StoreError> {
+    pub(crate) async fn sqlite(file: &Path) -> Result<Self, StoreError> {
         Self::on_sqlite(sqlite::in_file(file), sqlite::CONNECTIONS).await
     }
 
@@ -62,7 +62,7 @@ impl Rows {
     ///
     /// # Errors
     /// If there is no memory for it.
-    pub async fn in_memory() -> Result<Self, StoreError> {
+    pub(crate) async fn in_memory() -> Result<Self, StoreError> {
         Self::on_sqlite(SqliteConnectOptions::new().in_memory(true), 1).await
     }
 
@@ -79,7 +79,7 @@ impl Rows {
     ///
     /// # Errors
     /// If it cannot be reached or used, or was written by a newer version.
-    pub async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
+    pub(crate) async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
         let connections = postgres::open(options).await?;
         // One process migrates at a time: the migrator takes a lock.
         migrate(&sqlx::migrate!("migrations/postgres"), connections.pool()).await?;
@@ -95,7 +95,7 @@ impl Rows {
 
     /// Lets time pass on the clock of these rows and their clones.
     #[cfg(any(test, feature = "testing"))]
-    pub fn pass_time(&self, by: Duration) {
+    pub(crate) fn pass_time(&self, by: Duration) {
         self.ahead_us.fetch_add(microseconds(by), Ordering::Relaxed);
     }
 

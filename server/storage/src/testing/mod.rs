@@ -1,19 +1,20 @@
 //! What tests of the store share with those of the crates above.
 
+#[cfg(test)]
+mod items;
 pub mod postgres;
 pub mod s3;
 pub mod steps;
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
 
 use case::{
-    CaseFacts, CaseId, Failure, LayerFacts, MatrixOrigin, ObjectKind, Parameters, PlacementFacts,
-    PlacementVerdict, PlaneFacts, QualityState, SphereFacts, Stage, WindowFacts,
+    CaseFacts, Failure, LayerFacts, MatrixOrigin, ObjectKind, PlacementFacts, PlacementVerdict,
+    PlaneFacts, QualityState, SphereFacts, Stage, WindowFacts,
 };
 
-use super::rows::{Claim, LeaseTerms, NewCase, Pinned};
+#[cfg(test)]
+pub(crate) use self::items::{claim, new_case, pinned};
 use super::{ObjectName, Store};
 
 /// The facts of a case, made up.
@@ -86,40 +87,6 @@ pub fn name(kind: ObjectKind, contents: &str) -> ObjectName {
         kind,
         digest: blake3::hash(contents.as_bytes()),
     }
-}
-
-/// Objects pinned for an hour.
-pub async fn pinned(store: &Store, names: &[ObjectName]) -> Pinned {
-    static HOLDERS: AtomicUsize = AtomicUsize::new(0);
-    let holder = format!("test-{}", HOLDERS.fetch_add(1, Ordering::Relaxed));
-    let pinned = Pinned {
-        holder,
-        names: names.to_vec(),
-    };
-    let hour = Duration::from_secs(3600);
-    assert!(store.try_pin(&pinned, hour).await.unwrap());
-    pinned
-}
-
-/// A case of the volume `contents`, whose source is pinned.
-pub async fn new_case(store: &Store, contents: &str) -> NewCase {
-    let source = name(ObjectKind::SourceVolume, contents);
-    NewCase {
-        id: CaseId::of(&source.digest, None, &Parameters::default()),
-        parameters: Parameters::default(),
-        previous: None,
-        sources: pinned(store, &[source]).await,
-        queue_limit: 100,
-    }
-}
-
-/// Leases a job for 30 s; it fails at its fourth attempt.
-pub async fn claim(store: &Store) -> Option<Claim> {
-    let terms = LeaseTerms {
-        lease: Duration::from_secs(30),
-        max_attempts: 3,
-    };
-    store.claim(&terms).await.unwrap()
 }
 
 /// Every file below a directory, ascending.

@@ -18,7 +18,7 @@ async fn three_cases(directory: &TempDir) -> (Store, [CaseId; 3]) {
     let of = ready(&store, "volume").await;
     later().await;
     let failed = submit(&store, "bad").await.unwrap().case.id;
-    let claimed = claim(store).await.unwrap();
+    let claimed = claim(&store).await.unwrap();
     assert!(store.fail(&claimed, &failure()).await.unwrap());
     let version = Version {
         of,

@@ -9,7 +9,7 @@ async fn a_worker_without_its_lease_publishes_nothing() {
     let directory = tempfile::tempdir().unwrap();
     let store = store(&directory).await;
     let id = submit(&store, "volume").await.unwrap().case.id;
-    let claim = claim(store).await.unwrap();
+    let claim = claim(&store).await.unwrap();
     let handed_back = Release {
         after: Duration::ZERO,
         counts: false,

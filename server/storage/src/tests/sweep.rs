@@ -89,7 +89,7 @@ async fn only_what_is_still_unneeded_is_removed() {
     let id = submit(&store, "volume").await.unwrap().case.id;
     let needed = store.case_objects(&id).await.unwrap()[0];
     let [held, stray] = [put(&store, "held").await, put(&store, "stray").await];
-    let _held = pinned(store, &[held]).await;
+    let _held = pinned(&store, &[held]).await;
     let names = [needed, held, stray];
     store.remove_unreferenced(&names).await.unwrap();
     for (name, stays) in names.iter().zip([true, true, false]) {
@@ -108,12 +108,12 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
         keep: Some(day),
         ..Options::default()
     };
-    let store = Store::on(Arc::new(store.clone()), objects, options).unwrap();
+    let store = Store::on(rows, objects, options).unwrap();
     let failure = crate::testing::failure();
     let mut ids = Vec::new();
     for name in ["one", "kept"] {
         ids.push(submit(&store, name).await.unwrap().case.id);
-        let claim = crate::testing::claim(&rows).await.unwrap();
+        let claim = crate::testing::claim(&store).await.unwrap();
         assert!(store.fail(&claim, &failure).await.unwrap());
     }
     let [one, kept] = [ids[0], ids[1]];
