@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test check faults bench bench-record bench-times bench-peers bench-registration
+.PHONY: help setup web demo test check faults lab bench bench-record bench-times bench-peers bench-registration
 
 help: ## list these commands
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -24,6 +24,9 @@ check: ## check format and lints and run the fast tests; installs nothing
 faults: ## attack the program with everything in tests/faults/ and report broken expectations
 	@scripts/faults.sh
 
+lab: ## build and test the laboratory: the paper, the study, comparisons with other programs
+	@lab/scripts/test.sh
+
 bench: ## count the instructions of every hot step and compare with the recorded base (times, if valgrind is missing)
 	@scripts/bench.sh
 
@@ -34,10 +37,10 @@ bench-times: ## measure the time of every hot step
 	@scripts/bench.sh times
 
 bench-peers: ## measure other programs on the same head, in alternation with ours
-	@scripts/bench-peers.sh
+	@lab/scripts/peers.sh
 
 bench-registration: ## measure the error of registrations of synthetic pairs, ours and SimpleITK's
-	@scripts/bench-registration.sh
+	@lab/scripts/registration.sh
 
 setup: ## install the Debian packages for demo and test, if allowed
 	@scripts/setup.sh all

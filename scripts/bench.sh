@@ -3,12 +3,12 @@
 #   instructions  counts the instructions of every hot step with valgrind, prints the change from the recorded base, and fails if a
 #                 step takes over 5 % more (the default if valgrind is installed)
 #   record        records the counts as the base, after an intended change or with another compiler
-#   times         measures the time of each step, and runs the Criterion benches of each crate on a head of real size
+#   times         measures the time of each step
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
 
-readonly BASE=server/bench/benches/base.tsv
+readonly BASE=lab/benches/base.tsv
 readonly MOST=1.05
 
 need_rust
@@ -120,11 +120,7 @@ case "$what" in
     fi
     ;;
   times)
-    if [ -z "${ISOCORTEX_TEST_DATA:-}" ]; then
-      say "ISOCORTEX_TEST_DATA is not set: benchmarks on real heads look beside the checkout and report if they find none."
-    fi
-    cargo bench --locked -p isocortex-bench --bench steps
-    RAYON_NUM_THREADS=1 exec cargo bench --locked --workspace --exclude isocortex-bench --benches -- "$@"
+    exec cargo bench --locked -p isocortex-bench --bench steps
     ;;
   *) die "usage: scripts/bench.sh [instructions|record|times] [PART OF A NAME...]" ;;
 esac

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draws the crates of the workspace and their dependencies as docs/crates.svg.
+"""Draws the crates of server/ and their dependencies as docs/crates.svg.
 
 The boxes stand where PLACES puts them. The arrows come from the `[dependencies]` of each crate; an arrow that follows from
 others is omitted. With --check nothing is written, and the exit status is 1 if the picture is stale.
@@ -51,7 +51,6 @@ PLACES = {
     "pacs": Place(1, 0, 1, ("what a PACS asks", "and sends")),
     "dimse": Place(2, 0, 1, ("C-STORE, in both directions", "and C-ECHO")),
     "cases": Place(3, 0, 3, ("the application: library, workers, warm models, pictures", "errors without a protocol")),
-    "bench": Place(3, 3, 1, ("experiments", "program isocortex-bench")),
     "shader-translate": Place(3, 4, 1, ("WGSL to the page's GLSL", "a developer's program")),
     "storage": Place(4, 0, 1, ("the store: rows, jobs, objects", "a folder; or PostgreSQL and a bucket")),
     "pipeline": Place(4, 1, 3, ("upload → model and facts → stored objects", "knows no storage, no async")),
@@ -88,7 +87,7 @@ STYLE = """
 
 
 def dependencies():
-    """For each crate of the workspace the crates that it needs, by their short names."""
+    """For each crate of server/ the crates that it needs, by their short names."""
     workspace = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]
     crates = {Path(member).name for member in workspace["members"] if member.startswith("server/")}
     needs = {}

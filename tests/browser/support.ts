@@ -177,17 +177,25 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
 async function servePage(context: BrowserContext): Promise<void> {
   const folder = process.env.ISOCORTEX_PAGE;
   if (!folder) return;
-  const file = /^\/(|compare|compare\.js|main\.js|later-parts-\w+\.js|style\.css|words\.[\w-]+\.json|shaders\.json)$/;
+  const read = (name: string): Promise<Buffer> => readFile(path.resolve(ROOT, folder, name));
+  const { documents, hashed } = JSON.parse(String(await read("manifest.json"))) as {
+    readonly documents: readonly { readonly address: string; readonly file: string }[];
+    readonly hashed: readonly string[];
+  };
+  const files = new Map([
+    ...documents.map(({ address, file }) => [address, file] as const),
+    ...hashed.map((file) => [`/${file}`, file] as const),
+  ]);
+  const types: Readonly<Record<string, string>> = { css: "text/css", html: "text/html", js: "text/javascript" };
   await context.route(
-    (url) => file.test(url.pathname),
+    (url) => files.has(url.pathname),
     async (route) => {
-      const asked = new URL(route.request().url()).pathname.slice(1);
-      const name = asked === "compare" ? "compare.html" : asked || "index.html";
-      // The program has other names for the parts of its own page; its headers are the same for all scripts.
-      const response = await route.fetch(
-        name.endsWith(".js") ? { url: new URL("/main.js", route.request().url()).href } : {},
-      );
-      await route.fulfill({ response, body: await readFile(path.resolve(ROOT, folder, name)) });
+      const url = new URL(route.request().url());
+      const name = files.get(url.pathname) ?? "";
+      // The program has other names for the parts of its own page; the headers of a document hold for all of it.
+      const response = await route.fetch({ url: new URL("/", url).href });
+      const contentType = `${types[path.extname(name).slice(1)] ?? "application/json"}; charset=utf-8`;
+      await route.fulfill({ response, contentType, body: await read(name) });
     },
   );
 }

@@ -1,7 +1,8 @@
 """A disk that fails for a moment: every fsync, or every write of the database, ends with EIO or ENOSPC (by strace).
 
 While it fails, uploads answer 507 (or 202 if none of their calls failed), readiness does not answer 200, and
-reads go on. When the disk is well again, so must be the server, without a restart. The short form tries fsync alone.
+reads go on. When the disk is well again, so must be the server, without a restart. A deletion or a change of the label
+that was refused has not happened, also after the server is killed and started. The short form tries fsync alone.
 """
 
 import os
@@ -28,6 +29,30 @@ def break_disk(server, trace, inject):
     if tracer.poll() is not None:
         skip(f"strace cannot attach: {tracer.stderr.read().decode()[-200:]}")
     return tracer
+
+
+REFUSED = [
+    ("DELETE", None, "deletion"),
+    ("PATCH", b'{"name": "refused"}', "change of the label"),
+]
+
+
+def refused_changes(report, trials):
+    """Changes that are refused while fsync fails; then the server is killed, and started on a disk that is well."""
+    for method, body, what in REFUSED:
+        seen = []
+        for _ in range(trials):
+            with Server() as server:
+                case = server.prepared(head(8.0, 1))
+                before = server.json(case)["name"]
+                tracer = break_disk(server, *FAULTS[0][1:])
+                status = server.ask(method, case, body, body and {"Content-Type": "application/json"})[0]
+                server.stop(signal.SIGKILL)
+                tracer.wait(20)
+                server.start()
+                after = server.json(case)
+                seen.append((status, after is not None and after["name"] == before))
+        report.expect(f"a {what} that was refused has not happened after a kill", seen == [(507, True)] * trials, seen)
 
 
 def main():
@@ -61,6 +86,7 @@ def main():
             report.expect(f"{name}: ready at the end", server.ask("GET", "/readyz")[0] == 200)
             depth = server.log().count("non-zero transaction depth")
             report.expect(f"{name}: no connection is left inside its transaction", depth == 0, f"{depth} times in the log")
+    refused_changes(report, 1 if is_short() else 3)
     asked = "a failing disk: uploads are refused in words, reads go on, all is well without a restart"
     report.target("A3", asked, f"{report.failed} expectations broken", not report.failed)
     report.end()

@@ -1,7 +1,7 @@
 //! How far the renderers' pictures of a real head are apart.
 
-use bench::agreement::Agreement;
 use glam::{DMat3, DQuat, DVec3};
+use render::conformance::Agreement;
 use render::{Camera, Frame, Hits, NamedView, RenderBackend, RenderRequest};
 
 use crate::scenes::{Head, device};

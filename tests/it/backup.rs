@@ -13,6 +13,34 @@ fn object(folder: &Path, kind: &str) -> PathBuf {
     files.pop().expect("an object of this kind")
 }
 
+#[test]
+fn a_folder_without_a_store_is_an_error_and_stays_as_it_is() {
+    let root = tempfile::tempdir().unwrap();
+    let path = |name: &str| root.path().join(name).display().to_string();
+    let (missing, empty) = (path("missing"), path("empty"));
+    std::fs::create_dir(&empty).unwrap();
+    let database = format!("sqlite://{}", path("rows.sqlite"));
+    let elsewhere = format!("{database},file://{empty}");
+    let id = "0".repeat(32);
+    for folder in [&missing, &empty] {
+        for command in [
+            &["check-store", "--data", folder][..],
+            &["check-store", "--data", folder, "--repair"],
+            &["check-store", "--data", folder, "--database", &database],
+            &["remove-expired", "--data", folder, "--keep-days", "1"],
+            &["migrate-store", "--from", folder, "--to", &path("copy")],
+            &["migrate-store", "--from", &elsewhere, "--to", &path("copy")],
+            &["render", &id, "--data", folder, "--output", &path("a.png")],
+        ] {
+            let (status, said) = run(command);
+            assert_eq!(status, Some(66), "{command:?}: {said}");
+            assert!(said.contains("there is no store here"), "{said}");
+        }
+    }
+    assert!(files_below(root.path()).is_empty() && !Path::new(&missing).exists());
+    assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
+}
+
 #[tokio::test]
 async fn a_store_is_moved_checked_repaired_and_restored() {
     let root = tempfile::tempdir().unwrap();

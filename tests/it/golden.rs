@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bench::agreement::{Agreement, difference_picture};
+use render::conformance::{Agreement, difference_picture};
 use render::{Frame, FrameSize, NamedView, PixelFormat, RenderBackend, encode_png};
 
 use crate::scenes::{Head, device};

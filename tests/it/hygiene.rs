@@ -39,33 +39,31 @@ fn words_after(text: &str, prefix: &str, belongs: fn(char) -> bool) -> BTreeSet<
         .collect()
 }
 
-const DOCUMENTS: [&str; 15] = [
-    "README.md",
-    "ARCHITECTURE.md",
-    "CONTRIBUTING.md",
-    "docker/README.md",
-    "docs/accuracy.md",
-    "docs/configuration.md",
-    "docs/conformance.md",
-    "docs/dicom.md",
-    "docs/extraction.md",
-    "docs/http.md",
-    "docs/layers.md",
-    "docs/pacs.md",
-    "docs/performance.md",
-    "docs/renderers.md",
-    "docs/study.md",
-];
+/// All documents, relative to the root.
+fn documents() -> Vec<PathBuf> {
+    let folders = ["", "docker", "docs", "lab", "lab/docs", "tests/faults"];
+    let mut found = Vec::new();
+    for folder in folders {
+        for entry in std::fs::read_dir(root().join(folder)).expect("the folder can be listed") {
+            let name = entry.expect("the entry can be read").file_name();
+            let path = Path::new(folder).join(name);
+            if path.extension().is_some_and(|ending| ending == "md") {
+                found.push(path);
+            }
+        }
+    }
+    found
+}
 
 #[test]
 fn every_make_command_of_the_documents_is_in_the_makefile() {
     let makefile = read("Makefile");
     let mut named = BTreeSet::new();
-    for document in DOCUMENTS {
-        named.extend(words_after(&read(document), "`make ", |letter| {
+    for document in documents() {
+        named.extend(words_after(&read(&document), "`make ", |letter| {
             letter.is_ascii_lowercase()
         }));
-        named.extend(words_after(&read(document), "\nmake ", |letter| {
+        named.extend(words_after(&read(&document), "\nmake ", |letter| {
             letter.is_ascii_lowercase()
         }));
     }
@@ -80,15 +78,18 @@ fn every_make_command_of_the_documents_is_in_the_makefile() {
 
 #[test]
 fn every_path_that_a_document_links_to_exists() {
-    for document in DOCUMENTS {
-        let folder = root()
-            .join(document)
-            .parent()
-            .expect("a document lies in a folder")
-            .to_owned();
-        let links = words_after(&read(document), "](", |letter| !matches!(letter, ')' | '#'));
+    for document in documents() {
+        let path = root().join(&document);
+        let folder = path.parent().expect("a document lies in a folder");
+        let links = words_after(&read(&document), "](", |letter| {
+            !matches!(letter, ')' | '#')
+        });
         for link in links.iter().filter(|link| !link.contains("://")) {
-            assert!(folder.join(link).exists(), "{document} links to {link}");
+            assert!(
+                folder.join(link).exists(),
+                "{} links to {link}",
+                document.display()
+            );
         }
     }
 }
@@ -96,15 +97,16 @@ fn every_path_that_a_document_links_to_exists() {
 #[test]
 fn every_variable_of_the_documents_is_read_somewhere() {
     let mut code = String::new();
-    for folder in ["server", "tests", "scripts"] {
+    for folder in ["lab", "server", "tests", "scripts"] {
         texts_below(&root().join(folder), &["rs", "sh", "mjs"], &mut code);
     }
-    for document in DOCUMENTS {
+    for document in documents() {
         let belongs = |letter: char| letter.is_ascii_uppercase() || letter == '_';
-        for name in words_after(&read(document), "ISOCORTEX_", belongs) {
+        for name in words_after(&read(&document), "ISOCORTEX_", belongs) {
             assert!(
                 code.contains(&format!("ISOCORTEX_{name}")),
-                "{document} names ISOCORTEX_{name}"
+                "{} names ISOCORTEX_{name}",
+                document.display()
             );
         }
     }
@@ -113,7 +115,7 @@ fn every_variable_of_the_documents_is_read_somewhere() {
 #[test]
 fn the_page_and_the_readme_show_the_notice() {
     let notice = render::RESEARCH_USE_NOTICE;
-    for path in ["web/src/index.html", "web/src/words.en.json", "README.md"] {
+    for path in ["web/src/page.html", "web/src/words.en.json", "README.md"] {
         assert!(read(path).contains(notice), "{path}");
     }
 }

@@ -85,19 +85,6 @@ const LAYERS: &[Layer] = &[
         never: &["wgpu"],
     },
     Layer {
-        name: "bench",
-        needs: &[
-            "analysis",
-            "case",
-            "extraction",
-            "geometry",
-            "imaging",
-            "pipeline",
-            "render",
-        ],
-        never: &["axum", "hyper", "tower-http"],
-    },
-    Layer {
         name: "cases",
         needs: CASES_NEED,
         never: &[],
@@ -193,7 +180,7 @@ fn no_layer_needs_what_is_above_or_beside_it() {
         let more: Vec<_> = ours.difference(&allowed).collect();
         assert!(more.is_empty(), "{package} must not need {more:?}");
         assert_needs_none_of(&package, &needed, layer.never);
-        if !["http-support", "service", "pacs", "bench"].contains(&layer.name) {
+        if !["http-support", "service", "pacs"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, PROTOCOLS);
         }
         if ![

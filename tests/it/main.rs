@@ -3,7 +3,6 @@
 mod agreement;
 mod attacks;
 mod backup;
-mod circles;
 mod command_line;
 mod dicom;
 mod dicomweb;
@@ -15,6 +14,7 @@ mod heads;
 mod hygiene;
 mod interface;
 mod kill;
+mod launch;
 mod layers;
 mod maps;
 mod masks;

@@ -399,14 +399,14 @@ async fn the_page_learns_the_nodes_and_whether_it_may_show_the_patient() {
     assert_eq!(pacs(|_| {}).await, nothing);
     let all = pacs(|config| {
         add_node(config, "archive", "http://127.0.0.1:9/".into());
-        config.page.patient_banner = true;
+        config.page.patient_banner = Some(true);
     });
     let expected = json!({"nodes": ["archive"], "patient_banner": true});
     assert_eq!(all.await, expected);
     // Without identities there is nothing to show, and nothing to send.
     let without = pacs(|config| {
         add_node(config, "archive", "http://127.0.0.1:9/".into());
-        config.page.patient_banner = true;
+        config.page.patient_banner = Some(true);
         config.pacs.deidentify = true;
     });
     assert_eq!(without.await, nothing);

@@ -2,34 +2,69 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use bench::PreparedHead;
-use geometry::{DeformableModel, MeshSize, PathTable, Paths};
-use render::gpu::{GpuError, GpuOptions, GpuPool};
+use geometry::{
+    BrainMask, ClosedBrain, DeformableModel, DistanceMap, Forest, MeshSize, PathTable, Paths,
+    envelope,
+};
+use imaging::{ImagingError, nifti};
+use render::gpu::{CaseKey, GpuError, GpuOptions, GpuPool, KeyedModel};
 use render::{
-    Background, Camera, Frame, FrameSize, Hits, NamedView, RenderBackend, RenderParameters,
-    RenderRequest, SizedMesh,
+    Background, Camera, Frame, FrameSize, Hits, KeyedLayers, NamedView, RenderBackend, RenderJob,
+    RenderParameters, RenderRequest, SizedMesh, Window,
 };
 
 use crate::heads::data;
 
 /// A head as the service prepares it: its mask closed by 10 mm, the window that of its intensities.
-pub(crate) struct Head(PreparedHead);
+pub(crate) struct Head {
+    case: KeyedModel,
+    distance: DistanceMap,
+    forest: Forest,
+    window: Window,
+}
 
 impl Head {
-    fn new(head: &bench::Head) -> Self {
-        let (prepared, _) = PreparedHead::prepare(head, 10.0).expect("a sound head");
-        Self(prepared)
+    /// A head from a volume and the mask of its brain, both NIfTI.
+    fn new(volume: &[u8], mask: &[u8]) -> Self {
+        let limits = imaging::Limits::default();
+        let native = nifti::read_volume(volume, &limits).expect("a volume");
+        let mask = nifti::read_mask(mask, &limits).expect("a mask");
+        let brain = BrainMask::from_mask(&mask, native.grid()).expect("a brain");
+        let envelope = envelope(&brain, 10.0).expect("an envelope");
+        let volume = DeformableModel::crop(&native, &envelope).expect("a brain in the volume");
+        let go_on = |_| Ok::<_, geometry::GeometryError>(());
+        let built = DeformableModel::build(volume, ClosedBrain::Envelope(envelope), go_on);
+        let built = built.expect("a sound head");
+        let window = pipeline::facts(&built).window;
+        let [black, white] = [-0.5, 0.5].map(|half| window.center + half * window.width);
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        Self {
+            case: KeyedModel {
+                key: CaseKey(u128::from(NEXT.fetch_add(1, Ordering::Relaxed))),
+                model: Arc::new(built.model),
+            },
+            distance: built.distance,
+            forest: built.forest,
+            window: Window::between(black, white),
+        }
     }
 
     /// The made-up head, with voxels of 2 mm.
     pub(crate) fn phantom() -> Self {
-        Self::new(&bench::Head::phantom(2.0).expect("a head that can be written"))
+        let head = geometry::phantom::head(2.0);
+        let written =
+            |file: Result<Vec<u8>, ImagingError>| file.expect("a head that can be written");
+        Self::new(
+            &written(nifti::write_volume(&head.volume)),
+            &written(nifti::write_mask(&head.brain)),
+        )
     }
 
     /// Colin27, `None` without the test data.
     pub(crate) fn colin27() -> Option<Self> {
-        Some(Self::read(&data()?, "colin27", ["ch2", "ch2bet"]))
+        Some(Self::read(&data()?.join("colin27"), ["ch2", "ch2bet"]))
     }
 
     /// Names of the real heads with a volume and a mask, none without the test data.
@@ -46,25 +81,21 @@ impl Head {
             "colin27" => ["ch2", "ch2bet"],
             _ => ["t1", "mask_dura"],
         };
-        Self::read(&data().expect("the test data"), name, files)
+        Self::read(&data().expect("the test data").join(name), files)
     }
 
-    fn read(data: &Path, name: &str, files: [&str; 2]) -> Self {
+    fn read(folder: &Path, files: [&str; 2]) -> Self {
         let read = |file| {
-            let path = data.join(name).join(format!("{file}.nii.gz"));
+            let path = folder.join(format!("{file}.nii.gz"));
             std::fs::read(path).expect("a file of the test data")
         };
         let [volume, mask] = files.map(read);
-        Self::new(&bench::Head {
-            name: name.to_owned(),
-            volume,
-            mask,
-        })
+        Self::new(&volume, &mask)
     }
 
     /// Its model.
     pub(crate) fn model(&self) -> &DeformableModel {
-        self.0.model()
+        &self.case.model
     }
 
     /// A square picture of `side` pixels on nothing, in the head's own window.
@@ -79,7 +110,7 @@ impl Head {
             camera,
             size: FrameSize::new(side, side).expect("a size within range"),
             background: Background::Transparent,
-            ..RenderParameters::new(self.0.window)
+            ..RenderParameters::new(self.window)
         };
         RenderRequest::new(parameters).expect("a depth within range")
     }
@@ -91,18 +122,27 @@ impl Head {
 
     /// The table of a mesh of `contours` × `points` along the forest of the paper.
     pub(crate) fn forest_table(&self, size: [usize; 2]) -> PathTable {
-        self.table_along(size, Paths::Forest(&self.0.forest))
+        self.table_along(size, Paths::Forest(&self.forest))
     }
 
     fn table_along(&self, [contours, points]: [usize; 2], paths: Paths<'_>) -> PathTable {
         let size = MeshSize::new(contours, points).expect("a size within range");
-        let table = self.model().path_table(size, &self.0.distance, paths);
+        let table = self.model().path_table(size, &self.distance, paths);
         table.expect("a mesh")
+    }
+
+    fn job(&self, request: RenderRequest, mesh: Option<SizedMesh>) -> RenderJob {
+        RenderJob {
+            case: self.case.clone(),
+            request,
+            mesh,
+            layers: KeyedLayers::default(),
+        }
     }
 
     /// A picture without a mesh.
     pub(crate) fn draw(&self, backend: &RenderBackend, request: &RenderRequest) -> Frame {
-        let drawn = backend.draw(&self.0.job(*request, None));
+        let drawn = backend.draw(&self.job(*request, None));
         drawn.expect("a picture").frame
     }
 
@@ -117,13 +157,13 @@ impl Head {
             size: table.size,
             mesh: table.shrink(request.parameters().depth_mm as f32),
         };
-        let drawn = backend.draw(&self.0.job(*request, Some(mesh)));
+        let drawn = backend.draw(&self.job(*request, Some(mesh)));
         drawn.expect("a picture").frame
     }
 
     /// What a picture without a mesh shows.
     pub(crate) fn hits(&self, backend: &RenderBackend, request: &RenderRequest) -> Hits {
-        backend.hits(&self.0.job(*request, None)).expect("hits")
+        backend.hits(&self.job(*request, None)).expect("hits")
     }
 }
 

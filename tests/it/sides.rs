@@ -1,6 +1,11 @@
 //! Left is left, whatever way a volume was stored.
 
+use geometry::{Grid, Mask, Volume};
+use glam::{DAffine3, DMat3, DVec3};
+use serde_json::json;
+
 use crate::head::{SPACING_MM, head, orientations};
+use crate::masks::version;
 use crate::server::Server;
 
 /// The cases of the marked head in every orientation.
@@ -141,4 +146,47 @@ async fn orientations_along_the_axes_give_the_same_plane_between_the_hemispheres
         assert!(cosine > 0.99999, "{normal:?} {first:?}");
         assert!((other_mm - offset_mm).abs() < 0.1, "{other_mm} {offset_mm}");
     }
+}
+
+#[tokio::test]
+async fn the_same_voxels_with_another_header_are_put_to_review() {
+    let server = Server::start().await;
+    let stored = geometry::phantom::head(4.0);
+    let with_header = |reversed: DVec3| {
+        let grid = stored.volume.grid();
+        let axes = DMat3::from_diagonal(DVec3::ONE - 2.0 * reversed);
+        let header = DAffine3::from_mat3(axes) * grid.patient_from_voxel();
+        let grid = Grid::new(grid.size(), header).unwrap();
+        let (voxels, rescale) = (stored.volume.voxels().to_vec(), stored.volume.rescale());
+        let volume = Volume::new(grid.clone(), voxels, rescale).unwrap();
+        let brain = Mask::new(grid, stored.brain.voxels().to_vec()).unwrap();
+        [
+            imaging::nifti::write_volume(&volume).unwrap(),
+            imaging::nifti::write_mask(&brain).unwrap(),
+        ]
+    };
+    let codes = async |reversed: DVec3| {
+        let [volume, mask] = with_header(reversed);
+        let case = server
+            .prepared(&[("volume", &volume), ("mask", &mask)])
+            .await;
+        let quality = server.get(&case).await.json()["quality"].clone();
+        assert_eq!(quality["state"] == "ok", quality["reasons"] == json!([]));
+        (case, quality["reason_codes"].clone())
+    };
+    let (first, expected) = codes(DVec3::ZERO).await;
+    assert!(!expected.to_string().contains("axes-corrected"));
+    // Mirrored, and turned: the picture cannot tell either from the first.
+    for reversed in [DVec3::X, DVec3::new(1.0, 1.0, 0.0)] {
+        let (_, codes) = codes(reversed).await;
+        assert!(codes.to_string().contains("axes-corrected"), "{codes}");
+    }
+    // Another mask does not settle it, and the first case stays as it was.
+    let mask = server.get(&format!("{first}/mask")).await.body;
+    assert_eq!(
+        server.get(&first).await.json()["quality"]["reason_codes"],
+        expected
+    );
+    let (_, version) = version(&server, &first, "?closing_radius_mm=7", &mask).await;
+    assert!(version["quality"].to_string().contains("axes-corrected"));
 }

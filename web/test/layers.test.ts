@@ -146,7 +146,7 @@ test("of a file's name only the sequence goes on, from a list; the patient's nam
 });
 
 test("every icon has its shape in the document", () => {
-  const html = readFileSync(path.join(import.meta.dirname, "../../src/index.html"), "utf8");
+  const html = readFileSync(path.join(import.meta.dirname, "../../src/page.html"), "utf8");
   for (const name of ICONS) assert.ok(html.includes(`id="icon-${name}"`), name);
 });
 

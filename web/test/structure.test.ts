@@ -51,14 +51,6 @@ test("the model knows no browser", () => {
   }
 });
 
-test("no module is longer than 400 lines, and no line than 120 letters", () => {
-  for (const { name, text } of sources()) {
-    const lines = text.split("\n");
-    assert.ok(lines.length <= 400, `${name} has ${lines.length} lines`);
-    for (const [index, line] of lines.entries()) assert.ok(line.length <= 120, `${name}:${index + 1}`);
-  }
-});
-
 test("private members are in camel case, but for their units", () => {
   for (const { name, text } of sources()) {
     for (const [member] of text.matchAll(/#\w*_\w*/g)) assert.match(member, /^#[A-Za-z]+_(mm|ms|rad)$/, name);

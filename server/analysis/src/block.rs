@@ -1,8 +1,5 @@
 //! The part of the native grid that contains the brain, and the depth of its voxels.
 
-use std::array::from_fn;
-use std::ops::RangeInclusive;
-
 use geometry::{DepthField, Grid, Volume};
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -11,7 +8,7 @@ use crate::spans::Spans;
 /// The least depth of tissue, in mm; above it there are dura and vessels.
 pub(crate) const TISSUE_FROM_MM: f32 = 2.0;
 /// The least depth of the junction, in mm.
-pub(crate) const DEEP_FROM_MM: f32 = 3.0;
+pub const DEEP_FROM_MM: f32 = 3.0;
 
 /// The depth outside the working grid, in mm.
 const OUTSIDE_MM: f32 = -1.0;
@@ -24,7 +21,7 @@ const ROUNDING_MM: f32 = 0.01;
 /// The depth class of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
-pub(crate) enum Zone {
+pub enum Zone {
     Outside,
     Tissue,
     Deep,
@@ -32,19 +29,19 @@ pub(crate) enum Zone {
 
 /// The smallest block of a volume that contains all of its tissue.
 #[derive(Debug, Clone)]
-pub(crate) struct Block {
-    pub(crate) grid: Grid,
+pub struct Block {
+    pub grid: Grid,
     /// The first voxel, in voxels of the volume.
-    pub(crate) first: [usize; 3],
-    pub(crate) size: [usize; 3],
-    pub(crate) spacing_mm: [f64; 3],
+    pub first: [usize; 3],
+    pub size: [usize; 3],
+    pub spacing_mm: [f64; 3],
     /// The class of each voxel, x-fastest.
-    pub(crate) zones: Vec<Zone>,
+    pub zones: Vec<Zone>,
 }
 
 impl Block {
     /// `None` if no voxel of the volume is deep enough.
-    pub(crate) fn new(volume: &Volume, depth: &DepthField) -> Option<Self> {
+    pub fn new(volume: &Volume, depth: &DepthField) -> Option<Self> {
         let [first, last] = bounds(volume.grid(), depth)?;
         let size = [0, 1, 2].map(|axis| last[axis] - first[axis] + 1);
         let grid = volume
@@ -62,7 +59,7 @@ impl Block {
         block.zones.contains(&Zone::Deep).then_some(block)
     }
 
-    pub(crate) fn voxel_count(&self) -> usize {
+    pub fn voxel_count(&self) -> usize {
         self.zones.len()
     }
 
@@ -86,18 +83,8 @@ impl Block {
         &volume.voxels()[start..start + nx]
     }
 
-    /// The voxels within a reach of a place, which is in voxels of this block: a box.
-    pub(crate) fn box_around(&self, place: DVec3, reach_mm: f64) -> [RangeInclusive<usize>; 3] {
-        let reach = self.in_voxels(reach_mm);
-        from_fn(|axis| {
-            let low = (place[axis] - reach[axis]).floor().max(0.0) as usize;
-            let high = (place[axis] + reach[axis]).ceil().max(0.0) as usize;
-            low..=high.min(self.size[axis] - 1)
-        })
-    }
-
     /// Converts a length in mm to voxels of each axis.
-    pub(crate) fn in_voxels(&self, length_mm: f64) -> [f64; 3] {
+    pub fn in_voxels(&self, length_mm: f64) -> [f64; 3] {
         self.spacing_mm.map(|spacing| length_mm / spacing)
     }
 }
@@ -205,7 +192,7 @@ fn zone(depth_mm: f32) -> Zone {
 }
 
 /// The depth at a position in voxels of the working grid, in mm; negative outside that grid.
-pub(crate) fn depth_at(depth: &DepthField, place: Vec3) -> f32 {
+pub fn depth_at(depth: &DepthField, place: Vec3) -> f32 {
     depth_inside(depth, place).unwrap_or(OUTSIDE_MM)
 }
 
@@ -254,7 +241,7 @@ fn in_whole_voxels(affine: DAffine3) -> Option<WholeVoxels> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::phantom::{Phantom, plain_grid, turned};
+    use crate::phantom::{Phantom, plain_grid, turned};
 
     #[test]
     fn zones_are_those_of_the_depth_of_each_voxel() {

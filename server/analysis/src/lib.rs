@@ -4,6 +4,11 @@
 //! * The sharpness of the junction of grey and white matter, compared with its surroundings and the other side, and the
 //!   most blurred places: [`maps`]. Everything comes from the head itself; there is no database of normal heads.
 //! * The position of another volume of the same head: [`register`].
+//!
+//! The feature `study` also exports the steps of the maps, for the experiments of the laboratory.
+
+// Without the feature nothing exports the steps.
+#![cfg_attr(not(feature = "study"), allow(unreachable_pub))]
 
 mod block;
 mod candidates;
@@ -16,14 +21,16 @@ mod junction;
 mod maps;
 mod midsagittal;
 mod mirror;
+#[cfg(any(test, feature = "study"))]
+pub mod phantom;
 mod registration;
 mod robust;
 mod sharpness;
 mod slant;
 mod spans;
-mod stored;
 #[cfg(feature = "study")]
-pub mod study;
+pub mod steps;
+mod stored;
 #[cfg(test)]
 mod tests;
 mod tissue;

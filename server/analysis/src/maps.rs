@@ -170,7 +170,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
 }
 
 /// The block of a head, its tissue scale and its parameters.
-pub(crate) fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale), MapsUndefined> {
+pub fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale), MapsUndefined> {
     let spacing_mm = head.volume.grid().spacing_mm();
     let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
     if largest_mm > MAX_SPACING_MM + 1e-6 {
@@ -182,23 +182,23 @@ pub(crate) fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale)
 }
 
 /// The measures of a head that a blurred junction lowers.
-pub(crate) struct Measures<'a> {
-    pub(crate) sharpness: &'a Sharpness,
+pub struct Measures<'a> {
+    pub sharpness: &'a Sharpness,
     /// Detail around each voxel, in tissue scale.
-    pub(crate) detail: Vec<f32>,
+    pub detail: Vec<f32>,
 }
 
 /// The measures compared with their surroundings and the other side.
-pub(crate) struct Comparison {
+pub struct Comparison {
     /// How far sharpness and detail are below their surroundings, or below the other side, whichever is less; in robust
     /// deviations. NaN where sharpness is undefined.
-    pub(crate) blur: Vec<f32>,
+    pub blur: Vec<f32>,
     /// How far sharpness is above the other side, in robust deviations, at the voxels at which sharpness is defined.
-    pub(crate) asymmetry: Vec<f32>,
+    pub asymmetry: Vec<f32>,
 }
 
 /// Compares the junction of a head with its surroundings and with the other side.
-pub(crate) fn compare(
+pub fn compare(
     block: &Block,
     measures: Measures<'_>,
     plane: &MidsagittalPlane,
@@ -281,17 +281,12 @@ impl MapParameters {
         }
     }
 
-    pub(crate) fn sharpness(
-        &self,
-        block: &Block,
-        values: &[f32],
-        tissue: &TissueScale,
-    ) -> Sharpness {
+    pub fn sharpness(&self, block: &Block, values: &[f32], tissue: &TissueScale) -> Sharpness {
         let weighted = weighted_gradient(block, values, self.slope(tissue));
         sharpness(block, weighted, self.window_mm)
     }
 
-    pub(crate) fn detail(
+    pub fn detail(
         &self,
         block: &Block,
         values: &[f32],

@@ -13,17 +13,17 @@ const JUNCTION_FROM: f32 = 0.6;
 const LEAST_NEAR: f32 = 0.08;
 
 /// The sharpness of each voxel of a block, and the voxels of the junction.
-pub(crate) struct Sharpness {
+pub struct Sharpness {
     /// The sharpness, per mm; NaN where it is undefined.
-    pub(crate) values: Vec<f32>,
+    pub values: Vec<f32>,
     /// The nearness of each voxel to the middle between grey and white, 0 to 1.
-    pub(crate) weights: Vec<f32>,
+    pub weights: Vec<f32>,
     /// The weights after the Gaussian of the window, in tissue; it has no meaning elsewhere.
-    pub(crate) density: Vec<f32>,
+    pub density: Vec<f32>,
     /// The voxels at which it is defined, ascending.
-    pub(crate) defined: Vec<u32>,
+    pub defined: Vec<u32>,
     /// The voxels of the junction, a part of them, ascending.
-    pub(crate) junction: Vec<u32>,
+    pub junction: Vec<u32>,
 }
 
 /// The mean gradient around each voxel, weighted by nearness to the junction and by a Gaussian of `window_mm`.

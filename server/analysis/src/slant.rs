@@ -73,7 +73,7 @@ pub(crate) fn depth_bands(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<
 }
 
 /// The gradient per voxel over two voxels to either side, which hardly contains noise.
-pub(crate) fn slope(block: &Block, values: &[f32], voxel: [usize; 3]) -> Vec3 {
+pub fn slope(block: &Block, values: &[f32], voxel: [usize; 3]) -> Vec3 {
     let along = |axis: usize| {
         let at = |by: i64| {
             let mut there = voxel;
@@ -88,7 +88,7 @@ pub(crate) fn slope(block: &Block, values: &[f32], voxel: [usize; 3]) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::phantom::{Phantom, plain_grid};
+    use crate::phantom::{Phantom, plain_grid};
 
     /// The bands of a synthetic head. Its tissue scale rises by ½ for each mm of `from_middle_mm`.
     fn bands(from_middle_mm: impl Fn(DVec3, f32) -> f32) -> Vec<DepthBand> {

@@ -154,6 +154,8 @@ pub struct Arrival {
     pub id: String,
     /// The series.
     pub uids: SeriesUids,
+    /// The accession number of its study.
+    pub accession_number: Option<AccessionNumber>,
     /// How its first image came.
     pub source: ArrivalSource,
     /// What became of it.
@@ -225,6 +227,15 @@ pub struct Retrieval {
     pub fence: i64,
     /// Leases so far.
     pub attempts: u32,
+}
+
+/// Which retrievals or results to list; without a condition, all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct TransferQuery {
+    /// The case that a result was made from, or that a retrieved series became.
+    pub case: Option<CaseId>,
+    /// How far they are.
+    pub state: Option<TransferState>,
 }
 
 /// The end of an attempt to fetch a series or to send a result.

@@ -59,6 +59,16 @@ pub struct CutFacts {
     pub offset_mm: f64,
 }
 
+/// What tells acquired voxels from others, whatever the header states about their axes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct VoxelFacts {
+    /// BLAKE3 of the histogram of the stored values, in 64 hexadecimal digits: the same for any order of the voxels.
+    pub values: String,
+    /// The sums of value × place over all voxels, along the axes nearest to right, anterior and superior, with places from 0:
+    /// different if one of two headers exchanges or reverses axes, the same if the voxels are stored in another order.
+    pub moments: [u64; 3],
+}
+
 /// The facts about a case that is ready.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CaseFacts {
@@ -74,6 +84,9 @@ pub struct CaseFacts {
     pub native_spacing_mm: [f64; 3],
     /// Rows of the affine from voxels of the acquired volume to LPS mm.
     pub native_patient_from_voxel: [[f64; 4]; 4],
+    /// The acquired voxels; `None` for a case prepared by a version that did not tell them apart.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voxels: Option<VoxelFacts>,
     /// The sphere around the envelope that zoom 1 fits into a picture.
     pub envelope_sphere: SphereFacts,
     /// The plane between the hemispheres, with its normal to the patient's left.

@@ -15,7 +15,8 @@ mod progress;
 mod quality;
 
 pub use facts::{
-    Case, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts, WindowFacts,
+    Case, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts, VoxelFacts,
+    WindowFacts,
 };
 pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
@@ -27,7 +28,7 @@ pub use maps::{CandidateFacts, JunctionBandFacts, MapName, PatientSide};
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
-pub use quality::{MaskMethod, Quality, QualityNumbers, QualityState};
+pub use quality::{CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState};
 
 /// Whether a character is a control character, or one of those that turn the direction of the text after them: with
 /// these, a name could be shown as another one.

@@ -73,10 +73,42 @@ pub struct Quality {
     /// The stable codes of the reasons, in the same order, such as `mask-cut-inferior`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub reason_codes: Vec<String>,
-    /// Rows of an alternative affine from the voxels of the volume to LPS mm, with which the network finds the brain although it
-    /// does not with the affine in the header. Nothing was turned; a person must compare the two.
+    /// Other affines for the header, if the network finds the brain only with other axes than those in the header. Nothing was
+    /// changed; a person must choose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub corrected_header: Option<[[f64; 4]; 4]>,
+    pub corrected_header: Option<CorrectedHeader>,
+}
+
+impl Quality {
+    /// Adds a reason for a review, with its code.
+    pub fn put_to_review(&mut self, code: &str, sentence: &str) {
+        self.state = self.state.max(QualityState::Review);
+        self.reasons.push(sentence.to_owned());
+        self.reason_codes.push(code.to_owned());
+    }
+}
+
+/// Two affines that could correct a header, as rows from the voxels of the volume to LPS mm. They differ only in left and right,
+/// and the picture cannot tell them apart: a brain looks like its mirror image. If the header reverses one axis or exchanges two,
+/// `turned` exchanges left and right, and `mirrored` is correct. Ask whoever made the file which side is left.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CorrectedHeader {
+    /// Correct if the header describes the head turned: two axes reversed, or all three exchanged in a circle.
+    pub turned: [[f64; 4]; 4],
+    /// Correct if the header describes the head mirrored: one axis reversed, or two exchanged. It is `turned`, reflected from left
+    /// to right.
+    pub mirrored: [[f64; 4]; 4],
+}
+
+impl CorrectedHeader {
+    /// `turned` and its reflection at a sagittal plane, given by its distance to the left of the origin.
+    pub fn reflected_at(plane_mm: f64, turned: [[f64; 4]; 4]) -> Self {
+        let mut mirrored = turned;
+        mirrored[0] = turned[0].map(|entry| 0.0 - entry);
+        mirrored[0][3] += 2.0 * plane_mm;
+        Self { turned, mirrored }
+    }
 }
 
 /// The measurements of a mask.
@@ -108,4 +140,28 @@ pub struct QualityNumbers {
     /// The overlap of a supplied mask with the mask from the network (Dice of their envelopes), if the network was used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap: Option<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TURNED: [[f64; 4]; 4] = [
+        [1.0, 0.0, 0.0, -90.0],
+        [0.0, 0.0, -2.0, 100.0],
+        [0.0, 1.5, 0.0, -70.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ];
+
+    #[test]
+    fn the_mirrored_header_exchanges_left_and_right_and_keeps_the_plane() {
+        let header = CorrectedHeader::reflected_at(10.0, TURNED);
+        assert_eq!(header.turned, TURNED);
+        assert_eq!(header.mirrored[0], [-1.0, 0.0, 0.0, 110.0]);
+        assert_eq!(header.mirrored[1..], TURNED[1..]);
+        // A voxel on the plane stays where it is.
+        let x_of = |rows: [[f64; 4]; 4]| rows[0][0] * 100.0 + rows[0][3];
+        assert_eq!(x_of(header.turned), 10.0);
+        assert_eq!(x_of(header.mirrored), 10.0);
+    }
 }

@@ -3,6 +3,7 @@
 //! A job is a row with a lease. A worker renews the lease while it prepares. If the worker is killed, the lease ends
 //! and another worker takes the job with a greater fence number, so that the first one can no longer publish.
 
+mod headers;
 mod layers;
 
 use std::sync::Arc;
@@ -18,6 +19,7 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
 use tokio::time::MissedTickBehavior;
 
+use self::headers::doubt_header;
 use crate::library::Library;
 
 /// How often to search for expired cases, and for objects that a killed process left behind.
@@ -311,7 +313,8 @@ impl Worker {
         }
     }
 
-    async fn publish(&self, claim: &Claim, derived: Derived) -> Result<(), StoreError> {
+    async fn publish(&self, claim: &Claim, mut derived: Derived) -> Result<(), StoreError> {
+        doubt_header(&self.store, &claim.id, &mut derived.facts).await?;
         self.store
             .signals()
             .progress(&claim.id, Some(Progress::at(Stage::Storing)));

@@ -303,7 +303,7 @@ mod tests {
         let volume = DeformableModel::crop(&head.volume, &envelope).unwrap();
         let closed = ClosedBrain::Envelope(envelope);
         let built = DeformableModel::build(volume, closed, |_| Ok::<_, GeometryError>(())).unwrap();
-        let facts = pipeline::facts(&built);
+        let facts = pipeline::facts(&built, built.model.volume());
         (built, facts)
     }
 

@@ -121,6 +121,11 @@ fn nearest(place: usize, side: usize, block: &Range<usize>) -> usize {
     block.start + place.min(block.len() - 1)
 }
 
+/// For each of the axes right, anterior and superior: the axis of a grid that is nearest to it, and whether that is reversed.
+pub fn canonical_axes(grid: &Grid) -> [(usize, bool); 3] {
+    axes_of(grid).map(|axis| (axis.native, axis.is_flipped))
+}
+
 /// Assigns each axis of the grid, in turn, to the free canonical axis along which it points most.
 fn axes_of(grid: &Grid) -> [Axis; 3] {
     let matrix = grid.patient_from_voxel().matrix3;

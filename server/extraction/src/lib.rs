@@ -20,6 +20,7 @@ mod quality;
 mod rim;
 mod supplied;
 
+pub use canonical::canonical_axes;
 pub use error::ExtractionError;
 pub use extract::extract;
 pub use methods::{CLOSING_RADIUS_MM, Extraction, Method, predict, prune};

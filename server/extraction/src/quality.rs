@@ -385,8 +385,10 @@ impl Quality {
     pub(crate) fn offer_axes(&mut self, patient_from_voxel: DAffine3) {
         self.other_patient_from_voxel = Some(patient_from_voxel);
         self.say(Verdict::Review, "axes-other", || {
-            "the network finds the brain only with other axes than those in the header; check the letters on the picture, and if they are \
-             wrong, correct the header (see `corrected_header`) and upload the volume again"
+            "the network finds the brain only with other axes than those in the header; check the letters on the picture. The picture cannot \
+             tell left from right: if the header reverses one axis or exchanges two, `corrected_header.mirrored` is correct, and \
+             `corrected_header.turned` exchanges left and right. Ask whoever made the file which side is left, then upload the volume with \
+             that header"
                 .to_owned()
         });
     }

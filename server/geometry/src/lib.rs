@@ -11,6 +11,8 @@
 //! The method is from Bergo, de Goes, Goldenstein and Falcão, "A Deformable Model for Fast Visualization of Euclidean
 //! Isosurfaces of the Brain", 2006; "the paper" below.
 
+#![warn(missing_docs)]
+
 mod beyond_cuts;
 mod bounding_sphere;
 mod build;

@@ -7,10 +7,11 @@ use axum::extract::{Request, State};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
 use axum::middleware::Next;
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 
+use crate::door::Connection;
 use crate::guesses::Guesses;
 use crate::listen::Peer;
 use crate::problem::AppError;
@@ -179,24 +180,43 @@ pub async fn guard_origin(
     Ok(next.run(request).await)
 }
 
-/// Rejects requests without the token, if one is configured. The answer to a wrong token is delayed, longer each time.
+/// Rejects requests without the token, if one is configured. A right token makes the connection that of a client.
+///
+/// A right token is always right, so that nobody behind the address of a guesser is shut out: no answer waits, and tokens
+/// are too long to be guessed at any rate.
 ///
 /// # Errors
-/// [`AppError::Unauthorized`].
+/// [`AppError::Unauthorized`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`Error::Busy`] if
+/// there are too many clients.
 pub async fn require_token(
     State(access): State<Access>,
     request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
-    if let Err(refusal) = access.check_token(request.headers()) {
-        // A request without a token is not a guess.
-        if given_token(request.headers()).is_some() {
-            let peer = request.extensions().get::<Peer>();
-            access.guesses.punish(peer.map(|peer| peer.0)).await;
-        }
+    let connection = request.extensions().get::<Arc<Connection>>();
+    let Err(refusal) = access.check_token(request.headers()) else {
+        return match connection.map_or(Ok(()), |connection| connection.admit()) {
+            Ok(()) => Ok(next.run(request).await),
+            Err(busy) => Ok(closing(AppError::from(busy).into_response())),
+        };
+    };
+    // A request without a token is not a guess.
+    if given_token(request.headers()).is_none() {
         return Err(refusal);
     }
-    Ok(next.run(request).await)
+    let Some(wait) = access.guesses.record(Peer::of(&request)) else {
+        return Err(refusal);
+    };
+    let response = AppError::TooManyGuesses { wait }.into_response();
+    let shared = connection.is_some_and(|connection| connection.is_shared());
+    Ok(if shared { response } else { closing(response) })
+}
+
+/// A response after which the connection is closed.
+fn closing(mut response: Response) -> Response {
+    let close = HeaderValue::from_static("close");
+    response.headers_mut().insert(header::CONNECTION, close);
+    response
 }
 
 #[cfg(test)]

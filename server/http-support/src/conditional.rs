@@ -24,6 +24,10 @@ const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 /// The same for what holds nothing of a case.
 pub const PUBLIC_REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
 
+/// For what holds nothing of a case and changes its address with its content.
+pub const PUBLIC_IMMUTABLE: HeaderValue =
+    HeaderValue::from_static("public, max-age=31536000, immutable");
+
 /// A strong entity tag.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EntityTag(HeaderValue);
@@ -252,12 +256,17 @@ impl<Q: serde::Serialize> Question<'_, Q> {
     }
 }
 
-/// The coding of the answer. A range request is answered without one, so that ranges refer to the documented bytes.
-pub fn coding_for(request: &HeaderMap) -> Coding {
+/// The coding of an answer that is compressed while the program runs, as [`coding_among`].
+fn coding_for(request: &HeaderMap) -> Coding {
+    coding_among(&Coding::WHILE_RUNNING, request)
+}
+
+/// The coding of the answer, of those offered. A range request is answered without one, so that ranges refer to the documented bytes.
+pub fn coding_among(offered: &[Coding], request: &HeaderMap) -> Coding {
     if request.contains_key(header::RANGE) {
         Coding::Identity
     } else {
-        Coding::preferred(request)
+        Coding::preferred(request, offered)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Wrong tokens: a log line, and an answer that is delayed longer each time.
+//! Wrong tokens: a log line, and a time in which the address is answered 429.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -7,10 +7,13 @@ use std::time::{Duration, Instant};
 
 use crate::places::network_of;
 
-/// The delay of the answer to the first wrong token from an address; it doubles with each further one.
+/// Wrong tokens from an address without a consequence: a page sends several requests at a time.
+const FREE: u32 = 8;
+
+/// The time that the first further wrong token costs; it doubles with each one.
 const FIRST_DELAY: Duration = Duration::from_millis(100);
 
-/// The greatest delay of an answer.
+/// The longest time that a wrong token costs.
 const LONGEST_DELAY: Duration = Duration::from_secs(5);
 
 /// An address is forgotten after this time without a wrong token.
@@ -33,18 +36,20 @@ struct Guess {
 }
 
 impl Guesses {
-    /// Records a wrong token, and waits. The first, second, fourth, eighth … from an address is logged.
-    pub(crate) async fn punish(&self, address: Option<IpAddr>) {
+    /// Records a wrong token. Returns how long its address should wait before the next one, if it should have waited
+    /// before this one. The first, second, fourth, eighth … from an address is logged.
+    pub(crate) fn record(&self, address: Option<IpAddr>) -> Option<Duration> {
         let address = address.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), network_of);
-        let count = self.count(address, Instant::now());
+        let now = Instant::now();
+        let (count, since) = self.count(address, now);
         if count.is_power_of_two() {
             tracing::warn!(%address, count, "wrong tokens from this address");
         }
-        tokio::time::sleep(delay(count)).await;
+        (since < delay(count - 1)).then(|| delay(count))
     }
 
-    /// Adds one, and returns the new number.
-    fn count(&self, address: IpAddr, now: Instant) -> u32 {
+    /// Adds one, and returns the new number and the time since the one before.
+    fn count(&self, address: IpAddr, now: Instant) -> (u32, Duration) {
         let mut all = self
             .by_address
             .lock()
@@ -66,15 +71,18 @@ impl Guesses {
             guess.count = 0;
         }
         guess.count = guess.count.saturating_add(1);
+        let since = now.duration_since(guess.last);
         guess.last = now;
-        guess.count
+        (guess.count, since)
     }
 }
 
-/// The delay of the answer to the `count`th wrong token.
+/// The time that the `count`th wrong token costs.
 fn delay(count: u32) -> Duration {
-    let doublings = count.saturating_sub(1).min(16);
-    LONGEST_DELAY.min(FIRST_DELAY.saturating_mul(1 << doublings))
+    match count.checked_sub(FREE + 1) {
+        None => Duration::ZERO,
+        Some(doublings) => LONGEST_DELAY.min(FIRST_DELAY.saturating_mul(1 << doublings.min(16))),
+    }
 }
 
 #[cfg(test)]
@@ -85,17 +93,26 @@ mod tests {
 
     #[test]
     fn delays_grow_to_five_seconds() {
-        let ms = [1, 2, 3, 6, 7, u32::MAX].map(|count| delay(count).as_millis());
-        assert_eq!(ms, [100, 200, 400, 3200, 5000, 5000]);
+        let ms = [0, 1, 8, 9, 10, 14, 15, u32::MAX].map(|count| delay(count).as_millis());
+        assert_eq!(ms, [0, 0, 0, 100, 200, 3200, 5000, 5000]);
+    }
+
+    #[test]
+    fn only_an_address_that_goes_on_guessing_must_wait() {
+        let guesses = Guesses::default();
+        let first = [(); 9].map(|()| guesses.record(Some(ADDRESS)));
+        assert_eq!(first, [None; 9]);
+        let next = [(); 7].map(|()| guesses.record(Some(ADDRESS)).map(|wait| wait.as_millis()));
+        assert_eq!(next, [200, 400, 800, 1600, 3200, 5000, 5000].map(Some));
+        assert_eq!(guesses.record(Some(IpAddr::from([10, 0, 0, 1]))), None);
     }
 
     #[test]
     fn an_address_is_forgotten_after_ten_quiet_minutes() {
         let guesses = Guesses::default();
         let start = Instant::now();
-        assert_eq!(guesses.count(ADDRESS, start), 1);
-        assert_eq!(guesses.count(ADDRESS, start + Duration::from_secs(599)), 2);
-        assert_eq!(guesses.count(ADDRESS, start + Duration::from_secs(1199)), 1);
+        let count = |secs| guesses.count(ADDRESS, start + Duration::from_secs(secs)).0;
+        assert_eq!([0, 599, 1199].map(count), [1, 2, 1]);
     }
 
     #[test]

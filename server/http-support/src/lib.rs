@@ -3,6 +3,7 @@
 
 pub mod auth;
 pub mod conditional;
+mod door;
 pub mod form_body;
 mod guesses;
 pub mod listen;
@@ -10,6 +11,6 @@ pub mod logs;
 pub mod metrics;
 pub mod negotiate;
 pub mod pace;
-mod places;
+pub mod places;
 pub mod problem;
 mod unstalled;

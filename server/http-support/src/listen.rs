@@ -5,43 +5,47 @@
 
 use std::convert::Infallible;
 use std::net::IpAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
 use axum::body::Body;
-use axum::extract::Request;
-use axum::http::{HeaderValue, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::extract::{FromRequestParts, Request};
+use axum::http::Extensions;
+use axum::http::request::Parts;
+use axum::response::Response;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
+use ipnet::IpNet;
 use tokio::net::{TcpListener, TcpStream};
 use tower::ServiceExt as _;
 
-use cases::Error;
-
+use crate::door::{Connection, Door};
 use crate::pace::{LeastRate, PacedBody};
-use crate::places::{Places, Spares, network_of};
-use crate::problem::AppError;
+use crate::places::network_of;
 use crate::unstalled::Unstalled;
 
 /// How long to wait after the system is out of descriptors.
 const PAUSE_AFTER_REFUSAL: Duration = Duration::from_millis(100);
 
-/// The time limit of a connection beyond the cap.
-const SPARE_TIME: Duration = Duration::from_secs(5);
+/// Time for the headers of a request while strangers crowd.
+const CROWDED_HEADER_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// The paths that a connection beyond the cap may request.
-const SPARE_ROUTES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
+/// The bytes after which headers that have not ended are refused.
+const MAX_HEADER_BYTES: usize = 64 << 10;
 
 /// Limits of connections.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct ConnectionLimits {
-    /// Connections at a time. Beyond this, only health checks are answered.
+    /// Connections of clients with the right token at a time. Beyond this, they are answered 503. Others have 256
+    /// connections of their own.
     pub connections: usize,
-    /// Of these, connections from one address.
+    /// Of these, connections from one address that is not a trusted proxy.
     pub connections_per_address: usize,
+    /// The proxies that name the client in `X-Forwarded-For`.
+    pub trusted_proxies: Arc<[IpNet]>,
     /// Time for the headers of a request, and for which a connection may be idle between two.
     pub header_timeout: Duration,
     /// The minimum rate at which a client must send and receive bodies.
@@ -57,8 +61,23 @@ pub struct Peer(pub IpAddr);
 impl Peer {
     /// The address that identifies the client of a request, if it came from a socket: for IPv6, the first 64 bits.
     pub fn of(request: &Request) -> Option<IpAddr> {
-        let peer = request.extensions().get::<Self>();
-        peer.map(|peer| network_of(peer.0))
+        Self::of_extensions(request.extensions())
+    }
+
+    fn of_extensions(extensions: &Extensions) -> Option<IpAddr> {
+        extensions.get::<Self>().map(|peer| network_of(peer.0))
+    }
+}
+
+/// The address that identifies the client of a request ([`Peer::of`]), for handlers that do not take the request.
+#[derive(Debug, Clone, Copy)]
+pub struct ClientAddress(pub Option<IpAddr>);
+
+impl<S: Sync> FromRequestParts<S> for ClientAddress {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Infallible> {
+        Ok(Self(Peer::of_extensions(&parts.extensions)))
     }
 }
 
@@ -69,8 +88,11 @@ pub async fn serve(
     limits: ConnectionLimits,
     stop: impl Future<Output = ()>,
 ) {
-    let places = Places::new(limits.connections, limits.connections_per_address);
-    let mut spares = Spares::default();
+    let door = Door::new(
+        limits.connections,
+        limits.connections_per_address,
+        limits.trusted_proxies.clone(),
+    );
     let graceful = GracefulShutdown::new();
     let mut stop = std::pin::pin!(stop);
     loop {
@@ -78,25 +100,30 @@ pub async fn serve(
             () = &mut stop => break,
             accepted = accept(&listener) => accepted,
         };
-        let Some((stream, peer)) = accepted else {
+        let Some((stream, address)) = accepted else {
             tokio::time::sleep(PAUSE_AFTER_REFUSAL).await;
             continue;
         };
-        let Some(place) = places.take(peer.0) else {
-            let spare = tokio::spawn(serve_spare(stream, peer, app.clone(), limits));
-            spares.add(spare.abort_handle());
-            continue;
-        };
-        let app = app.clone();
-        let answer = move |request| app.clone().oneshot(request);
-        let connection = connection(http1(limits), stream, peer, limits.least_rate, answer);
-        let connection = graceful.watch(connection);
+        let open = door.enter(address);
+        let builder = http1(&limits, door.is_crowded());
+        let stream = TokioIo::new(Unstalled::new(stream, limits.least_rate));
+        let service = service(
+            app.clone(),
+            door.clone(),
+            open.0.clone(),
+            address,
+            limits.least_rate,
+        );
+        let connection = graceful.watch(builder.serve_connection(stream, service));
         tokio::spawn(async move {
+            let ended = tokio::select! {
+                () = open.0.evicted() => return,
+                ended = connection => ended,
+            };
             // A failure here is on the side of the client: a lost connection, a timeout, a bad request line.
-            if let Err(error) = connection.await {
+            if let Err(error) = ended {
                 tracing::debug!(%error, "connection ended");
             }
-            drop(place);
         });
     }
     drop(listener);
@@ -109,14 +136,14 @@ pub async fn serve(
 }
 
 /// The next connection; `None` if the system cannot accept one.
-async fn accept(listener: &TcpListener) -> Option<(TcpStream, Peer)> {
+async fn accept(listener: &TcpListener) -> Option<(TcpStream, IpAddr)> {
     match listener.accept().await {
         Ok((stream, address)) => {
             // Small answers must not wait for the acknowledgement of the one before.
             if let Err(error) = stream.set_nodelay(true) {
                 tracing::debug!(%error, "TCP_NODELAY refused");
             }
-            Some((stream, Peer(address.ip())))
+            Some((stream, address.ip()))
         }
         Err(error) => {
             tracing::warn!(%error, "cannot accept a connection");
@@ -125,59 +152,40 @@ async fn accept(listener: &TcpListener) -> Option<(TcpStream, Peer)> {
     }
 }
 
-fn http1(limits: ConnectionLimits) -> http1::Builder {
+fn http1(limits: &ConnectionLimits, crowded: bool) -> http1::Builder {
+    let header_timeout = if crowded {
+        limits.header_timeout.min(CROWDED_HEADER_TIMEOUT)
+    } else {
+        limits.header_timeout
+    };
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
-        .header_read_timeout(limits.header_timeout)
+        .header_read_timeout(header_timeout)
+        .max_buf_size(MAX_HEADER_BYTES)
         .max_headers(64);
     builder
 }
 
-/// Answers one health check on a connection beyond the cap, and 503 to other requests.
-async fn serve_spare(stream: TcpStream, peer: Peer, app: Router, limits: ConnectionLimits) {
-    let answer = move |request: Request| {
-        let app = app.clone();
-        async move {
-            if SPARE_ROUTES.contains(&request.uri().path()) {
-                return app.oneshot(request).await;
-            }
-            let mut busy = AppError::from(Error::Busy).into_response();
-            let close = HeaderValue::from_static("close");
-            busy.headers_mut().insert(header::CONNECTION, close);
-            Ok(busy)
-        }
-    };
-    let mut builder = http1(limits);
-    builder.keep_alive(false);
-    let connection = connection(builder, stream, peer, limits.least_rate, answer);
-    // An error, or the end of the time, is the client's loss.
-    let _ = tokio::time::timeout(SPARE_TIME, connection).await;
-}
-
-fn connection<F>(
-    builder: http1::Builder,
-    stream: TcpStream,
-    peer: Peer,
+/// Answers the requests of a connection, which carry the connection and the address of their client.
+fn service(
+    app: Router,
+    door: Door,
+    connection: Arc<Connection>,
+    address: IpAddr,
     least_rate: LeastRate,
-    answer: impl Fn(Request) -> F + Clone,
-) -> http1::Connection<
-    TokioIo<Unstalled<TcpStream>>,
-    impl hyper::service::Service<
-        axum::http::Request<Incoming>,
-        Response = Response,
-        Error = Infallible,
-        Future = F,
-    >,
->
-where
-    F: Future<Output = Result<Response, Infallible>> + Send,
-{
-    let service = hyper::service::service_fn(move |request: axum::http::Request<Incoming>| {
+) -> impl hyper::service::Service<
+    axum::http::Request<Incoming>,
+    Response = Response,
+    Error = Infallible,
+    Future = impl Future<Output = Result<Response, Infallible>> + Send,
+> {
+    hyper::service::service_fn(move |request: axum::http::Request<Incoming>| {
         let mut request = request.map(|body| Body::new(PacedBody::new(body, least_rate)));
-        request.extensions_mut().insert(peer);
-        answer(request)
-    });
-    let stream = Unstalled::new(stream, least_rate);
-    builder.serve_connection(TokioIo::new(stream), service)
+        let client = door.client_of(address, request.headers());
+        let extensions = request.extensions_mut();
+        extensions.insert(Peer(client));
+        extensions.insert(connection.clone());
+        app.clone().oneshot(request)
+    })
 }

@@ -25,32 +25,38 @@ pub enum Coding {
     Zstd,
     /// RFC 1952.
     Gzip,
+    /// RFC 7932; only of what was compressed while the program was built.
+    Brotli,
 }
 
 impl Coding {
+    /// Those of answers that are compressed while the program runs, the preferred one first.
+    pub const WHILE_RUNNING: [Self; 2] = [Self::Zstd, Self::Gzip];
+
     /// The name in `Content-Encoding`; `None` for [`Coding::Identity`], which is not named there.
     pub fn name(self) -> Option<&'static str> {
         match self {
             Self::Identity => None,
             Self::Zstd => Some("zstd"),
             Self::Gzip => Some("gzip"),
+            Self::Brotli => Some("br"),
         }
     }
 
-    /// The coding that the client prefers; among equals zstd, then gzip, then none.
+    /// The offered coding that the client prefers; among equals the first, and none only if it prefers that.
     ///
-    /// Without `Accept-Encoding`, or without a known coding in it, the result is [`Coding::Identity`].
-    pub fn preferred(headers: &HeaderMap) -> Self {
+    /// Without `Accept-Encoding`, or without an offered coding in it, the result is [`Coding::Identity`].
+    pub fn preferred(headers: &HeaderMap, offered: &[Self]) -> Self {
         let accepted = Accepted::read(headers, header::ACCEPT_ENCODING);
         let quality = |name: &str| {
             let named = accepted.exact(name);
             named.or_else(|| accepted.exact("*")).unwrap_or(0.0)
         };
-        let candidates = [(Self::Zstd, "zstd"), (Self::Gzip, "gzip")];
         let mut best = (Self::Identity, 0.0);
-        for (coding, name) in candidates {
-            if quality(name) > best.1 {
-                best = (coding, quality(name));
+        for &coding in offered {
+            let quality = coding.name().map_or(0.0, quality);
+            if quality > best.1 {
+                best = (coding, quality);
             }
         }
         let identity = accepted.exact("identity").unwrap_or(0.0);
@@ -62,11 +68,17 @@ impl Coding {
     }
 
     /// Compresses a body quickly, while a client waits.
+    ///
+    /// # Panics
+    /// For [`Coding::Brotli`], which this program never makes while it runs.
     pub fn compress(self, bytes: &Bytes) -> Bytes {
         self.compress_at(USUAL, bytes)
     }
 
     /// Compresses a body that many answers share as well as it gets.
+    ///
+    /// # Panics
+    /// For [`Coding::Brotli`], which this program never makes while it runs.
     pub fn compress_well(self, bytes: &Bytes) -> Bytes {
         self.compress_at(BEST, bytes)
     }
@@ -76,6 +88,9 @@ impl Coding {
             Self::Identity => return bytes.clone(),
             Self::Zstd => zstd::bulk::compress(bytes, zstd_level.cast_signed()),
             Self::Gzip => gzip(bytes, gzip_level),
+            Self::Brotli => {
+                unreachable!("only what is compressed while building is sent as brotli")
+            }
         };
         compressed
             .expect("compressing from memory to memory cannot fail")
@@ -184,12 +199,22 @@ mod tests {
 
     #[test]
     fn codings_follow_their_qualities() {
-        let preferred = |value| Coding::preferred(&headers(header::ACCEPT_ENCODING, value));
-        assert_eq!(Coding::preferred(&HeaderMap::new()), Coding::Identity);
+        let among = |offered: &[Coding], value| {
+            Coding::preferred(&headers(header::ACCEPT_ENCODING, value), offered)
+        };
+        let preferred = |value| among(&Coding::WHILE_RUNNING, value);
+        assert_eq!(
+            Coding::preferred(&HeaderMap::new(), &Coding::WHILE_RUNNING),
+            Coding::Identity
+        );
         assert_eq!(preferred("gzip, deflate, br, zstd"), Coding::Zstd);
         assert_eq!(preferred("gzip, deflate"), Coding::Gzip);
         assert_eq!(preferred("gzip;q=1, zstd;q=0.5"), Coding::Gzip);
         assert_eq!(preferred("br"), Coding::Identity);
         assert_eq!(preferred("zstd;q=0"), Coding::Identity);
+        let built = [Coding::Brotli, Coding::Gzip];
+        assert_eq!(among(&built, "gzip, deflate, br, zstd"), Coding::Brotli);
+        assert_eq!(among(&built, "gzip, deflate"), Coding::Gzip);
+        assert_eq!(among(&built, "zstd"), Coding::Identity);
     }
 }

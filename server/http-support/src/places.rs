@@ -1,34 +1,28 @@
-//! The cap on connections, in all and per address.
+//! Places that clients share: for connections, uploads and streams of events.
 
 use std::collections::HashMap;
-use std::collections::VecDeque;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv4Addr};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use tokio::task::AbortHandle;
-
-/// Connections beyond the cap, for health checks. The newest are kept, because a health check takes milliseconds; there are
-/// so many that a burst of others does not end one meanwhile.
-const SPARE: usize = 256;
-
-/// Places for connections.
+/// A number of places, of which one client may take only some. Cheap to clone.
 #[derive(Debug, Clone)]
-pub(crate) struct Places {
+pub struct Places {
     most: usize,
     most_of_one: usize,
-    /// The number of connections of each address. Held only briefly.
+    /// The number of places of each client. Held only briefly.
     held: Arc<Mutex<HashMap<IpAddr, usize>>>,
 }
 
-/// The place of a connection, until it is dropped.
+/// A place, until it is dropped.
 #[derive(Debug)]
-pub(crate) struct Place {
-    address: IpAddr,
+pub struct Place {
+    client: IpAddr,
     places: Places,
 }
 
 impl Places {
-    pub(crate) fn new(most: usize, most_of_one: usize) -> Self {
+    /// `most` places, of which one client takes at most `most_of_one`.
+    pub fn new(most: usize, most_of_one: usize) -> Self {
         Self {
             most,
             most_of_one,
@@ -36,19 +30,36 @@ impl Places {
         }
     }
 
-    /// A place, if there is one for this address.
-    pub(crate) fn take(&self, address: IpAddr) -> Option<Place> {
-        let address = network_of(address);
+    /// `most` places, of which one client takes at most a quarter.
+    pub fn in_quarters(most: usize) -> Self {
+        Self::new(most, most.div_ceil(4))
+    }
+
+    /// A place, if there is one for this client. `None` is this program itself, which may take all.
+    pub fn take(&self, client: Option<IpAddr>) -> Option<Place> {
+        match client {
+            Some(client) => self.take_at_most(client, self.most_of_one),
+            None => self.take_at_most(IpAddr::V4(Ipv4Addr::UNSPECIFIED), self.most),
+        }
+    }
+
+    /// A place, if there is any, however many this client has.
+    pub(crate) fn take_any(&self, client: IpAddr) -> Option<Place> {
+        self.take_at_most(client, self.most)
+    }
+
+    fn take_at_most(&self, client: IpAddr, most_of_one: usize) -> Option<Place> {
+        let client = network_of(client);
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         let all: usize = held.values().sum();
-        let of_this = held.get(&address).copied().unwrap_or(0);
-        if all >= self.most || of_this >= self.most_of_one {
+        let of_this = held.get(&client).copied().unwrap_or(0);
+        if all >= self.most || of_this >= most_of_one {
             return None;
         }
-        held.insert(address, of_this + 1);
+        held.insert(client, of_this + 1);
         drop(held);
         let places = self.clone();
-        Some(Place { address, places })
+        Some(Place { client, places })
     }
 }
 
@@ -56,9 +67,9 @@ impl Drop for Place {
     fn drop(&mut self) {
         let held = &self.places.held;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-        match held.get_mut(&self.address) {
+        match held.get_mut(&self.client) {
             Some(count) if *count > 1 => *count -= 1,
-            _ => drop(held.remove(&self.address)),
+            _ => drop(held.remove(&self.client)),
         }
     }
 }
@@ -75,41 +86,35 @@ pub(crate) fn network_of(address: IpAddr) -> IpAddr {
     }
 }
 
-/// The connections beyond the cap, oldest first. A new one ends the oldest.
-#[derive(Debug, Default)]
-pub(crate) struct Spares(VecDeque<AbortHandle>);
-
-impl Spares {
-    pub(crate) fn add(&mut self, connection: AbortHandle) {
-        self.0.retain(|connection| !connection.is_finished());
-        if self.0.len() >= SPARE
-            && let Some(oldest) = self.0.pop_front()
-        {
-            oldest.abort();
-        }
-        self.0.push_back(connection);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn ip(text: &str) -> IpAddr {
-        text.parse().unwrap()
+    fn ip(text: &str) -> Option<IpAddr> {
+        Some(text.parse().unwrap())
     }
 
     #[test]
-    fn one_address_does_not_take_all_places() {
-        let places = Places::new(4, 3);
-        let mut held: Vec<_> = (0..3).map(|_| places.take(ip("10.0.0.1"))).collect();
-        assert!(held.iter().all(Option::is_some));
+    fn one_client_does_not_take_all_places() {
+        let places = Places::in_quarters(4);
+        let held = places.take(ip("10.0.0.1"));
+        assert!(held.is_some());
         assert!(places.take(ip("10.0.0.1")).is_none());
-        held.push(places.take(ip("10.0.0.2")));
-        assert!(held[3].is_some());
-        assert!(places.take(ip("10.0.0.3")).is_none(), "all are taken");
-        held.remove(0);
-        assert!(places.take(ip("10.0.0.1")).is_some());
+        let others: Vec<_> = (2..5)
+            .map(|n| places.take(ip(&format!("10.0.0.{n}"))))
+            .collect();
+        assert!(others.iter().all(Option::is_some));
+        assert!(places.take(ip("10.0.0.9")).is_none(), "all are taken");
+        drop(held);
+        assert!(places.take(ip("10.0.0.9")).is_some());
+    }
+
+    #[test]
+    fn one_place_serves_one_client_after_another() {
+        let places = Places::in_quarters(1);
+        drop(places.take(None).unwrap());
+        let _held = places.take(ip("10.0.0.1")).unwrap();
+        assert!(places.take(None).is_none());
     }
 
     #[test]
@@ -118,20 +123,9 @@ mod tests {
         let _held = places.take(ip("2001:db8::1")).unwrap();
         assert!(places.take(ip("2001:db8::2:3")).is_none());
         assert!(places.take(ip("2001:db8:0:1::1")).is_some());
-        assert_eq!(network_of(ip("::ffff:10.0.0.1")), ip("10.0.0.1"));
-    }
-
-    #[tokio::test]
-    async fn the_newest_spare_connections_stay() {
-        let mut spares = Spares::default();
-        let tasks: Vec<_> = (0..=SPARE)
-            .map(|_| tokio::spawn(std::future::pending::<()>()))
-            .collect();
-        for task in &tasks {
-            spares.add(task.abort_handle());
-        }
-        tokio::task::yield_now().await;
-        let ended = tasks.iter().filter(|task| task.is_finished()).count();
-        assert_eq!((ended, tasks[0].is_finished()), (1, true));
+        assert_eq!(
+            network_of("::ffff:10.0.0.1".parse().unwrap()),
+            ip("10.0.0.1").unwrap()
+        );
     }
 }

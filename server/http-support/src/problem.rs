@@ -1,6 +1,7 @@
 //! Errors as clients see them: `application/problem+json` (RFC 9457) with a stable `type`.
 
 use std::borrow::Cow;
+use std::time::Duration;
 
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -103,6 +104,12 @@ pub enum AppError {
     /// The bearer token is missing or wrong.
     #[error("authentication required: send `Authorization: Bearer …`")]
     Unauthorized,
+    /// An address sends one wrong token after the other.
+    #[error("too many wrong tokens came from your address; send the right one, or wait {} s", .wait.as_secs_f64().ceil())]
+    TooManyGuesses {
+        /// Until the next wrong token would be answered as such.
+        wait: Duration,
+    },
     /// A page of another site requests a change.
     #[error("requests from pages of other sites are rejected")]
     CrossSite,
@@ -225,6 +232,7 @@ impl AppError {
                 (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
             }
             Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
+            Self::TooManyGuesses { .. } => (StatusCode::TOO_MANY_REQUESTS, "too-many-guesses"),
             Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
             Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
             Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
@@ -337,6 +345,10 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
         AppError::Cases(Error::NotReady { .. } | Error::LayerNotReady) => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
         }
+        AppError::TooManyGuesses { wait } => Some((
+            header::RETRY_AFTER,
+            (wait.as_secs_f64().ceil() as u64).into(),
+        )),
         // A repeated request would not help.
         AppError::TooManyPictures { .. } => None,
         _ if status == StatusCode::SERVICE_UNAVAILABLE => {

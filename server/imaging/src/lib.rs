@@ -8,6 +8,8 @@
 //! before memory is allocated. No input makes this crate panic, except in third-party decoders of compressed pixels
 //! (see [`dicom`]). No message contains patient data from a header.
 
+#![warn(missing_docs)]
+
 pub mod dicom;
 mod error;
 mod limits;

@@ -61,7 +61,7 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
         },
         nodes: config.pacs.nodes()?,
         serves_source: config.pacs.keep_source,
-        shows_patient: config.page.patient_banner,
+        shows_patient: config.shows_patient()?,
         problems: Problems {
             of_cases: |error| AppError::from(error).into_response(),
             other: |status, kind, detail| {

@@ -9,6 +9,8 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, CaseState};
+use cases::arrivals::Head;
+use imaging::dicom::kind_of_series;
 use serde::{Deserialize, Serialize};
 use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
 use utoipa::ToSchema;
@@ -52,14 +54,20 @@ pub(crate) struct LaunchRequest {
 }
 
 /// What there is of a study.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Default, Serialize, ToSchema)]
 pub(crate) struct LaunchView {
-    /// `ready`, `preparing`, `receiving`, `failed`, `nothing` or `absent`.
+    /// `ready`, `preparing`, `receiving`, `failed`, `nothing`, `absent`; `choice` if the query fits several studies or
+    /// patients, so that the user must choose; or `mismatch` if there is such a study, but not of the patient, the issuer or the accession number of the query.
     state: &'static str,
-    /// The case, if there is one.
+    /// The case to open, if there is one and it is the only one or the preferred one.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     case: Option<CaseId>,
+    /// All cases that the query fits, one of each series. The preferred one comes first: original before derived, without
+    /// a contrast agent before with one, finer before coarser, then the earlier acquisition.
+    candidates: Vec<CandidateView>,
+    /// Keys of the query that are not known and had no effect.
+    ignored: Vec<String>,
     /// Why there is no picture, if it failed or became nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<ReasonView>,
@@ -72,10 +80,41 @@ pub(crate) struct LaunchView {
     series: Option<String>,
 }
 
+/// A case that a query fits.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = LaunchCandidate)]
+pub(crate) struct CandidateView {
+    /// The case.
+    #[schema(value_type = String)]
+    case: CaseId,
+    /// `queued`, `preparing`, `ready` or `failed`.
+    #[schema(value_type = String)]
+    state: CaseState,
+    /// The date of the study, such as `20261101`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    study_date: Option<String>,
+    /// When the series was acquired, in the zone of the scanner, such as `20261101093000`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    acquired: Option<String>,
+    /// Number and kind of the series; its whole description if the page shows the patient.
+    series: String,
+    /// Whether it was computed from other images.
+    is_derived: bool,
+    /// Whether a contrast agent was given.
+    has_contrast: bool,
+    /// The sides of a voxel in mm, once they are known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    voxel_mm: Option<[f64; 3]>,
+    /// Name, id and date of birth, if the page shows the patient.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    patient: Option<String>,
+}
+
 /// Find the case of a study
 ///
-/// The newest ready case of the study, or of the series if one is named; otherwise how far it is. Of several studies
-/// the first that is ready, or else the first that is known.
+/// The preferred case of the study, or the one of the series if one is named; otherwise how far it is. A query that
+/// fits several studies or patients opens none: all of them are `candidates`. Values that are given together must
+/// agree with the case: study, series, accession number, patient and issuer.
 #[utoipa::path(
     post, path = "/v1/launch", tag = "pacs",
     request_body = LaunchRequest,
@@ -87,7 +126,7 @@ pub(crate) struct LaunchView {
 pub(crate) async fn find_launched(State(pacs): State<Pacs>, request: Request) -> Response {
     let found = async {
         let asked: LaunchRequest = read_json(request, "`query`").await?;
-        let view = find_any(&pacs, &parse(&asked.query)?).await?;
+        let view = find(&pacs, &Asked::parse(&asked.query)?).await?;
         Ok::<_, PacsError>(fresh_json(StatusCode::OK, &view))
     };
     let found = found.await;
@@ -101,51 +140,146 @@ fn unreadable(detail: &'static str) -> PacsError {
 /// The greatest number of studies that a query may name.
 const MOST_STUDIES: usize = 16;
 
+/// The greatest number of unknown keys that are repeated, and the greatest length of one.
+const MOST_IGNORED: usize = 16;
+const LONGEST_KEY: usize = 40;
+
+const OF_STUDY: [&str; 4] = ["studyinstanceuids", "studyinstanceuid", "study", "studyuid"];
+const OF_SERIES: [&str; 4] = [
+    "seriesinstanceuids",
+    "seriesinstanceuid",
+    "series",
+    "seriesuid",
+];
+const OF_ISSUER: [&str; 3] = ["issuer", "issuerofpatientid", "assigningauthority"];
+const FURTHER: [&str; 3] = ["requesttype", "accessionnumber", "patientid"];
+
 /// What a query names: one study, or several with a value or a key for each. Values are not repeated, because they
 /// identify a patient.
-fn parse(query: &str) -> Result<Vec<SeriesQuery>, PacsError> {
-    let pairs: Vec<(String, String)> = query
-        .trim_start_matches('?')
-        .split('&')
-        .filter_map(|pair| pair.split_once('='))
-        .map(|(key, value)| (key.to_ascii_lowercase(), decoded(value)))
-        .collect();
-    let all = |keys: &[&str]| -> Vec<String> {
-        let found = pairs.iter().filter(|(key, _)| keys.contains(&key.as_str()));
-        let values = found.flat_map(|(_, value)| value.split(','));
-        let values = values.filter(|value| !value.is_empty());
-        values.map(str::to_owned).collect()
-    };
-    let named = |keys: &[&str]| all(keys).into_iter().next();
-    if named(&["requesttype"]).is_some_and(|kind| !kind.eq_ignore_ascii_case("study")) {
-        return Err(unreadable("`requestType` must be STUDY"));
-    }
-    let uid = |text: String| {
-        let uid = Uid::parse(&text);
-        uid.ok_or_else(|| unreadable("a UID must be digits and points, at most 64"))
-    };
-    let series = named(&[
-        "seriesinstanceuids",
-        "seriesinstanceuid",
-        "series",
-        "seriesuid",
-    ]);
-    let series = series.map(uid).transpose()?;
-    let studies = all(&["studyinstanceuids", "studyinstanceuid", "study", "studyuid"]);
-    if studies.len() > MOST_STUDIES {
-        return Err(unreadable("the address names more than 16 studies"));
-    }
-    if !studies.is_empty() {
+#[derive(Debug, PartialEq)]
+struct Asked {
+    queries: Vec<SeriesQuery>,
+    /// What the case must agree with.
+    accession_number: Option<AccessionNumber>,
+    patient_id: Option<String>,
+    issuer: Option<String>,
+    ignored: Vec<String>,
+}
+
+impl Asked {
+    fn parse(query: &str) -> Result<Self, PacsError> {
+        let pairs: Vec<(String, String)> = query
+            .trim_start_matches('?')
+            .split('&')
+            .filter_map(|pair| pair.split_once('='))
+            .map(|(key, value)| (key.to_ascii_lowercase(), decoded(value)))
+            .collect();
+        let all = |keys: &[&str]| -> Vec<String> {
+            let found = pairs.iter().filter(|(key, _)| keys.contains(&key.as_str()));
+            let values = found.flat_map(|(_, value)| value.split(','));
+            let values = values.filter(|value| !value.is_empty());
+            values.map(str::to_owned).collect()
+        };
+        let only = |keys: &[&str], detail| {
+            let mut values = pairs.iter().filter(|(key, _)| keys.contains(&key.as_str()));
+            let value = values.next().map(|(_, value)| value.trim().to_owned());
+            match values.next() {
+                Some(_) => Err(unreadable(detail)),
+                None => Ok(value.filter(|value| !value.is_empty())),
+            }
+        };
+        if all(&["requesttype"])
+            .iter()
+            .any(|kind| !kind.eq_ignore_ascii_case("study"))
+        {
+            return Err(unreadable("`requestType` must be STUDY"));
+        }
+        let uid = |text: String| {
+            let uid = Uid::parse(&text);
+            uid.ok_or_else(|| {
+                unreadable("a UID must be numbers with points between them, at most 64 characters")
+            })
+        };
+        let series = all(&OF_SERIES).into_iter().next().map(uid).transpose()?;
+        let studies = all(&OF_STUDY);
+        if studies.len() > MOST_STUDIES {
+            return Err(unreadable("the address names more than 16 studies"));
+        }
+        let number = only(
+            &["accessionnumber"],
+            "the address has several values of `accessionNumber`",
+        )?;
+        let number = number.map(|text| {
+            let number = AccessionNumber::parse(&text);
+            number.ok_or_else(|| unreadable("`accessionNumber` must be 1 to 16 characters"))
+        });
+        let number = number.transpose()?;
         let of_study = |text| Ok(SeriesQuery::Study(uid(text)?, series.clone()));
-        return studies.into_iter().map(of_study).collect();
+        let mut queries: Vec<_> = studies
+            .into_iter()
+            .map(of_study)
+            .collect::<Result<_, PacsError>>()?;
+        if queries.is_empty() {
+            let detail = "the address names no study; use `StudyInstanceUIDs`, `study`, `studyUID` or `accessionNumber`";
+            let number = number.clone().ok_or_else(|| unreadable(detail))?;
+            queries.push(SeriesQuery::AccessionNumber(number));
+        }
+        let patient = only(
+            &["patientid"],
+            "the address has several values of `patientID`",
+        )?;
+        let (patient_id, authority) = patient.as_deref().map_or((None, None), patient_of);
+        let issuer = only(&OF_ISSUER, "the address has several values of `issuer`")?;
+        Ok(Self {
+            queries,
+            accession_number: number,
+            patient_id,
+            issuer: issuer.or(authority),
+            ignored: ignored(&pairs),
+        })
     }
-    let number = named(&["accessionnumber"]);
-    match number.as_deref().and_then(AccessionNumber::parse) {
-        Some(number) => Ok(vec![SeriesQuery::AccessionNumber(number)]),
-        None => Err(unreadable(
-            "the address names no study; use `StudyInstanceUIDs`, `study`, `studyUID` or `accessionNumber`",
-        )),
+
+    /// Whether a head is of the patient and the order that the query names.
+    fn agrees(&self, head: &Head) -> bool {
+        let is = |wanted: &Option<String>, keyword| {
+            let wanted = wanted.as_deref();
+            wanted.is_none_or(|wanted| head.value(keyword).map(str::trim) == Some(wanted))
+        };
+        let number = self.accession_number.as_ref();
+        number.is_none_or(|number| head.series.accession_number.as_ref() == Some(number))
+            && is(&self.patient_id, "PatientID")
+            && is(&self.issuer, "IssuerOfPatientID")
     }
+}
+
+/// The id and the issuer of a patient, who may be given as in HL7: `ID^^^ISSUER` or `ID^^^ISSUER&OID&ISO`.
+fn patient_of(text: &str) -> (Option<String>, Option<String>) {
+    let mut parts = text.split('^');
+    let some = |text: Option<&str>| {
+        text.map(str::trim)
+            .filter(|text| !text.is_empty())
+            .map(str::to_owned)
+    };
+    let id = some(parts.next());
+    let mut authority = parts.nth(2).unwrap_or_default().split('&');
+    let namespace = some(authority.next());
+    (id, namespace.or_else(|| some(authority.next())))
+}
+
+/// The unknown keys, as far as they look like keys.
+fn ignored(pairs: &[(String, String)]) -> Vec<String> {
+    let known = [&OF_STUDY[..], &OF_SERIES, &OF_ISSUER, &FURTHER].concat();
+    let mut unknown: Vec<String> = Vec::new();
+    for (key, _) in pairs {
+        let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-.".contains(&byte);
+        let is_key = key.len() <= LONGEST_KEY && key.bytes().all(is_plain);
+        let key = if is_key { key.as_str() } else { "…" };
+        if !known.contains(&key) && !unknown.iter().any(|other| other == key) {
+            unknown.push(key.to_owned());
+        }
+    }
+    unknown.truncate(MOST_IGNORED);
+    unknown
 }
 
 /// A value of a query without its percent signs.
@@ -167,71 +301,103 @@ fn decoded(value: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// What there is of the first study that is ready, or else of the first that is known at all.
-async fn find_any(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, PacsError> {
-    let mut best: Option<LaunchView> = None;
-    for query in queries {
-        let found = find(pacs, query).await?;
-        if found.state == "ready" {
-            return Ok(found);
-        }
-        if best.as_ref().is_none_or(|best| best.state == "absent") {
-            best = Some(found);
-        }
+async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, PacsError> {
+    let mut heads = Vec::new();
+    for query in &asked.queries {
+        heads.extend(pacs.cases().heads(query).await?);
     }
-    best.ok_or_else(|| unreadable("the address names no study"))
+    let count = heads.len();
+    heads.retain(|head| asked.agrees(head));
+    if heads
+        .iter()
+        .any(|head| head.case.state != CaseState::Failed)
+    {
+        heads.retain(|head| head.case.state != CaseState::Failed);
+    }
+    let mut found = match heads.first() {
+        Some(first) => opened(first, &heads),
+        None if count > 0 => LaunchView {
+            state: "mismatch",
+            ..LaunchView::default()
+        },
+        None => coming(pacs, &asked.queries).await?,
+    };
+    let is_shown = pacs.shows_patient();
+    found.candidates = heads.iter().map(|head| candidate(head, is_shown)).collect();
+    found.ignored.clone_from(&asked.ignored);
+    Ok(found)
 }
 
-async fn find(pacs: &Pacs, query: &SeriesQuery) -> Result<LaunchView, PacsError> {
-    let store = pacs.cases().store();
-    let mut found = LaunchView {
-        state: "absent",
-        case: None,
-        reason: None,
-        nodes: Vec::new(),
-        study: None,
-        series: None,
+/// The first head, unless there are some of another study or patient.
+fn opened(first: &Head, heads: &[Head]) -> LaunchView {
+    let owner = |head: &Head| {
+        let [id, issuer] =
+            ["PatientID", "IssuerOfPatientID"].map(|name| head.value(name).map(str::to_owned));
+        (head.series.uids.study.clone(), id, issuer)
     };
-    for series in store.cases_of(query).await? {
-        let Some(case) = store.case(&series.case).await? else {
-            continue;
-        };
-        let state = match case.state {
+    let is_ambiguous = heads.iter().any(|head| owner(head) != owner(first));
+    LaunchView {
+        state: match first.case.state {
+            _ if is_ambiguous => "choice",
             CaseState::Ready => "ready",
             CaseState::Queued | CaseState::Preparing => "preparing",
             CaseState::Failed => "failed",
-        };
-        // The newest one that is ready, or else the newest one.
-        if found.case.is_none() || state == "ready" {
-            found.state = state;
-            found.case = Some(case.id);
-            found.reason = case.failure.map(Into::into);
+        },
+        case: (!is_ambiguous).then_some(first.case.id),
+        reason: first.case.failure.clone().map(Into::into),
+        ..LaunchView::default()
+    }
+}
+
+fn candidate(head: &Head, shows_patient: bool) -> CandidateView {
+    let value = |keyword| head.value(keyword).map(str::to_owned);
+    let names =
+        ["SeriesDescription", "ProtocolName"].map(|name| head.value(name).unwrap_or_default());
+    let description = match shows_patient {
+        true => names[0].to_owned(),
+        false => kind_of_series(&names.join(" ")),
+    };
+    let parts = [value("SeriesNumber"), value("Modality"), Some(description)];
+    let parts = parts.into_iter().flatten().filter(|part| !part.is_empty());
+    let of_patient = ["PatientName", "PatientID", "PatientBirthDate"].map(value);
+    let patient: Vec<String> = of_patient.into_iter().flatten().collect();
+    CandidateView {
+        case: head.case.id,
+        state: head.case.state,
+        study_date: value("StudyDate"),
+        acquired: head.acquired(),
+        series: parts.collect::<Vec<_>>().join(" · "),
+        is_derived: head.is_derived(),
+        has_contrast: head.has_contrast(),
+        voxel_mm: head.voxel_mm(),
+        patient: (shows_patient && !patient.is_empty()).then(|| patient.join(" · ")),
+    }
+}
+
+/// What there is of studies of which there is no case: of the first that is known at all.
+async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, PacsError> {
+    let mut found = LaunchView {
+        state: "absent",
+        ..LaunchView::default()
+    };
+    for query in queries {
+        let arrivals = pacs.cases().store().arrivals_of(query).await?;
+        if arrivals
+            .iter()
+            .any(|arrival| arrival.state == ArrivalState::Receiving)
+        {
+            found.state = "receiving";
+            return Ok(found);
         }
-        if state == "ready" {
+        if let Some(arrival) = arrivals.into_iter().next_back() {
+            found.state = "nothing";
+            found.reason = arrival.reason.map(Into::into);
             return Ok(found);
         }
     }
-    if found.case.is_some() {
-        return Ok(found);
-    }
-    let arrivals = store.arrivals_of(query).await?;
-    let is_coming = |state| arrivals.iter().any(|arrival| arrival.state == state);
-    if is_coming(ArrivalState::Receiving) {
-        found.state = "receiving";
-        return Ok(found);
-    }
-    if let Some(arrival) = arrivals.into_iter().next_back() {
-        found.state = "nothing";
-        found.reason = arrival.reason.map(Into::into);
-        return Ok(found);
-    }
-    if let SeriesQuery::Study(study, Some(series)) = query {
-        found.nodes = pacs
-            .nodes()
-            .iter()
-            .filter(|node| node.web().is_some())
-            .map(|node| node.name().to_owned())
-            .collect();
+    if let [SeriesQuery::Study(study, Some(series))] = queries {
+        let nodes = pacs.nodes().iter().filter(|node| node.web().is_some());
+        found.nodes = nodes.map(|node| node.name().to_owned()).collect();
         found.study = Some(study.as_str().to_owned());
         found.series = Some(series.as_str().to_owned());
     }
@@ -267,7 +433,7 @@ mod tests {
                 SeriesQuery::AccessionNumber(AccessionNumber::parse("A 7").unwrap()),
             ),
         ] {
-            assert_eq!(parse(query).unwrap(), [expected], "{query}");
+            assert_eq!(Asked::parse(query).unwrap().queries, [expected], "{query}");
         }
     }
 
@@ -278,10 +444,49 @@ mod tests {
             "StudyInstanceUIDs=1.2.3,1.2.9&x=y",
             "StudyInstanceUIDs=1.2.3&StudyInstanceUIDs=1.2.9",
         ] {
-            assert_eq!(parse(query).unwrap(), expected, "{query}");
+            assert_eq!(Asked::parse(query).unwrap().queries, expected, "{query}");
         }
         let many = vec!["1.2"; MOST_STUDIES + 1].join(",");
-        assert!(parse(&format!("StudyInstanceUIDs={many}")).is_err());
+        assert!(Asked::parse(&format!("StudyInstanceUIDs={many}")).is_err());
+    }
+
+    #[test]
+    fn patient_and_issuer_are_read_as_they_are_or_as_in_hl7() {
+        for (query, id, issuer) in [
+            ("study=1.2", None, None),
+            ("study=1.2&patientID=P%207", Some("P 7"), None),
+            (
+                "study=1.2&patientID=P7&issuer=HOSP",
+                Some("P7"),
+                Some("HOSP"),
+            ),
+            ("study=1.2&patientID=P7^^^HOSP", Some("P7"), Some("HOSP")),
+            (
+                "study=1.2&patientID=P7%5e%5e%5e%261.2.3%26ISO",
+                Some("P7"),
+                Some("1.2.3"),
+            ),
+            (
+                "study=1.2&patientID=P7^^^A%261.2%26ISO&IssuerOfPatientID=B",
+                Some("P7"),
+                Some("B"),
+            ),
+        ] {
+            let asked = Asked::parse(query).unwrap();
+            let read = [asked.patient_id, asked.issuer];
+            assert_eq!(
+                read,
+                [id, issuer].map(|text| text.map(str::to_owned)),
+                "{query}"
+            );
+        }
+    }
+
+    #[test]
+    fn unknown_keys_are_reported_and_what_is_no_key_is_not_repeated() {
+        let asked =
+            Asked::parse("StudyUID=1.2&requestType=study&x=1&X=2&patient name=3&viewerType=a");
+        assert_eq!(asked.unwrap().ignored, ["x", "…", "viewertype"]);
     }
 
     #[test]
@@ -294,8 +499,10 @@ mod tests {
             "study=1.2&series=Smith",
             "study=%",
             "accessionNumber=%00",
+            "study=1.2&patientID=Smith&patientID=Smyth",
+            "study=1..2",
         ] {
-            let error = parse(query).unwrap_err().to_string();
+            let error = Asked::parse(query).unwrap_err().to_string();
             assert!(!error.contains("Smith"), "{error}");
         }
     }

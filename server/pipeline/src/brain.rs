@@ -58,7 +58,7 @@ impl Found {
             Verdict::Extracted(method, found) => {
                 let measured =
                     quality::measure(&self.brain, envelope, found.largest_component, volume_grid);
-                quality::of_extracted(measured, quality::method_of(*method), found)
+                quality::of_extracted(measured, quality::method_of(*method), found, volume_grid)
             }
             Verdict::Measured {
                 method,

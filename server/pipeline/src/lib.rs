@@ -22,6 +22,7 @@ mod steps;
 pub mod testing;
 #[cfg(test)]
 mod tests;
+mod voxels;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -43,6 +44,7 @@ use self::codec::{encode_brain, encode_envelope, encode_forest, encode_paths, en
 use self::failure::from_geometry;
 use self::source::{check_intensities, read_sound_volume};
 use self::steps::Steps;
+use self::voxels::voxel_facts;
 
 pub use self::affine::affine_of;
 pub use self::check::{Checked, Input, ReadSource, check, settled};
@@ -103,12 +105,9 @@ fn prepare(
     let built = built.map_err(|Refused(failure)| failure)?;
 
     let mut facts = CaseFacts {
-        native_size: native.grid().size(),
-        native_spacing_mm: native.grid().spacing_mm(),
-        native_patient_from_voxel: rows_of(native.grid().patient_from_voxel()),
         quality: Some(quality),
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
-        ..facts(&built)
+        ..facts(&built, &native)
     };
     // Last, so that everything before belongs to a stage.
     facts.timings = steps.timings();
@@ -218,8 +217,9 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
     Ok(volume)
 }
 
-/// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres.
-pub fn facts(built: &BuiltModel) -> CaseFacts {
+/// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres. `native` is the
+/// whole acquired volume.
+pub fn facts(built: &BuiltModel, native: &Volume) -> CaseFacts {
     let (volume, distance) = (built.model.volume(), &built.distance);
     let grid = distance.grid();
     let [intensity_min, intensity_max] = volume.intensity_range();
@@ -232,9 +232,10 @@ pub fn facts(built: &BuiltModel) -> CaseFacts {
         grid_size: grid.size(),
         spacing_mm: grid.spacing_mm()[0],
         patient_from_voxel: rows_of(grid.patient_from_voxel()),
-        native_size: volume.grid().size(),
-        native_spacing_mm: volume.grid().spacing_mm(),
-        native_patient_from_voxel: rows_of(volume.grid().patient_from_voxel()),
+        native_size: native.grid().size(),
+        native_spacing_mm: native.grid().spacing_mm(),
+        native_patient_from_voxel: rows_of(native.grid().patient_from_voxel()),
+        voxels: Some(voxel_facts(native)),
         envelope_sphere: SphereFacts {
             center_in_patient: sphere.centre_in_patient.to_array(),
             radius_mm: sphere.radius_mm,

@@ -1,8 +1,9 @@
 //! The quality of a mask: measurements and a rating.
 
-use case::{MaskMethod, Quality, QualityNumbers, QualityState};
+use case::{CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState};
 use extraction::{Judgement, MaskNumbers, Method, Reason, Verdict};
 use geometry::{BrainMask, Envelope, Grid};
+use glam::DVec3;
 
 use super::affine::rows_of;
 
@@ -60,6 +61,7 @@ pub fn of_extracted(
     measured: QualityNumbers,
     method: MaskMethod,
     found: &extraction::Quality,
+    volume_grid: &Grid,
 ) -> Quality {
     Quality {
         state: match found.verdict {
@@ -76,8 +78,16 @@ pub fn of_extracted(
         },
         reason_codes: codes(&found.reasons),
         reasons: sentences(found.reasons.clone()),
-        corrected_header: found.other_patient_from_voxel.map(rows_of),
+        corrected_header: found
+            .other_patient_from_voxel
+            .map(|turned| CorrectedHeader::reflected_at(middle(volume_grid).x, rows_of(turned))),
     }
+}
+
+/// The centre of a grid, LPS mm.
+fn middle(grid: &Grid) -> DVec3 {
+    let last = DVec3::from_array(grid.size().map(|side| (side - 1) as f64));
+    grid.patient_from_voxel().transform_point3(last / 2.0)
 }
 
 /// The method of an extraction.

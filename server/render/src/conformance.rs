@@ -1,7 +1,8 @@
-//! Checks that every renderer must pass, on a synthetic case whose pictures are known on paper.
+//! Checks that every renderer must pass, on a synthetic case whose pictures are known on paper, and the [`Agreement`] of pictures.
 //!
 //! A renderer passes if [`check`] does not panic.
 
+mod agreement;
 mod layers;
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,6 +12,8 @@ use geometry::{
     Cut, DistanceMap, Envelope, Face, Grid, MeshSize, PathTable, Paths, Volume, phantom,
 };
 use glam::{DAffine3, DMat3, DVec3};
+
+pub use agreement::{Agreement, difference_picture};
 
 use crate::gpu::{CaseKey, KeyedModel};
 use crate::{

@@ -13,6 +13,8 @@
 //! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
 //! camera looks: x to the right of the picture, y up, z towards the viewer.
 
+#![warn(missing_docs)]
+
 mod annotate;
 mod apng;
 mod backend;

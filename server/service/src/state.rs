@@ -4,12 +4,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::FromRef;
-use cases::{Cases, Error};
-use tokio::sync::{Semaphore, SemaphorePermit, watch};
+use cases::{Cases, Client, Error};
+use tokio::sync::watch;
 
 use crate::routes::bodies::Bodies;
 use http_support::auth::Access;
 use http_support::metrics::Metrics;
+use http_support::places::{Place, Places};
 use http_support::problem::AppError;
 
 /// What HTTP may ask of the server, and who may ask.
@@ -49,7 +50,7 @@ pub struct AppState {
     metrics: Metrics,
     access: Access,
     uploads: Uploads,
-    stopping: Stopping,
+    streams: EventStreams,
     answer_timeout: AnswerTimeout,
 }
 
@@ -63,14 +64,14 @@ impl AppState {
             cases,
             metrics,
             access: options.access,
-            stopping: Stopping::default(),
+            streams: EventStreams::new(),
             answer_timeout: AnswerTimeout(options.answer_timeout),
         }
     }
 
     /// What tells endless answers to end.
     pub fn stopping(&self) -> &Stopping {
-        &self.stopping
+        &self.streams.stopping
     }
 }
 
@@ -81,25 +82,53 @@ pub struct Uploads {
     pub limits: UploadLimits,
     /// The counter of their bytes.
     pub metrics: Metrics,
-    room: Arc<Semaphore>,
+    room: Places,
 }
 
 impl Uploads {
     fn new(limits: UploadLimits, metrics: Metrics) -> Self {
         Self {
-            room: Arc::new(Semaphore::new(limits.at_a_time)),
+            room: Places::in_quarters(limits.at_a_time),
             limits,
             metrics,
         }
     }
 
     /// Room for one more upload, until it is dropped. There is room for fewer uploads than connections, so that uploads
-    /// do not block others.
+    /// do not block others, and one client may take a quarter of it.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn begin(&self) -> Result<SemaphorePermit<'_>, AppError> {
-        self.room.try_acquire().map_err(|_| Error::Busy.into())
+    pub fn begin(&self, client: Client) -> Result<Place, AppError> {
+        self.room.take(client).ok_or_else(|| Error::Busy.into())
+    }
+}
+
+/// Streams of events at a time.
+const EVENT_STREAMS: usize = 256;
+
+/// What streams of events share. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct EventStreams {
+    /// When they end.
+    pub stopping: Stopping,
+    room: Places,
+}
+
+impl EventStreams {
+    fn new() -> Self {
+        Self {
+            stopping: Stopping::default(),
+            room: Places::in_quarters(EVENT_STREAMS),
+        }
+    }
+
+    /// Room for one more stream, until it is dropped. One client may take a quarter of it.
+    ///
+    /// # Errors
+    /// [`Error::Busy`].
+    pub fn begin(&self, client: Client) -> Result<Place, AppError> {
+        self.room.take(client).ok_or_else(|| Error::Busy.into())
     }
 }
 

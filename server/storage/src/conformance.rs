@@ -8,7 +8,7 @@ mod results;
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::{CaseState, ObjectKind, Parameters, Progress, Stage};
+use case::{CaseFacts, CaseState, ObjectKind, Parameters, Progress, Stage, VoxelFacts};
 
 pub(crate) use self::arrivals::*;
 pub(crate) use self::layers::*;
@@ -92,6 +92,7 @@ macro_rules! conformance {
                 a_ready_case_gets_other_objects_or_fails
                 a_rebuild_is_one_process_s_until_its_lease_ends
                 a_case_of_another_store_is_adopted_as_it_is_there
+                ready_cases_are_found_by_their_voxels
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
                 an_image_is_received_once
@@ -105,6 +106,7 @@ macro_rules! conformance {
                 a_retrieval_is_queued_once_and_leased_until_it_ends
                 a_result_is_queued_once_for_a_node_and_sent_until_it_is_there
                 a_result_is_kept_until_it_is_forgotten_or_its_case_deleted
+                results_are_listed_by_case_and_state_in_pages
                 a_layer_is_inserted_once_and_as_many_as_may
                 layers_are_named_and_ordered
                 a_layer_is_leased_once_its_case_is_ready
@@ -682,6 +684,46 @@ pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &
     assert_eq!(store.case(&new.id).await.unwrap().unwrap(), ready);
     assert_eq!(store.case_objects(&new.id).await.unwrap(), names);
     assert_eq!(store.waiting().await.unwrap(), 0);
+}
+
+pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
+    let store = &subject.store;
+    let of = |values: &str| CaseFacts {
+        voxels: Some(VoxelFacts {
+            values: values.to_owned(),
+            moments: [1, 2, 3],
+        }),
+        ..facts()
+    };
+    let mut ids = Vec::new();
+    for (contents, values) in [("a", "same"), ("b", "other"), ("c", "same"), ("d", "same")] {
+        let new = insert(store, contents).await;
+        let leased = claim(store).await.unwrap();
+        let published = derived(store, contents).await;
+        store
+            .make_case_ready(&leased, &published, &of(values))
+            .await
+            .unwrap();
+        ids.push(new.id);
+        subject.pass(1);
+    }
+    let found = async |values: &str, limit| {
+        let cases = store.cases_with_voxels(values, limit).await.unwrap();
+        cases.into_iter().map(|case| case.id).collect::<Vec<_>>()
+    };
+    assert_eq!(found("same", 10).await, [ids[3], ids[2], ids[0]]);
+    assert_eq!(found("same", 1).await, [ids[3]]);
+    assert_eq!(found("none", 10).await, []);
+    store.condemn(&ids[3], &failure()).await.unwrap();
+    assert_eq!(found("same", 10).await, [ids[2], ids[0]]);
+
+    let ready = store.case(&ids[0]).await.unwrap().unwrap();
+    let names = store.case_objects(&ids[0]).await.unwrap();
+    store.delete_case(&ids[0]).await.unwrap();
+    assert_eq!(found("same", 10).await, [ids[2]]);
+    let again = pinned(store, &names).await;
+    assert!(store.adopt(&ready, &again).await.unwrap());
+    assert_eq!(found("same", 10).await, [ids[2], ids[0]]);
 }
 
 pub(crate) async fn what_nobody_needs_is_told(subject: &Subject) {

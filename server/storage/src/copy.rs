@@ -1,9 +1,19 @@
 //! Copies one store into another: a move between back ends, or a backup.
 
+use std::collections::HashSet;
+
 use crate::Unreadable;
 use case::{CaseId, CaseState, Layer};
 
+use super::arrivals::{Arrival, NewInstance, TransferQuery};
+use super::results::SentResult;
 use super::{ObjectName, Store, StoreError};
+
+/// Rows to read at a time.
+const ROWS_AT_ONCE: usize = 100;
+
+/// Images of a series to pin at a time: copying them takes far less than a pin lasts.
+const IMAGES_AT_ONCE: usize = 32;
 
 /// The result of a copy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -16,9 +26,39 @@ pub struct Copied {
     pub bytes: u64,
     /// Intact objects that the target already had.
     pub kept: u64,
-    /// Cases and layers that were not copied, because a source is missing or damaged.
+    /// Cases and layers that were not copied, because a source is missing or damaged; images and results that are
+    /// missing or damaged.
     pub lost: u64,
+    /// What came from a PACS, or goes to one.
+    pub for_pacs: ForPacs,
 }
+
+/// The numbers of what came from a PACS, or goes to one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ForPacs {
+    /// Series.
+    pub series: u64,
+    /// Their images.
+    pub images: u64,
+    /// Results.
+    pub results: u64,
+}
+
+/// A step of a copy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CopyStep {
+    /// A case was copied.
+    Case(CaseId),
+    /// A case, or one of its layers, was not copied.
+    LostCase(CaseId),
+    /// An image from a PACS, or a result for one, was not copied.
+    LostForPacs(ObjectName),
+    /// A series with its images, or a result, was copied.
+    ForPacs,
+}
+
+/// Receives each step with the result so far.
+type Report<'r> = &'r mut (dyn FnMut(CopyStep, &Copied) + Send);
 
 impl Store {
     /// Copies every case into another store. Intact objects that the target already has are kept, so an interrupted
@@ -26,16 +66,11 @@ impl Store {
     /// there.
     ///
     /// A case that is not prepared yet is prepared there. Each object is verified against its digest when it is read,
-    /// and read back after it is written. `report` receives each case with the result so far, and `false` if the case
-    /// or one of its layers was not copied.
+    /// and read back after it is written.
     ///
     /// # Errors
     /// If a store cannot be reached.
-    pub async fn copy_into(
-        &self,
-        other: &Self,
-        report: &mut (dyn FnMut(&CaseId, bool, &Copied) + Send),
-    ) -> Result<Copied, StoreError> {
+    pub async fn copy_into(&self, other: &Self, report: Report<'_>) -> Result<Copied, StoreError> {
         let mut ids = Vec::new();
         let mut walk = None;
         while let Some(cases) = self.next_cases(&mut walk).await? {
@@ -44,10 +79,119 @@ impl Store {
         let mut copied = Copied::default();
         // A case comes before its versions.
         for id in ids.iter().rev() {
-            let is_whole = self.copy_case(other, id, &mut copied).await?;
-            report(id, is_whole, &copied);
+            let step = match self.copy_case(other, id, &mut copied).await? {
+                true => CopyStep::Case(*id),
+                false => CopyStep::LostCase(*id),
+            };
+            report(step, &copied);
         }
         Ok(copied)
+    }
+
+    /// Copies every series that came from a PACS with its images, and every result, after the cases; adds to `copied`.
+    /// Results that wait to be sent wait there too. Retrievals are not copied.
+    ///
+    /// # Errors
+    /// If a store cannot be reached.
+    pub async fn copy_for_pacs_into(
+        &self,
+        other: &Self,
+        mut copied: Copied,
+        report: Report<'_>,
+    ) -> Result<Copied, StoreError> {
+        let mut after = None;
+        loop {
+            let (page, next) = self.arrivals(after.as_ref(), ROWS_AT_ONCE).await?;
+            for arrival in page {
+                for lost in self.copy_series(other, &arrival, &mut copied).await? {
+                    report(CopyStep::LostForPacs(lost), &copied);
+                }
+                report(CopyStep::ForPacs, &copied);
+            }
+            match next {
+                Some(next) => after = Some(next),
+                None => break,
+            }
+        }
+        let (every, mut after) = (TransferQuery::default(), None);
+        loop {
+            let (page, next) = self.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
+            for result in page {
+                let step = match self.copy_result(other, &result, &mut copied).await? {
+                    true => CopyStep::ForPacs,
+                    false => CopyStep::LostForPacs(result.object),
+                };
+                report(step, &copied);
+            }
+            match next {
+                Some(next) => after = Some(next),
+                None => return Ok(copied),
+            }
+        }
+    }
+
+    /// Copies the images that are whole; returns the others.
+    async fn copy_series(
+        &self,
+        other: &Self,
+        arrival: &Arrival,
+        copied: &mut Copied,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let images = self.images_of(&arrival.uids).await?;
+        let mut lost = Vec::new();
+        for some in images.chunks(IMAGES_AT_ONCE) {
+            let names: HashSet<_> = some.iter().map(|(_, name)| *name).collect();
+            let mut pinned = other.pin(names).await?;
+            let mut whole = Vec::new();
+            for (uid, name) in some {
+                if self.copy_object(other, name, copied).await? {
+                    whole.push(NewInstance {
+                        uids: arrival.uids.clone(),
+                        accession_number: arrival.accession_number.clone(),
+                        sop_instance_uid: uid.clone(),
+                        digest: name.digest,
+                    });
+                } else {
+                    lost.push(*name);
+                    pinned.names.retain(|pinned| pinned != name);
+                }
+            }
+            let adopted = other.adopt_arrival(arrival, &whole, &pinned).await?;
+            other.abandon(&pinned).await;
+            if !adopted {
+                return Err(StoreError::Rows("a pin was lost".into()));
+            }
+            copied.for_pacs.images += whole.len() as u64;
+        }
+        copied.for_pacs.series += u64::from(!images.is_empty());
+        if !lost.is_empty() {
+            // The series may have been deleted a moment ago.
+            let images = self.images_of(&arrival.uids).await?;
+            lost.retain(|lost| images.iter().any(|(_, name)| name == lost));
+        }
+        copied.lost += lost.len() as u64;
+        Ok(lost)
+    }
+
+    /// Returns `false` if the result is missing or damaged, or its case was not copied.
+    async fn copy_result(
+        &self,
+        other: &Self,
+        result: &SentResult,
+        copied: &mut Copied,
+    ) -> Result<bool, StoreError> {
+        let pinned = other.pin([result.object]).await?;
+        let adopted = self.copy_object(other, &result.object, copied).await?
+            && other.adopt_result(result, &pinned).await?;
+        other.abandon(&pinned).await;
+        if adopted {
+            copied.for_pacs.results += 1;
+        } else if self.result(&result.id).await?.is_some() {
+            copied.lost += 1;
+            return Ok(false);
+        }
+        // Otherwise it was deleted a moment ago.
+        Ok(true)
     }
 
     /// Returns `false` if a source is lost.

@@ -41,6 +41,9 @@ pub enum StoreError {
          use another directory, and upload the volumes again"
     )]
     OlderSchema,
+    /// There is no store at a location.
+    #[error("there is no store here: {0}; check the address of the store")]
+    NoStore(&'static str),
     /// The rows cannot be read or written.
     #[error("the database of the store failed")]
     Rows(#[source] Box<dyn std::error::Error + Send + Sync>),

@@ -68,7 +68,7 @@ use case::{Case, CaseId};
 
 pub use case::arrivals;
 
-pub use self::copy::Copied;
+pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::StoreError;
 pub use self::inspect::{Finding, Inspected};
 pub use self::layers::{LayerUpload, SubmittedLayer};

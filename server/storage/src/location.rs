@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 
 use sqlx::postgres::{PgConnectOptions, PgSslMode};
 
+use super::sql::Rows;
+use super::{StoreError, rows_file};
+
 /// The accepted parameters of the address of a PostgreSQL database. Others are rejected, because sqlx would log them.
 const POSTGRES_PARAMETERS: [&str; 12] = [
     "sslmode",
@@ -41,6 +44,46 @@ impl From<&Path> for Location {
             objects: None,
         }
     }
+}
+
+impl Location {
+    /// Checks that there is a store, before it is opened by somebody who must not create one. Whether the objects of a
+    /// bucket are there is only seen when they are read.
+    ///
+    /// # Errors
+    /// [`StoreError::NoStore`] if there is none, or if a database cannot be reached.
+    pub async fn must_exist(&self) -> Result<(), StoreError> {
+        let rows = match &self.database {
+            None => is_written(&rows_file(&self.folder)),
+            Some(DatabaseAddress::Sqlite(file)) => is_written(file),
+            Some(DatabaseAddress::Postgres(options)) => {
+                Rows::is_in_postgres((**options).clone()).await?
+            }
+        };
+        if !rows {
+            return Err(StoreError::NoStore(match &self.database {
+                None => "the folder has no `rows.sqlite`",
+                Some(DatabaseAddress::Sqlite(_)) => "the file of the database does not exist",
+                Some(DatabaseAddress::Postgres(_)) => "the database has no cases",
+            }));
+        }
+        let objects = match &self.objects {
+            None => self.folder.join("objects").is_dir(),
+            Some(ObjectsAddress::Folder(folder)) => folder.is_dir(),
+            Some(ObjectsAddress::Bucket { .. }) => true,
+        };
+        match objects {
+            true => Ok(()),
+            false => Err(StoreError::NoStore(
+                "the folder of the objects does not exist",
+            )),
+        }
+    }
+}
+
+/// Whether a file of SQLite has been written.
+fn is_written(file: &Path) -> bool {
+    std::fs::metadata(file).is_ok_and(|metadata| metadata.is_file() && metadata.len() > 0)
 }
 
 /// The reason why an address is invalid. The address is not repeated, because it may contain a password.
@@ -283,6 +326,30 @@ mod tests {
 
     fn parameter(name: &str) -> BadAddress {
         BadAddress::Parameter(name.to_owned())
+    }
+
+    #[tokio::test]
+    async fn a_folder_without_a_store_is_told_and_not_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = Location::from(&*folder.path().join("nope"));
+        let empty = Location::from(folder.path());
+        let elsewhere = Location {
+            database: Some(DatabaseAddress::Sqlite(folder.path().join("rows.sqlite"))),
+            ..empty.clone()
+        };
+        for location in [&missing, &empty, &elsewhere] {
+            let error = location.must_exist().await.unwrap_err();
+            assert!(matches!(error, StoreError::NoStore(_)), "{error:?}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        let store = crate::Store::open(folder.path()).await.unwrap();
+        empty.must_exist().await.unwrap();
+        elsewhere.must_exist().await.unwrap();
+        store.close().await;
+        empty.must_exist().await.unwrap();
+        std::fs::remove_dir(folder.path().join("objects")).unwrap();
+        let error = empty.must_exist().await.unwrap_err();
+        assert!(error.to_string().contains("folder of the objects"));
     }
 
     #[test]

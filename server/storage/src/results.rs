@@ -74,6 +74,8 @@ pub struct SentResult {
     pub node: String,
     /// Its study.
     pub study: Uid,
+    /// Its series.
+    pub series: ResultSeries,
     /// The result.
     pub instance: Uid,
     /// The object with its file.

@@ -1,4 +1,4 @@
-// The page's words, each language in a file of its own: only the one that is spoken is fetched.
+// The page's words, each language in a script of its own: only the one that is spoken is fetched.
 
 import { wait } from "./patience.ts";
 import type english from "../words.en.json";
@@ -8,6 +8,11 @@ export type Words = Readonly<Record<Key, string>>;
 
 export const LANGUAGES = { en: "English", "pt-BR": "Português" } as const;
 export type Language = keyof typeof LANGUAGES;
+
+const WORDS: Readonly<Record<Language, () => Promise<{ readonly default: Words }>>> = {
+  en: () => import("../words.en.json", { with: { type: "json" } }),
+  "pt-BR": () => import("../words.pt-BR.json", { with: { type: "json" } }),
+};
 
 let language: Language = "en";
 let words: Words = {} as Words;
@@ -32,8 +37,7 @@ export function speak(wanted: Language, its: Words): void {
 export async function learn(wanted: Language): Promise<void> {
   for (;;) {
     try {
-      const response = await fetch(`words.${wanted}.json`);
-      if (response.ok) return speak(wanted, (await response.json()) as Words);
+      return speak(wanted, (await WORDS[wanted]()).default);
     } catch {
       // Asked again below.
     }

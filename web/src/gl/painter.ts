@@ -3,6 +3,7 @@
 
 import { colorTable } from "./colors.ts";
 import { STEPS_PER_VOXEL } from "../model/field.ts";
+import { EQUIPMENT } from "./equipment.ts";
 import { findEncodings, gapped, type Encoding, type Encodings } from "./formats.ts";
 import {
   computePositions,
@@ -22,7 +23,6 @@ import {
   UNITS,
   type DepthTarget,
   type Gl,
-  type Equipment,
   type Target,
   type Vertices,
 } from "./gl.ts";
@@ -92,21 +92,21 @@ export class Painter {
   #depths: DepthTarget | null = null;
 
   /** Compiles the shaders and finds out what the device can do. */
-  constructor(gl: Gl, equipment: Equipment, shown: CaseMaps) {
+  constructor(gl: Gl, shown: CaseMaps) {
     this.#gl = gl;
     this.#case = shown;
-    this.#encodings = made(findEncodings(gl, equipment.probe));
-    this.#picture = new UniformBlock(gl, equipment, "Picture");
-    this.#paths = new UniformBlock(gl, equipment, "Paths");
-    this.#contours = new UniformBlock(gl, equipment, "Contours");
+    this.#encodings = made(findEncodings(gl, EQUIPMENT.probe));
+    this.#picture = new UniformBlock(gl, EQUIPMENT, "Picture");
+    this.#paths = new UniformBlock(gl, EQUIPMENT, "Paths");
+    this.#contours = new UniformBlock(gl, EQUIPMENT, "Contours");
     this.#programs = {
-      mesh: createTranslated(gl, equipment, "mesh.vert.glsl"),
-      shrink: createCapturing(gl, equipment, "shrink.vert.glsl"),
-      reduce: createTranslated(gl, equipment, "screen.vert.glsl", "reduce.frag.glsl"),
-      trace: createTranslated(gl, equipment, "screen.vert.glsl", "trace.frag.glsl"),
-      slice: createTranslated(gl, equipment, "screen.vert.glsl", "slice.frag.glsl"),
+      mesh: createTranslated(gl, EQUIPMENT, "mesh.vert.glsl"),
+      shrink: createCapturing(gl, EQUIPMENT, "shrink.vert.glsl"),
+      reduce: createTranslated(gl, EQUIPMENT, "screen.vert.glsl", "reduce.frag.glsl"),
+      trace: createTranslated(gl, EQUIPMENT, "screen.vert.glsl", "trace.frag.glsl"),
+      slice: createTranslated(gl, EQUIPMENT, "screen.vert.glsl", "slice.frag.glsl"),
     };
-    const table = colorTable(equipment.colors);
+    const table = colorTable(EQUIPMENT.colors);
     gl.activeTexture(gl.TEXTURE0 + UNITS.colors);
     createTable(gl, { internal: gl.RGBA8, layout: gl.RGBA, type: gl.UNSIGNED_BYTE }, [256, table.length / 1024], table);
     // Pictures without an overlay read nothing of it, but a texture must be there.

@@ -1,8 +1,6 @@
 // Fetches what the page draws with, and counts the bytes.
 
 import { send } from "../base/api.ts";
-import { COLOR_NAMES } from "../gl/colors.ts";
-import type { Equipment } from "../gl/gl.ts";
 import { MESH_PATHS, MESH_QUERY, PAGE_MESH } from "../model/query.ts";
 import type { LoadProgress } from "./surface.ts";
 import {
@@ -73,14 +71,6 @@ export class Assets {
     this.#id = id;
     this.#signal = signal;
     this.#count = count;
-  }
-
-  /** What the page draws with, in any case. */
-  async equipment(): Promise<Equipment> {
-    const sent = (await (await send("shaders.json", { signal: this.#signal })).json()) as Partial<Equipment>;
-    const hasColors = COLOR_NAMES.every((name) => typeof sent.colors?.[name] === "string");
-    refuseUnless(Boolean(sent.names && sent.shaders) && hasColors);
-    return sent as Equipment;
   }
 
   /** Three vertex numbers for each triangle of the page's mesh. */

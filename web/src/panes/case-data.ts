@@ -4,7 +4,6 @@ import { borderBox, gradients, smoothed } from "../model/field.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { voxelCount, type Block, type PathsTable } from "../model/wire.ts";
 import { patiently } from "../base/patience.ts";
-import type { Equipment } from "../gl/gl.ts";
 import type { FieldMaps } from "../gl/scene.ts";
 import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
 import type { LoadProgress } from "./surface.ts";
@@ -14,13 +13,8 @@ const MOST_WHOLE_BYTES = 96 << 20;
 
 export type Voxels8Or16 = Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>;
 
-/** What has been fetched of a case; a lost context is filled from it again. */
-export interface Fetched extends DeviceData {
-  equipment: Equipment | null;
-}
-
-/** What of it a device draws with. */
-export interface DeviceData {
+/** What has been fetched of a case, with which a device draws; a lost context is filled from it again. */
+export interface Fetched {
   triangles: Uint32Array<ArrayBuffer> | null;
   positions: { readonly positions: Float32Array<ArrayBuffer>; readonly depth_mm: number } | null;
   paths: PathsTable | null;
@@ -35,14 +29,13 @@ export interface DataListener {
   /** All of the first picture is here. */
   first(signal: AbortSignal): Promise<void>;
   /** More is here for a device. */
-  more(part: Partial<DeviceData>, signal: AbortSignal): Promise<void>;
+  more(part: Partial<Fetched>, signal: AbortSignal): Promise<void>;
   /** Everything is here. */
   whole(volume: Voxels8Or16, maps: FieldMaps): void;
 }
 
 export class CaseData {
   readonly fetched: Fetched = {
-    equipment: null,
     triangles: null,
     positions: null,
     paths: null,
@@ -96,21 +89,20 @@ export class CaseData {
     return whole;
   }
 
-  #take(part: Partial<DeviceData>, signal: AbortSignal): Promise<void> {
+  #take(part: Partial<Fetched>, signal: AbortSignal): Promise<void> {
     Object.assign(this.fetched, part);
     return this.#listener.more(part, signal);
   }
 
   async #loadFirst(assets: Assets, depth_mm: number, signal: AbortSignal): Promise<void> {
     const volume = voxelCount(this.#case.grid.size);
-    const [equipment, triangles, positions, quick, coarse] = await Promise.all([
-      assets.equipment(),
+    const [triangles, positions, quick, coarse] = await Promise.all([
       assets.triangles(),
       assets.positions(depth_mm),
       assets.volume(8, volume),
       assets.distance("coarse", volume / 32),
     ]);
-    Object.assign(this.fetched, { equipment, triangles, positions: { positions, depth_mm }, volume: quick });
+    Object.assign(this.fetched, { triangles, positions: { positions, depth_mm }, volume: quick });
     this.fetched.field = await patiently(coarseMaps(coarse), signal);
     await this.#listener.first(signal);
     // Other depths are wanted even when the table of all of them was cancelled.

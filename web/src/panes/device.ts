@@ -4,10 +4,10 @@ import type { ReadyCase } from "../model/case.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import { patiently } from "../base/patience.ts";
 import type { Vec2 } from "../model/space.ts";
-import type { Equipment, Gl } from "../gl/gl.ts";
+import type { Gl } from "../gl/gl.ts";
 import { Painter } from "../gl/painter.ts";
 import { fits, textureBytes } from "../gl/sizes.ts";
-import { withGradients, type DeviceData, type Fetched } from "./case-data.ts";
+import { withGradients, type Fetched } from "./case-data.ts";
 
 /** The most bytes on the device that a case may take. */
 const MOST_TEXTURE_BYTES = 1 << 30;
@@ -73,10 +73,10 @@ export class Device {
    * Makes a painter that has all that has been fetched, at first or after a lost context; false: this context ended.
    */
   async fill(fetched: Fetched, signal: AbortSignal): Promise<boolean> {
-    if (!fetched.equipment || this.gl.isContextLost()) return false;
+    if (!fetched.triangles || this.gl.isContextLost()) return false;
     const context = this.#context.signal;
     try {
-      this.painter = await this.#filled(fetched, fetched.equipment, AbortSignal.any([signal, context]));
+      this.painter = await this.#filled(fetched, AbortSignal.any([signal, context]));
       return true;
     } catch (error) {
       // The next context begins again.
@@ -104,10 +104,10 @@ export class Device {
     this.painter = null;
   }
 
-  async #filled(fetched: Fetched, equipment: Equipment, signal: AbortSignal): Promise<Painter> {
+  async #filled(fetched: Fetched, signal: AbortSignal): Promise<Painter> {
     const native_spacing_mm = Math.min(...this.#case.volume.spacing_mm);
     const { envelope_sphere: sphere, cuts = [], grid } = this.#case;
-    const painter = new Painter(this.gl, equipment, {
+    const painter = new Painter(this.gl, {
       sphere,
       plane: mirrorPlane(this.#case),
       native_spacing_mm,
@@ -138,7 +138,7 @@ export class Device {
 }
 
 /** Hands over what has been fetched, or a part of it. */
-export function* handOver(painter: Painter, part: Partial<DeviceData>): Generator<void, void> {
+export function* handOver(painter: Painter, part: Partial<Fetched>): Generator<void, void> {
   const { triangles, positions, paths, volume, isWhole = false, field } = part;
   if (triangles) painter.setTriangles(triangles);
   if (positions) painter.setPositions(positions.positions, positions.depth_mm);

@@ -3,9 +3,9 @@
 use geometry::{Grid, Volume};
 use glam::DAffine3;
 
-use super::phantom::{Phantom, Scan, plain_grid};
 use crate::block::{Block, Zone};
 use crate::candidates::Scores;
+use crate::phantom::{Phantom, Scan, plain_grid};
 use crate::tissue::{Bias, tissue_scale};
 
 /// The fraction of deep white matter that a bias field makes look like junction or grey matter.

@@ -3,10 +3,10 @@
 use geometry::Grid;
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::phantom::{rise, white_noise};
 use crate::block::{Block, Zone};
 use crate::gradient::{Slope, weighted_gradient};
 use crate::maps::MapParameters;
+use crate::phantom::{rise, white_noise};
 use crate::sharpness::sharpness;
 use crate::width::{EdgeFilters, JunctionWidth, WidthTable};
 

@@ -3,7 +3,7 @@
 use geometry::Grid;
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::phantom::{
+use crate::phantom::{
     Phantom, WIDTH_MM, lesion, mirrored, on_junction, plain_grid, sample, turned,
 };
 

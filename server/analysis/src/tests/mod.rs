@@ -4,7 +4,4 @@ mod bias;
 mod edges;
 mod heads;
 mod masses;
-pub(crate) mod phantom;
 mod real;
-#[cfg(feature = "study")]
-mod variants;

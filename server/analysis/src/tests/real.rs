@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use geometry::{Mask, Volume};
 use glam::DVec3;
 
-use super::phantom::{Scan, sample};
+use crate::phantom::{Scan, sample};
 use crate::{MapKind, MapsUndefined};
 
 /// Edge of the cells over which values at a surface are averaged, in mm.

@@ -3,6 +3,7 @@
 //! An image is durable before it is acknowledged. Once nothing has come for a series for a while, it is read as a whole
 //! and becomes a case, or nothing, for a reason that is kept. Late images make a new version of the case.
 
+mod heads;
 mod index;
 mod reader;
 #[cfg(test)]
@@ -17,6 +18,7 @@ use crate::application::Cases;
 use crate::dicom::InstanceIdentity;
 use crate::error::Error;
 
+pub use self::heads::Head;
 pub(crate) use self::index::SeriesOfUpload;
 pub use self::reader::ArrivalReader;
 

@@ -173,15 +173,9 @@ impl Cases {
     /// Makes a layer of a series; `None` if there is no case of its study that could have it.
     async fn make_layer(&self, due: &DueSeries) -> Result<Option<Outcome>, Error> {
         let study = SeriesQuery::Study(due.uids.study.clone(), None);
-        let mut case = None;
-        for found in self.store().cases_of(&study).await? {
-            let held = self.store().case(&found.case).await?;
-            if held.is_some_and(|held| held.state != CaseState::Failed) {
-                case = Some(found.case);
-                break;
-            }
-        }
-        let Some(case) = case else {
+        let heads = self.heads(&study).await?.into_iter();
+        let mut usable = heads.filter(|head| head.case.state != CaseState::Failed);
+        let Some(case) = usable.next().map(|head| head.case.id) else {
             return Ok(None);
         };
         let directory = self.store().spool_directory().await?;

@@ -64,7 +64,7 @@ const TECHNICAL: [Tag; 52] = [
 ];
 
 /// Attributes that are stored with a case, by keyword (PS3.6).
-const KEPT: [(Tag, &str); 40] = [
+const KEPT: [(Tag, &str); 48] = [
     (tags::PATIENT_NAME, "PatientName"),
     (tags::PATIENT_ID, "PatientID"),
     (tags::ISSUER_OF_PATIENT_ID, "IssuerOfPatientID"),
@@ -94,6 +94,7 @@ const KEPT: [(Tag, &str); 40] = [
         tags::POSITION_REFERENCE_INDICATOR,
         "PositionReferenceIndicator",
     ),
+    (tags::ACQUISITION_DATE_TIME, "AcquisitionDateTime"),
     (tags::ACQUISITION_DATE, "AcquisitionDate"),
     (tags::ACQUISITION_TIME, "AcquisitionTime"),
     (tags::MANUFACTURER, "Manufacturer"),
@@ -107,10 +108,23 @@ const KEPT: [(Tag, &str); 40] = [
     (tags::INVERSION_TIME, "InversionTime"),
     (tags::FLIP_ANGLE, "FlipAngle"),
     (tags::IMAGE_TYPE, "ImageType"),
+    (tags::CONTRAST_BOLUS_AGENT, "ContrastBolusAgent"),
     (
         tags::PHOTOMETRIC_INTERPRETATION,
         "PhotometricInterpretation",
     ),
+    (tags::LOSSY_IMAGE_COMPRESSION, "LossyImageCompression"),
+    (
+        tags::LOSSY_IMAGE_COMPRESSION_RATIO,
+        "LossyImageCompressionRatio",
+    ),
+    (
+        tags::LOSSY_IMAGE_COMPRESSION_METHOD,
+        "LossyImageCompressionMethod",
+    ),
+    (tags::PATIENT_IDENTITY_REMOVED, "PatientIdentityRemoved"),
+    (tags::DEIDENTIFICATION_METHOD, "DeidentificationMethod"),
+    (tags::TIMEZONE_OFFSET_FROM_UTC, "TimezoneOffsetFromUTC"),
 ];
 
 /// The longest text that is stored for an attribute, in bytes.

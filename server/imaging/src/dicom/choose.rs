@@ -76,9 +76,10 @@ impl Series {
         }
     }
 
-    /// Whether names or timing indicate a T1-weighted image.
+    /// Whether it is an MR series whose names or timing indicate a T1-weighted image.
     pub(super) fn is_t1(&self) -> bool {
-        is_t1(&self.images[0].hints)
+        let first = &self.images[0];
+        first.modality == Modality::Mr && is_t1(&first.hints)
     }
 
     /// The unit of the values, if the header states it, and the factor that they must be multiplied by.

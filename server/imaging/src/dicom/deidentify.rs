@@ -21,7 +21,7 @@ use super::write::uid_of;
 const CONTEXT: &str = "Isocortex 2026-11-22 replaced UID";
 
 /// Attributes that are kept although they describe more than the pixels: the Basic Profile does not remove them.
-const KEPT: [&str; 13] = [
+const KEPT: [&str; 16] = [
     "SeriesNumber",
     "Modality",
     "BodyPartExamined",
@@ -35,6 +35,9 @@ const KEPT: [&str; 13] = [
     "FlipAngle",
     "ImageType",
     "PhotometricInterpretation",
+    "LossyImageCompression",
+    "LossyImageCompressionRatio",
+    "LossyImageCompressionMethod",
 ];
 
 const REPLACED: [&str; 3] = [
@@ -64,8 +67,8 @@ pub fn replaced_uid(uid: &str) -> String {
     uid_of(&blake3::derive_key(CONTEXT, uid.as_bytes()).into())
 }
 
-/// What remains of the names of a series.
-fn kind_of(names: &str) -> String {
+/// The words in the names of a series that tell its kind. Nothing else of the names is in it, which may be somebody's.
+pub fn kind_of_series(names: &str) -> String {
     // As where the kind is recognised: a protocol for epilepsy is not echo-planar.
     let names = names.to_lowercase().replace("epilep", "");
     let words = T1_WORDS.iter().chain(&OTHER_WORDS).chain(&FURTHER_WORDS);
@@ -82,7 +85,7 @@ impl Attributes {
             found.map_or("", |(_, value)| value.as_str())
         };
         let names = [value("SeriesDescription"), value("ProtocolName")].join(" ");
-        let description = kind_of(&names);
+        let description = kind_of_series(&names);
         let kept = self.attributes.iter().filter_map(|(keyword, value)| {
             let value = match keyword.as_str() {
                 "SequenceName" => sequence_name(value)?.to_owned(),
@@ -127,7 +130,11 @@ pub fn deidentified_file(file: &[u8]) -> Result<Vec<u8>, DicomError> {
         kept.put(DataElement::new(tags::SEQUENCE_NAME, VR::SH, name));
     }
     for (tag, vr, value) in [
-        (tags::SERIES_DESCRIPTION, VR::LO, kind_of(&names.join(" "))),
+        (
+            tags::SERIES_DESCRIPTION,
+            VR::LO,
+            kind_of_series(&names.join(" ")),
+        ),
         (tags::PATIENT_NAME, VR::PN, String::new()),
         (tags::PATIENT_ID, VR::LO, String::new()),
         (tags::PATIENT_IDENTITY_REMOVED, VR::CS, "YES".to_owned()),
@@ -197,8 +204,8 @@ mod tests {
 
     #[test]
     fn only_the_kind_remains_of_names() {
-        assert_eq!(kind_of("T1_MPRAGE Somebody epilepsy"), "t1 mprage");
-        assert_eq!(kind_of("Somebody"), "");
+        assert_eq!(kind_of_series("T1_MPRAGE Somebody epilepsy"), "t1 mprage");
+        assert_eq!(kind_of_series("Somebody"), "");
     }
 
     #[test]

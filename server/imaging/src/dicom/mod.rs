@@ -42,7 +42,7 @@ pub mod write;
 pub use attributes::{Attributes, Instance};
 pub use choose::{Purpose, SeriesName, sequence_name};
 pub use convert::{Converted, Files, Options, convert};
-pub use deidentify::{deidentified_file, replaced_uid};
+pub use deidentify::{deidentified_file, kind_of_series, replaced_uid};
 pub use error::DicomError;
 pub use frames::{explicit_file, frames, stored_syntax};
 pub use header::IMAGE_CLASSES;

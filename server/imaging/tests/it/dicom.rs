@@ -334,6 +334,22 @@ fn another(number: i64, description: &'static str, count: usize) -> Vec<Slice> {
 }
 
 #[test]
+fn a_ct_is_no_t1_whatever_its_names_and_its_timing_say() {
+    let is_t1 = |sop_class, modality| {
+        let slices = (0..5).map(|number| Slice {
+            description: "t1 vertebra",
+            sop_class,
+            modality,
+            ..Slice::number(number)
+        });
+        let files = files(&slices.collect::<Vec<_>>(), Syntax::Explicit);
+        converted(files).unwrap().is_t1
+    };
+    assert!(is_t1("1.2.840.10008.5.1.4.1.1.4", "MR"));
+    assert!(!is_t1("1.2.840.10008.5.1.4.1.1.2", "CT"));
+}
+
+#[test]
 fn among_several_series_the_t1_is_taken_and_the_others_are_listed() {
     let mut slices = slices(6);
     slices.extend(another(2, "t2_flair", 9));

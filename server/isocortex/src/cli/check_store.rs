@@ -96,6 +96,7 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
     let mut config = args.store.config()?;
     set_some(&mut config.prepare.network, args.network.as_ref());
     super::block_on(async {
+        config.cases()?.location.must_exist().await?;
         let library = start::open_library(&config).await?;
         let mut findings = Findings::default();
         let inspected = library

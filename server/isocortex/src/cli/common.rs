@@ -12,7 +12,7 @@ use crate::logs::LogFormat;
 /// The location of the store.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct StoreArgs {
-    /// The directory of the store; created if missing. [default: isocortex-data]
+    /// The directory of the store. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     pub(super) data: Option<PathBuf>,
     /// The database, unless it is in the directory: postgres://[user@]host/name or sqlite:///file.

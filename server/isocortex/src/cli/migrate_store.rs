@@ -2,14 +2,16 @@
 
 use std::path::Path;
 
-use case::CaseId;
 use clap::Args;
-use storage::{BadAddress, Copied, DatabaseAddress, Location, ObjectsAddress, Options, Store};
+use storage::{
+    BadAddress, Copied, CopyStep, DatabaseAddress, ForPacs, Location, ObjectsAddress, Options,
+    Store,
+};
 use tempfile::TempDir;
 
 use super::status::{CliError, ExitStatus};
 
-/// Copy every case of a store into another one
+/// Copy every case of a store into another one, with the images from a PACS and the results for one
 ///
 /// Name a store by its directory, or by its database and its objects with a comma between them:
 /// `postgres://isocortex@db/isocortex,s3://heads`. Intact objects that the target already has are read but not copied,
@@ -24,16 +26,19 @@ pub(super) struct MigrateStoreArgs {
     /// The store to write; created if missing.
     #[arg(long, value_name = "STORE")]
     to: String,
+    /// Leave out the images that came from a PACS and the results that go to one, and count them.
+    #[arg(long)]
+    without_images: bool,
 }
 
 /// A store from the command line, with its temporary folder, if it needs one.
 struct Named {
-    store: Store,
+    location: Location,
     _folder: Option<TempDir>,
 }
 
 impl Named {
-    async fn open(text: &str) -> Result<Self, CliError> {
+    fn parse(text: &str) -> Result<Self, CliError> {
         let wrong = |error: BadAddress| CliError::new(ExitStatus::Usage, error);
         let (location, folder) = match text.split_once(',') {
             None if text.contains("://") => return Err(wrong(BadAddress::Objects)),
@@ -50,43 +55,74 @@ impl Named {
             }
         };
         Ok(Self {
-            store: Store::open_at(&location, Options::default()).await?,
+            location,
             _folder: folder,
         })
     }
+
+    async fn open(&self) -> Result<Store, CliError> {
+        Ok(Store::open_at(&self.location, Options::default()).await?)
+    }
+}
+
+fn report(step: CopyStep, copied: &Copied) {
+    match step {
+        CopyStep::Case(_) if copied.cases.is_multiple_of(100) => {
+            eprintln!("{} cases, {} objects so far", copied.cases, copied.objects);
+        }
+        CopyStep::ForPacs if copied.for_pacs.series.is_multiple_of(100) => {
+            eprintln!(
+                "{}, {} objects so far",
+                words(&copied.for_pacs),
+                copied.objects
+            );
+        }
+        CopyStep::Case(_) | CopyStep::ForPacs => {}
+        CopyStep::LostCase(id) => {
+            println!("not copied, because its source is missing or damaged: case {id}");
+        }
+        CopyStep::LostForPacs(name) => println!("not copied: {name}"),
+    }
+}
+
+fn words(for_pacs: &ForPacs) -> String {
+    format!(
+        "{} series with {} images, {} results",
+        for_pacs.series, for_pacs.images, for_pacs.results
+    )
 }
 
 /// Copies a store.
 pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
     super::keep_files_private();
-    if !args.from.contains(',') && !Path::new(&args.from).is_dir() {
-        let message =
-            "the directory to copy from does not exist; name any other store as `DATABASE,OBJECTS`";
-        return Err(CliError::new(ExitStatus::NoInput, message));
-    }
     super::block_on(async {
-        let from = Named::open(&args.from).await?;
-        let to = Named::open(&args.to).await?;
-        let mut report = |id: &CaseId, is_whole: bool, copied: &Copied| {
-            if !is_whole {
-                println!("not copied, because its source is missing or damaged: case {id}");
-            }
-            if copied.cases.is_multiple_of(100) {
-                eprintln!("{} cases, {} objects so far", copied.cases, copied.objects);
+        let [from, to] = [Named::parse(&args.from)?, Named::parse(&args.to)?];
+        from.location.must_exist().await?;
+        let (source, target) = (from.open().await?, to.open().await?);
+        let mut copied = source.copy_into(&target, &mut report).await?;
+        let left = match args.without_images {
+            true => source.count_for_pacs().await?,
+            false => {
+                let copy = source.copy_for_pacs_into(&target, copied, &mut report);
+                copied = copy.await?;
+                ForPacs::default()
             }
         };
-        let copied = from.store.copy_into(&to.store, &mut report).await?;
-        from.store.close().await;
-        to.store.close().await;
+        source.close().await;
+        target.close().await;
         println!(
             "copied: {} cases, {} objects, {} bytes; already there: {} objects",
             copied.cases, copied.objects, copied.bytes, copied.kept
         );
+        match args.without_images {
+            true => println!("for the PACS, not copied: {}", words(&left)),
+            false => println!("for the PACS, copied: {}", words(&copied.for_pacs)),
+        }
         match copied.lost {
             0 => Ok(()),
             lost => {
                 let message = format!(
-                    "{lost} cases were not copied; run `isocortex check-store` on the source"
+                    "{lost} cases, images or results were not copied; run `isocortex check-store` on the source"
                 );
                 Err(CliError::new(ExitStatus::InputOutput, message))
             }

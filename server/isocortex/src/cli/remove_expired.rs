@@ -35,6 +35,7 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
         return Err(CliError::new(ExitStatus::Usage, message));
     };
     super::block_on(async {
+        options.location.must_exist().await?;
         let store = Store::open_at(&options.location, options.store).await?;
         let expired = store.expired(keep, usize::MAX).await?;
         for id in &expired {

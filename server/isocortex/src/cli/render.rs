@@ -13,7 +13,7 @@ use clap::Args;
 use pipeline::Limits;
 use render::choice::Renderer;
 use render::{Background, ColorMap, NamedView};
-use storage::Store;
+use storage::{Location, Store};
 
 use super::case_file::{self, LocalCase};
 use super::prepare::{prepare_here, source};
@@ -202,13 +202,7 @@ async fn of_case(
 ) -> Result<Vec<u8>, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
-    if !data.is_dir() {
-        let message = format!(
-            "there is no store at {}; name it with --data",
-            data.display()
-        );
-        return Err(CliError::new(ExitStatus::NoInput, message));
-    }
+    Location::from(&*data).must_exist().await?;
     let store = Store::open(&data).await?;
     let choice = picture.asked.layers();
     let library = if choice.is_any() {

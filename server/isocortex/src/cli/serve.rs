@@ -10,7 +10,7 @@ use tokio::net::TcpListener;
 use super::choices;
 use super::common::{CommonArgs, set};
 use super::status::{CliError, ExitStatus};
-use crate::config::{Config, Secret};
+use crate::config::{Config, Network, Secret};
 use crate::logs;
 use crate::start;
 use cases::arrivals::ArrivalReader;
@@ -37,6 +37,14 @@ pub(super) struct ServeArgs {
     /// A file with the bearer token.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKEN_FILE")]
     pub(super) token_file: Option<PathBuf>,
+    /// The proxies that name the client in `X-Forwarded-For`: addresses or networks such as 10.0.0.0/8.
+    #[arg(
+        long,
+        value_name = "NETWORK,…",
+        value_delimiter = ',',
+        env = "ISOCORTEX_TRUSTED_PROXIES"
+    )]
+    pub(super) trusted_proxies: Option<Vec<Network>>,
     /// Whether a GPU may draw. [default: auto]
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU")]
     pub(super) gpu: Option<GpuUse>,
@@ -47,6 +55,10 @@ impl ServeArgs {
     pub(super) fn config(&self) -> Result<Config, CliError> {
         let mut config = self.common.config()?;
         set(&mut config.http.listen, self.listen.as_ref());
+        set(
+            &mut config.http.trusted_proxies,
+            self.trusted_proxies.as_ref(),
+        );
         set(&mut config.render.gpu, self.gpu.as_ref());
         if let Ok(token) = std::env::var(TOKEN_VARIABLE)
             && !token.is_empty()

@@ -75,6 +75,7 @@ impl From<StoreError> for CliError {
     fn from(error: StoreError) -> Self {
         let status = match error {
             StoreError::QueueFull => ExitStatus::Unavailable,
+            StoreError::NoStore(_) => ExitStatus::NoInput,
             _ => ExitStatus::InputOutput,
         };
         let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));

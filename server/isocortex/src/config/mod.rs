@@ -21,7 +21,7 @@ use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
-    DEFAULT_LISTEN, Http, Limits, MapsUse, Page, Prepare, Render, Secret, Storage,
+    DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret, Storage,
 };
 
 /// The limit for unpacked DICOM files, relative to the limit for an upload.
@@ -183,6 +183,17 @@ impl Config {
         }
     }
 
+    /// Whether the page shows the patient of a case from DICOM: unless it is set, if strangers cannot open the page's cases.
+    ///
+    /// # Errors
+    /// As [`Config::access`].
+    pub fn shows_patient(&self) -> Result<bool, ConfigError> {
+        match self.page.patient_banner {
+            Some(shows) => Ok(shows),
+            None => Ok(self.access()?.wants_token()),
+        }
+    }
+
     fn token_text(&self) -> Result<Option<String>, ConfigError> {
         match (&self.http.token, &self.http.token_file) {
             (Some(_), Some(_)) => Err(ConfigError::TwoTokens),
@@ -308,6 +319,12 @@ impl Config {
         ConnectionLimits {
             connections: self.http.max_connections,
             connections_per_address: self.http.max_connections_per_address,
+            trusted_proxies: self
+                .http
+                .trusted_proxies
+                .iter()
+                .map(|network| network.0)
+                .collect(),
             header_timeout: Duration::from_secs(self.http.header_timeout_secs),
             least_rate: LeastRate {
                 bytes_per_second: self.http.least_bytes_per_second,
@@ -401,6 +418,21 @@ mod tests {
             ..open
         });
         assert!(guarded.access().unwrap().wants_token());
+    }
+
+    #[test]
+    fn the_patient_is_shown_where_a_token_is_needed_unless_it_is_set() {
+        for (token, set, shown) in [
+            (None, None, false),
+            (secret(), None, true),
+            (secret(), Some(false), false),
+            (None, Some(true), true),
+        ] {
+            let mut config = Config::default();
+            config.http.token = token;
+            config.page.patient_banner = set;
+            assert_eq!(config.shows_patient().unwrap(), shown);
+        }
     }
 
     #[test]

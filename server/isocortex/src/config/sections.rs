@@ -1,15 +1,16 @@
 //! The sections of a configuration, each with its defaults. The keys of the file are the names of the fields.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use cases::pictures::GpuUse;
+use ipnet::IpNet;
 use pipeline::HeadLimits;
 use serde::Deserialize;
 
 /// The default address.
-pub const DEFAULT_LISTEN: SocketAddr =
-    SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 8640);
+pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8640);
 
 /// `[http]`: address, access and timeouts.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -21,10 +22,12 @@ pub struct Http {
     pub token: Option<Secret>,
     /// A file with the token, instead of `token`.
     pub token_file: Option<PathBuf>,
-    /// Connections at a time. Beyond this, only health checks are answered.
+    /// Connections of clients with the right token at a time. Others have 256 connections of their own.
     pub max_connections: usize,
-    /// Of these, connections from one address. Behind a proxy all clients have one address.
+    /// Of these, connections from one address that is not a trusted proxy.
     pub max_connections_per_address: usize,
+    /// The addresses or networks of the proxies that name the client in `X-Forwarded-For`.
+    pub trusted_proxies: Vec<Network>,
     /// Uploads at a time.
     pub max_uploads: usize,
     /// The minimum average rate at which a client must send a body and receive an answer, in bytes per second.
@@ -53,6 +56,7 @@ impl Default for Http {
             token_file: None,
             max_connections: 512,
             max_connections_per_address: 256,
+            trusted_proxies: Vec::new(),
             max_uploads: 64,
             least_bytes_per_second: 10_000,
             slow_start_secs: 10,
@@ -63,6 +67,34 @@ impl Default for Http {
             shutdown_grace_secs: 20,
             body_cache_bytes: 64 << 20,
         }
+    }
+}
+
+/// An address, or a network such as `10.0.0.0/8`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Network(pub IpNet);
+
+impl TryFrom<String> for Network {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl FromStr for Network {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let address = || {
+            text.parse()
+                .map(|address: IpAddr| IpNet::from(address.to_canonical()))
+        };
+        let network = text.parse().or_else(|_| address());
+        network.map(Self).map_err(|_| {
+            format!("`{text}` is neither an IP address nor a network such as 10.0.0.0/8")
+        })
     }
 }
 
@@ -136,8 +168,9 @@ impl Default for Limits {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Page {
-    /// Whether it shows the patient, the study and the series of a case from DICOM.
-    pub patient_banner: bool,
+    /// Whether it shows the patient, the study and the series of a case from DICOM. By default it does if the server needs a
+    /// token.
+    pub patient_banner: Option<bool>,
 }
 
 /// `[prepare]`: preparation of cases.

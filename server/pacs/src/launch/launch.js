@@ -57,6 +57,43 @@ function offer(found) {
   actions.replaceChildren(...buttons);
 }
 
+/** A date of DICOM as people write it. */
+const day = (text = "") => text.replace(/^(\d{4})(\d\d)(\d\d).*$/, "$1-$2-$3");
+
+/** What distinguishes a case from the others, without naming the patient unless the server does. */
+function described({ patient, study_date, acquired, series, is_derived, has_contrast, voxel_mm, case: id, state }) {
+  const size = voxel_mm?.map((side) => Number(side.toFixed(2))).join(" × ");
+  const parts = [
+    patient,
+    day(study_date || acquired),
+    series && `series ${series}`,
+    is_derived && "derived",
+    has_contrast && "contrast agent",
+    size && `${size} mm`,
+    state !== "ready" && state.replace("_", " "),
+    id.slice(0, 8),
+  ];
+  return parts.filter(Boolean).join(" · ");
+}
+
+/** Opens a case. The page takes the token from there at once, and asks nobody a second time. */
+function open(id) {
+  if (token) sessionStorage.token = token;
+  location.replace(`./#${id}`);
+}
+
+/** A list of buttons that open the cases. */
+function choose(candidates) {
+  const buttons = candidates.map((candidate) => {
+    const button = document.createElement("button");
+    button.textContent = described(candidate);
+    button.onclick = () => open(candidate.case);
+    return button;
+  });
+  actions.replaceChildren(...buttons);
+  buttons[0]?.focus();
+}
+
 async function fetchFrom(node, found) {
   say("The series is being fetched …");
   const { study, series } = found;
@@ -78,9 +115,15 @@ async function follow() {
     const reason = found.reason ? ` ${found.reason.detail}.` : "";
     switch (found.state) {
       case "ready":
-        // The page takes it from there at once, and asks nobody a second time.
-        if (token) sessionStorage.token = token;
-        location.replace(`./#${found.case}`);
+        if (found.ignored.length === 0) return open(found.case);
+        // Perhaps they should have narrowed the search.
+        say(`The address has unknown keys, which had no effect: ${found.ignored.join(", ")}. Check what you open.`);
+        return choose(found.candidates);
+      case "choice":
+        say("The address fits several studies or patients. Choose one.");
+        return choose(found.candidates);
+      case "mismatch":
+        say("There is such a study here, but not with the patient or the accession number that the address names.");
         return;
       case "preparing":
         say("The case is being prepared. It opens as soon as it is ready.");

@@ -162,7 +162,7 @@ async fn render(
     Ok(answered(&answer, pictures))
 }
 
-/// The newest ready case of a study or a series.
+/// The preferred case of a study or a series, as a link opens it.
 async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, PacsError> {
     let missing = || {
         let detail = "there is no case of this study or series";
@@ -171,21 +171,13 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, PacsError> {
     let uid = |text: &str| Uid::parse(text).ok_or_else(missing);
     let series = named.series.as_deref().map(uid);
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
-    let store = pacs.cases().store();
-    let mut other = None;
-    for series in store.cases_of(&query).await? {
-        let Some(case) = store.case(&series.case).await? else {
-            continue;
-        };
-        match (case.state, case.failure) {
-            (CaseState::Ready, _) => return Ok(case.id),
-            (CaseState::Failed, Some(failure)) => {
-                other.get_or_insert(Error::from(failure));
-            }
-            (state, _) => other = Some(Error::NotReady { state }),
-        }
+    let heads = pacs.cases().heads(&query).await?;
+    let case = heads.into_iter().next().ok_or_else(missing)?.case;
+    match (case.state, case.failure) {
+        (CaseState::Ready, _) => Ok(case.id),
+        (CaseState::Failed, Some(failure)) => Err(Error::from(failure).into()),
+        (state, _) => Err(Error::NotReady { state }.into()),
     }
-    Err(other.map_or_else(missing, Into::into))
 }
 
 async fn draw(

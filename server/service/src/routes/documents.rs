@@ -4,7 +4,7 @@ use std::future::{Ready, ready};
 use std::sync::Arc;
 
 use axum::Router;
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, HeaderValue};
 use axum::response::Response;
 use axum::routing::get;
 use bytes::Bytes;
@@ -13,7 +13,9 @@ use utoipa::openapi::OpenApi;
 
 use super::query::{ApiQuery, Asked, NoQuery};
 use crate::state::AppState;
-use http_support::conditional::{EntityTag, PUBLIC_REVALIDATE, Representation, coding_for};
+use http_support::conditional::{
+    EntityTag, PUBLIC_IMMUTABLE, PUBLIC_REVALIDATE, Representation, coding_among,
+};
 use http_support::negotiate::Coding;
 use http_support::problem::AppError;
 
@@ -24,51 +26,82 @@ const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 const JSON: &str = "application/json";
 
-/// The files of the page, bundled by `make web`: names, bytes, and bytes gzipped while building.
-const PAGE: &[(&str, &[u8], &[u8])] = include!(concat!(env!("OUT_DIR"), "/page_files.rs"));
+/// A file of the page, as it is and as it was compressed while building.
+struct PageFile {
+    name: &'static str,
+    address: &'static str,
+    /// Whether its address changes with its content.
+    is_immutable: bool,
+    bytes: &'static [u8],
+    brotli: &'static [u8],
+    gzip: &'static [u8],
+}
 
-/// The address and the media type of a file of the page.
-fn address_and_type(name: &str) -> (String, &'static str) {
-    let kind = match name.rsplit_once('.').map(|(_, ending)| ending) {
-        Some("html") => HTML,
-        Some("css") => CSS,
-        Some("js") => JAVASCRIPT,
-        _ => JSON,
-    };
-    match name {
-        "index.html" => ("/".to_owned(), kind),
-        "compare.html" => ("/compare".to_owned(), kind),
-        _ => (format!("/{name}"), kind),
+/// The files that `make web` makes.
+const PAGE: &[PageFile] = include!(concat!(env!("OUT_DIR"), "/page_files.rs"));
+
+impl PageFile {
+    fn media_type(&self) -> &'static str {
+        match self.name.rsplit_once('.').map(|(_, ending)| ending) {
+            Some("html") => HTML,
+            Some("css") => CSS,
+            Some("js") => JAVASCRIPT,
+            _ => JSON,
+        }
+    }
+
+    fn document(&self) -> Document {
+        let codings = [
+            (Coding::Brotli, self.brotli),
+            (Coding::Gzip, self.gzip),
+            (Coding::Identity, self.bytes),
+        ];
+        Document {
+            media_type: self.media_type(),
+            // A new version of the program appears at once: its documents name other files.
+            cache_control: if self.is_immutable {
+                PUBLIC_IMMUTABLE
+            } else {
+                PUBLIC_REVALIDATE
+            },
+            codings: codings
+                .map(|(coding, body)| {
+                    let tag = EntityTag::of_bytes(self.bytes, coding);
+                    (coding, tag, Bytes::from_static(body))
+                })
+                .into(),
+        }
     }
 }
 
-/// A document in every coding, with its tags.
+/// A document in each of its codings, with its tags; the last is [`Coding::Identity`].
 struct Document {
     media_type: &'static str,
-    codings: [(Coding, EntityTag, Bytes); 3],
+    cache_control: HeaderValue,
+    codings: Vec<(Coding, EntityTag, Bytes)>,
 }
 
 impl Document {
-    /// `gzipped` is what was compressed before, if anything.
-    fn new(media_type: &'static str, bytes: Bytes, gzipped: Option<&'static [u8]>) -> Self {
-        let codings = [Coding::Identity, Coding::Zstd, Coding::Gzip];
+    /// A document that the program writes at its start.
+    fn written(media_type: &'static str, bytes: Bytes) -> Self {
+        let codings = Coding::WHILE_RUNNING.into_iter().chain([Coding::Identity]);
         Self {
             media_type,
-            codings: codings.map(|coding| {
-                let tag = EntityTag::of_bytes(&bytes, coding);
-                let body = match (coding, gzipped) {
-                    (Coding::Gzip, Some(packed)) => Bytes::from_static(packed),
-                    _ => coding.compress_well(&bytes),
-                };
-                (coding, tag, body)
-            }),
+            cache_control: PUBLIC_REVALIDATE,
+            codings: codings
+                .map(|coding| {
+                    let tag = EntityTag::of_bytes(&bytes, coding);
+                    (coding, tag, coding.compress_well(&bytes))
+                })
+                .collect(),
         }
     }
 
     fn answer(&self, request: &HeaderMap) -> Result<Response, AppError> {
-        let wanted = coding_for(request);
+        let offered: Vec<_> = self.codings.iter().map(|(coding, ..)| *coding).collect();
+        let wanted = coding_among(&offered, request);
         let found = self.codings.iter().find(|(coding, ..)| *coding == wanted);
-        let (coding, tag, body) = found.unwrap_or(&self.codings[0]);
+        let (coding, tag, body) = found.expect("every document has its plain form");
         Representation {
             tag: tag.clone(),
             media_type: self.media_type,
@@ -76,8 +109,7 @@ impl Document {
             body: body.clone(),
             headers: HeaderMap::new(),
             vary: "accept-encoding",
-            // So that a new version of the program appears at once.
-            cache_control: PUBLIC_REVALIDATE,
+            cache_control: self.cache_control.clone(),
         }
         .respond(request)
     }
@@ -122,33 +154,26 @@ fn answering<Query: Asked>(
 pub fn routes(openapi: &OpenApi) -> Router<AppState> {
     let description = serde_json::to_value(openapi).unwrap_or_default();
     let manual = manual::html(&description);
-    let mut documents = vec![
+    let written = [
+        ("/openapi.json", JSON, description.to_string().into()),
+        ("/docs", HTML, manual.into()),
         (
-            "/openapi.json".to_owned(),
-            JSON,
-            Bytes::from(description.to_string()),
-            None,
-        ),
-        ("/docs".to_owned(), HTML, Bytes::from(manual), None),
-        (
-            "/docs.css".to_owned(),
+            "/docs.css",
             CSS,
             Bytes::from_static(manual::STYLE.as_bytes()),
-            None,
         ),
-    ];
-    documents.extend(PAGE.iter().map(|&(name, bytes, gzipped)| {
-        let (address, kind) = address_and_type(name);
-        (address, kind, Bytes::from_static(bytes), Some(gzipped))
-    }));
-    documents
+    ]
+    .map(|(address, media_type, bytes)| (address, Document::written(media_type, bytes)));
+    let page = PAGE.iter().map(|file| (file.address, file.document()));
+    written
         .into_iter()
-        .fold(Router::new(), |router, (address, kind, bytes, gzipped)| {
-            let document = Arc::new(Document::new(kind, bytes, gzipped));
+        .chain(page)
+        .fold(Router::new(), |router, (address, document)| {
+            let document = Arc::new(document);
             if address == "/" {
-                router.route(&address, get(answering::<PageQuery>(document)))
+                router.route(address, get(answering::<PageQuery>(document)))
             } else {
-                router.route(&address, get(answering::<NoQuery>(document)))
+                router.route(address, get(answering::<NoQuery>(document)))
             }
         })
 }
@@ -158,64 +183,48 @@ mod tests {
     use super::*;
 
     fn text(name: &str) -> &'static str {
-        let found = PAGE.iter().find(|(file, ..)| *file == name);
-        std::str::from_utf8(found.unwrap().1).unwrap()
+        let found = PAGE.iter().find(|file| file.name == name);
+        std::str::from_utf8(found.unwrap().bytes).unwrap()
     }
 
-    /// The files of this page that a text of it names, each once.
-    fn named_in(name: &str) -> Vec<&'static str> {
-        let mut named: Vec<_> = text(name)
+    /// The files of this page that a text of it names.
+    fn named_in(name: &str) -> impl Iterator<Item = &'static str> {
+        text(name)
             .split('"')
             .filter_map(|word| word.strip_prefix("./"))
-            .collect();
-        named.sort_unstable();
-        named.dedup();
-        named
     }
 
     #[test]
-    fn every_file_that_the_page_names_is_served() {
-        let named = named_in("index.html");
-        assert!(
-            named.contains(&"style.css") && named.contains(&"main.js"),
-            "{named:?}"
-        );
-        for name in named {
-            assert!(!text(name).is_empty());
+    fn every_file_that_a_document_names_is_served_for_ever() {
+        for document in ["index.html", "compare.html"] {
+            let named: Vec<_> = named_in(document).collect();
+            for kind in [".css", ".js"] {
+                assert!(named.iter().any(|name| name.ends_with(kind)), "{named:?}");
+            }
+            for name in named {
+                let found = PAGE.iter().find(|file| file.name == name);
+                assert!(found.unwrap().is_immutable, "{name}");
+            }
         }
     }
 
     #[test]
     fn the_page_holds_no_inline_script_or_style() {
-        for forbidden in ["<style", " style=", "<script>", " onclick="] {
-            assert!(!text("index.html").contains(forbidden), "{forbidden}");
+        for document in ["index.html", "compare.html"] {
+            for forbidden in ["<style", " style=", "<script>", " onclick="] {
+                assert!(!text(document).contains(forbidden), "{forbidden}");
+            }
         }
     }
 
-    /// The page is to be there at once over a slow line: its document names all that it begins with.
     #[test]
-    fn the_first_scripts_are_at_most_45_kb_gzipped_and_all_are_at_most_60() {
-        let gzipped = |name: &str| {
-            let found = PAGE.iter().find(|(file, ..)| *file == name);
-            found.unwrap().2.len()
-        };
-        let first = named_in("index.html").into_iter();
-        let first: usize = first
-            .filter(|name| name.ends_with(".js"))
-            .map(gzipped)
-            .sum();
-        // The page that compares two cases has a script of its own.
-        const COMPARING: &str = "compare.js";
-        let scripts = PAGE
-            .iter()
-            .filter(|(name, ..)| name.ends_with(".js") && *name != COMPARING);
-        let all: usize = scripts.clone().map(|(name, ..)| gzipped(name)).sum();
-        assert!(first <= 45_000, "{first} bytes");
-        assert!(all <= 60_000, "{all} bytes");
-        assert!(gzipped(COMPARING) <= 6000, "{} bytes", gzipped(COMPARING));
-        assert!(
-            scripts.count() > 1 && first < all,
-            "some of it is fetched on demand"
-        );
+    fn what_was_compressed_while_building_is_what_it_was_made_of() {
+        for file in PAGE {
+            let mut plain = Vec::new();
+            let mut reader = flate2::read::GzDecoder::new(file.gzip);
+            std::io::Read::read_to_end(&mut reader, &mut plain).unwrap();
+            assert!(plain == file.bytes, "{}", file.name);
+            assert!(file.brotli.len() < file.bytes.len(), "{}", file.name);
+        }
     }
 }

@@ -12,7 +12,9 @@ use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, NoQuery};
-use crate::state::Stopping;
+use crate::state::{EventStreams, Stopping};
+use http_support::listen::ClientAddress;
+use http_support::places::Place;
 use http_support::problem::{AppError, Problem};
 use storage::Watch;
 
@@ -29,25 +31,31 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
     responses(
         (status = 200, description = "Events `case` and `gone`", body = String, content_type = "text/event-stream"),
         (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many streams of events at a time", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_events(
     State(cases): State<Cases>,
-    State(stopping): State<Stopping>,
+    State(streams): State<EventStreams>,
+    ClientAddress(client): ClientAddress,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
-    Ok(stream_of(events(cases.store().subscribe(&id)), stopping))
+    let place = streams.begin(client)?;
+    let events = events(cases.store().subscribe(&id));
+    Ok(stream_of(events, place, &streams.stopping))
 }
 
-/// The answer with events, until they end or the server stops.
+/// The answer with events, until they end or the server stops; it holds the place meanwhile.
 pub(super) fn stream_of(
     events: impl Stream<Item = Result<Event, Infallible>> + Send + 'static,
-    stopping: Stopping,
+    place: Place,
+    stopping: &Stopping,
 ) -> Response {
-    let mut response = Sse::new(events.take_until(stopping.begun()))
+    let events = events.take_until(stopping.begun());
+    let mut response = Sse::new(events.inspect(move |_| _ = &place))
         .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
         .into_response();
     // Tells nginx, the usual proxy, to pass each event on at once.

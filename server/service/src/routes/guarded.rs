@@ -51,6 +51,11 @@ fn guard(operation: &mut Operation) {
         SecurityRequirement::default(),
     ]);
     add(operation, "401", "A token is required");
+    add(
+        operation,
+        "429",
+        "Too many wrong tokens came from the address of the client",
+    );
 }
 
 /// Adds a problem as an answer, unless the route describes it itself.

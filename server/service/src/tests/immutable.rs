@@ -302,7 +302,6 @@ async fn documents_are_asked_for_again_each_time() {
     for (address, kind) in [
         ("/", "text/html; charset=utf-8"),
         ("/?renderer=server", "text/html; charset=utf-8"),
-        ("/main.js", "text/javascript; charset=utf-8"),
         ("/openapi.json", "application/json"),
         ("/docs", "text/html; charset=utf-8"),
     ] {
@@ -329,4 +328,35 @@ async fn documents_are_asked_for_again_each_time() {
         );
         assert!(unpacked("gzip", &first.body) == plain.body, "{address}");
     }
+}
+
+#[tokio::test]
+async fn scripts_of_the_page_are_kept_for_ever_in_the_coding_that_the_client_prefers() {
+    let server = Server::start().await;
+    let page = server.get("/").await;
+    let page = String::from_utf8(page.body.to_vec()).unwrap();
+    let mut scripts = page.split('"').filter(|word| word.ends_with(".js"));
+    let address = scripts.next().unwrap().trim_start_matches('.').to_owned();
+    let mut lengths = Vec::new();
+    for (accepted, coding) in [
+        ("gzip, deflate, br, zstd", "br"),
+        ("gzip, deflate", "gzip"),
+        ("identity", ""),
+    ] {
+        let answer = server
+            .get_with(&address, &[("accept-encoding", accepted)])
+            .await;
+        assert_eq!(answer.status, 200, "{address}");
+        assert_eq!(answer.header("content-encoding"), coding);
+        assert_eq!(
+            answer.header("content-type"),
+            "text/javascript; charset=utf-8"
+        );
+        assert_eq!(
+            answer.header("cache-control"),
+            "public, max-age=31536000, immutable"
+        );
+        lengths.push(answer.body.len());
+    }
+    assert!(lengths.is_sorted(), "{lengths:?}");
 }

@@ -13,6 +13,7 @@ CREATE TABLE cases (
     failure           TEXT,   -- JSON, when failed
     facts             TEXT,   -- JSON, when ready
     facts_digest      TEXT,   -- BLAKE3 of `facts`
+    voxels            TEXT COLLATE "C",
     created_at        BIGINT           NOT NULL,
     uploaded_at       BIGINT,
     kept              BOOLEAN          NOT NULL DEFAULT FALSE,
@@ -20,6 +21,7 @@ CREATE TABLE cases (
 );
 
 CREATE INDEX cases_by_age ON cases (created_at, id);
+CREATE INDEX cases_by_voxels ON cases (voxels);
 CREATE INDEX cases_by_previous ON cases (previous, created_at, id);
 
 CREATE TABLE case_objects (

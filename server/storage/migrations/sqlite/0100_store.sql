@@ -12,6 +12,7 @@ CREATE TABLE cases (
     failure           TEXT,   -- JSON, when failed
     facts             TEXT,   -- JSON, when ready
     facts_digest      TEXT,   -- BLAKE3 of `facts`: they hold the affine, and a digit that flips on the disk would move every coordinate
+    voxels            TEXT,   -- `voxels.values` of the facts, to find cases with the same voxels and another header
     created_at        INTEGER NOT NULL,
     uploaded_at       INTEGER, -- the latest upload of the same input, from which the age counts; NULL if there was only one
     kept              INTEGER NOT NULL DEFAULT 0, -- whether it is never removed because of its age
@@ -19,6 +20,7 @@ CREATE TABLE cases (
 ) STRICT;
 
 CREATE INDEX cases_by_age ON cases (created_at, id);
+CREATE INDEX cases_by_voxels ON cases (voxels);
 CREATE INDEX cases_by_previous ON cases (previous, created_at, id);
 
 -- Which objects a case needs. Two cases may need the same one.

@@ -6,7 +6,7 @@ use case::{CaseId, ObjectKind};
 
 use super::Subject;
 use crate::Store;
-use crate::arrivals::{TransferEnd, TransferState, Uid};
+use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, TransferState, Uid};
 use crate::results::{NewResult, ResultSeries, SentResult};
 use crate::rows::Sweep;
 use crate::testing::{failure, new_case, pinned};
@@ -145,4 +145,41 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     let pinned = pinned(store, &[result(case, "pacs", "three").object()]).await;
     let late = result(case, "pacs", "three");
     assert!(store.insert_result(&late, &pinned).await.is_err());
+}
+
+pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subject) {
+    let store = &subject.store;
+    let case = a_case(store).await;
+    let mut ids = Vec::new();
+    for node in ["first", "second", "third"] {
+        subject.pass(1);
+        ids.push(queue(store, &result(case, node, "one")).await.id);
+    }
+    ids.reverse();
+    let list = async |query: &TransferQuery, after: Option<&ArrivalCursor>, limit| {
+        let (page, next) = store.results(query, after, limit).await.unwrap();
+        let ids: Vec<_> = page.into_iter().map(|result| result.id).collect();
+        (ids, next)
+    };
+    let every = TransferQuery::default();
+    assert_eq!(list(&every, None, 9).await, (ids.clone(), None));
+    let (page, next) = list(&every, None, 2).await;
+    assert_eq!(page, ids[..2]);
+    assert_eq!(
+        list(&every, next.as_ref(), 2).await,
+        (ids[2..].to_vec(), None)
+    );
+    let leased = store.lease_result(LEASE).await.unwrap().unwrap();
+    let of = |case, state| TransferQuery { case, state };
+    let running = Some(TransferState::Running);
+    assert_eq!(list(&of(Some(case), running), None, 9).await.0, [leased.id]);
+    assert_eq!(
+        list(&of(None, Some(TransferState::Queued)), None, 9)
+            .await
+            .0
+            .len(),
+        2
+    );
+    let other = CaseId::parse(&"0".repeat(case.to_string().len()));
+    assert!(other.is_some() && list(&of(other, None), None, 9).await.0.is_empty());
 }

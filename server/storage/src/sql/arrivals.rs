@@ -16,7 +16,7 @@ use case::{CaseId, Failure, ObjectKind};
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, study_uid, series_uid, source, state, reason, case_id, instances, expected, first_at, last_at
+            "SELECT id, study_uid, series_uid, accession_number, source, state, reason, case_id, instances, expected, first_at, last_at
              FROM arrivals ",
             $rest
         )
@@ -93,6 +93,61 @@ async fn series(
         .fetch_one()
         .await?;
     row.get("id")
+}
+
+/// Makes a series of another store as it is there, and adds some of its images, whose pins become references. A series
+/// that is here keeps its id and its images.
+pub(super) async fn adopt(
+    connection: &mut Connection,
+    arrival: &Arrival,
+    images: &[NewInstance],
+    now: i64,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at, available_at)
+             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6, $6)
+             ON CONFLICT (study_uid, series_uid) DO NOTHING",
+        )
+        .bind(&arrival.id)
+        .bind(arrival.uids.study.as_str())
+        .bind(arrival.uids.series.as_str())
+        .bind(arrival.accession_number.as_ref().map(AccessionNumber::as_str))
+        .bind(arrival.source.name())
+        .bind(now)
+        .execute()
+        .await?;
+    for image in images {
+        add(connection, image, arrival.source, now).await?;
+    }
+    // Without its case, it is read again.
+    let case = match arrival.case {
+        Some(case) if connection.has_case(&case.to_string()).await? => Some(case.to_string()),
+        _ => None,
+    };
+    let state = match arrival.state {
+        ArrivalState::Case if case.is_none() => ArrivalState::Receiving,
+        state => state,
+    };
+    let reason = arrival.reason.as_ref().map(serde_json::to_string);
+    connection
+        .query(
+            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
+                    available_at = $7, lease_until = NULL, fence = 0
+             WHERE study_uid = $8 AND series_uid = $9",
+        )
+        .bind(state.name())
+        .bind(reason.transpose()?)
+        .bind(case)
+        .bind(arrival.expected.map(count))
+        .bind(arrival.first_at.as_microsecond())
+        .bind(arrival.last_at.as_microsecond())
+        .bind(now)
+        .bind(arrival.uids.study.as_str())
+        .bind(arrival.uids.series.as_str())
+        .execute()
+        .await?;
+    Ok(())
 }
 
 pub(super) async fn expect(
@@ -481,12 +536,16 @@ pub(super) async fn cases_of(
 }
 
 fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
-    let number: Option<String> = row.get("accession_number")?;
     Ok(CaseSeries {
         case: read_case(row)?.ok_or_else(|| unreadable("case"))?,
         uids: read_uids(row)?,
-        accession_number: number.as_deref().and_then(AccessionNumber::parse),
+        accession_number: read_accession_number(row)?,
     })
+}
+
+fn read_accession_number(row: &Row) -> Result<Option<AccessionNumber>, StoreError> {
+    let number: Option<String> = row.get("accession_number")?;
+    Ok(number.as_deref().and_then(AccessionNumber::parse))
 }
 
 /// A number of images for a column.
@@ -531,6 +590,7 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
     Ok(Arrival {
         id: row.get("id")?,
         uids: read_uids(row)?,
+        accession_number: read_accession_number(row)?,
         source: ArrivalSource::from_name(&source).ok_or_else(|| unreadable("source"))?,
         state: ArrivalState::from_name(&state).ok_or_else(|| unreadable("state"))?,
         reason: read_reason(row)?,

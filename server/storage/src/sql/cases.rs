@@ -130,11 +130,12 @@ pub(super) async fn adopt(connection: &mut Connection, case: &Case) -> Result<bo
         .transpose()?;
     let written = connection
         .query(
-            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
+            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
                                 uploaded_at, kept, previous)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (SELECT id FROM cases WHERE id = $12))
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13))
              ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
                                             facts = excluded.facts, facts_digest = excluded.facts_digest,
+                                            voxels = excluded.voxels,
                                             uploaded_at = excluded.uploaded_at, kept = excluded.kept
              WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
         )
@@ -146,6 +147,7 @@ pub(super) async fn adopt(connection: &mut Connection, case: &Case) -> Result<bo
         .bind(failure)
         .bind(facts.as_deref())
         .bind(facts.as_deref().map(upkeep::digest))
+        .bind(case.facts.as_ref().and_then(values_of))
         .bind(case.created_at.as_microsecond())
         .bind(case.uploaded_at.as_microsecond())
         .bind(case.kept)
@@ -169,16 +171,22 @@ pub(super) async fn make_ready(
     id: &CaseId,
     facts: &CaseFacts,
 ) -> Result<(), StoreError> {
-    let facts = serde_json::to_string(facts)?;
+    let stored = serde_json::to_string(facts)?;
     connection.query(
-        "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE id = $3",
+        "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4",
     )
-    .bind(&facts)
-    .bind(upkeep::digest(&facts))
+    .bind(&stored)
+    .bind(upkeep::digest(&stored))
+    .bind(values_of(facts))
     .bind(id.to_string())
     .execute()
     .await?;
     Ok(())
+}
+
+/// What [`with_voxels`] finds a case by.
+fn values_of(facts: &CaseFacts) -> Option<&str> {
+    facts.voxels.as_ref().map(|voxels| voxels.values.as_str())
 }
 
 /// Makes a case failed, and with it the layers that wait for it.
@@ -337,6 +345,23 @@ pub(super) async fn one(
         .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
+}
+
+/// The ready cases with the same stored values, the newest first.
+pub(super) async fn with_voxels(
+    connection: &mut Connection,
+    values: &str,
+    limit: usize,
+) -> Result<Vec<Case>, StoreError> {
+    let rows = connection
+        .query(select_case!(
+            "WHERE voxels = $1 AND cases.state = 'ready' ORDER BY created_at DESC, id DESC LIMIT $2"
+        ))
+        .bind(values)
+        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+        .fetch_all()
+        .await?;
+    rows.iter().map(read).collect()
 }
 
 pub(super) async fn page(

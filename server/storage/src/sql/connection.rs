@@ -2,12 +2,13 @@
 //!
 //! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::stream::BoxStream;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgConnection, PgRow};
-use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqlitePool, SqliteRow};
+use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqliteRow};
 use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
 
 use super::{postgres, sqlite};
@@ -22,14 +23,14 @@ pub(super) fn microseconds(duration: Duration) -> i64 {
 /// Connections to a database.
 #[derive(Debug, Clone)]
 pub(super) enum Database {
-    Sqlite(SqlitePool),
+    Sqlite(sqlite::Connections),
     Postgres(postgres::Connections),
 }
 
 /// A connection, in a transaction or in none. Dropping it rolls back.
 pub(super) enum Connection {
     Sqlite(PoolConnection<Sqlite>),
-    SqliteTransaction(Transaction<'static, Sqlite>),
+    SqliteTransaction(Transaction<'static, Sqlite>, Arc<sqlite::Log>),
     Postgres(PoolConnection<Postgres>),
     PostgresTransaction(Transaction<'static, Postgres>),
 }
@@ -38,7 +39,7 @@ impl Database {
     /// A connection on which each statement is a transaction.
     pub(super) async fn connect(&self) -> Result<Connection, StoreError> {
         Ok(match self {
-            Self::Sqlite(pool) => Connection::Sqlite(pool.acquire().await?),
+            Self::Sqlite(connections) => Connection::Sqlite(connections.pool().acquire().await?),
             Self::Postgres(connections) => Connection::Postgres(connections.acquire().await?),
         })
     }
@@ -46,10 +47,7 @@ impl Database {
     /// Ends all connections.
     pub(super) async fn close(&self) {
         match self {
-            Self::Sqlite(pool) => {
-                sqlite::empty_log(pool).await;
-                pool.close().await;
-            }
+            Self::Sqlite(connections) => connections.close().await,
             Self::Postgres(connections) => connections.close().await,
         }
     }
@@ -57,7 +55,10 @@ impl Database {
     /// A writing transaction. There is one at a time in all processes, so what it reads stays true until it ends.
     pub(super) async fn begin(&self) -> Result<Connection, StoreError> {
         Ok(match self {
-            Self::Sqlite(pool) => Connection::SqliteTransaction(sqlite::begin(pool).await?),
+            Self::Sqlite(connections) => {
+                let (transaction, log) = connections.begin().await?;
+                Connection::SqliteTransaction(transaction, log)
+            }
             Self::Postgres(connections) => {
                 Connection::PostgresTransaction(connections.begin().await?)
             }
@@ -67,7 +68,7 @@ impl Database {
     /// Whether it can be written. Changes nothing.
     pub(super) async fn check(&self) -> Result<(), StoreError> {
         match self {
-            Self::Sqlite(pool) => sqlite::check(pool).await,
+            Self::Sqlite(connections) => connections.check().await,
             Self::Postgres(connections) => connections.check().await,
         }
     }
@@ -75,15 +76,15 @@ impl Database {
     /// Whether the structure of SQLite's file is whole; PostgreSQL answers for itself.
     pub(super) async fn check_file(&self) -> Result<(), StoreError> {
         match self {
-            Self::Sqlite(pool) => sqlite::check_file(pool).await,
+            Self::Sqlite(connections) => sqlite::check_file(connections.pool()).await,
             Self::Postgres(_) => Ok(()),
         }
     }
 
     /// Removes what was deleted from SQLite's log.
     pub(super) async fn empty_log(&self) {
-        if let Self::Sqlite(pool) = self {
-            sqlite::empty_log(pool).await;
+        if let Self::Sqlite(connections) = self {
+            sqlite::empty_log(connections.pool()).await;
         }
     }
 
@@ -101,7 +102,7 @@ impl Connection {
     pub(super) fn query(&mut self, sql: &'static str) -> Query<'_> {
         match self {
             Self::Sqlite(connection) => Query::Sqlite(connection, sqlx::query(sql)),
-            Self::SqliteTransaction(transaction) => Query::Sqlite(transaction, sqlx::query(sql)),
+            Self::SqliteTransaction(transaction, _) => Query::Sqlite(transaction, sqlx::query(sql)),
             Self::Postgres(connection) => Query::Postgres(connection, sqlx::query(sql)),
             Self::PostgresTransaction(transaction) => {
                 Query::Postgres(transaction, sqlx::query(sql))
@@ -122,7 +123,7 @@ impl Connection {
     /// Microseconds since 1970 by the database's clock.
     pub(super) async fn now(&mut self) -> Result<i64, StoreError> {
         let sql = match self {
-            Self::Sqlite(_) | Self::SqliteTransaction(_) => sqlite::NOW,
+            Self::Sqlite(_) | Self::SqliteTransaction(..) => sqlite::NOW,
             Self::Postgres(_) | Self::PostgresTransaction(_) => postgres::NOW,
         };
         self.query(sql).fetch_one().await?.get("now")
@@ -138,10 +139,10 @@ impl Connection {
         self.commit().await
     }
 
-    /// Commits the transaction.
+    /// Commits the transaction. If that fails, nothing of it happens later either, as far as the database knows.
     pub(super) async fn commit(self) -> Result<(), StoreError> {
         match self {
-            Self::SqliteTransaction(transaction) => transaction.commit().await?,
+            Self::SqliteTransaction(transaction, log) => log.commit(transaction).await?,
             Self::PostgresTransaction(transaction) => transaction.commit().await?,
             Self::Sqlite(_) | Self::Postgres(_) => {}
         }

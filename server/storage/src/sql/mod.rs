@@ -63,16 +63,27 @@ impl Rows {
     /// # Errors
     /// If there is no memory for it.
     pub(crate) async fn in_memory() -> Result<Self, StoreError> {
-        Self::on_sqlite(SqliteConnectOptions::new().in_memory(true), 1).await
+        Self::on_connections(sqlite::Connections::in_memory().await?).await
     }
 
     async fn on_sqlite(
         options: SqliteConnectOptions,
         connections: u32,
     ) -> Result<Self, StoreError> {
-        let pool = sqlite::open(options, connections).await?;
-        migrate(&sqlx::migrate!("migrations/sqlite"), &pool).await?;
-        Ok(Self::of(Database::Sqlite(pool)))
+        Self::on_connections(sqlite::Connections::open(options, connections).await?).await
+    }
+
+    async fn on_connections(connections: sqlite::Connections) -> Result<Self, StoreError> {
+        migrate(&sqlx::migrate!("migrations/sqlite"), connections.pool()).await?;
+        Ok(Self::of(Database::Sqlite(connections)))
+    }
+
+    /// Whether a database has the tables of a store.
+    ///
+    /// # Errors
+    /// If it cannot be reached.
+    pub(crate) async fn is_in_postgres(options: PgConnectOptions) -> Result<bool, StoreError> {
+        postgres::has_cases(options).await
     }
 
     /// Opens a database that exists; creates and migrates the tables where necessary.
@@ -244,6 +255,19 @@ impl Store {
                 read => return read,
             }
         }
+    }
+
+    /// At most `limit` ready cases whose volumes have the same stored values in any order
+    /// ([`VoxelFacts::values`](case::VoxelFacts::values)), newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn cases_with_voxels(
+        &self,
+        values: &str,
+        limit: usize,
+    ) -> Result<Vec<Case>, StoreError> {
+        cases::with_voxels(&mut self.rows().connect().await?, values, limit).await
     }
 
     /// The objects that a case needs; none if there is no such case.

@@ -9,7 +9,7 @@ use crate::arrivals::{
     SeriesQuery, SeriesUids, TransferEnd, Uid,
 };
 use crate::rows::{DueSeries, Pinned};
-use crate::{ObjectName, Store, StoreError};
+use crate::{ForPacs, ObjectName, Store, StoreError};
 use case::{CaseId, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
@@ -64,6 +64,23 @@ impl Store {
         }
         transaction.commit().await?;
         Ok(Some(new))
+    }
+
+    /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is
+    /// gone. A series whose case is not here is read again.
+    pub(crate) async fn adopt_arrival(
+        &self,
+        arrival: &Arrival,
+        images: &[NewInstance],
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        if !pins::consume(&mut transaction, pinned).await? {
+            return Ok(false);
+        }
+        arrivals::adopt(&mut transaction, arrival, images, now).await?;
+        transaction.commit().await?;
+        Ok(true)
     }
 
     /// Notes how many images a series has, according to its sender; nothing if none of them has come.
@@ -146,6 +163,27 @@ impl Store {
     /// If the rows cannot be read or written.
     pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
         arrivals::images_of(&mut self.rows().connect().await?, uids).await
+    }
+
+    /// How many series with how many images have come, and how many results there are.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn count_for_pacs(&self) -> Result<ForPacs, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let row = connection
+            .query(
+                "SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
+                        (SELECT count(*) FROM results) AS results",
+            )
+            .fetch_one()
+            .await?;
+        let count = |column| row.get::<i64>(column).map(i64::unsigned_abs);
+        Ok(ForPacs {
+            series: count("series")?,
+            images: count("images")?,
+            results: count("results")?,
+        })
     }
 
     /// At most `limit` studies of cases after the first `offset` ones, the one with the newest case first.

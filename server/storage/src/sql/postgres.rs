@@ -62,6 +62,16 @@ pub(super) async fn open(options: PgConnectOptions) -> Result<Connections, Store
     })
 }
 
+/// Whether a database has the table of cases.
+pub(super) async fn has_cases(options: PgConnectOptions) -> Result<bool, StoreError> {
+    let mut connection = options.application_name("isocortex").connect().await?;
+    let has = sqlx::query_scalar("SELECT to_regclass('cases') IS NOT NULL")
+        .fetch_one(&mut connection)
+        .await?;
+    connection.close().await?;
+    Ok(has)
+}
+
 /// A committed row must survive a loss of power, whatever the database is configured to.
 async fn keep_commits(connection: &mut PgConnection) -> Result<(), sqlx::Error> {
     sqlx::query(

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::connection::microseconds;
 use super::{pins, results};
-use crate::arrivals::{TransferEnd, Uid};
+use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, Uid};
 use crate::results::{HeldResult, NewResult, SentResult};
 use crate::rows::Pinned;
 use crate::{ObjectName, Store, StoreError};
@@ -28,6 +28,37 @@ impl Store {
         let queued = results::queue(&mut transaction, new, now).await?;
         transaction.commit().await?;
         Ok(Some(queued))
+    }
+
+    /// Makes a result of another store as it is there, and turns the pin of its object into a reference; one that was on
+    /// its way waits again. `false`, and nothing has changed, if the pin is gone or its case is not here.
+    pub(crate) async fn adopt_result(
+        &self,
+        result: &SentResult,
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        if !transaction.has_case(&result.case.to_string()).await?
+            || !pins::consume(&mut transaction, pinned).await?
+        {
+            return Ok(false);
+        }
+        results::adopt(&mut transaction, result, now).await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+
+    /// At most `limit` results after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn results(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
+        results::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
     /// A result.

@@ -1,10 +1,10 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{read_reason, read_time, unreadable};
+use super::arrivals::{count, read_reason, read_time, unreadable};
 use super::connection::{Connection, Row};
 use super::transfers::AfterAttempt;
 use super::{fence, pins};
-use crate::arrivals::{TransferEnd, TransferState, Uid};
+use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, TransferState, Uid};
 use crate::results::{HeldResult, NewResult, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
 use case::CaseId;
@@ -13,7 +13,8 @@ use case::CaseId;
 macro_rules! select_result {
     ($rest:literal) => {
         concat!(
-            "SELECT id, case_id, node, study_uid, sop_instance_uid, digest, state, reason, created_at, fence, attempts
+            "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid, series_number,
+                    series_description, digest, state, reason, created_at, fence, attempts
              FROM results ",
             $rest
         )
@@ -69,6 +70,76 @@ pub(super) async fn queue(
     Ok(queued)
 }
 
+/// Makes a result of another store, whose case is here, as it is there. One that is here keeps its object.
+pub(super) async fn adopt(
+    connection: &mut Connection,
+    result: &SentResult,
+    now: i64,
+) -> Result<(), StoreError> {
+    let new = NewResult {
+        case: result.case,
+        node: result.node.clone(),
+        study: result.study.clone(),
+        series: result.series.clone(),
+        instance: result.instance.clone(),
+        digest: result.object.digest,
+    };
+    queue(connection, &new, now).await?;
+    let state = match result.state {
+        TransferState::Running => TransferState::Queued,
+        state => state,
+    };
+    let reason = result.reason.as_ref().map(serde_json::to_string);
+    connection
+        .query(
+            "UPDATE results SET id = $1, state = $2, reason = $3, attempts = $4, created_at = $5, lease_until = NULL
+             WHERE sop_instance_uid = $6 AND node = $7",
+        )
+        .bind(&result.id)
+        .bind(state.name())
+        .bind(reason.transpose()?)
+        .bind(i64::from(result.attempts))
+        .bind(result.created_at.as_microsecond())
+        .bind(result.instance.as_str())
+        .bind(&result.node)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn page(
+    connection: &mut Connection,
+    query: &TransferQuery,
+    after: Option<&ArrivalCursor>,
+    limit: usize,
+) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
+    let (at, id) = match after {
+        Some(cursor) => (cursor.at, cursor.id.clone()),
+        None => (i64::MAX, String::new()),
+    };
+    let rows = connection
+        .query(select_result!(
+            "WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id AND coalesce($4, state) = state
+             ORDER BY created_at DESC, id DESC LIMIT $5"
+        ))
+        .bind(at)
+        .bind(id)
+        .bind(query.case.map(|case| case.to_string()))
+        .bind(query.state.map(TransferState::name))
+        .bind(count(limit.saturating_add(1)))
+        .fetch_all()
+        .await?;
+    let mut results = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let has_more = results.len() > limit;
+    results.truncate(limit);
+    let last = results.last().filter(|_| has_more);
+    let next = last.map(|last| ArrivalCursor {
+        at: last.created_at.as_microsecond(),
+        id: last.id.clone(),
+    });
+    Ok((results, next))
+}
+
 pub(super) async fn one(
     connection: &mut Connection,
     id: &str,
@@ -113,16 +184,20 @@ pub(super) async fn of_study(
 }
 
 fn read_held(row: &Row) -> Result<HeldResult, StoreError> {
-    let number: i64 = row.get("series_number")?;
     Ok(HeldResult {
         instance: read_uid(row, "sop_instance_uid")?,
-        series: ResultSeries {
-            sop_class_uid: read_uid(row, "sop_class_uid")?,
-            series_uid: read_uid(row, "series_uid")?,
-            number: u32::try_from(number).map_err(|_| unreadable("number"))?,
-            description: row.get("series_description")?,
-        },
+        series: read_series(row)?,
         object: read_object(row)?,
+    })
+}
+
+fn read_series(row: &Row) -> Result<ResultSeries, StoreError> {
+    let number: i64 = row.get("series_number")?;
+    Ok(ResultSeries {
+        sop_class_uid: read_uid(row, "sop_class_uid")?,
+        series_uid: read_uid(row, "series_uid")?,
+        number: u32::try_from(number).map_err(|_| unreadable("number"))?,
+        description: row.get("series_description")?,
     })
 }
 
@@ -252,6 +327,7 @@ fn read(row: &Row) -> Result<SentResult, StoreError> {
         case: CaseId::parse(&case).ok_or_else(|| unreadable("case"))?,
         node: row.get("node")?,
         study: read_uid(row, "study_uid")?,
+        series: read_series(row)?,
         instance: read_uid(row, "sop_instance_uid")?,
         object: read_object(row)?,
         state: TransferState::from_name(&state).ok_or_else(|| unreadable("state"))?,

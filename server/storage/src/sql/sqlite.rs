@@ -5,13 +5,16 @@
 //! the millisecond.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
     SqliteSynchronous,
 };
-use sqlx::{Connection as _, Row as _, Sqlite, Transaction};
+use sqlx::{ConnectOptions as _, Connection as _, Row as _, Sqlite, Transaction};
+use tokio::sync::Mutex;
 
 use crate::StoreError;
 
@@ -34,11 +37,132 @@ pub(super) fn in_file(file: &Path) -> SqliteConnectOptions {
         .pragma("secure_delete", "ON")
 }
 
-/// Opens a database.
-pub(super) async fn open(
-    options: SqliteConnectOptions,
-    connections: u32,
-) -> Result<SqlitePool, StoreError> {
+/// Connections to a database.
+#[derive(Debug, Clone)]
+pub(super) struct Connections {
+    pool: SqlitePool,
+    log: Arc<Log>,
+}
+
+/// The write-ahead log of a file, from which a commit that failed is taken back.
+///
+/// If `fsync` fails, a commit fails although all of it is in the log. Nobody sees it, but whoever opens the file after
+/// the process was killed would take it from there: a change that was refused would happen later. So something else is
+/// written over its beginning, which needs no `fsync`: what follows does not match its checksum any more.
+#[derive(Debug)]
+pub(super) struct Log {
+    /// It waits for no disk (`synchronous=OFF`). It is open as long as the pool, so no connection of the pool is the last
+    /// one, which would read the log when it opens the file again. `None` in memory, and once closed.
+    writer: Mutex<Option<SqliteConnection>>,
+    has_failed_commit: AtomicBool,
+}
+
+impl Connections {
+    /// Opens a file.
+    pub(super) async fn open(
+        options: SqliteConnectOptions,
+        connections: u32,
+    ) -> Result<Self, StoreError> {
+        let pool = pool(options.clone(), connections).await?;
+        let writer = options
+            .busy_timeout(BUSY_TIMEOUT)
+            .synchronous(SqliteSynchronous::Off)
+            // A checkpoint that does not wait for the disk could lose what is in the log.
+            .pragma("wal_autocheckpoint", "0")
+            .connect()
+            .await?;
+        Ok(Self {
+            pool,
+            log: Arc::new(Log::of(Some(writer))),
+        })
+    }
+
+    /// Opens a database in memory, which ends with its last user.
+    pub(super) async fn in_memory() -> Result<Self, StoreError> {
+        Ok(Self {
+            pool: pool(SqliteConnectOptions::new().in_memory(true), 1).await?,
+            log: Arc::new(Log::of(None)),
+        })
+    }
+
+    pub(super) fn pool(&self) -> &SqlitePool {
+        &self.pool
+    }
+
+    /// A writing transaction, and where it is committed. None begins before a commit that failed is taken back.
+    pub(super) async fn begin(
+        &self,
+    ) -> Result<(Transaction<'static, Sqlite>, Arc<Log>), sqlx::Error> {
+        self.log.take_back().await?;
+        let transaction = self.pool.begin_with("BEGIN IMMEDIATE").await?;
+        Ok((transaction, Arc::clone(&self.log)))
+    }
+
+    /// Whether the file can be written. Changes nothing.
+    pub(super) async fn check(&self) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.begin().await?;
+        sqlx::query("UPDATE fence SET value = value")
+            .execute(&mut *transaction)
+            .await?;
+        Ok(transaction.rollback().await?)
+    }
+
+    /// Ends all connections and empties the log.
+    pub(super) async fn close(&self) {
+        if let Some(writer) = self.log.writer.lock().await.take()
+            && let Err(error) = writer.close().await
+        {
+            tracing::warn!(%error, "a connection to the database did not end in order");
+        }
+        empty_log(&self.pool).await;
+        self.pool.close().await;
+    }
+}
+
+impl Log {
+    fn of(writer: Option<SqliteConnection>) -> Self {
+        Self {
+            writer: Mutex::new(writer),
+            has_failed_commit: AtomicBool::new(false),
+        }
+    }
+
+    /// Commits a transaction. If that fails, it is taken back before the caller learns of it.
+    pub(super) async fn commit(
+        &self,
+        transaction: Transaction<'static, Sqlite>,
+    ) -> Result<(), sqlx::Error> {
+        let Err(failed) = transaction.commit().await else {
+            return Ok(());
+        };
+        self.has_failed_commit.store(true, Ordering::Release);
+        if let Err(error) = self.take_back().await {
+            tracing::error!(%error, "a change that was refused may happen if the process ends before the disk is well");
+        }
+        Err(failed)
+    }
+
+    /// Writes over a commit that failed, if there is one.
+    async fn take_back(&self) -> Result<(), sqlx::Error> {
+        if !self.has_failed_commit.load(Ordering::Acquire) {
+            return Ok(());
+        }
+        let mut writer = self.writer.lock().await;
+        if let Some(writer) = &mut *writer {
+            // This writes the first page whatever is in it; an `UPDATE` that changes nothing writes nothing.
+            let write = "BEGIN IMMEDIATE; PRAGMA user_version = 0; COMMIT";
+            if let Err(error) = sqlx::raw_sql(write).execute(&mut *writer).await {
+                // It has rolled itself back after most errors.
+                let _no_transaction = sqlx::raw_sql("ROLLBACK").execute(&mut *writer).await;
+                return Err(error);
+            }
+        }
+        self.has_failed_commit.store(false, Ordering::Release);
+        Ok(())
+    }
+}
+
+async fn pool(options: SqliteConnectOptions, connections: u32) -> Result<SqlitePool, StoreError> {
     let options = options.foreign_keys(true).busy_timeout(BUSY_TIMEOUT);
     let pool = SqlitePoolOptions::new()
         .max_connections(connections)
@@ -50,10 +174,6 @@ pub(super) async fn open(
     Ok(pool)
 }
 
-pub(super) async fn begin(pool: &SqlitePool) -> Result<Transaction<'static, Sqlite>, sqlx::Error> {
-    pool.begin_with("BEGIN IMMEDIATE").await
-}
-
 /// Whether a connection that was given back can be used again.
 ///
 /// After `SQLITE_FULL` and most I/O errors SQLite itself has rolled the transaction back. The `ROLLBACK` that follows
@@ -63,15 +183,6 @@ async fn is_reusable(connection: &mut SqliteConnection) -> Result<bool, sqlx::Er
     // A rollback that is under way is over once the connection answers.
     connection.ping().await?;
     Ok(!connection.is_in_transaction())
-}
-
-/// Whether the file can be written. Changes nothing.
-pub(super) async fn check(pool: &SqlitePool) -> Result<(), StoreError> {
-    let mut transaction = begin(pool).await?;
-    sqlx::query("UPDATE fence SET value = value")
-        .execute(&mut *transaction)
-        .await?;
-    Ok(transaction.rollback().await?)
 }
 
 /// Whether the structure of the file is whole.
@@ -127,7 +238,7 @@ mod tests {
 
     fn pool(store: &Store) -> &SqlitePool {
         match &store.rows().database {
-            Database::Sqlite(pool) => pool,
+            Database::Sqlite(connections) => connections.pool(),
             Database::Postgres(_) => unreachable!("these rows are in SQLite"),
         }
     }
@@ -167,6 +278,62 @@ mod tests {
         // The connection was closed; another one does not have its limit.
         store.rows().check().await.unwrap();
         store.try_pin(&many_pins(), HOUR).await.unwrap();
+    }
+
+    /// The label of the only case in a copy of a file and its log, as after a kill.
+    async fn label_after_a_kill(file: &Path) -> Option<String> {
+        let copies = tempfile::tempdir().unwrap();
+        let copy = copies.path().join("rows.sqlite");
+        std::fs::copy(file, &copy).unwrap();
+        std::fs::copy(log_of(file), log_of(&copy)).unwrap();
+        let store = at(&copy).await.unwrap();
+        let page = store.cases(None, 1).await.unwrap();
+        page.cases[0].parameters.name.clone()
+    }
+
+    fn log_of(file: &Path) -> std::path::PathBuf {
+        file.with_file_name("rows.sqlite-wal")
+    }
+
+    /// Leaves a change of the label in the log as if the `fsync` of its commit had failed.
+    async fn leave_a_failed_commit(file: &Path, id: &CaseId, label: &str) {
+        let copies = tempfile::tempdir().unwrap();
+        let copy = copies.path().join("rows.sqlite");
+        let before = std::fs::read(log_of(file)).unwrap();
+        std::fs::copy(file, &copy).unwrap();
+        std::fs::write(log_of(&copy), &before).unwrap();
+        let store = at(&copy).await.unwrap();
+        store.rename(id, label).await.unwrap();
+        let after = std::fs::read(log_of(&copy)).unwrap();
+        assert!(after.starts_with(&before) && after.len() > before.len());
+        let mut log = std::fs::OpenOptions::new()
+            .append(true)
+            .open(log_of(file))
+            .unwrap();
+        std::io::Write::write_all(&mut log, &after[before.len()..]).unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_commit_that_failed_is_taken_back_before_anything_else() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let (store, id) = with_a_ready_case(&file).await;
+        store.rename(&id, "before").await.unwrap();
+        leave_a_failed_commit(&file, &id, "refused").await;
+        let seen = store.case(&id).await.unwrap().unwrap();
+        assert_eq!(seen.parameters.name.as_deref(), Some("before"));
+        assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("refused"));
+
+        let Database::Sqlite(connections) = &store.rows().database else {
+            unreachable!("these rows are in SQLite")
+        };
+        let has_failed = &connections.log.has_failed_commit;
+        has_failed.store(true, Ordering::Release);
+        store.rows().check().await.unwrap();
+        assert!(!has_failed.load(Ordering::Acquire));
+        assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("before"));
+        store.rename(&id, "after").await.unwrap();
+        assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("after"));
     }
 
     #[tokio::test]

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use case::{
     CaseFacts, Failure, LayerFacts, MatrixOrigin, ObjectKind, PlacementFacts, PlacementVerdict,
-    PlaneFacts, QualityState, SphereFacts, Stage, WindowFacts,
+    PlaneFacts, QualityState, SphereFacts, Stage, VoxelFacts, WindowFacts,
 };
 
 #[cfg(test)]
@@ -26,6 +26,10 @@ pub fn facts() -> CaseFacts {
         native_size: [1, 2, 3],
         native_spacing_mm: [1.0; 3],
         native_patient_from_voxel: [[0.0; 4]; 4],
+        voxels: Some(VoxelFacts {
+            values: "0".repeat(64),
+            moments: [0; 3],
+        }),
         envelope_sphere: SphereFacts {
             center_in_patient: [0.0; 3],
             radius_mm: 1.0,

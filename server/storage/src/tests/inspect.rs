@@ -1,7 +1,12 @@
 //! Inspections, and copies from one store into another.
 
 use super::*;
-use crate::frame;
+use crate::arrivals::{
+    AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, SeriesQuery,
+    SeriesUids, TransferEnd, TransferQuery, TransferState, Uid,
+};
+use crate::results::{NewResult, ResultSeries};
+use crate::{CopyStep, ForPacs, frame};
 
 fn closer() -> Parameters {
     Parameters {
@@ -85,34 +90,37 @@ async fn an_inspection_counts_what_is_sound_and_reports_the_rest() {
     assert!(file_of(&directory, &stray.name).exists(), "nothing changes");
 }
 
-#[tokio::test]
-async fn an_inspection_reads_the_images_of_a_pacs() {
-    let directory = tempfile::tempdir().unwrap();
-    let store = store(&directory).await;
-    let uid = |text: &str| crate::arrivals::Uid::parse(text).unwrap();
+fn uid(text: &str) -> Uid {
+    Uid::parse(text).unwrap()
+}
+
+/// Three images of a series.
+async fn three_images(store: &Store) -> [ObjectName; 3] {
     let mut images = Vec::new();
-    for number in 0..3 {
-        let mut file = store.spool().await.unwrap();
-        let content = format!("image {number}").into_bytes();
-        file.write(content.into()).await.unwrap();
-        let file = file.finish().await.unwrap();
-        let new = crate::arrivals::NewInstance {
-            uids: crate::arrivals::SeriesUids {
+    for (number, content) in ["image 0", "image 1", "image 2"].into_iter().enumerate() {
+        let file = store.spool_all(content.into()).await.unwrap();
+        let new = NewInstance {
+            uids: SeriesUids {
                 study: uid("1.2"),
                 series: uid("1.2.3"),
             },
-            accession_number: None,
+            accession_number: AccessionNumber::parse("A7"),
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
         };
         images.push((new, file));
     }
-    let names: Vec<_> = images
-        .iter()
-        .map(|(new, _)| ObjectName::from(new))
-        .collect();
-    let source = crate::arrivals::ArrivalSource::Stow;
+    let names = [0, 1, 2].map(|number| ObjectName::from(&images[number].0));
+    let source = ArrivalSource::Stow;
     assert_eq!(store.receive(images, source).await.unwrap(), 3);
+    names
+}
+
+#[tokio::test]
+async fn an_inspection_reads_the_images_of_a_pacs() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let names = three_images(&store).await;
     let (sound, findings) = inspected(&store).await;
     assert_eq!((sound.cases, sound.objects, findings), (0, 3, vec![]));
 
@@ -150,7 +158,11 @@ async fn an_inspection_turns_the_pages() {
 /// Copies, and returns the result with each case and whether it was copied.
 async fn copied(from: &Store, to: &Store) -> (Copied, Vec<(CaseId, bool)>) {
     let mut reported = Vec::new();
-    let mut report = |id: &CaseId, is_whole: bool, _: &Copied| reported.push((*id, is_whole));
+    let mut report = |step: CopyStep, _: &Copied| match step {
+        CopyStep::Case(id) => reported.push((id, true)),
+        CopyStep::LostCase(id) => reported.push((id, false)),
+        CopyStep::ForPacs | CopyStep::LostForPacs(_) => unreachable!("cases are copied"),
+    };
     let copied = from.copy_into(to, &mut report).await.unwrap();
     (copied, reported)
 }
@@ -169,7 +181,7 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
         objects: 8,
         bytes: bytes.sum(),
         kept: 1,
-        lost: 0,
+        ..Copied::default()
     };
     assert_eq!(first, expected);
     for id in &ids {
@@ -208,4 +220,115 @@ async fn without_its_source_a_case_is_not_copied_but_without_derived_objects_it_
     assert!(!file_of(&there, &source).exists());
     // It is rebuilt there when it is first read.
     assert!(matches!(read(&to, &of).await, Attempt::Bad));
+}
+
+/// Copies what came from a PACS, and returns the result with the objects that were not copied.
+async fn copied_for_pacs(from: &Store, to: &Store) -> (Copied, Vec<ObjectName>) {
+    let mut lost = Vec::new();
+    let mut report = |step: CopyStep, _: &Copied| match step {
+        CopyStep::LostForPacs(name) => lost.push(name),
+        step => assert_eq!(step, CopyStep::ForPacs),
+    };
+    let copied = from
+        .copy_for_pacs_into(to, Copied::default(), &mut report)
+        .await;
+    (copied.unwrap(), lost)
+}
+
+/// A case of three images that are kept, and a result of it that was sent.
+async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
+    let id = ready(store, "volume").await;
+    let images = three_images(store).await;
+    let store = store;
+    let terms = DueTerms {
+        stable: Duration::ZERO,
+        patience: Duration::ZERO,
+        lease: Duration::from_secs(30),
+    };
+    let due = store.lease_due(&terms).await.unwrap().unwrap();
+    assert!(store.settle(&due, &Outcome::Case(id)).await.unwrap());
+    let file = b"a result";
+    let new = NewResult {
+        case: id,
+        node: "pacs".to_owned(),
+        study: uid("1.2"),
+        series: ResultSeries {
+            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
+            series_uid: uid("2.25.8"),
+            number: 9001,
+            description: "a view".to_owned(),
+        },
+        instance: uid("2.25.7"),
+        digest: blake3::hash(file),
+    };
+    let queued = store.queue_result(new, file[..].into()).await.unwrap();
+    let leased = store.lease_result(terms.lease).await.unwrap().unwrap();
+    assert!(store.end_result(&leased, &TransferEnd::Done).await.unwrap());
+    (id, images, queued.id)
+}
+
+#[tokio::test]
+async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
+    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let (from, to) = (store(&here).await, store(&there).await);
+    let (case, images, result) = a_kept_series(&from).await;
+    copied(&from, &to).await;
+    let (first, lost) = copied_for_pacs(&from, &to).await;
+    let whole = ForPacs {
+        series: 1,
+        images: 3,
+        results: 1,
+    };
+    assert_eq!((first.for_pacs, first.objects, lost), (whole, 4, vec![]));
+    assert_eq!(from.count_for_pacs().await.unwrap(), whole);
+    assert_eq!(to.count_for_pacs().await.unwrap(), whole);
+
+    let series = SeriesQuery::Study(uid("1.2"), None);
+    let arrivals = to.arrivals_of(&series).await.unwrap();
+    assert_eq!(arrivals, from.arrivals_of(&series).await.unwrap());
+    assert_eq!(
+        (arrivals[0].state, arrivals[0].case),
+        (ArrivalState::Case, Some(case))
+    );
+    let number = SeriesQuery::AccessionNumber(AccessionNumber::parse("A7").unwrap());
+    assert_eq!(to.arrivals_of(&number).await.unwrap(), arrivals);
+    let sent = to.result(&result).await.unwrap().unwrap();
+    assert_eq!(
+        (sent.state, sent.case, sent.node.as_str()),
+        (TransferState::Done, case, "pacs")
+    );
+    assert_eq!(
+        &to.objects().get(&sent.object).await.unwrap()[..],
+        b"a result"
+    );
+    assert_nothing_left_over(&to, there.path()).await;
+
+    // Again, nothing is written and nothing is lost.
+    let (again, _) = copied_for_pacs(&from, &to).await;
+    assert_eq!((again.for_pacs, again.objects, again.kept), (whole, 0, 4));
+    assert_eq!(inspected(&to).await.1, []);
+    assert_eq!(to.result(&result).await.unwrap(), Some(sent));
+    for name in images {
+        to.objects().get(&name).await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn what_is_damaged_is_named_and_the_rest_is_copied() {
+    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let (from, to) = (store(&here).await, store(&there).await);
+    let (_, images, _) = a_kept_series(&from).await;
+    std::fs::write(file_of(&here, &images[1]), b"damaged").unwrap();
+    // Without its case, the series is read again there, and a result has nothing to belong to.
+    let (first, lost) = copied_for_pacs(&from, &to).await;
+    assert_eq!((first.lost, first.for_pacs.images), (2, 2));
+    assert_eq!(lost[0], images[1]);
+    let series = SeriesQuery::Study(uid("1.2"), None);
+    let arrival = to.arrivals_of(&series).await.unwrap().remove(0);
+    assert_eq!(
+        (arrival.state, arrival.case, arrival.instances),
+        (ArrivalState::Receiving, None, 2)
+    );
+    let every = TransferQuery::default();
+    assert_eq!(to.results(&every, None, 9).await.unwrap(), (vec![], None));
 }

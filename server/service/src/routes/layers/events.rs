@@ -13,7 +13,8 @@ use storage::Watch;
 use super::{LayerView, layer_of};
 use crate::routes::events::stream_of;
 use crate::routes::query::{ApiQuery, CasePath, NoQuery};
-use crate::state::Stopping;
+use crate::state::EventStreams;
+use http_support::listen::ClientAddress;
 use http_support::problem::{AppError, Problem};
 
 /// The state of an added layer
@@ -29,24 +30,27 @@ use http_support::problem::{AppError, Problem};
     responses(
         (status = 200, description = "Events `layer` and `gone`", body = String, content_type = "text/event-stream"),
         (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many streams of events at a time", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "No such case or added layer", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_layer_events(
     State(cases): State<Cases>,
-    State(stopping): State<Stopping>,
+    State(streams): State<EventStreams>,
+    ClientAddress(client): ClientAddress,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     let layer = cases.layer(&id, &layer_of(&path)?).await?.id;
+    let place = streams.begin(client)?;
     let watching = Watching {
         watch: cases.store().subscribe(&id),
         cases,
         key: (id, layer),
         seen: None,
     };
-    Ok(stream_of(events(watching), stopping))
+    Ok(stream_of(events(watching), place, &streams.stopping))
 }
 
 /// A layer, and what was sent of it.

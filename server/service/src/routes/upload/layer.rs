@@ -94,8 +94,8 @@ pub async fn create_layer(
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
-    let _room = uploads.begin()?;
     let client = Peer::of(&request);
+    let _room = uploads.begin(client)?;
     let incoming = Incoming::begin(cases.store(), &uploads);
     let Received {
         volume,

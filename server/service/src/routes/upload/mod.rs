@@ -80,8 +80,8 @@ pub async fn create_case(
     request: Request,
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
-    let _room = uploads.begin()?;
     let client = Peer::of(&request);
+    let _room = uploads.begin(client)?;
     let incoming = Incoming::begin(cases.store(), &uploads);
     let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
     // Before the DICOM files are read, which takes long.

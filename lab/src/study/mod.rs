@@ -1,0 +1,72 @@
+//! A study of synthetic lesions in real heads, with model observers that look for them.
+
+mod flat;
+mod heads;
+mod hotelling;
+mod known;
+mod lesion;
+mod observer;
+mod patches;
+mod places;
+mod random;
+mod region;
+mod report;
+mod run;
+mod search;
+mod stored;
+#[cfg(test)]
+mod tests;
+
+pub use heads::{Finished, MaskFrom, StudyFolders, StudyHead};
+pub use hotelling::{CHANNELS, Outputs};
+pub use known::KnownPlace;
+pub use lesion::{Effect, Lesion};
+pub use observer::View;
+pub use places::Place;
+pub use report::{Criteria, Report, Verdict};
+pub use run::{HeadResult, Sighting, Sign, StudyParameters, Trial, run_head};
+pub use search::{HIT_MM, Mark, false_marks_above};
+
+use geometry::Volume;
+
+use analysis::steps::{Block, tissue_of};
+use analysis::{Head, MapsUndefined, TissueScale};
+
+/// A head that receives lesions.
+pub struct Ground<'a> {
+    pub(crate) head: Head<'a>,
+    pub(crate) block: Block,
+    pub(crate) values: Vec<f32>,
+    tissue: TissueScale,
+}
+
+impl<'a> Ground<'a> {
+    /// # Errors
+    /// If the head has no maps.
+    pub fn new(head: Head<'a>) -> Result<Self, MapsUndefined> {
+        let (block, values, tissue) = tissue_of(head)?;
+        Ok(Self {
+            head,
+            block,
+            values,
+            tissue,
+        })
+    }
+
+    /// Places for lesions, shams and comparison, by seed: all by one rule, each independently of the others.
+    pub fn places(&self, count: usize, seed: u64) -> Vec<Place> {
+        let offers = places::offers(self.head, &self.block, &self.values);
+        places::places(&offers, count, seed)
+    }
+
+    /// The volume of the head with a lesion.
+    pub fn with_lesion(&self, lesion: &Lesion) -> Volume {
+        let ground = lesion::Ground {
+            volume: self.head.volume,
+            block: &self.block,
+            values: &self.values,
+            tissue: &self.tissue,
+        };
+        lesion::with_lesion(&ground, lesion)
+    }
+}

@@ -1,0 +1,419 @@
+//! One head of the study: lesions one at a time, and the sightings of each observer.
+
+use std::ops::ControlFlow;
+
+use geometry::DepthField;
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::hotelling::Outputs;
+use super::observer::{Aided, Changed, Seen, View};
+use super::patches::outputs;
+use super::random::Random;
+use super::search::{Mark, false_marks_above};
+use super::{Effect, Ground, Lesion, Place};
+use analysis::steps::tissue_of;
+use analysis::{Head, MapParameters, MapsUndefined};
+
+/// The size and the parameters of a study.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StudyParameters {
+    /// Number of lesions in each head; each is alone in its trial.
+    pub lesions: usize,
+    /// Number of shams in each head.
+    pub shams: usize,
+    /// Number of lesions, and of shams, in each head for the observers of a known place. Those above `lesions` and
+    /// `shams` are not searched for.
+    pub patches: usize,
+    /// Number of normal places for comparison with a known place.
+    pub normals: usize,
+    /// The seed of all random choices in a head. It must differ between heads, or they all get the same lesions.
+    pub seed: u64,
+    /// The sign, the radius in mm and the effect of every lesion; `None` to draw them.
+    pub lesion: Option<(Sign, f64, Effect)>,
+    /// The parameters of the maps.
+    pub maps: MapParameters,
+}
+
+impl StudyParameters {
+    /// The same with one blur of this radius and strength, in mm, in place of all signs and sizes, and without shams.
+    pub fn with_blurs_alone(self, radius_mm: f64, blur_mm: f64) -> Self {
+        let effect = Effect {
+            blur_mm,
+            ..Effect::NONE
+        };
+        Self {
+            shams: 0,
+            patches: 0,
+            lesion: Some((Sign::Blur, radius_mm, effect)),
+            ..self
+        }
+    }
+
+    /// The same with a separate seed for a head with this name.
+    pub fn for_head(self, name: &str) -> Self {
+        // FNV-1a (Fowler, Noll and Vo).
+        let mixed = name.bytes().fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+        });
+        Self {
+            seed: self.seed ^ mixed,
+            ..self
+        }
+    }
+
+    /// The whole study.
+    pub const FULL: Self = Self {
+        lesions: 60,
+        shams: 60,
+        patches: 0,
+        normals: 1000,
+        seed: 20_061_122,
+        lesion: None,
+        maps: MapParameters::STANDARD,
+    };
+    /// A run of two minutes.
+    pub const QUICK: Self = Self {
+        lesions: 12,
+        shams: 4,
+        normals: 150,
+        ..Self::FULL
+    };
+}
+
+/// The sign of a lesion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sign {
+    /// The junction is blurred.
+    Blur,
+    /// Grey matter extends into white matter.
+    Thickening,
+    /// White matter below the junction is darker.
+    Intensity,
+    /// All three signs.
+    All,
+    /// No sign: a sham.
+    Sham,
+}
+
+impl Sign {
+    /// The signs for a random choice.
+    pub const DRAWN: [Self; 4] = [Self::Blur, Self::Thickening, Self::Intensity, Self::All];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Blur => "blur",
+            Self::Thickening => "thickening",
+            Self::Intensity => "intensity",
+            Self::All => "all three",
+            Self::Sham => "sham",
+        }
+    }
+}
+
+/// The greatest number of trials that are computed at the same time. Each needs the memory of a head and its maps.
+const AT_ONCE: usize = 4;
+
+/// The radii for a random choice, in mm, and the strengths of the signs.
+const RADII_MM: [f64; 3] = [4.0, 6.0, 9.0];
+const BLURS_MM: [f64; 3] = [1.0, 1.5, 2.0];
+const THICKENINGS_MM: [f64; 2] = [1.0, 2.0];
+const DARKENINGS: [f64; 2] = [0.1, 0.2];
+
+/// The sighting of one lesion in one view.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sighting {
+    /// With a known place: the fraction of normal places that are less suspicious; equal ones count half.
+    pub known: f64,
+    /// In a search: the number of false marks above the mark of the lesion; `None` if no mark hits it, or nothing was
+    /// searched.
+    pub false_marks: Option<usize>,
+}
+
+/// One lesion or sham, with its sightings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// Its sign.
+    pub sign: Sign,
+    /// Mean radius, in mm.
+    pub radius_mm: f64,
+    /// Its centre, LPS mm.
+    pub position_in_patient: [f64; 3],
+    /// Its depth, in mm.
+    pub depth_mm: f32,
+    /// Strength of each sign, as in [`Effect`].
+    pub blur_mm: f64,
+    /// As in [`Effect`].
+    pub thickening_mm: f64,
+    /// As in [`Effect`].
+    pub darkening: f64,
+    /// The seed of its edge and noise.
+    pub seed: u64,
+    /// Whether the whole head was searched for it; if not, only the known place counts.
+    pub is_searched: bool,
+    /// Its sightings, in the order of [`View::ALL`].
+    pub sightings: Vec<Sighting>,
+    /// The outputs of the channels of O2 at its place, in the order of [`View::ALL`].
+    pub channels: Vec<Outputs>,
+}
+
+impl Trial {
+    /// The lesion, which can be put into its head again.
+    pub fn lesion(&self) -> Lesion {
+        Lesion {
+            centre_in_patient: DVec3::from_array(self.position_in_patient),
+            radius_mm: self.radius_mm,
+            effect: Effect {
+                blur_mm: self.blur_mm,
+                thickening_mm: self.thickening_mm,
+                darkening: self.darkening,
+            },
+            seed: self.seed,
+        }
+    }
+}
+
+/// A head with all its trials.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HeadResult {
+    /// The name of the head.
+    pub name: String,
+    /// Whether parameters were tuned on this head.
+    pub is_tuned: bool,
+    /// The trials: lesions and shams, evenly mixed.
+    pub trials: Vec<Trial>,
+}
+
+/// The trials of a head. `observe` receives each finished trial and the number of all trials, and may stop the run.
+///
+/// `finished` are the first trials, from a run with the same parameters that was interrupted: they are returned as they
+/// are, and not observed.
+///
+/// # Errors
+/// If the head has no maps.
+pub fn run_head(
+    head: Head<'_>,
+    parameters: &StudyParameters,
+    finished: Vec<Trial>,
+    mut observe: impl FnMut(&Trial, usize) -> ControlFlow<()>,
+) -> Result<Vec<Trial>, MapsUndefined> {
+    let ground = Ground::new(head)?;
+    let searched = parameters.lesions + parameters.shams;
+    let [lesions, shams] = parameters.only_known();
+    let count = parameters.trials();
+    // The places of the search come first, so that they are the same with and without further patches.
+    let places = ground.places(count + parameters.normals, parameters.seed);
+    let (places, others) = places.split_at(searched.min(places.len()));
+    let (normals, further) = others.split_at(parameters.normals.min(others.len()));
+    let pristine = Pristine::of(&ground, normals, &parameters.maps);
+    let mut random = Random::new(parameters.seed ^ 0x5EED);
+    let mut drawn = |number: usize, place: &Place| {
+        let is_searched = number < searched;
+        let is_sham = if is_searched {
+            is_sham(number, [parameters.lesions, parameters.shams])
+        } else {
+            is_sham(number - searched, [lesions, shams])
+        };
+        let (sign, lesion) = parameters.drawn(place.position_in_patient, is_sham, &mut random);
+        (*place, sign, lesion, is_searched)
+    };
+    let all = places.iter().chain(further).enumerate();
+    let drawn: Vec<_> = all.map(|(number, place)| drawn(number, place)).collect();
+    let mut trials = finished;
+    for some in drawn[trials.len().min(drawn.len())..].chunks(AT_ONCE) {
+        let computed = some.par_iter().map(|(place, sign, lesion, is_searched)| {
+            let seen = pristine.observed(&ground, lesion, *is_searched, &parameters.maps);
+            let (sightings, channels) = seen?;
+            Ok(Trial {
+                sign: *sign,
+                radius_mm: lesion.radius_mm,
+                position_in_patient: place.position_in_patient.to_array(),
+                depth_mm: place.depth_mm,
+                blur_mm: lesion.effect.blur_mm,
+                thickening_mm: lesion.effect.thickening_mm,
+                darkening: lesion.effect.darkening,
+                seed: lesion.seed,
+                is_searched: *is_searched,
+                sightings,
+                channels,
+            })
+        });
+        for trial in computed.collect::<Result<Vec<Trial>, MapsUndefined>>()? {
+            let flow = observe(&trial, count);
+            trials.push(trial);
+            if flow.is_break() {
+                return Ok(trials);
+            }
+        }
+    }
+    Ok(trials)
+}
+
+/// Whether a trial is a sham. Shams are spread evenly among the lesions.
+fn is_sham(number: usize, [lesions, shams]: [usize; 2]) -> bool {
+    let shams_before = |number: usize| number * shams / (lesions + shams);
+    shams_before(number + 1) > shams_before(number)
+}
+
+impl StudyParameters {
+    /// The numbers of lesions and of shams in each head that are not searched for.
+    fn only_known(&self) -> [usize; 2] {
+        [self.lesions, self.shams].map(|searched| self.patches.saturating_sub(searched))
+    }
+
+    /// The number of trials of a head.
+    pub fn trials(&self) -> usize {
+        let [lesions, shams] = self.only_known();
+        self.lesions + self.shams + lesions + shams
+    }
+
+    /// A lesion at a place, with random sign, size and strengths.
+    fn drawn(&self, centre: DVec3, is_sham: bool, random: &mut Random) -> (Sign, Lesion) {
+        let sign = Sign::DRAWN[random.below(Sign::DRAWN.len())];
+        let radius_mm = RADII_MM[random.below(RADII_MM.len())];
+        let strengths = Effect {
+            blur_mm: BLURS_MM[random.below(BLURS_MM.len())],
+            thickening_mm: THICKENINGS_MM[random.below(THICKENINGS_MM.len())],
+            darkening: DARKENINGS[random.below(DARKENINGS.len())],
+        };
+        let seed = random.next();
+        let (sign, radius_mm, strengths) = self.lesion.unwrap_or((sign, radius_mm, strengths));
+        let sign = if is_sham { Sign::Sham } else { sign };
+        let effect = match sign {
+            Sign::Blur => Effect {
+                blur_mm: strengths.blur_mm,
+                ..Effect::NONE
+            },
+            Sign::Thickening => Effect {
+                thickening_mm: strengths.thickening_mm,
+                ..Effect::NONE
+            },
+            Sign::Intensity => Effect {
+                darkening: strengths.darkening,
+                ..Effect::NONE
+            },
+            Sign::All => strengths,
+            Sign::Sham => Effect::NONE,
+        };
+        let lesion = Lesion {
+            centre_in_patient: centre,
+            radius_mm,
+            effect,
+            seed,
+        };
+        (sign, lesion)
+    }
+}
+
+/// A head without a lesion, with the scores of all observers.
+struct Pristine {
+    seen: Seen,
+    aided: Aided,
+    /// The marks of a search, in the order of [`View::ALL`].
+    marks: Vec<Vec<Mark>>,
+    /// The scores at normal places, ascending, in the order of [`View::ALL`].
+    normals: Vec<Vec<f32>>,
+}
+
+impl Pristine {
+    fn of(ground: &Ground<'_>, places: &[Place], parameters: &MapParameters) -> Self {
+        let seen = Seen::of(ground.head, &ground.block, &ground.values);
+        let aided = Aided::of(
+            ground.head,
+            &ground.block,
+            (&ground.values, &ground.tissue),
+            parameters,
+        );
+        let normals = View::ALL.map(|view| {
+            let score = |place: &Place| match view.is_aided() {
+                true => aided.at(view, place.position_in_patient),
+                false => seen.at(view, ground.head.depth, place.position_in_patient),
+            };
+            let mut scores: Vec<f32> = places.iter().map(score).filter(|s| !s.is_nan()).collect();
+            scores.sort_by(f32::total_cmp);
+            scores
+        });
+        Self {
+            marks: View::ALL.map(|view| marks(view, &seen, &aided)).to_vec(),
+            seen,
+            aided,
+            normals: normals.to_vec(),
+        }
+    }
+
+    /// The sightings of one lesion, and the outputs of the channels at its place; every map is computed from the volume
+    /// with the lesion.
+    fn observed(
+        &self,
+        ground: &Ground<'_>,
+        lesion: &Lesion,
+        is_searched: bool,
+        parameters: &MapParameters,
+    ) -> Result<(Vec<Sighting>, Vec<Outputs>), MapsUndefined> {
+        let place = (lesion.centre_in_patient, lesion.radius_mm);
+        let volume = ground.with_lesion(lesion);
+        if volume == *ground.head.volume {
+            // The same volume gives the same maps and marks, so a sham needs no second computation.
+            let shown = (ground.values.as_slice(), &self.seen.flat, &self.aided);
+            let channels = outputs(ground.head, &ground.block, shown, place);
+            let shown = (ground.head.depth, &self.seen, &self.aided);
+            let marks = |view: usize| self.marks[view].clone();
+            return Ok((self.sighted(lesion, is_searched, shown, marks), channels));
+        }
+        let head = Head {
+            volume: &volume,
+            ..ground.head
+        };
+        let (block, values, tissue) = tissue_of(head)?;
+        let changed = Changed {
+            centre: lesion.centre_in_patient,
+            reach_mm: lesion.reach_mm(),
+        };
+        let seen = self.seen.with(head, &block, &values, changed);
+        let aided = Aided::of(head, &block, (&values, &tissue), parameters);
+        let channels = outputs(head, &block, (&values, &seen.flat, &aided), place);
+        let shown = (head.depth, &seen, &aided);
+        let marks = |view: usize| marks(View::ALL[view], &seen, &aided);
+        Ok((self.sighted(lesion, is_searched, shown, marks), channels))
+    }
+
+    fn sighted(
+        &self,
+        lesion: &Lesion,
+        is_searched: bool,
+        (depth, seen, aided): (&DepthField, &Seen, &Aided),
+        marks: impl Fn(usize) -> Vec<Mark>,
+    ) -> Vec<Sighting> {
+        let centre = lesion.centre_in_patient;
+        let sighting = |(number, view): (usize, View)| {
+            let score = match view.is_aided() {
+                true => aided.at(view, centre),
+                false => seen.at(view, depth, centre),
+            };
+            let above = || false_marks_above(&marks(number), centre, lesion.radius_mm);
+            Sighting {
+                known: share_below(&self.normals[number], score),
+                false_marks: is_searched.then(above).flatten(),
+            }
+        };
+        View::ALL.into_iter().enumerate().map(sighting).collect()
+    }
+}
+
+/// The marks of a search through a whole head.
+fn marks(view: View, seen: &Seen, aided: &Aided) -> Vec<Mark> {
+    match view.is_aided() {
+        true => aided.marks(view),
+        false => seen.marks(view),
+    }
+}
+
+/// The fraction of ascending values below one; equal values count half.
+fn share_below(ascending: &[f32], value: f32) -> f64 {
+    let below = ascending.partition_point(|other| *other < value);
+    let not_above = ascending.partition_point(|other| *other <= value);
+    (below + not_above) as f64 / (2 * ascending.len().max(1)) as f64
+}

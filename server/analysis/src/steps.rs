@@ -1,0 +1,8 @@
+//! The steps of the maps, which experiments repeat with other parameters.
+
+pub use crate::block::{Block, DEEP_FROM_MM, Zone, depth_at};
+pub use crate::candidates::Scores;
+pub use crate::convolve::{Kernel, smooth};
+pub use crate::maps::{Comparison, Measures, compare, tissue_of};
+pub use crate::sharpness::Sharpness;
+pub use crate::slant::slope;

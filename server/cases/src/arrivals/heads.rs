@@ -1,0 +1,208 @@
+//! The heads of a study: of each series one version, in the order in which a link to the study prefers them.
+
+use std::collections::HashSet;
+
+use case::{Case, CaseState};
+use storage::StoreError;
+use storage::arrivals::{CaseSeries, SeriesQuery};
+
+use crate::application::Cases;
+
+/// Values of Contrast/Bolus Agent that state that there was none.
+const NO_AGENT: [&str; 4] = ["", "NO", "NONE", "N"];
+
+/// A series that became a case.
+#[derive(Debug, Clone)]
+pub struct Head {
+    /// The case.
+    pub case: Case,
+    /// Its series and study.
+    pub series: CaseSeries,
+    /// The attributes of the source by keyword, which are patient data; none if they are damaged.
+    pub attributes: Vec<(String, String)>,
+}
+
+impl Head {
+    /// The value of an attribute, unless it is empty.
+    pub fn value(&self, keyword: &str) -> Option<&str> {
+        let mut attributes = self.attributes.iter();
+        let found = attributes.find(|(name, value)| name == keyword && !value.is_empty());
+        found.map(|(_, value)| value.as_str())
+    }
+
+    /// Whether it was computed from other images.
+    pub fn is_derived(&self) -> bool {
+        let kind = self
+            .value("ImageType")
+            .and_then(|text| text.split('\\').next());
+        kind.is_some_and(|kind| kind.trim().eq_ignore_ascii_case("DERIVED"))
+    }
+
+    /// Whether a contrast agent was given.
+    pub fn has_contrast(&self) -> bool {
+        let agent = self.value("ContrastBolusAgent").unwrap_or_default();
+        !NO_AGENT.contains(&&*agent.trim().to_ascii_uppercase())
+    }
+
+    /// The sides of a voxel in mm, which are known when the case is ready.
+    pub fn voxel_mm(&self) -> Option<[f64; 3]> {
+        self.case
+            .facts
+            .as_ref()
+            .map(|facts| facts.native_spacing_mm)
+    }
+
+    /// When it was acquired, as far as the source states it: digits that sort by time.
+    pub fn acquired(&self) -> Option<String> {
+        let joined = |day, time| {
+            let time = self.value(time).unwrap_or_default();
+            Some(format!("{}{time}", self.value(day)?))
+        };
+        let moment = self.value("AcquisitionDateTime").map(str::to_owned);
+        moment
+            .or_else(|| joined("AcquisitionDate", "AcquisitionTime"))
+            .or_else(|| joined("SeriesDate", "SeriesTime"))
+    }
+
+    /// Sorts heads as a link prefers them: original before derived, without a contrast agent before with one, finer
+    /// before coarser, then the earlier acquisition. When they came does not count, so that the same link opens the same
+    /// head. A case whose voxels are not known yet may turn out to be the finest, and a failed one comes last.
+    fn rank(&self) -> impl Ord + use<> {
+        let volume_mm3: f64 = self.voxel_mm().map_or(0.0, |sides| sides.iter().product());
+        // Voxels of one protocol differ by rounding errors.
+        let volume = (volume_mm3 * 1000.0).round() as u64;
+        let acquired = self.acquired();
+        let number = self
+            .value("SeriesNumber")
+            .and_then(|text| text.parse::<i64>().ok());
+        let last = (
+            acquired.is_none(),
+            acquired,
+            number,
+            self.series.uids.clone(),
+        );
+        let is_failed = self.case.state == CaseState::Failed;
+        (
+            is_failed,
+            self.is_derived(),
+            self.has_contrast(),
+            volume,
+            last,
+        )
+    }
+}
+
+impl Cases {
+    /// The heads that a query finds, the preferred one first, those that failed last. Of each series this is the newest
+    /// version that is ready, or else the newest that has not failed.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
+        let mut versions = Vec::new();
+        for series in self.store().cases_of(query).await? {
+            if let Some(case) = self.store().case(&series.case).await? {
+                versions.push((series, case));
+            }
+        }
+        let usable = |state| match state {
+            CaseState::Ready => 0,
+            CaseState::Queued | CaseState::Preparing => 1,
+            CaseState::Failed => 2,
+        };
+        // Within a state, the newest stays first.
+        versions.sort_by_key(|(_, case)| usable(case.state));
+        let mut seen = HashSet::new();
+        versions.retain(|(series, _)| seen.insert(series.uids.clone()));
+        let mut heads = Vec::with_capacity(versions.len());
+        for (series, case) in versions {
+            let stored = self.store().source_dicom(&case.id).await.ok().flatten();
+            let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
+            let attributes = stored.map(|stored| stored.attributes).unwrap_or_default();
+            heads.push(Head {
+                case,
+                series,
+                attributes,
+            });
+        }
+        heads.sort_by_cached_key(Head::rank);
+        Ok(heads)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use case::{CaseId, Parameters};
+    use storage::arrivals::{SeriesUids, Uid};
+    use storage::testing::facts;
+
+    use super::*;
+
+    fn head(series: &str, voxel_mm: f64, attributes: &[(&str, &str)]) -> Head {
+        let id = CaseId::parse(&"0".repeat(64)).unwrap();
+        let uid = |text: &str| Uid::parse(text).unwrap();
+        let mut facts = facts();
+        facts.native_spacing_mm = [voxel_mm; 3];
+        let time = jiff::Timestamp::UNIX_EPOCH;
+        Head {
+            case: Case {
+                id,
+                parameters: Parameters::default(),
+                state: CaseState::Ready,
+                progress: None,
+                failure: None,
+                facts: (voxel_mm > 0.0).then_some(facts),
+                previous: None,
+                next: Vec::new(),
+                created_at: time,
+                uploaded_at: time,
+                kept: false,
+                expires_at: None,
+            },
+            series: CaseSeries {
+                case: id,
+                uids: SeriesUids {
+                    study: uid("1.2"),
+                    series: uid(series),
+                },
+                accession_number: None,
+            },
+            attributes: attributes
+                .iter()
+                .map(|&(name, value)| (name.to_owned(), value.to_owned()))
+                .collect(),
+        }
+    }
+
+    #[test]
+    fn original_fine_images_without_contrast_come_first_then_the_earlier_acquisition() {
+        let derived = ("ImageType", "DERIVED\\SECONDARY\\MPR");
+        let original = ("ImageType", "ORIGINAL\\PRIMARY");
+        let [first, second] = ["20260101", "20260102"].map(|day| ("AcquisitionDate", day));
+        let mut heads = [
+            head("1.1", 1.0, &[derived, first]),
+            head("1.2", 1.0, &[original, ("ContrastBolusAgent", "Gadovist")]),
+            head("1.3", 1.0, &[second, ("AcquisitionTime", "101112")]),
+            head("1.4", 1.0, &[second, ("AcquisitionTime", "091112")]),
+            head("1.5", 1.0, &[]),
+            head(
+                "1.6",
+                1.0000001,
+                &[
+                    ("ContrastBolusAgent", "none"),
+                    ("AcquisitionDateTime", "20260101"),
+                ],
+            ),
+            head("1.7", 0.8, &[second, ("AcquisitionTime", "235959")]),
+        ];
+        heads.sort_by_cached_key(Head::rank);
+        let names = heads
+            .each_ref()
+            .map(|head| head.series.uids.series.as_str());
+        assert_eq!(names, ["1.7", "1.6", "1.4", "1.3", "1.5", "1.2", "1.1"]);
+        // A case that is still prepared may turn out to be the finest.
+        heads[3].case.facts = None;
+        heads.sort_by_cached_key(Head::rank);
+        assert_eq!(heads[0].series.uids.series.as_str(), "1.3");
+    }
+}

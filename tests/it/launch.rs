@@ -1,0 +1,220 @@
+//! A link from a PACS opens the head of the right patient, the same one every time, or offers a choice.
+
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::http::Request;
+use serde_json::{Value, json};
+
+use crate::dicom::head_slices;
+use crate::pacs::{Neighbour, with_texts};
+use crate::series_builder::Slice;
+
+/// What differs between series of the same head.
+struct Series<'a> {
+    study: &'a str,
+    uid: &'a str,
+    texts: &'a [([u16; 2], &'a str, &'a str)],
+}
+
+impl Series<'_> {
+    fn files(&self) -> Vec<Vec<u8>> {
+        let file = |slice: Slice| {
+            let sop = format!("{}.{}", self.uid, slice.instance);
+            let mut texts = vec![
+                ([0x08, 0x18], "UI", sop.as_str()),
+                ([0x20, 0x0D], "UI", self.study),
+                ([0x20, 0x0E], "UI", self.uid),
+            ];
+            texts.extend(self.texts);
+            with_texts(&slice, &texts)
+        };
+        head_slices().into_iter().map(file).collect()
+    }
+
+    /// Stores it; the case that it becomes, ready.
+    async fn becomes(&self, neighbour: &Neighbour) -> String {
+        assert_eq!(neighbour.store(&self.files()).await.status, 200);
+        for _ in 0..600 {
+            let list = neighbour.server.get("/v1/arrivals").await.json();
+            let arrivals = list["arrivals"].as_array().unwrap();
+            let ours = arrivals
+                .iter()
+                .find(|arrival| arrival["series"] == self.uid);
+            if let Some(case) = ours.and_then(|arrival| arrival["case"].as_str()) {
+                neighbour
+                    .server
+                    .until_ready(&format!("/v1/cases/{case}"))
+                    .await;
+                return case.to_owned();
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        panic!("no case came of {}", self.uid);
+    }
+}
+
+async fn launched(neighbour: &Neighbour, query: &str) -> Value {
+    let body = Body::from(json!({ "query": query }).to_string());
+    let request = Request::post("/v1/launch").body(body).unwrap();
+    let answer = neighbour.server.send(request).await;
+    assert_eq!(answer.status, 200, "{answer:?}");
+    answer.json()
+}
+
+#[tokio::test]
+async fn an_accession_number_of_two_patients_opens_neither_and_a_patient_must_agree() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let accession = ([0x08, 0x50], "SH", "ACC-1");
+    let first = Series {
+        study: "1.2.3",
+        uid: "1.2.3.4",
+        texts: &[
+            accession,
+            ([0x08, 0x20], "DA", "20261101"),
+            ([0x10, 0x20], "LO", "PAT-A"),
+        ],
+    };
+    let first = first.becomes(&neighbour).await;
+    let alone = launched(
+        &neighbour,
+        "?requestType=STUDY&accessionNumber=ACC-1&viewerType=x",
+    )
+    .await;
+    assert_eq!(
+        (&alone["state"], &alone["case"]),
+        (&json!("ready"), &json!(first))
+    );
+    assert_eq!(alone["ignored"], json!(["viewertype"]));
+    let second = Series {
+        study: "1.2.9",
+        uid: "1.2.9.4",
+        texts: &[
+            accession,
+            ([0x10, 0x20], "LO", "PAT-Q"),
+            ([0x10, 0x21], "LO", "HOSP"),
+        ],
+    };
+    let second = second.becomes(&neighbour).await;
+    assert_ne!(first, second);
+    let choice = launched(&neighbour, "accessionNumber=ACC-1").await;
+    assert_eq!(
+        (&choice["state"], &choice["case"]),
+        (&json!("choice"), &Value::Null)
+    );
+    let candidates = choice["candidates"].as_array().unwrap();
+    let cases: Vec<_> = candidates
+        .iter()
+        .map(|each| each["case"].as_str().unwrap())
+        .collect();
+    assert!(
+        cases.len() == 2 && cases.contains(&first.as_str()) && cases.contains(&second.as_str())
+    );
+    let of_first = candidates
+        .iter()
+        .find(|each| each["case"] == *first)
+        .unwrap();
+    assert_eq!(of_first["study_date"], "20261101");
+    assert!(
+        of_first["series"].as_str().unwrap().contains("t1 mprage"),
+        "{of_first}"
+    );
+    let text = choice.to_string();
+    assert!(
+        !text.contains("PAT-") && !text.contains("Somebody"),
+        "{text}"
+    );
+    let [first, second] = [json!(first), json!(second)];
+    for (query, state, case) in [
+        ("accessionNumber=ACC-1&patientID=PAT-A", "ready", &first),
+        (
+            "accessionNumber=ACC-1&patientID=PAT-Q^^^HOSP",
+            "ready",
+            &second,
+        ),
+        ("accessionNumber=ACC-1&issuer=HOSP", "ready", &second),
+        (
+            "accessionNumber=ACC-1&patientID=PAT-X",
+            "mismatch",
+            &Value::Null,
+        ),
+        (
+            "accessionNumber=ACC-1&patientID=PAT-A&issuer=HOSP",
+            "mismatch",
+            &Value::Null,
+        ),
+        ("study=1.2.3&patientID=PAT-Q", "mismatch", &Value::Null),
+        (
+            "study=1.2.3&accessionNumber=ACC-2",
+            "mismatch",
+            &Value::Null,
+        ),
+        ("study=1.2.3&accessionNumber=ACC-1", "ready", &first),
+        ("study=1.2.3,1.2.9", "choice", &Value::Null),
+        ("study=1.2.3,1.2.99", "ready", &first),
+    ] {
+        let found = launched(&neighbour, query).await;
+        assert_eq!(
+            (&found["state"], &found["case"]),
+            (&json!(state), case),
+            "{query}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn a_study_opens_the_same_head_whatever_comes_later_and_lists_the_others() {
+    let neighbour = Neighbour::start(|config| config.page.patient_banner = Some(true)).await;
+    let original = Series {
+        study: "1.2.3",
+        uid: "1.2.3.4",
+        texts: &[([0x08, 0x08], "CS", r"ORIGINAL\PRIMARY\M")],
+    };
+    let first = original.becomes(&neighbour).await;
+    let query = "StudyInstanceUIDs=1.2.3";
+    assert_eq!(launched(&neighbour, query).await["case"], first);
+    let after_contrast = Series {
+        uid: "1.2.3.5",
+        texts: &[
+            ([0x08, 0x08], "CS", r"ORIGINAL\PRIMARY\M"),
+            ([0x18, 0x10], "LO", "Gadovist"),
+        ],
+        ..original
+    };
+    let reformat = Series {
+        uid: "1.2.3.6",
+        texts: &[([0x08, 0x08], "CS", r"DERIVED\SECONDARY\MPR")],
+        ..original
+    };
+    let second = after_contrast.becomes(&neighbour).await;
+    let third = reformat.becomes(&neighbour).await;
+    let found = launched(&neighbour, query).await;
+    assert_eq!(
+        (&found["state"], &found["case"]),
+        (&json!("ready"), &json!(first))
+    );
+    let candidates = found["candidates"].as_array().unwrap();
+    let order: Vec<_> = candidates.iter().map(|each| &each["case"]).collect();
+    assert_eq!(order, [&first, &second, &third]);
+    let flags = |each: &Value| [each["is_derived"].clone(), each["has_contrast"].clone()];
+    assert_eq!(
+        candidates.iter().map(flags).collect::<Vec<_>>(),
+        [[false, false], [false, true], [true, false]].map(|each| each.map(Value::from))
+    );
+    // Where the page shows the patient, so does the choice.
+    let patient = candidates[0]["patient"].as_str().unwrap();
+    assert!(
+        patient.contains("Somebody") && patient.contains("P-77"),
+        "{patient}"
+    );
+    // A series that is named is opened.
+    let named = launched(&neighbour, "study=1.2.3&series=1.2.3.5").await;
+    assert_eq!(named["case"], second);
+    // Pictures of the study are those of the same head.
+    let server = &neighbour.server;
+    let picture = |address: String| async move { server.get(&address).await.body };
+    let keys = "rendered3D?depth_mm=5&viewport=64,48";
+    let of_study = picture(format!("/dicomweb/studies/1.2.3/{keys}")).await;
+    let of_series = picture(format!("/dicomweb/studies/1.2.3/series/1.2.3.4/{keys}")).await;
+    assert!(of_study.len() > 500 && of_study == of_series);
+}

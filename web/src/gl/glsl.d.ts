@@ -1,0 +1,5 @@
+/** A shader's text. */
+declare module "*.glsl" {
+  const text: string;
+  export default text;
+}
