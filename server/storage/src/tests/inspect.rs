@@ -239,7 +239,6 @@ async fn copied_for_pacs(from: &Store, to: &Store) -> (Copied, Vec<ObjectName>) 
 async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
     let id = ready(store, "volume").await;
     let images = three_images(store).await;
-    let store = store;
     let terms = DueTerms {
         stable: Duration::ZERO,
         patience: Duration::ZERO,
