@@ -37,7 +37,7 @@ impl Head {
         let go_on = |_| Ok::<_, geometry::GeometryError>(());
         let built = DeformableModel::build(volume, ClosedBrain::Envelope(envelope), go_on);
         let built = built.expect("a sound head");
-        let window = pipeline::facts(&built).window;
+        let window = pipeline::facts(&built, &native).window;
         let [black, white] = [-0.5, 0.5].map(|half| window.center + half * window.width);
         static NEXT: AtomicU64 = AtomicU64::new(0);
         Self {

@@ -103,8 +103,9 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
         let left = match args.without_images {
             true => source.count_for_pacs().await?,
             false => {
-                let copy = source.copy_for_pacs_into(&target, copied, &mut report);
-                copied = copy.await?;
+                copied = source
+                    .copy_for_pacs_into(&target, copied, &mut report)
+                    .await?;
                 ForPacs::default()
             }
         };
