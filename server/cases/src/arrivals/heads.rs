@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     fn head(series: &str, voxel_mm: f64, attributes: &[(&str, &str)]) -> Head {
-        let id = CaseId::parse(&"0".repeat(64)).unwrap();
+        let id = CaseId::parse(&"0".repeat(32)).unwrap();
         let uid = |text: &str| Uid::parse(text).unwrap();
         let mut facts = facts();
         facts.native_spacing_mm = [voxel_mm; 3];

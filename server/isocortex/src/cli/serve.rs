@@ -211,7 +211,7 @@ mod tests {
     fn the_command_line_goes_before_the_file() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("isocortex.toml");
-        std::fs::write(&path, "data = \"from-file\"\nlog = \"debug\"\n").unwrap();
+        std::fs::write(&path, "log = \"debug\"\n[storage]\ndata = \"from-file\"\n").unwrap();
         let store = StoreArgs {
             data: Some("from-flag".into()),
             config: Some(path),

@@ -387,7 +387,7 @@ mod tests {
         for text in [
             "max_conections = 7",
             "[http]\nmax_conections = 7",
-            "gpu = \"off\"\n[limits]\nmax_conections = 7",
+            "[render]\ngpu = \"off\"\n[limits]\nmax_conections = 7",
         ] {
             let error = parsed(text).unwrap_err().to_string();
             assert!(error.contains("max_conections"), "{error}");
