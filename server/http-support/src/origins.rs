@@ -9,8 +9,6 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 
-use crate::auth::Access;
-
 /// What a page may send.
 const METHODS: HeaderValue = HeaderValue::from_static("GET, HEAD, POST, PUT, PATCH, DELETE");
 const REQUEST_HEADERS: HeaderValue =
@@ -74,8 +72,7 @@ fn parsed(text: &str) -> Option<HeaderValue> {
 }
 
 /// Lets pages of listed origins read answers, and answers their question beforehand.
-pub async fn share(State(access): State<Access>, request: Request, next: Next) -> Response {
-    let origins = access.origins();
+pub async fn share(State(origins): State<Origins>, request: Request, next: Next) -> Response {
     if origins.0.is_empty() {
         return next.run(request).await;
     }

@@ -82,7 +82,10 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
             access.clone(),
             auth::guard_origin,
         ))
-        .layer(middleware::from_fn_with_state(access, origins::share))
+        .layer(middleware::from_fn_with_state(
+            access.origins().clone(),
+            origins::share,
+        ))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::map_response(move |response: Response| {
             add_security_headers(response, policy.clone())

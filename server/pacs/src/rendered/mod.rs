@@ -27,9 +27,9 @@ use self::stored::Pixels;
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::described::query_key;
 use crate::error::PacsError;
+use crate::held::HeldStudy;
 use crate::results::draw::{Drawing, Drawn};
 use crate::results::request::{Layout, PicturePlan};
-use crate::retrieve;
 use crate::state::Pacs;
 
 /// Width and height of a picture, if none are requested.
@@ -290,7 +290,7 @@ async fn of_stored(
     });
     let quality = quality.transpose()?.unwrap_or(USUAL_QUALITY);
     let answer = accepted(keys.get("accept").map(String::as_str), headers, false)?;
-    let object = retrieve::object_of(pacs, named).await?;
+    let object = HeldStudy::named(pacs, named).await?.objects()?[0];
     let cases = pacs.cases();
     let metadata = cases.stored_metadata(&[object]).await?;
     let pixels = metadata.as_ref().and_then(|all| Pixels::read(all.first()?));

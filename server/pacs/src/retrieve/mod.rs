@@ -10,13 +10,11 @@ use cases::dicom::StoredFiles;
 use futures_util::stream;
 use imaging::dicom::element;
 use serde_json::{Map, Value};
-use storage::ObjectName;
-use storage::arrivals::Uid;
 
 use self::media::{Accepted, DICOM, FRAME};
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::error::PacsError;
-use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values};
+use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values, not_kept};
 use crate::state::{Pacs, fresh_json};
 use crate::stow::{DICOM_JSON, refuse_other_answers};
 
@@ -168,55 +166,9 @@ pub(crate) async fn frames(
     pacs.answer(pixels(&pacs, named, &numbers, &headers).await)
 }
 
-fn missing() -> PacsError {
-    let detail = "no case was made of this study, series or instance, or it was deleted";
-    PacsError::not_found("no-such-study", detail)
-}
-
-fn not_kept() -> PacsError {
-    PacsError::not_found(
-        "images-not-kept",
-        "the images are not kept here; set `keep_source = true` in `[pacs]` before they come, or retrieve them from the PACS",
-    )
-}
-
-/// The study with what the address names of it.
-async fn load(pacs: &Pacs, named: &Named) -> Result<HeldStudy, PacsError> {
-    let uid = Uid::parse(&named.study).ok_or_else(missing)?;
-    let study = HeldStudy::load(pacs, &uid).await?;
-    let mut study = study.ok_or_else(missing)?;
-    let is_named = |uid: &Uid, named: &Option<String>| {
-        named.as_deref().is_none_or(|named| named == uid.as_str())
-    };
-    study.series.retain_mut(|series: &mut HeldSeries| {
-        let instances = &mut series.instances;
-        instances.retain(|instance: &HeldInstance| is_named(&instance.uid, &named.instance));
-        is_named(&series.uid, &named.series) && !instances.is_empty()
-    });
-    if study.series.is_empty() {
-        return Err(missing());
-    }
-    Ok(study)
-}
-
-/// The file of an instance.
-pub(crate) async fn object_of(pacs: &Pacs, named: &Named) -> Result<ObjectName, PacsError> {
-    Ok(objects(&load(pacs, named).await?)?[0])
-}
-
-/// The files of those instances that may be retrieved.
-fn objects(study: &HeldStudy) -> Result<Vec<ObjectName>, PacsError> {
-    let instances = study.series.iter().flat_map(|series| &series.instances);
-    let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
-    if objects.is_empty() {
-        return Err(not_kept());
-    }
-    Ok(objects)
-}
-
 async fn files(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
     let accepted = Accepted::read(headers, DICOM, named.instance.is_some())?;
-    let objects = objects(&load(pacs, &named).await?)?;
+    let objects = HeldStudy::named(pacs, &named).await?.objects()?;
     let syntaxes = accepted.syntaxes;
     let files = pacs.cases().stored_files(&objects, syntaxes).await?;
     let files = files.ok_or_else(not_kept)?;
@@ -262,7 +214,7 @@ fn streamed(files: StoredFiles, boundary: String) -> Body {
 
 async fn metadata(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
     refuse_other_answers(headers)?;
-    let study = load(pacs, &named).await?;
+    let study = HeldStudy::named(pacs, &named).await?;
     let instances = study.series.iter().flat_map(|series| &series.instances);
     let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
     let read = match objects.is_empty() {
@@ -308,7 +260,7 @@ async fn pixels(
 ) -> Result<Response, PacsError> {
     let numbers = numbers_of(numbers)?;
     let accepted = Accepted::read(headers, FRAME, numbers.len() == 1)?;
-    let object = objects(&load(pacs, &named).await?)?[0];
+    let object = HeldStudy::named(pacs, &named).await?.objects()?[0];
     let frames = pacs.cases().stored_frames(object, numbers).await?;
     let frames: Option<Vec<Bytes>> = frames.ok_or_else(not_kept)?.into_iter().collect();
     let frames = frames.ok_or_else(|| {
