@@ -147,7 +147,7 @@ pub struct QualityNumbers {
     /// The mean of the same distance: positive if the supplied mask is larger, negative if it is smaller.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distance_mean_mm: Option<f64>,
-    /// The area of either envelope that is more than 5 mm from the other one.
+    /// The area of either envelope that is more than 7 mm from the other one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distant_cm2: Option<f64>,
 }

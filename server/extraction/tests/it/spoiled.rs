@@ -122,6 +122,13 @@ pub(crate) fn stretched(volume: &Volume, factor: f64) -> Volume {
     with_axes(volume, DMat3::from_diagonal(DVec3::new(1.0, 1.0, factor)))
 }
 
+/// The stored value of the air, which need not be 0.
+fn air(volume: &Volume) -> f64 {
+    let mut values: Vec<u16> = volume.voxels().iter().step_by(101).copied().collect();
+    values.sort_unstable();
+    f64::from(values[values.len() / 50])
+}
+
 /// A volume with noise of this fraction of its brain's median.
 pub(crate) fn noisy(volume: &Volume, brain: &BrainMask, share: f64) -> Volume {
     let native_from_patient = volume.grid().voxel_from_patient();
@@ -130,8 +137,8 @@ pub(crate) fn noisy(volume: &Volume, brain: &BrainMask, share: f64) -> Volume {
         .filter_map(|place| volume.sample(native_from_patient.transform_point3(place).as_vec3()))
         .collect();
     inside.sort_by(f32::total_cmp);
-    let deviation = f64::from(inside[inside.len() / 2]) * share;
-    // Uniform noise of this standard deviation; the air keeps its zeros, as in magnitude images with a mask.
+    let deviation = (f64::from(inside[inside.len() / 2]) - air(volume)) * share;
+    // Uniform noise of this standard deviation.
     with_values(volume, |stored, voxel| {
         f64::from(stored) + 1.73 * deviation * noise(voxel)
     })
@@ -140,12 +147,13 @@ pub(crate) fn noisy(volume: &Volume, brain: &BrainMask, share: f64) -> Volume {
 /// A volume with a bias field that changes from e⁻¹·² to e¹·² along its diagonal.
 pub(crate) fn biased(volume: &Volume) -> Volume {
     let size = volume.grid().size();
-    let brightest = f64::from(*volume.voxels().iter().max().expect("voxels"));
-    let scale = 65535.0 / (brightest * 1.2f64.exp());
+    let air = air(volume);
+    let brightest = f64::from(*volume.voxels().iter().max().expect("voxels")) - air;
+    let scale = (65535.0 / (brightest * 1.2f64.exp())).min(100.0);
     with_values(volume, |stored, voxel| {
         let along = |axis: usize| voxel[axis] as f64 / size[axis] as f64 * 2.0 - 1.0;
         let field = 1.2 * (along(0) + along(1) - along(2)) / 3.0;
-        f64::from(stored) * field.exp() * scale.min(100.0)
+        (f64::from(stored) - air) * field.exp() * scale
     })
 }
 
