@@ -34,7 +34,7 @@ pub(crate) const DICOM_UNPACKING: u64 = 4;
 pub struct Config {
     /// The format of log lines.
     pub log_format: LogFormat,
-    /// The log lines to write, in the syntax of `RUST_LOG`.
+    /// The log lines to write: a level, and levels of targets.
     pub log: String,
     /// The server: address, access, timeouts.
     pub http: Http,
