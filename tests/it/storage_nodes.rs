@@ -255,7 +255,11 @@ async fn a_node_that_refuses_is_believed_and_one_that_aborts_is_asked_again() {
     };
     // Another Isocortex, which knows one of our two titles, and stores MR and CT images only.
     let other = Neighbour::start(|_| {}).await;
-    let port = dimse(&other, dimse_options()).await.port();
+    let strict = dimse::DimseOptions {
+        ignores_other_objects: false,
+        ..dimse_options()
+    };
+    let port = dimse(&other, strict).await.port();
     let neighbour = Neighbour::start(|config| {
         config.pacs.dimse.aet = "SENDER".to_owned();
         add_storage_node(config, "refusing", "ARCHIVE", refusing);

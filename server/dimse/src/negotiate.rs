@@ -1,5 +1,6 @@
 //! The negotiation of an association (PS3.8 §7.1, §9.3).
 
+use crate::options::DimseOptions;
 use dicom_ul::pdu::{
     AssociationAC, AssociationRJ, AssociationRJResult,
     AssociationRJServiceProviderPresentationReason, AssociationRJServiceUserReason,

@@ -290,7 +290,7 @@ mod tests {
         PresentationContextResult, UserVariableItem,
     };
     use imaging::dicom::Attributes;
-    use imaging::dicom::write::{Head, Pictures, pictures};
+    use imaging::dicom::write::{Head, Laterality, Pictures, pictures};
     use tokio::io::DuplexStream;
 
     const MAX_LENGTH: u32 = 256;
@@ -321,6 +321,7 @@ mod tests {
             version: "1",
             date: "20261122",
             time: "153000",
+            offset: None,
             is_annotated: false,
             is_recognizable: None,
         };
@@ -329,6 +330,8 @@ mod tests {
             height: 10,
             rgb: (0..600_u32).map(|value| value as u8).collect(),
             cine: None,
+            orientation: None,
+            laterality: Laterality::Both,
         };
         pictures(&head, picture).unwrap().into()
     }

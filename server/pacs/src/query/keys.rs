@@ -153,7 +153,8 @@ impl SearchKeys {
             return Ok(());
         }
         let known = attribute(first).ok_or_else(unknown)?;
-        if !is_moment(known.vr, value) && !(self.matches_empty && value == EMPTY) {
+        let is_empty = self.matches_empty && value == EMPTY;
+        if !is_empty && !is_moment(known.vr, value) {
             let rule = match known.vr {
                 "DA" => "a date as YYYYMMDD, or a range of dates as YYYYMMDD-YYYYMMDD",
                 _ => "a time as HHMMSS, or a range of times as HHMMSS-HHMMSS",
