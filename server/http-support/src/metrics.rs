@@ -266,7 +266,6 @@ mod tests {
             })
         }));
         let hanging: Source = Arc::new(|| Box::pin(std::future::pending()));
-        tokio::time::pause();
         metrics.add_source(hanging);
         let text = metrics.all(0).await.unwrap();
         let expected = "# HELP isocortex_images Images that came.\n# TYPE isocortex_images counter\n\

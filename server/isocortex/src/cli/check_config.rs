@@ -21,9 +21,6 @@ pub(super) struct CheckConfigArgs {
 pub(super) fn run(args: &CheckConfigArgs) -> Result<(), CliError> {
     let config = args.serve.config()?;
     let checked = start::check(&config)?;
-    for renamed in &config.renamed {
-        println!("warning: {renamed}");
-    }
     for warning in &checked.warnings {
         println!("warning: {warning}");
     }
