@@ -57,11 +57,12 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
         accession_number: None,
         sop_instance_uid: uid("1.2.3.4"),
         digest: *file.digest(),
+        replaces: None,
     };
     let received = cases
         .store()
         .receive(vec![(image, file)], ArrivalSource::CStore);
-    assert_eq!(received.await.unwrap(), 1);
+    assert_eq!(received.await.unwrap().new, 1);
     let options = ArrivalOptions {
         stable: Duration::ZERO,
         series: SeriesRule::Any,

@@ -47,12 +47,13 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
         accession_number: None,
         digest: blake3::hash(b"an image"),
         sop_instance_uid: uid("1.2.3.4.5"),
+        replaces: None,
     };
     let pins = pinned(store, &[ObjectName::from(&image)]).await;
     let received = store
         .insert_images(&[image], &pins, ArrivalSource::CStore)
         .await;
-    assert_eq!(received.unwrap(), Some(1));
+    assert_eq!(received.unwrap().map(|received| received.new), Some(1));
     subject.pass(60);
     let terms = DueTerms {
         stable: LEASE,
@@ -105,6 +106,7 @@ async fn a_result_whose_sender_dies_each_time_fails() {
         },
         instance: uid("2.25.7"),
         digest: blake3::hash(b"a result"),
+        replaces: None,
     };
     let pins = pinned(store, &[new.object()]).await;
     let queued = store.insert_result(&new, &pins).await.unwrap().unwrap();
