@@ -114,7 +114,7 @@ test("beside a cut through the brain no depth is known, nothing is picked, and a
     (shown) => new Points(shown, depths, samplerOf(field)),
   ) as [Points, Points];
   const at = (x: number, y: number): Vec3 => [CENTRE[0] + x, CENTRE[1] + y, CENTRE[2]];
-  // 18 mm in front of the centre the depth is 6 mm: known where the cut is 6.98 mm away or more.
+  // 18 mm in front of the centre the depth is 6 mm: known where the cut is 7.5 mm away or more.
   assert.ok(Math.abs(points.probe(at(0, -18)).depth_mm - 6) < 0.1);
   assert.ok(Number.isNaN(points.probe(at(7, -18)).depth_mm));
   assert.ok(Number.isFinite(whole.probe(at(7, -18)).depth_mm));

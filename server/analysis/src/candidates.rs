@@ -20,7 +20,7 @@ pub enum Side {
 }
 
 /// How near to the midsagittal plane a position is on neither side, in mm.
-pub const MIDDLE_MM: f64 = 5.0;
+pub(crate) const MIDDLE_MM: f64 = 5.0;
 
 impl Side {
     /// The side of a position that is so far from the midsagittal plane, to the patient's left.

@@ -29,7 +29,7 @@ export interface Probed {
 }
 
 /** How near to a cut voxels are unknown at any depth, in voxels. */
-export const CUT_REACH = 0.98;
+export const CUT_REACH = 1.5;
 
 /** Whether a depth at a position is known: it is not if a face that cuts the brain is nearer than any dura. */
 const isKnown = ({ cuts = [], grid }: ReadyCase, position: Vec3, depth_mm: number): boolean =>
