@@ -554,13 +554,6 @@ async fn the_page_learns_the_nodes_and_whether_it_may_show_the_patient() {
         config.pacs.deidentify = true;
     });
     assert_eq!(without.await, nothing);
-    let neighbour = Neighbour::start(|_| {}).await;
-    let script = neighbour.server.get("/pacs.js").await;
-    assert_eq!(script.status, 200);
-    assert_eq!(
-        script.header("content-type"),
-        "text/javascript; charset=utf-8"
-    );
 }
 
 /// What a node that has stored the object of a request answers, in DICOM JSON. The boundary has the instance UID.

@@ -142,7 +142,6 @@ pub fn router(state: &AppState, pacs: &Pacs) -> Router {
     let beside = Beside {
         guarded,
         description,
-        open: pacs::open_routes(),
     };
     app_beside(state.clone(), beside)
 }

@@ -91,13 +91,3 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
         );
     (routes.with_state(pacs.clone()), description)
 }
-
-/// The page that opens a case by the UIDs of its study, and what the viewer adds to a case from DICOM. They hold no data,
-/// so they need no token.
-pub fn open_routes() -> Router {
-    Router::new()
-        .route("/launch", get(launch::page))
-        .route("/launch.js", get(launch::script))
-        .route("/launch.css", get(launch::style))
-        .route("/pacs.js", get(page::script))
-}

@@ -48,8 +48,6 @@ pub struct Beside {
     pub guarded: Router,
     /// Their description.
     pub description: OpenApi,
-    /// Those that need none, because they show no data.
-    pub open: Router,
 }
 
 /// Builds the whole service. Serve it, or call `oneshot` without a socket.
@@ -65,9 +63,7 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     routes::guarded::describe(&mut description);
     let guard = middleware::from_fn_with_state(Access::from_ref(&state), auth::require_token);
     let guarded = beside.guarded.route_layer(guard);
-    let routes = routes
-        .merge(guarded.with_state(()))
-        .merge(beside.open.with_state(()));
+    let routes = routes.merge(guarded.with_state(()));
     finish(state, routes, &openapi.merge_from(description))
 }
 
