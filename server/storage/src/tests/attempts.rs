@@ -106,7 +106,6 @@ async fn a_result_whose_sender_dies_each_time_fails() {
         },
         instance: uid("2.25.7"),
         digest: blake3::hash(b"a result"),
-        replaces: None,
     };
     let pins = pinned(store, &[new.object()]).await;
     let queued = store.insert_result(&new, &pins).await.unwrap().unwrap();
