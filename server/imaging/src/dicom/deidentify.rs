@@ -61,7 +61,7 @@ const REMOVED: [Tag; 2] = [
 ];
 
 /// Attributes of patient, study and series that an image must have, if only without a value (type 2).
-const REQUIRED: [(Tag, VR); 11] = [
+const REQUIRED: [(Tag, VR); 13] = [
     (tags::PATIENT_BIRTH_DATE, VR::DA),
     (tags::PATIENT_SEX, VR::CS),
     (tags::STUDY_DATE, VR::DA),
@@ -70,6 +70,8 @@ const REQUIRED: [(Tag, VR); 11] = [
     (tags::STUDY_ID, VR::SH),
     (tags::ACCESSION_NUMBER, VR::SH),
     (tags::SERIES_NUMBER, VR::IS),
+    (tags::LATERALITY, VR::CS),
+    (tags::PATIENT_POSITION, VR::CS),
     (tags::MANUFACTURER, VR::LO),
     (tags::POSITION_REFERENCE_INDICATOR, VR::LO),
     (tags::INSTANCE_NUMBER, VR::IS),
