@@ -13,8 +13,8 @@ use crate::{BrainMask, Cut, Face, Volume};
 const NEAR_MM: f64 = 4.0;
 const NEAR_VOXELS: usize = 2;
 
-/// The least depth of constant voxels, in mm, unless they reach the end of the volume. Bone and air are thinner, or noisy.
-const LEAST_CONSTANT_MM: f64 = 5.0;
+/// The least depth of constant voxels, in mm. Bone is thinner, and the air around a head mostly noisy.
+const LEAST_CONSTANT_MM: f64 = 10.0;
 
 /// The least area of a plane, in cm².
 const LEAST_CM2: f64 = 5.0;
@@ -282,9 +282,8 @@ impl<'a> Column<'a> {
         let (Some(here), Some(next)) = (self.value(outwards), self.value(outwards + 1)) else {
             return false;
         };
-        let run = (outwards + 1..=outwards + self.least_constant as isize)
-            .map_while(|place| self.value(place));
-        here != next && run.into_iter().all(|value| value == next)
+        let mut run = outwards + 1..=outwards + self.least_constant as isize;
+        here != next && run.all(|place| self.value(place) == Some(next))
     }
 }
 
