@@ -45,18 +45,15 @@ pub fn start(format: LogFormat, filter: &str) {
         LogFormat::Json => {
             IS_JSON.store(true, Ordering::Relaxed);
             std::panic::set_hook(Box::new(|panic| tracing::error!(%panic, "a panic")));
-            let lines = lines.json().flatten_event(true);
-            filtered.with(lines).try_init()
+            filtered.with(lines.json().flatten_event(true)).try_init()
         }
     };
 }
 
 /// The levels of a filter; `info` if it cannot be read.
 fn targets(filter: &str) -> Targets {
-    let with_statements = |filter: &str| format!("{STATEMENTS},{filter}").parse::<Targets>();
-    with_statements(filter)
-        .or_else(|_| with_statements("info"))
-        .expect("this filter can be read")
+    let read = |filter: &str| format!("{STATEMENTS},{filter}").parse();
+    read(filter).or_else(|_| read("info")).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -67,15 +64,20 @@ mod tests {
 
     #[test]
     fn a_filter_names_a_level_and_levels_of_targets() {
-        let filter = targets("warn,isocortex_cases=debug");
+        let filter = targets("info,isocortex_cases=debug");
         assert!(filter.would_enable("isocortex_cases::jobs", &Level::DEBUG));
-        assert!(filter.would_enable("sqlx", &Level::WARN));
-        assert!(!filter.would_enable("sqlx", &Level::INFO));
-        let unreadable = targets("sqlx=loud");
-        assert!(unreadable.would_enable("isocortex", &Level::INFO));
-        assert!(!unreadable.would_enable("isocortex", &Level::DEBUG));
-        assert!(!unreadable.would_enable("sqlx", &Level::INFO));
-        let statements = targets("info,sqlx=debug");
-        assert!(statements.would_enable("sqlx", &Level::DEBUG));
+        assert!(filter.would_enable("isocortex_pacs", &Level::INFO));
+        assert!(!filter.would_enable("isocortex_pacs", &Level::DEBUG));
+        let unreadable = targets("isocortex_cases=loud");
+        assert!(unreadable.would_enable("isocortex_cases", &Level::INFO));
+        assert!(!unreadable.would_enable("isocortex_cases", &Level::DEBUG));
+    }
+
+    #[test]
+    fn statements_of_the_database_are_lines_only_if_the_filter_names_them() {
+        let statements = |filter| targets(filter).would_enable("sqlx::query", &Level::DEBUG);
+        assert!(!statements("debug"));
+        assert!(statements("debug,sqlx=debug"));
+        assert!(statements("sqlx::query=debug"));
     }
 }

@@ -29,10 +29,10 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use futures_util::stream::BoxStream;
-use sqlx::Pool;
-use sqlx::migrate::{Migrate, MigrateError, Migrator};
+use sqlx::migrate::{Migrate, MigrateError, Migration, MigrationType, Migrator};
 use sqlx::postgres::PgConnectOptions;
 use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{Pool, SqlSafeStr as _};
 
 use self::connection::{Connection, Database, microseconds};
 use super::rows::{
@@ -40,6 +40,22 @@ use super::rows::{
 };
 use super::{Cursor, ObjectName, Page, Store, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Progress};
+
+/// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
+/// it has had, so what stands here never changes.
+type Migrations = [(i64, &'static str, &'static str)];
+
+const SQLITE: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/sqlite/0100_store.sql"),
+)];
+
+const POSTGRES: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/postgres/0100_store.sql"),
+)];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]
@@ -74,7 +90,7 @@ impl Rows {
     }
 
     async fn on_connections(connections: sqlite::Connections) -> Result<Self, StoreError> {
-        migrate(&sqlx::migrate!("migrations/sqlite"), connections.pool()).await?;
+        migrate(SQLITE, connections.pool()).await?;
         Ok(Self::of(Database::Sqlite(connections)))
     }
 
@@ -93,7 +109,7 @@ impl Rows {
     pub(crate) async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
         let connections = postgres::open(options).await?;
         // One process migrates at a time: the migrator takes a lock.
-        migrate(&sqlx::migrate!("migrations/postgres"), connections.pool()).await?;
+        migrate(POSTGRES, connections.pool()).await?;
         Ok(Self::of(Database::Postgres(connections)))
     }
 
@@ -178,13 +194,21 @@ impl Rows {
 }
 
 /// Migrates the tables. Tables of a newer version, and of one before 0.1.0, are not changed.
-async fn migrate<D: sqlx::Database>(migrations: &Migrator, pool: &Pool<D>) -> Result<(), StoreError>
+async fn migrate<D: sqlx::Database>(
+    migrations: &Migrations,
+    pool: &Pool<D>,
+) -> Result<(), StoreError>
 where
     D::Connection: Migrate,
 {
-    let known = migrations.iter().map(|step| step.version).max();
+    let known = migrations.iter().map(|&(version, ..)| version).max();
     let known = known.unwrap_or_default();
-    migrations.run(pool).await.map_err(|error| match error {
+    let steps = migrations.iter().map(|&(version, name, statements)| {
+        let (kind, statements) = (MigrationType::Simple, statements.into_sql_str());
+        Migration::new(version, name.into(), kind, statements, false)
+    });
+    let migrator = Migrator::with_migrations(steps.collect());
+    migrator.run(pool).await.map_err(|error| match error {
         MigrateError::VersionMissing(found) if found > known => {
             StoreError::NewerSchema { found, known }
         }
