@@ -9,9 +9,10 @@ use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
 
 use crate::command::{self, Request, Status};
+use crate::counts::{AssociationCounts, Rejection};
 use crate::head::file_head;
-use crate::negotiate::{Accepted, Context, congestion, negotiate};
-use crate::options::DimseOptions;
+use crate::negotiate::{Accepted, Context, negotiate, rejection};
+use crate::options::{DimseOptions, is_aet};
 use crate::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// Why an association ends early. It contains nothing that a peer has sent.
@@ -49,15 +50,32 @@ impl Abort {
     }
 }
 
+/// Who has connected.
+#[derive(Debug, Clone)]
+pub(crate) struct Caller {
+    pub(crate) address: IpAddr,
+    /// The titles that are listed with the address.
+    pub(crate) titles: Vec<String>,
+}
+
+/// A title that a peer has sent, for the log: it may be anything.
+fn shown(title: &str) -> &str {
+    let title = title.trim();
+    match is_aet(title) {
+        true => title,
+        false => "(no title)",
+    }
+}
+
 /// Serves an association; returns the number of images that were stored.
 pub(crate) async fn associate<S: AsyncRead + AsyncWrite + Unpin>(
     stream: S,
-    address: IpAddr,
+    caller: &Caller,
     cases: &Cases,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
     let mut wire = Wire::new(stream, options.idle);
-    let served = serve(&mut wire, address, cases, options).await;
+    let served = serve(&mut wire, caller, cases, options).await;
     if let Err(abort) = &served
         && let Some(reason) = abort.reason()
     {
@@ -75,31 +93,44 @@ pub(crate) async fn reject_for_now<S: AsyncRead + AsyncWrite + Unpin>(
 ) -> Result<(), Abort> {
     let mut wire = Wire::new(stream, options.idle);
     match wire.receive().await? {
-        Pdu::AssociationRQ(_) => Ok(wire.send(&Pdu::AssociationRJ(congestion())).await?),
+        Pdu::AssociationRQ(_) => Ok(wire
+            .send(&Pdu::AssociationRJ(rejection(Rejection::Limit)))
+            .await?),
         _ => Err(Abort::Unexpected),
     }
 }
 
 async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     wire: &mut Wire<S>,
-    address: IpAddr,
+    caller: &Caller,
     cases: &Cases,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
     let Pdu::AssociationRQ(request) = wire.receive().await? else {
         return Err(Abort::Unexpected);
     };
-    let Accepted { answer, contexts } = match negotiate(&request, address, options) {
+    let negotiated = negotiate(&request, &caller.titles, &options.aet);
+    let Accepted { answer, contexts } = match negotiated {
         Ok(accepted) => accepted,
-        Err(rejection) => {
-            wire.send(&Pdu::AssociationRJ(rejection)).await?;
+        Err(why) => {
+            options.counts.reject(why);
+            tracing::warn!(
+                address = %caller.address,
+                calling = shown(&request.calling_ae_title),
+                called = shown(&request.called_ae_title),
+                reason = why.name(),
+                "an association was rejected"
+            );
+            wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
             return Err(Abort::Rejected);
         }
     };
+    let _running = options.counts.begin();
     wire.send(&Pdu::AssociationAC(answer)).await?;
     let peer_max_length = peer_max_length(&request.user_variables);
     let mut messages = Messages {
         cases,
+        counts: &options.counts,
         contexts: &contexts,
         state: State::Command(Vec::new()),
         stored: 0,
@@ -138,6 +169,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
 /// Messages, put together of fragments.
 struct Messages<'a> {
     cases: &'a Cases,
+    counts: &'a AssociationCounts,
     contexts: &'a [Context],
     state: State,
     stored: usize,
@@ -204,6 +236,7 @@ impl Messages<'_> {
                     Ok(file) => self.store(&request, file).await,
                     Err(error) => status_of(&error.into()),
                 };
+                self.counts.answered(status == Status::Success);
                 Ok(Some((context, request.response(status))))
             }
             State::Ignored {
@@ -226,6 +259,9 @@ impl Messages<'_> {
         is_last: bool,
     ) -> Option<(u8, Vec<u8>)> {
         if is_last {
+            if matches!(request, Request::Store { .. }) {
+                self.counts.answered(false);
+            }
             return Some((context, request.response(status)));
         }
         self.state = State::Ignored {

@@ -1,7 +1,5 @@
 //! The negotiation of an association (PS3.8 §7.1, §9.3).
 
-use std::net::IpAddr;
-
 use dicom_ul::pdu::{
     AssociationAC, AssociationRJ, AssociationRJResult,
     AssociationRJServiceProviderPresentationReason, AssociationRJServiceUserReason,
@@ -11,7 +9,7 @@ use dicom_ul::pdu::{
 use imaging::dicom::{IMAGE_CLASSES, TRANSFER_SYNTAXES};
 
 use crate::command::VERIFICATION;
-use crate::options::DimseOptions;
+use crate::counts::Rejection;
 use crate::wire::MAX_PDU_LENGTH;
 
 /// The context of all DICOM applications (PS3.7 A.2.1).
@@ -47,30 +45,24 @@ pub(crate) struct Accepted {
     pub(crate) contexts: Vec<Context>,
 }
 
-/// Accepts a request from a listed peer.
+/// Accepts a request of a peer with one of these titles, if it asks for ours.
 ///
 /// # Errors
-/// The rejection.
+/// Why it is rejected.
 pub(crate) fn negotiate(
     request: &AssociationRQ,
-    address: IpAddr,
-    options: &DimseOptions,
-) -> Result<Accepted, AssociationRJ> {
+    titles: &[String],
+    our_aet: &str,
+) -> Result<Accepted, Rejection> {
     if request.protocol_version & 1 == 0 || request.application_context_name != APPLICATION_CONTEXT
     {
-        return Err(rejection(
-            AssociationRJServiceUserReason::ApplicationContextNameNotSupported,
-        ));
+        return Err(Rejection::Context);
     }
-    if request.called_ae_title != options.aet {
-        return Err(rejection(
-            AssociationRJServiceUserReason::CalledAETitleNotRecognized,
-        ));
+    if request.called_ae_title != our_aet {
+        return Err(Rejection::CalledTitle);
     }
-    if !options.knows(address, Some(&request.calling_ae_title)) {
-        return Err(rejection(
-            AssociationRJServiceUserReason::CallingAETitleNotRecognized,
-        ));
+    if !titles.contains(&request.calling_ae_title) {
+        return Err(Rejection::CallingTitle);
     }
     let results: Vec<_> = request.presentation_contexts.iter().map(result).collect();
     let accepted = request.presentation_contexts.iter().zip(&results);
@@ -123,16 +115,21 @@ pub(crate) fn request_to_store(
     }
 }
 
-/// The rejection of a request beyond the limit of associations, which may be sent again.
-pub(crate) fn congestion() -> AssociationRJ {
-    let reason = AssociationRJServiceProviderPresentationReason::LocalLimitExceeded;
-    AssociationRJ {
-        result: AssociationRJResult::Transient,
-        source: AssociationRJSource::ServiceProviderPresentation(reason),
-    }
-}
-
-fn rejection(reason: AssociationRJServiceUserReason) -> AssociationRJ {
+/// The answer to a request that is rejected. One beyond the limit of associations may be sent again.
+pub(crate) fn rejection(why: Rejection) -> AssociationRJ {
+    use AssociationRJServiceUserReason as Reason;
+    let reason = match why {
+        Rejection::Limit => {
+            let reason = AssociationRJServiceProviderPresentationReason::LocalLimitExceeded;
+            return AssociationRJ {
+                result: AssociationRJResult::Transient,
+                source: AssociationRJSource::ServiceProviderPresentation(reason),
+            };
+        }
+        Rejection::Context => Reason::ApplicationContextNameNotSupported,
+        Rejection::CalledTitle => Reason::CalledAETitleNotRecognized,
+        Rejection::CallingTitle | Rejection::Address => Reason::CallingAETitleNotRecognized,
+    };
     AssociationRJ {
         result: AssociationRJResult::Permanent,
         source: AssociationRJSource::ServiceUser(reason),
@@ -166,19 +163,11 @@ fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::Peer;
 
     const MR: &str = "1.2.840.10008.5.1.4.1.1.4";
 
-    fn options() -> DimseOptions {
-        DimseOptions {
-            aet: "ISOCORTEX".to_owned(),
-            peers: vec![Peer {
-                aet: "SENDER".to_owned(),
-                address: [127, 0, 0, 1].into(),
-            }],
-            ..DimseOptions::default()
-        }
+    fn negotiated(request: &AssociationRQ) -> Result<Accepted, Rejection> {
+        negotiate(request, &["SENDER".to_owned()], "ISOCORTEX")
     }
 
     fn request(contexts: &[(&str, &[&str])]) -> AssociationRQ {
@@ -200,20 +189,19 @@ mod tests {
 
     #[test]
     fn images_are_accepted_in_every_syntax_that_is_read() {
-        let local: IpAddr = [127, 0, 0, 1].into();
         let mut contexts: Vec<(&str, &[&str])> = TRANSFER_SYNTAXES
             .iter()
             .map(|syntax| (MR, std::slice::from_ref(syntax)))
             .collect();
         contexts.push((VERIFICATION, &["1.2.840.10008.1.2"]));
-        let accepted = negotiate(&request(&contexts), local, &options()).unwrap();
+        let accepted = negotiated(&request(&contexts)).unwrap();
         assert_eq!(accepted.contexts.len(), TRANSFER_SYNTAXES.len() + 1);
         let others: [(&str, &[&str]); 3] = [
             (MR, &["1.2.840.10008.1.2.4.100", "1.2.840.10008.1.2.4.110"]),
             ("1.2.840.10008.5.1.4.1.1.88.11", &["1.2.840.10008.1.2"]),
             (MR, &["1.2.840.10008.1.2", "1.2.840.10008.1.2.1"]),
         ];
-        let accepted = negotiate(&request(&others), local, &options()).unwrap();
+        let accepted = negotiated(&request(&others)).unwrap();
         let reasons = accepted.answer.presentation_contexts.iter();
         let reasons: Vec<_> = reasons.map(|result| result.reason.clone()).collect();
         assert_eq!(
@@ -230,18 +218,15 @@ mod tests {
 
     #[test]
     fn strangers_are_rejected() {
-        let local: IpAddr = [127, 0, 0, 1].into();
         let known = request(&[]);
-        assert!(negotiate(&known, local, &options()).is_ok());
-        assert!(negotiate(&known, [127, 0, 0, 2].into(), &options()).is_err());
-        let mut other = known.clone();
-        other.calling_ae_title = "OTHER".to_owned();
-        assert!(negotiate(&other, local, &options()).is_err());
+        assert!(negotiated(&known).is_ok());
+        let refused = negotiate(&known, &["OTHER".to_owned()], "ISOCORTEX");
+        assert_eq!(refused.err(), Some(Rejection::CallingTitle));
         let mut other = known.clone();
         other.called_ae_title = "OTHER".to_owned();
-        assert!(negotiate(&other, local, &options()).is_err());
+        assert_eq!(negotiated(&other).err(), Some(Rejection::CalledTitle));
         let mut other = known;
         other.application_context_name = "1.2".to_owned();
-        assert!(negotiate(&other, local, &options()).is_err());
+        assert_eq!(negotiated(&other).err(), Some(Rejection::Context));
     }
 }

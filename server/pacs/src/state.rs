@@ -1,6 +1,7 @@
 //! What the requests share.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Json;
@@ -52,6 +53,8 @@ struct Inner {
     cases: Cases,
     options: Options,
     room: Semaphore,
+    /// Whether each node answered when it was last asked. Held for moments.
+    reached: Mutex<BTreeMap<String, bool>>,
 }
 
 impl Pacs {
@@ -63,6 +66,7 @@ impl Pacs {
                 cases,
                 options,
                 room,
+                reached: Mutex::default(),
             }),
         }
     }
@@ -98,6 +102,23 @@ impl Pacs {
                 "this server keeps no identity of patients (`deidentify` in `[pacs]`), so it fetches nothing by UIDs and makes no results for a PACS",
             )),
         }
+    }
+
+    /// Notes whether a node answered, with whatever words.
+    pub(crate) fn note(&self, node: &str, is_reached: bool) {
+        let reached = self.inner.reached.lock();
+        let mut reached = reached.unwrap_or_else(PoisonError::into_inner);
+        reached.insert(node.to_owned(), is_reached);
+    }
+
+    /// Whether each node answered when it was last asked; none that was never asked.
+    pub fn reached(&self) -> Vec<(String, bool)> {
+        let reached = self.inner.reached.lock();
+        let reached = reached.unwrap_or_else(PoisonError::into_inner);
+        reached
+            .iter()
+            .map(|(node, is)| (node.clone(), *is))
+            .collect()
     }
 
     pub(crate) fn node(&self, name: &str) -> Option<&Node> {

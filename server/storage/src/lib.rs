@@ -69,7 +69,7 @@ pub use objects::{
 };
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
-pub use self::error::StoreError;
+pub use self::error::{FailureCounts, StoreError, failures};
 pub use self::inspect::{Finding, Inspected};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
@@ -78,9 +78,9 @@ pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
     ArrivalRows, CaseRows, Change, ChangedLayer, Claim, DueSeries, Inserted, LayerChange,
     LayerClaim, LayerName, LayerRows, LeaseTerms, NewCase, Pinned, Published, Release, ResultRows,
-    Sweep,
+    RowCounts, Sweep,
 };
-pub use self::signals::{Count, Counters, Signals};
+pub use self::signals::{Count, Counters, ImageStatus, Signals};
 pub use self::sql::SqlRows;
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
@@ -423,6 +423,17 @@ impl Store {
     /// If the rows cannot be read.
     pub async fn waiting(&self) -> Result<usize, StoreError> {
         self.rows().waiting().await
+    }
+
+    /// Free bytes for an unprivileged process on the disk of [`Store::scratch`], for metrics.
+    ///
+    /// # Errors
+    /// If the disk fails.
+    pub async fn free_bytes(&self) -> Result<u64, StoreError> {
+        let scratch = self.scratch();
+        let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&scratch));
+        let disk = disk.await?.map_err(std::io::Error::from)?;
+        Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
     /// Counts since the process started, for metrics.

@@ -6,7 +6,7 @@ use futures_util::StreamExt as _;
 use futures_util::stream;
 
 use super::arrivals::{ArrivalSource, NewInstance};
-use super::{ObjectName, Spooled, Store, StoreError};
+use super::{ImageStatus, ObjectName, Spooled, Store, StoreError};
 
 /// Objects that are written at a time.
 const WRITES_AT_ONCE: usize = 8;
@@ -25,8 +25,18 @@ impl Store {
         images: Vec<(NewInstance, Spooled)>,
         source: ArrivalSource,
     ) -> Result<usize, StoreError> {
-        let store = self.clone();
-        tokio::spawn(async move { store.receive_now(&images, source).await }).await?
+        let (store, count) = (self.clone(), images.len());
+        let received = tokio::spawn(async move { store.receive_now(&images, source).await });
+        let received = received.await?;
+        let signals = self.signals();
+        match &received {
+            Ok(new) => {
+                signals.images_came(source, ImageStatus::Stored, *new);
+                signals.images_came(source, ImageStatus::Known, count.saturating_sub(*new));
+            }
+            Err(_) => signals.images_came(source, ImageStatus::Failed, count),
+        }
+        received
     }
 
     async fn receive_now(

@@ -27,7 +27,7 @@ pub use self::results::ResultRows;
 pub use self::terms::{LeaseTerms, Pinned, Published, Release};
 use super::arrivals::{
     Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, Uid,
+    SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
 };
 
 use super::{Cursor, ForPacs, ObjectName, Page, StoreError};
@@ -85,6 +85,15 @@ pub struct Sweep {
     pub holder: String,
     /// After this time, another sweep may take over the tombstones.
     pub lease: Duration,
+}
+
+/// How many rows are in which state.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RowCounts {
+    /// What they are (`cases`, `arrivals`, `retrievals`, `results`), the node if they have one, their state, and how many.
+    pub by_state: Vec<(String, String, String, u64)>,
+    /// For how long the oldest result waits that has not been sent.
+    pub oldest_unsent: Option<Duration>,
 }
 
 /// A change of the rows by any process, including this one.
@@ -297,6 +306,9 @@ pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
     /// The images of a series that are here, by their UIDs.
     async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError>;
 
+    /// How many cases, series, retrievals and results are in which state, for metrics.
+    async fn row_counts(&self) -> Result<RowCounts, StoreError>;
+
     /// How many series with how many images have come, and how many results there are.
     async fn count_for_pacs(&self) -> Result<ForPacs, StoreError>;
 
@@ -314,6 +326,14 @@ pub trait ArrivalRows: std::fmt::Debug + Send + Sync {
 
     /// Queues a retrieval; returns the one that waits already for the same series from the same node.
     async fn request(&self, node: &str, uids: &SeriesUids) -> Result<Retrieval, StoreError>;
+
+    /// At most `limit` retrievals after a cursor, newest first, and the cursor of the next page.
+    async fn retrievals(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<Retrieval>, Option<ArrivalCursor>), StoreError>;
 
     /// A retrieval.
     async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError>;

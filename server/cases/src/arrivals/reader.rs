@@ -103,8 +103,20 @@ impl Cases {
         };
         let outcome = self.outcome(&due, options).await;
         match &outcome {
-            Outcome::Case(_) => tracing::info!(arrival = due.id, "a series became a case"),
-            Outcome::Layer(_) => tracing::info!(arrival = due.id, "a series became a layer"),
+            Outcome::Case(case) => {
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a case"
+                );
+            }
+            Outcome::Layer(case) => {
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a layer"
+                );
+            }
             Outcome::Nothing(failure) => {
                 let reason = failure.name.as_str();
                 tracing::info!(arrival = due.id, reason, "a series became nothing");

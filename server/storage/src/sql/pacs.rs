@@ -8,9 +8,9 @@ use super::connection::{Connection, Row, microseconds};
 use super::{SqlRows, arrivals, pins, results, retrievals};
 use crate::arrivals::{
     Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, Uid,
+    SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
 };
-use crate::rows::{ArrivalRows, DueSeries, Pinned};
+use crate::rows::{ArrivalRows, DueSeries, Pinned, RowCounts};
 use crate::{ForPacs, ObjectName, StoreError};
 use case::{CaseId, ObjectKind};
 
@@ -134,6 +134,37 @@ impl ArrivalRows for SqlRows {
         arrivals::images_of(&mut self.database.connect().await?, uids).await
     }
 
+    async fn row_counts(&self) -> Result<RowCounts, StoreError> {
+        let mut connection = self.database.connect().await?;
+        let now = self.now(&mut connection).await?;
+        let rows = connection
+            .query(
+                "SELECT 'cases' AS what, '' AS node, state, count(*) AS number FROM cases GROUP BY state
+                 UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
+                 UNION ALL SELECT 'retrievals', node, state, count(*) FROM retrievals GROUP BY node, state
+                 UNION ALL SELECT 'results', node, state, count(*) FROM results GROUP BY node, state",
+            )
+            .fetch_all()
+            .await?;
+        let read = |row: &Row| {
+            let [what, node, state] = ["what", "node", "state"].map(|column| row.get(column));
+            let number: i64 = row.get("number")?;
+            Ok((what?, node?, state?, number.unsigned_abs()))
+        };
+        let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
+        let oldest = connection
+            .query("SELECT min(created_at) AS oldest FROM results WHERE state IN ('queued', 'running')")
+            .fetch_one()
+            .await?;
+        let oldest: Option<i64> = oldest.get("oldest")?;
+        Ok(RowCounts {
+            by_state,
+            oldest_unsent: oldest.map(|oldest| {
+                Duration::from_micros(now.saturating_sub(oldest).max(0).unsigned_abs())
+            }),
+        })
+    }
+
     async fn count_for_pacs(&self) -> Result<ForPacs, StoreError> {
         let mut connection = self.database.connect().await?;
         let row = connection
@@ -188,6 +219,15 @@ impl ArrivalRows for SqlRows {
         let retrieval = retrievals::request(&mut transaction, node, uids, now).await?;
         transaction.commit().await?;
         Ok(retrieval)
+    }
+
+    async fn retrievals(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<Retrieval>, Option<ArrivalCursor>), StoreError> {
+        retrievals::page(&mut self.database.connect().await?, query, after, limit).await
     }
 
     async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError> {
