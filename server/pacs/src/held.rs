@@ -8,6 +8,7 @@ use storage::ObjectName;
 use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Uid};
 use storage::results::HeldResult;
 
+use crate::address::Named;
 use crate::error::PacsError;
 use crate::state::Pacs;
 
@@ -86,7 +87,48 @@ pub(crate) struct HeldStudy {
     pub(crate) series: Vec<HeldSeries>,
 }
 
+fn missing() -> PacsError {
+    let detail = "no case was made of this study, series or instance, or it was deleted";
+    PacsError::not_found("no-such-study", detail)
+}
+
+/// The answer to a request for images that are not kept.
+pub(crate) fn not_kept() -> PacsError {
+    PacsError::not_found(
+        "images-not-kept",
+        "the images are not kept here; set `keep_source = true` in `[pacs]` before they come, or retrieve them from the PACS",
+    )
+}
+
 impl HeldStudy {
+    /// The study with what the address names of it.
+    pub(crate) async fn named(pacs: &Pacs, named: &Named) -> Result<Self, PacsError> {
+        let uid = Uid::parse(&named.study).ok_or_else(missing)?;
+        let mut study = Self::load(pacs, &uid).await?.ok_or_else(missing)?;
+        let is_named = |uid: &Uid, named: &Option<String>| {
+            named.as_deref().is_none_or(|named| named == uid.as_str())
+        };
+        study.series.retain_mut(|series| {
+            let instances = &mut series.instances;
+            instances.retain(|instance| is_named(&instance.uid, &named.instance));
+            is_named(&series.uid, &named.series) && !instances.is_empty()
+        });
+        match study.series.is_empty() {
+            true => Err(missing()),
+            false => Ok(study),
+        }
+    }
+
+    /// The files of those instances that may be retrieved; at least one.
+    pub(crate) fn objects(&self) -> Result<Vec<ObjectName>, PacsError> {
+        let instances = self.series.iter().flat_map(|series| &series.instances);
+        let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
+        match objects.is_empty() {
+            true => Err(not_kept()),
+            false => Ok(objects),
+        }
+    }
+
     /// A study; `None` if no case was made of it.
     pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Option<Self>, PacsError> {
         let rows = pacs.cases().store().rows();

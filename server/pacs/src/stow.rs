@@ -72,8 +72,14 @@ pub(crate) async fn store_study(State(pacs): State<Pacs>, request: Request) -> R
     responses(
         (status = 200, description = "All images are stored", content_type = "application/dicom+json"),
         (status = 202, description = "Some are stored", content_type = "application/dicom+json"),
+        (status = 400, description = "The body cannot be read"),
         (status = 404, description = "The address has no UID"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
         (status = 409, description = "None is stored", content_type = "application/dicom+json"),
+        (status = 413, description = "The body is too large"),
+        (status = 415, description = "The body is not `multipart/related` of DICOM files"),
+        (status = 503, description = "Too many requests with images at a time"),
+        (status = 507, description = "The disk of the store is full or failed"),
     )
 )]
 pub(crate) async fn store_in_study(
