@@ -21,6 +21,7 @@ mod masks;
 mod memory;
 mod nifti;
 mod openapi;
+mod operation;
 mod orthanc;
 mod pacs;
 mod positions;

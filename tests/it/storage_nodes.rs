@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Request;
-use dimse::{TlsAuthority, TlsIdentity, listening_tls};
+use dimse::{ReloadedTls, TlsAuthority, TlsIdentity, listening_tls};
 use isocortex::config::{Config, Node};
 use serde_json::{Value, json};
 
@@ -404,7 +404,9 @@ async fn peers_are_served_by_tls_alone_if_it_is_configured() {
     let authority = TlsAuthority::read(&ours.read("ca.pem")).unwrap();
     let neighbour = Neighbour::start(|_| {}).await;
     let with_tls = |authority: Option<&TlsAuthority>| dimse::DimseOptions {
-        tls: Some(listening_tls(&identity, authority).unwrap()),
+        tls: Some(ReloadedTls::new(
+            listening_tls(&identity, authority).unwrap(),
+        )),
         ..dimse_options()
     };
     let open = dimse(&neighbour, with_tls(None)).await.port();

@@ -1,14 +1,14 @@
 //! `[pacs]`: images from a PACS.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ::pacs::node::{self, Credentials, WebNode};
 use cases::arrivals::{ArrivalOptions, SeriesRule};
 use dimse::{
-    DimseOptions, ListeningTls, StorageNode, TlsAuthority, TlsIdentity, connecting_tls, is_aet,
-    listening_tls,
+    DimseOptions, ListeningTls, PeerAddress, ReloadedTls, StorageNode, TlsAuthority, TlsIdentity,
+    connecting_tls, is_aet, listening_tls,
 };
 use serde::Deserialize;
 
@@ -105,8 +105,8 @@ impl Default for Dimse {
 pub struct Peer {
     /// Its application entity title.
     pub aet: String,
-    /// The address that it connects from.
-    pub address: IpAddr,
+    /// Where it connects from: an address, a network such as `10.0.0.0/8`, or the name of a host.
+    pub address: String,
 }
 
 /// A node. It has a DICOMweb root, an address for C-STORE, or both.
@@ -147,7 +147,10 @@ impl Dimse {
     }
 
     /// TLS of the listener.
-    fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
+    ///
+    /// # Errors
+    /// If a file cannot be read or is invalid.
+    pub fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
         let Some(identity) = self.identity()? else {
             return match self.tls_authority {
                 Some(_) => Err(ConfigError::DimseTls),
@@ -217,16 +220,21 @@ impl Pacs {
         if !titles.chain([&self.dimse.aet]).all(|aet| is_aet(aet)) {
             return Err(ConfigError::Aet);
         }
-        let peer = |peer: &Peer| dimse::Peer {
-            aet: peer.aet.clone(),
-            address: peer.address,
+        let peer = |peer: &Peer| {
+            let address = PeerAddress::parse(&peer.address);
+            let aet = peer.aet.clone();
+            match address {
+                Some(address) => Ok(dimse::Peer { aet, address }),
+                None => Err(ConfigError::PeerAddress { aet }),
+            }
         };
+        let peers: Result<_, _> = self.dimse.peers.iter().map(peer).collect();
         let options = DimseOptions {
             aet: self.dimse.aet.clone(),
-            peers: self.dimse.peers.iter().map(peer).collect(),
+            peers: peers?,
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
-            tls: self.dimse.tls()?,
+            tls: self.dimse.tls()?.map(ReloadedTls::new),
             ..DimseOptions::default()
         };
         Ok(Some((listen, options)))
@@ -324,6 +332,13 @@ mod tests {
             (options.aet.as_str(), options.peers.len()),
             ("ISOCORTEX", 1)
         );
+        for (address, is_right) in [("10.0.0.0/8", true), ("orthanc", true), ("10.0.0", false)] {
+            let pacs = parsed(&format!(
+                "[dimse]\nlisten = \"127.0.0.1:1\"\n[[dimse.peers]]\naet = \"A\"\naddress = \"{address}\""
+            ));
+            let refused = matches!(pacs.dimse(), Err(ConfigError::PeerAddress { .. }));
+            assert_ne!(refused, is_right, "{address}");
+        }
         for aet in ["", "A B", "SEVENTEEN-LETTERS", "A\\\\B"] {
             let pacs = parsed(&format!(
                 "[dimse]\nlisten = \"127.0.0.1:1\"\naet = \"{aet}\""
