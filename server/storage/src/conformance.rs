@@ -121,7 +121,8 @@ macro_rules! conformance {
     (@in_turn $make:expr; $($check:ident)+) => {{
         $(
             println!("{}", stringify!($check));
-            $crate::conformance::$check(&$make().await).await;
+            // In a box: all of them in one future would not fit into the stack.
+            Box::pin(async { $crate::conformance::$check(&$make().await).await }).await;
         )+
     }};
     (@tests $make:path; $($check:ident)+) => {$(
