@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
-use geometry::{Volume, phantom};
+use geometry::{BrainMask, Volume, offset, phantom};
 use imaging::nifti::write_volume;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::heads::data;
 use crate::server::Server;
@@ -198,4 +198,19 @@ async fn colin27_with_its_skull_becomes_a_mesh_by_itself() {
     assert_eq!(facts["quality"]["method"], "supplied");
     let mesh = async |case: &str| server.get(&format!("{case}/mesh?depth_mm=8")).await.body;
     assert_eq!(mesh(&version).await, mesh(&case).await);
+    assert_eq!(facts["quality"]["state"], "ok", "{facts}");
+    assert_eq!(facts["quality"]["numbers"]["distance_95_mm"], 0.0);
+
+    // One that is 4 mm too small is doubted, although its border looks like that of a brain.
+    let limits = imaging::Limits::default();
+    let own = imaging::nifti::read_mask(&mask, &limits).unwrap();
+    let brain = BrainMask::from_mask(&own, own.grid()).unwrap();
+    let small = offset(&brain, -4.0).unwrap();
+    let small = imaging::nifti::write_mask(small.mask()).unwrap();
+    let (_, facts) = crate::masks::version(&server, &case, "", &small).await;
+    let quality = &facts["quality"];
+    assert_eq!(quality["state"], "review", "{quality}");
+    assert_eq!(quality["reason_codes"], json!(["mask-distance"]));
+    let mean_mm = quality["numbers"]["distance_mean_mm"].as_f64().unwrap();
+    assert!((-5.0..-3.0).contains(&mean_mm), "{mean_mm} mm");
 }

@@ -102,7 +102,7 @@ async fn the_mesh_is_as_fine_as_it_is_asked_for() {
     let default = mesh("").await;
     assert_ne!(mesh("&contours=5&points=6").await, default);
     assert_ne!(mesh("&paths=forest").await, default);
-    assert_eq!(mesh("&contours=30&points=30&paths=flow").await, default);
+    assert_eq!(mesh("&contours=200&points=200&paths=flow").await, default);
 }
 
 #[tokio::test]

@@ -47,13 +47,14 @@ impl PlaneFacts {
     }
 }
 
-/// A face of the volume that cuts the brain: the points `p` (LPS mm) with `normal · p = offset_mm`.
+/// A face of the volume that cuts the brain, or a plane within it beyond which it is constant: the points `p` (LPS mm) with
+/// `normal · p = offset_mm`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CutFacts {
     /// The side of the patient: `left`, `right`, `posterior`, `anterior`, `superior` or `inferior`.
     pub face: String,
-    /// Its unit normal, LPS, which points into the volume.
+    /// Its unit normal, LPS, which points to the brain.
     pub normal: [f64; 3],
     /// Its distance from the origin along the normal, in mm.
     pub offset_mm: f64,
@@ -91,10 +92,11 @@ pub struct CaseFacts {
     pub envelope_sphere: SphereFacts,
     /// The plane between the hemispheres, with its normal to the patient's left.
     pub midsagittal: PlaneFacts,
-    /// The faces of the volume that cut the brain. They are not dura: a voxel nearer to one than its depth has an unknown depth.
+    /// The faces of the volume that cut the brain, and planes within it beyond which it is constant. They are not dura: a voxel
+    /// nearer to one than its depth has an unknown depth.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cuts: Vec<CutFacts>,
-    /// The version of the preparation.
+    /// The version of the preparation: 3 handles cuts at faces of the volume and planes within it beyond which it is constant.
     pub pipeline: u32,
     /// Depth of the deepest voxel, in mm.
     pub max_depth_mm: f32,

@@ -123,7 +123,8 @@ pub struct QualityNumbers {
     pub largest_component: f64,
     /// Extents along left to right, front to back and top to bottom.
     pub extents_mm: [f64; 3],
-    /// The area of the brain on the left, right, posterior, anterior, superior and inferior face of the volume.
+    /// The area of the brain on the left, right, posterior, anterior, superior and inferior face of the volume, or on a plane beyond
+    /// which the volume is constant.
     pub cut_area_cm2: [f64; 6],
     /// The agreement (Dice) of the coarse and the fine pass of the network, if it extracted the brain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -137,9 +138,18 @@ pub struct QualityNumbers {
     /// Fraction of the border of a supplied mask that looks like the border of a brain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rim: Option<f64>,
-    /// The overlap of a supplied mask with the mask from the network (Dice of their envelopes), if the network was used.
+    /// The overlap of a supplied mask with the mask from the network (Dice of their envelopes), if the network was certain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap: Option<f64>,
+    /// The distance between these two envelopes: its 95th percentile.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distance_95_mm: Option<f64>,
+    /// The mean of the same distance: positive if the supplied mask is larger, negative if it is smaller.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distance_mean_mm: Option<f64>,
+    /// The area of either envelope that is more than 5 mm from the other one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distant_cm2: Option<f64>,
 }
 
 #[cfg(test)]

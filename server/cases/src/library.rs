@@ -366,7 +366,12 @@ impl Library {
             return Ok(None);
         };
         let mask = self.store().read(&case.id, names, ObjectKind::Mask).await?;
-        Ok(mask.map(|mask| StoredBrain { mask, quality }))
+        let cuts = case.facts.as_ref().map(|facts| facts.cuts.clone());
+        Ok(mask.map(|mask| StoredBrain {
+            mask,
+            quality,
+            cuts: cuts.unwrap_or_default(),
+        }))
     }
 
     async fn derive(

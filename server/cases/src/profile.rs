@@ -5,7 +5,7 @@ use std::sync::Arc;
 use case::{CaseFacts, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
-use pipeline::maps::{JunctionWidth, NoMaps, mirror_plane, width_table};
+use pipeline::maps::{JunctionWidth, NoMaps, mirror_plane, side_at, width_table};
 use serde::Serialize;
 
 use crate::error::Error;
@@ -188,11 +188,7 @@ impl Probe<'_> {
             samples.push(point.clone());
             samples.extend(self.way(position, 1.0));
             PointProfile {
-                side: if plane.normal().dot(position) > plane.offset_mm() {
-                    PatientSide::Left
-                } else {
-                    PatientSide::Right
-                },
+                side: side_at(plane.normal().dot(position) - plane.offset_mm()),
                 junction_width: self.width(&point),
                 point,
                 samples,

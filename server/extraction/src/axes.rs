@@ -104,16 +104,17 @@ fn turned_back(
     )?;
     let mask = Mask::new(grid, mask.voxels().to_vec())?;
     let brain = BrainMask::from_mask(&mask, volume.grid())?;
-    let closed = closed(&brain, volume)?;
+    let (closed, cuts) = closed(&brain, volume)?;
     let mut quality = Quality {
         agreement: found.quality.agreement,
         uncertain: found.quality.uncertain,
-        ..Quality::of_found(&mask, (&brain, &closed), volume)
+        ..Quality::of_found(&mask, (&brain, &closed, &cuts), volume)
     };
     quality.offer_axes(about * volume.grid().patient_from_voxel());
     Ok(Extraction {
         brain,
         closed,
+        cuts,
         method: Method::Network,
         quality,
     })

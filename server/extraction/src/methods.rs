@@ -1,6 +1,6 @@
 //! Each extraction method by itself, and the rating of its result.
 
-use geometry::{BrainMask, DistanceMap, Volume, cut_envelope, distance_map};
+use geometry::{BrainCuts, BrainMask, DistanceMap, Volume, cut_envelope, distance_map};
 
 use crate::observe::go_on;
 use crate::pruning::{PruningParameters, prune_with};
@@ -23,10 +23,19 @@ pub struct Extraction {
     pub brain: BrainMask,
     /// The depth below the envelope of the brain, closed by [`CLOSING_RADIUS_MM`], on which the rating is based.
     pub closed: DistanceMap,
+    /// What cuts it.
+    pub cuts: BrainCuts,
     /// The method that found it.
     pub method: Method,
     /// Its rating.
     pub quality: Quality,
+}
+
+impl Extraction {
+    /// Whether the network is certain enough of it for a supplied mask to be compared with it.
+    pub fn is_certain(&self) -> bool {
+        self.quality.is_certain()
+    }
 }
 
 /// Radius of the closing for the rating, in mm: the default of envelopes.
@@ -45,11 +54,13 @@ pub fn predict(
     let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
     let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
-    let closed = closed(&brain, volume)?;
-    let quality = Quality::of_predicted(&prediction, (&brain, &closed), volume)?;
+    let (closed, cuts) = closed(&brain, volume)?;
+    let found = (&brain, &closed, &cuts);
+    let quality = Quality::of_predicted(&prediction, found, volume)?;
     Ok(Extraction {
         brain,
         closed,
+        cuts,
         method: Method::Network,
         quality,
     })
@@ -75,24 +86,27 @@ pub(crate) fn pruned(
     })?;
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
-    let closed = closed(&brain, volume)?;
-    let mut quality = Quality::of_found(&pruned, (&brain, &closed), volume);
+    let (closed, cuts) = closed(&brain, volume)?;
+    let mut quality = Quality::of_found(&pruned, (&brain, &closed, &cuts), volume);
     quality.put_to_review(because);
     Ok(Extraction {
         brain,
         closed,
+        cuts,
         method: Method::TreePruning,
         quality,
     })
 }
 
-/// The depth below the envelope of a brain, closed by [`CLOSING_RADIUS_MM`]; the faces of the volume do not count as
-/// dura.
+/// The depth below the envelope of a brain, closed by [`CLOSING_RADIUS_MM`], and what cuts it, which does not count as dura.
 ///
 /// # Errors
 /// If the voxels are too small for that radius.
-pub(crate) fn closed(brain: &BrainMask, volume: &Volume) -> Result<DistanceMap, ExtractionError> {
-    let cuts = brain.cuts(volume.grid());
-    let envelope = cut_envelope(brain, CLOSING_RADIUS_MM, &cuts)?;
-    Ok(distance_map(&envelope))
+pub fn closed(
+    brain: &BrainMask,
+    volume: &Volume,
+) -> Result<(DistanceMap, BrainCuts), ExtractionError> {
+    let cuts = brain.cut_by(volume);
+    let envelope = cut_envelope(brain, CLOSING_RADIUS_MM, &cuts.cuts)?;
+    Ok((distance_map(&envelope), cuts))
 }

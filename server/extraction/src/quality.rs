@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use geometry::{BrainMask, DistanceMap, Face, Grid, Mask, Volume};
+use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
 use crate::{ExtractionError, Prediction};
@@ -34,7 +34,7 @@ pub struct Quality {
     pub extents_mm: [f64; 3],
     /// Fraction of the found voxels in the largest component, 0 to 1: ok from 0.98.
     pub largest_component: f64,
-    /// The area of the mask on each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1, on the
+    /// The area of the mask on each face of the field of view, in cm², in the order of [`Face::ALL`]: ok up to 1, on the
     /// inferior face below 15.
     pub cut_area_cm2: [f64; 6],
     /// The volume that a closing by 10 mm adds, as a fraction of the mask: ok up to 0.05.
@@ -141,7 +141,8 @@ fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
     };
     doubt(review_if(is_cut), code_of_cut(face), || {
         format!(
-            "the mask covers {area_cm2:.0} cm² of the {} face of the volume; is the brain cut there?",
+            "the mask covers {area_cm2:.0} cm² of the {} face of the volume, or of a plane beyond which the volume is constant; is the \
+             brain cut there?",
             face.name()
         )
     })
@@ -200,16 +201,17 @@ const INSIDE_MM: f32 = 18.0;
 impl Quality {
     /// Rates a mask that was found in a volume, by its size, components, shape and contrast.
     ///
-    /// `found` is the original mask, `brain` the result on the working grid, `closed` the depth below its envelope.
+    /// `found` is the original mask, `brain` the result on the working grid, `closed` the depth below its envelope, `cuts`
+    /// what cuts it.
     pub(crate) fn of_found(
         found: &Mask,
-        (brain, closed): (&BrainMask, &DistanceMap),
+        (brain, closed, cuts): (&BrainMask, &DistanceMap, &BrainCuts),
         volume: &Volume,
     ) -> Self {
         let numbers = MaskNumbers {
             volume_ml: brain.mask().volume_ml(),
             largest_component: found.largest_component_share(),
-            cut_area_cm2: brain.cut_area_cm2(volume.grid()),
+            cut_area_cm2: cuts.area_cm2,
         };
         let mut quality = Self::measure(brain, closed, &numbers);
         quality.contrast = contrast(volume, closed);
@@ -221,11 +223,11 @@ impl Quality {
     /// Rates a mask that the network found.
     pub(crate) fn of_predicted(
         prediction: &Prediction,
-        (brain, closed): (&BrainMask, &DistanceMap),
+        (brain, closed, cuts): (&BrainMask, &DistanceMap, &BrainCuts),
         volume: &Volume,
     ) -> Result<Self, ExtractionError> {
         let found = prediction.fine.above(0.5)?;
-        let mut quality = Self::of_found(&found, (brain, closed), volume);
+        let mut quality = Self::of_found(&found, (brain, closed, cuts), volume);
         quality.agreement = Some(agreement(prediction, brain)?);
         quality.uncertain = Some(uncertain_share(prediction));
         quality.judge_prediction();
@@ -367,11 +369,11 @@ impl Quality {
     }
 
     /// Whether the network is certain enough for its mask to be compared with a supplied one.
-    pub(crate) fn is_sure_of_itself(&self) -> bool {
-        let is_sure = |value: Option<f64>, range: RangeInclusive<f64>| {
+    pub(crate) fn is_certain(&self) -> bool {
+        let lies_in = |value: Option<f64>, range: RangeInclusive<f64>| {
             value.is_some_and(|value| range.contains(&value))
         };
-        is_sure(self.agreement, 0.95..=1.0) && is_sure(self.uncertain, 0.0..=0.05)
+        lies_in(self.agreement, 0.95..=1.0) && lies_in(self.uncertain, 0.0..=0.05)
     }
 
     /// Whether the shape of the mask contradicts the axes of the volume.

@@ -50,12 +50,12 @@ pub(crate) fn rim(volume: &Volume, distance: &DistanceMap) -> Option<Rim> {
     Some(Rim {
         here,
         elsewhere: most(moves(middle)),
-        flipped: most(flips(volume.grid())),
+        flipped: most(flips(volume.grid()).to_vec()),
     })
 }
 
 /// The affines that flip the voxels of a grid along its axes.
-fn flips(grid: &Grid) -> Vec<DAffine3> {
+pub(crate) fn flips(grid: &Grid) -> [DAffine3; 3] {
     let flip = |axis: usize| {
         let along = DVec3::AXES[axis];
         let flipped = DAffine3 {
@@ -64,7 +64,7 @@ fn flips(grid: &Grid) -> Vec<DAffine3> {
         };
         grid.patient_from_voxel() * flipped * grid.voxel_from_patient()
     };
-    [0, 1, 2].map(flip).to_vec()
+    [0, 1, 2].map(flip)
 }
 
 /// A border point, in LPS mm, and the direction to the inside.

@@ -1,23 +1,27 @@
 //! Rates supplied masks.
 //!
-//! A mask is rated by its size, its components, the faces it touches, the contrast across its border, and its share of
-//! the head. If these leave a doubt, the network extracts the brain too, and the overlap decides.
+//! A mask is rated by its size, its components and what cuts it, and by the distance between its envelope and that of the
+//! brain that the network finds. Without a network, or if the network is not certain of what it found, it is rated by the contrast
+//! across its border and by its share of the head.
 
-use geometry::{BrainMask, Grid, Mask, Volume};
+use geometry::{BorderField, BrainCuts, BrainMask, Cut, DistanceMap, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
 use crate::ExtractionError;
-use crate::methods::{Extraction, closed};
 use crate::quality::{Doubt, MaskNumbers, Verdict, contrast, doubt, review_if};
-use crate::rim::{Rim, rim};
+use crate::rim::{Rim, flips, rim};
 
-/// A supplied mask, in both forms.
+/// A supplied mask, in all its forms.
 #[derive(Debug, Clone, Copy)]
 pub struct Supplied<'a> {
     /// The supplied mask, on its own grid.
     pub mask: &'a Mask,
     /// The mask on the working grid.
     pub brain: &'a BrainMask,
+    /// The depth below its envelope and what cuts it, from [`closed`](crate::closed()).
+    pub closed: &'a DistanceMap,
+    /// What cuts it.
+    pub cuts: &'a BrainCuts,
     /// The volume it was supplied with.
     pub volume: &'a Volume,
 }
@@ -33,11 +37,50 @@ pub struct Judgement {
     pub contrast: Option<f64>,
     /// How well its border fits the volume.
     pub rim: Option<Rim>,
-    /// The overlap with the mask from the network (Dice of their envelopes), if the network was used.
-    pub overlap: Option<f64>,
+    /// How it compares with the mask from the network, if there is one to trust.
+    pub comparison: Option<Comparison>,
 }
 
-/// The least fit of the border for which the network is not used, and the least gain over other positions.
+/// A supplied mask compared with the mask from the network, by their envelopes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Comparison {
+    /// Their overlap (Dice).
+    pub overlap: f64,
+    /// How far they are apart.
+    pub apart: Apart,
+    /// The same with the supplied mask flipped along an axis of the volume, as by a program that reverses an axis: the nearest
+    /// flip.
+    pub flipped: Apart,
+}
+
+/// How far two envelopes are apart: from the border of each to the border of the other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Apart {
+    /// The 95th percentile of the distance, in mm.
+    pub percentile_95_mm: f64,
+    /// The mean signed distance, in mm: positive if the first is larger.
+    pub mean_mm: f64,
+    /// The root of the mean square of the distance, in mm.
+    pub rms_mm: f64,
+    /// The area of either border that lies more than 5 mm from the other, in cm²: the greater one.
+    pub patch_cm2: f64,
+}
+
+/// The limits for a mask to be ok. Masks of the same head by other programs stay below all of them.
+const MOST_95_MM: f64 = 4.7;
+const MOST_MEAN_MM: f64 = 2.3;
+const MOST_PATCH_CM2: f64 = 30.0;
+
+/// The distance from which on a border belongs to a patch, in mm.
+const PATCH_MM: f64 = 5.0;
+
+/// The overlap below which it is the mask of something else.
+const LEAST_OVERLAP: f64 = 0.7;
+
+/// How much nearer a flipped mask must be to count as the right one.
+const NEARER: f64 = 0.9;
+
+/// The least fit of the border without a network, and the least gain over other positions.
 const LEAST_RIM: f64 = 0.65;
 const LEAST_GAIN: f64 = 0.0;
 
@@ -45,53 +88,55 @@ const LEAST_GAIN: f64 = 0.0;
 /// moved by 4 mm 0.90. A ragged mask within the brain may fit as well a few millimetres aside.
 const SURE_RIM: f64 = 0.92;
 
-/// The least overlap for a mask to be ok, and the overlap below which it is the mask of something else.
-const SURE_OVERLAP: f64 = 0.94;
-const LEAST_OVERLAP: f64 = 0.7;
+/// The least gain of a flip by the fit of the border, without a network: masks that are too large or too small gain less.
+const LEAST_GAIN_OF_FLIP: f64 = 0.03;
 
 /// The greatest distance between voxel centres of two grids that still coincide, in voxels.
 const SAME_PLACE: f64 = 0.05;
 
 /// Rates a supplied mask.
 ///
-/// Only if there is a doubt, `ask` is called to extract the brain with the network. Without a network, or if its result
-/// cannot be trusted, the doubt remains.
+/// `ask` gives the depth below the envelope of the brain that the network finds, if there is a network and it is certain of its
+/// result.
 ///
 /// # Errors
 /// The errors of `ask`, except [`ExtractionError::NoBrain`]; and if the voxels are too small for the default closing.
 pub fn judge(
     supplied: Supplied<'_>,
-    ask: impl FnOnce() -> Result<Option<Extraction>, ExtractionError>,
+    ask: impl FnOnce() -> Result<Option<DistanceMap>, ExtractionError>,
 ) -> Result<Judgement, ExtractionError> {
     let Supplied {
         mask,
         brain,
+        closed,
+        cuts,
         volume,
     } = supplied;
-    let closed = closed(brain, volume)?;
     let numbers = MaskNumbers {
         volume_ml: brain.volume_ml(),
         largest_component: mask.largest_component_share(),
-        cut_area_cm2: brain.cut_area_cm2(volume.grid()),
+        cut_area_cm2: cuts.area_cm2,
     };
-    let contrast = contrast(volume, &closed);
-    let rim = rim(volume, &closed);
+    let contrast = contrast(volume, closed);
+    let rim = rim(volume, closed);
+    let found = match ask() {
+        Err(ExtractionError::NoBrain { .. }) => None,
+        found => found?,
+    };
+    let comparison = match found {
+        Some(found) => Comparison::new(closed, &found, volume.grid())?,
+        None => None,
+    };
     let mut doubts = numbers.doubts();
-    doubts.extend(rim.and_then(doubt_of_side));
-    let open: Vec<Doubt> = [doubt_of_rim(rim), doubt_of_grid(mask.grid(), volume.grid())]
-        .into_iter()
-        .flatten()
-        .collect();
-    let mut overlap = None;
-    if !open.is_empty() {
-        let found = match ask() {
-            Err(ExtractionError::NoBrain { .. }) => None,
-            found => found?.filter(|found| found.quality.is_sure_of_itself()),
-        };
-        overlap = found.map(|found| dice(closed.envelope().mask(), found.closed.envelope().mask()));
-        match overlap {
-            Some(overlap) => doubts.extend(doubt_of_overlap(overlap)),
-            None => doubts.extend(open),
+    match &comparison {
+        Some(comparison) => doubts.extend(comparison.doubts()),
+        None => {
+            let by_border = [
+                rim.and_then(doubt_of_side),
+                doubt_of_rim(rim),
+                doubt_of_grid(mask.grid(), volume.grid()),
+            ];
+            doubts.extend(by_border.into_iter().flatten());
         }
     }
     let verdicts = doubts.iter().map(|doubt| doubt.verdict);
@@ -100,8 +145,162 @@ pub fn judge(
         doubts,
         contrast,
         rim,
-        overlap,
+        comparison,
     })
+}
+
+impl Comparison {
+    /// Compares a mask with that from the network; `None` if nothing of either border is dura.
+    fn new(
+        supplied: &DistanceMap,
+        network: &DistanceMap,
+        volume_grid: &Grid,
+    ) -> Result<Option<Self>, ExtractionError> {
+        let to_network = BorderField::new(network)?;
+        let border = supplied.border();
+        let cuts: Vec<Cut> = [supplied, network]
+            .iter()
+            .flat_map(|distance| distance.envelope().cuts())
+            .copied()
+            .collect();
+        // Positive outside the network's envelope, where the supplied one is larger.
+        let from_supplied = |how: DAffine3| {
+            let places = border.iter().map(|&place| how.transform_point3(place));
+            measured(places, &to_network, &cuts)
+        };
+        let here = from_supplied(DAffine3::IDENTITY);
+        let flipped = flips(volume_grid).map(|flip| {
+            let (distances_mm, area_mm2) = (from_supplied(flip), supplied.border_voxel_mm2());
+            Apart::new(&[(distances_mm, area_mm2)])
+        });
+        drop(to_network);
+        let back: Vec<f64> = measured(
+            network.border().into_iter(),
+            &BorderField::new(supplied)?,
+            &cuts,
+        )
+        .into_iter()
+        .map(|distance_mm| -distance_mm)
+        .collect();
+        let apart = Apart::new(&[
+            (here, supplied.border_voxel_mm2()),
+            (back, network.border_voxel_mm2()),
+        ]);
+        let nearest = flipped
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm));
+        let overlap = dice(supplied.envelope().mask(), network.envelope().mask());
+        Ok(apart.zip(nearest).map(|(apart, flipped)| Self {
+            overlap,
+            apart,
+            flipped,
+        }))
+    }
+
+    fn doubts(&self) -> impl Iterator<Item = Doubt> {
+        [
+            self.doubt_of_overlap(),
+            self.doubt_of_side(),
+            self.apart.doubt(),
+        ]
+        .into_iter()
+        .flatten()
+    }
+
+    fn doubt_of_overlap(&self) -> Option<Doubt> {
+        let is_another = self.overlap < LEAST_OVERLAP;
+        let verdict = if is_another {
+            Verdict::Failed
+        } else {
+            Verdict::Ok
+        };
+        doubt(verdict, "mask-overlap", || {
+            format!(
+                "the mask and the brain found by the network overlap by only {:.3} (Dice); is this the mask of this head?",
+                self.overlap
+            )
+        })
+    }
+
+    /// A flipped mask is one that fits if it is flipped back, and better than it does as it is.
+    fn doubt_of_side(&self) -> Option<Doubt> {
+        let is_nearer = self.flipped.rms_mm < NEARER * self.apart.rms_mm;
+        let is_flipped = is_nearer && !self.flipped.is_far();
+        doubt(review_if(is_flipped), "mask-flipped", flipped_sentence)
+    }
+}
+
+/// The signed distances of places from a border, without those that are nearer to a cut, beyond which the border may be nearer.
+fn measured(places: impl Iterator<Item = DVec3>, border: &BorderField, cuts: &[Cut]) -> Vec<f64> {
+    let known = |place: DVec3| {
+        let distance_mm = border.distance_mm(place);
+        let leaves = |cut: &Cut| cut.distance_mm(place) >= distance_mm.abs();
+        cuts.iter().all(leaves).then_some(distance_mm)
+    };
+    places.filter_map(known).collect()
+}
+
+impl Apart {
+    /// From signed distances in mm, in each direction, with the area of each place in mm²; `None` if there are none.
+    fn new(directions: &[(Vec<f64>, f64)]) -> Option<Self> {
+        let mut lengths_mm = Vec::new();
+        let (mut mean_mm, mut square, mut patch_cm2) = (0.0, 0.0, 0.0f64);
+        let share = 1.0 / directions.len() as f64;
+        for (distances_mm, area_mm2) in directions {
+            let count = distances_mm.len() as f64;
+            mean_mm += share * distances_mm.iter().sum::<f64>() / count;
+            square += share * distances_mm.iter().map(|mm| mm * mm).sum::<f64>() / count;
+            let far = distances_mm.iter().filter(|mm| mm.abs() > PATCH_MM).count();
+            patch_cm2 = patch_cm2.max(far as f64 * area_mm2 / 100.0);
+            lengths_mm.extend(distances_mm.iter().map(|mm| mm.abs()));
+        }
+        let rank = lengths_mm.len().checked_sub(1)? * 95 / 100;
+        let (_, percentile, _) = lengths_mm.select_nth_unstable_by(rank, f64::total_cmp);
+        mean_mm.is_finite().then_some(Self {
+            percentile_95_mm: *percentile,
+            mean_mm,
+            rms_mm: square.sqrt(),
+            patch_cm2,
+        })
+    }
+
+    fn is_far(&self) -> bool {
+        self.percentile_95_mm > MOST_95_MM
+            || self.mean_mm.abs() > MOST_MEAN_MM
+            || self.patch_cm2 > MOST_PATCH_CM2
+    }
+
+    fn doubt(&self) -> Option<Doubt> {
+        let Self {
+            percentile_95_mm,
+            mean_mm,
+            patch_cm2,
+            ..
+        } = self;
+        doubt(review_if(self.is_far()), "mask-distance", || {
+            if mean_mm.abs() > MOST_MEAN_MM {
+                let (size, side) = match *mean_mm > 0.0 {
+                    true => ("large", "outside"),
+                    false => ("small", "inside"),
+                };
+                format!(
+                    "the mask seems too {size}: its surface lies {:.1} mm {side} that of the brain found by the network, on average",
+                    mean_mm.abs()
+                )
+            } else if *patch_cm2 > MOST_PATCH_CM2 {
+                format!(
+                    "{patch_cm2:.0} cm² of the surface of the mask, or of the brain found by the network, lie more than {PATCH_MM} mm \
+                     from the other; is a part of the brain missing?"
+                )
+            } else {
+                format!(
+                    "5 % of the surface of the mask lie more than {percentile_95_mm:.1} mm from that of the brain found by the network; is \
+                     this the mask of this head, in the right place?"
+                )
+            }
+        })
+    }
 }
 
 fn doubt_of_rim(rim: Option<Rim>) -> Option<Doubt> {
@@ -124,29 +323,19 @@ fn doubt_of_rim(rim: Option<Rim>) -> Option<Doubt> {
 }
 
 fn doubt_of_side(rim: Rim) -> Option<Doubt> {
-    doubt(review_if(rim.flipped > rim.here), "mask-flipped", || {
-        "the mask fits the volume better when flipped along an axis; was it stored with other axes?"
-            .to_owned()
-    })
+    let is_flipped = rim.flipped > rim.here + LEAST_GAIN_OF_FLIP;
+    doubt(review_if(is_flipped), "mask-flipped", flipped_sentence)
+}
+
+fn flipped_sentence() -> String {
+    "the mask fits the volume better when flipped along an axis; was it stored with other axes?"
+        .to_owned()
 }
 
 fn doubt_of_grid(mask: &Grid, volume: &Grid) -> Option<Doubt> {
     doubt(review_if(!share_places(mask, volume)), "mask-grid", || {
         "the voxels of the mask and of the volume do not coincide; is this the mask of this head?"
             .to_owned()
-    })
-}
-
-fn doubt_of_overlap(overlap: f64) -> Option<Doubt> {
-    let verdict = if overlap < LEAST_OVERLAP {
-        Verdict::Failed
-    } else {
-        review_if(overlap < SURE_OVERLAP)
-    };
-    doubt(verdict, "mask-overlap", || {
-        format!(
-            "the mask and the brain found by the network overlap by {overlap:.3} (Dice); a correct mask reaches {SURE_OVERLAP}"
-        )
     })
 }
 

@@ -368,7 +368,7 @@ mod tests {
             // The remaining dura is nearer than the cut.
             let is_nearer = cuts
                 .iter()
-                .all(|cut| cut.distance_mm(position) >= truth_mm + 1.5 * voxel_mm);
+                .all(|cut| cut.distance_mm(position) >= truth_mm + 2.0 * voxel_mm);
             match cut.depth_mm(index).map(f64::from) {
                 Some(depth_mm) if cut.is_known(index) => {
                     differences.push((depth_mm - truth_mm).abs());

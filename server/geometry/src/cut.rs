@@ -1,18 +1,18 @@
-//! Faces of the volume that cut the brain.
+//! Faces of the field of view that cut the brain.
 
 use glam::DVec3;
 
-use crate::{BrainMask, Face, Grid};
+use crate::inner_cuts::inner_cuts;
+use crate::{BrainMask, Face, Grid, Volume};
 
-/// The tolerance by which a voxel may be nearer to the edge of the field of view than its depth and still have a known
-/// depth, in voxels.
+/// The distance from the edge of the field of view that a voxel must have beyond its depth for the depth to be known, in voxels.
 ///
-/// Depth counts from the centres of border voxels. Border voxels at a cut are less than a voxel inside the edge of the
-/// field of view; those of a brain that ends before the outermost voxels are at least a voxel inside. The difference to
-/// 1 allows for rounding.
-const REACH_VOXELS: f64 = 0.98;
+/// Depth counts from the centres of border voxels, which at a cut are up to a voxel inside the edge of the field of view. Depths
+/// that count from them are therefore up to a voxel less than the distance from the edge. Half a voxel allows for the
+/// staircase of an oblique cut, where rounding would otherwise decide from pixel to pixel.
+const REACH_VOXELS: f64 = 1.5;
 
-/// A face of the volume that cuts the brain; beyond it everything is unknown.
+/// A face of the field of view that cuts the brain; beyond it everything is unknown.
 ///
 /// The border of the envelope on this face is not dura. A depth is known if the ball from the voxel to the nearest
 /// border lies within the field of view: then nothing beyond a face can be nearer.
@@ -51,7 +51,30 @@ impl Cut {
     }
 }
 
+/// What cuts a brain.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BrainCuts {
+    /// The faces of the volume, and planes within it beyond which its voxels are exactly constant; at most one plane for each side,
+    /// and none beside a face.
+    pub cuts: Vec<Cut>,
+    /// The area of the brain on them, in cm², in the order of [`Face::ALL`].
+    pub area_cm2: [f64; 6],
+}
+
 impl BrainMask {
+    /// The faces of the field of view that cut the brain: those of the volume, and those of a smaller field of view within it.
+    pub fn cut_by(&self, volume: &Volume) -> BrainCuts {
+        let mut cuts = self.cuts(volume.grid());
+        let mut area_cm2 = self.cut_area_cm2(volume.grid());
+        for inner in inner_cuts(self, volume) {
+            if cuts.iter().all(|cut| cut.face != inner.cut.face) {
+                cuts.push(inner.cut);
+                area_cm2[inner.cut.face as usize] += inner.area_cm2;
+            }
+        }
+        BrainCuts { cuts, area_cm2 }
+    }
+
     /// The faces of a volume that cut the brain: those with outermost voxels that belong to it.
     pub fn cuts(&self, volume_grid: &Grid) -> Vec<Cut> {
         let touched = self.touched_voxels(volume_grid);

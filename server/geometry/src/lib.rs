@@ -14,6 +14,7 @@
 #![warn(missing_docs)]
 
 mod beyond_cuts;
+mod border_field;
 mod bounding_sphere;
 mod build;
 mod contour;
@@ -27,6 +28,7 @@ mod envelope_mesh;
 mod error;
 mod forest;
 mod grid;
+mod inner_cuts;
 mod mask;
 mod measures;
 mod model;
@@ -42,10 +44,11 @@ mod transform;
 mod volume;
 mod walk;
 
+pub use border_field::BorderField;
 pub use bounding_sphere::BoundingSphere;
 pub use build::{BuildStep, BuiltModel, ClosedBrain};
 pub use core_voxels::{Core, core};
-pub use cut::Cut;
+pub use cut::{BrainCuts, Cut};
 pub use depth_field::DepthField;
 pub use distance_map::{DistanceMap, distance_map};
 pub use envelope::{Envelope, check_closing, cut_envelope, envelope};

@@ -113,6 +113,38 @@ impl PathTable {
     }
 }
 
+/// How much shallower than its mesh a vertex may be, in mm: more than the error of a path.
+const SHALLOWER_MM: f32 = 0.1;
+
+impl ShrunkMesh {
+    /// The vertices whose depth is unknown, because what cuts the brain is nearer than any dura; `field` is the depth that the mesh was
+    /// made with.
+    pub fn unknown_vertices(&self, field: &DepthField) -> Vec<usize> {
+        let [depth_mm, voxel_mm] = [self.depth_mm, field.spacing_mm()].map(f64::from);
+        let is_unknown = |position: &[f32; 3]| {
+            let position = Vec3::from_array(*position).as_dvec3();
+            let mut cuts = field.cuts().iter();
+            cuts.any(|cut| !cut.leaves(position, depth_mm, voxel_mm))
+        };
+        let vertices = self.positions_in_patient.iter().enumerate();
+        vertices
+            .filter(|(_, position)| is_unknown(position))
+            .map(|(vertex, _)| vertex)
+            .collect()
+    }
+
+    /// How many vertices are shallower than the mesh, because their paths end before its depth.
+    pub fn shallow_count(&self, field: &DepthField) -> usize {
+        let voxel_from_patient = field.grid().voxel_from_patient();
+        let is_shallow = |position: &&[f32; 3]| {
+            let position = Vec3::from_array(**position).as_dvec3();
+            let voxel = voxel_from_patient.transform_point3(position).as_vec3();
+            field.depth_mm(voxel) < self.depth_mm - SHALLOWER_MM
+        };
+        self.positions_in_patient.iter().filter(is_shallow).count()
+    }
+}
+
 /// The mapping from two rows of stored positions to positions in LPS mm.
 #[derive(Clone, Copy)]
 struct Scale {
@@ -556,6 +588,50 @@ mod tests {
                 assert!(case.core.voxels().contains(&index), "{position}");
             }
         }
+    }
+
+    #[test]
+    fn vertices_that_are_not_at_the_depth_of_their_mesh_are_counted() {
+        for case in cases() {
+            let mesh = envelope_mesh(&case.field, MeshSize::new(12, 16).unwrap()).unwrap();
+            let paths = Paths::Forest(&case.forest);
+            let table = path_table(&mesh, &case.distance, &case.field, paths);
+            assert_eq!(table.shrink(4.0).shallow_count(&case.field), 0);
+            // At the greatest depth only the roots there are deep enough.
+            let deepest = table.shrink(f32::INFINITY);
+            let expected = in_voxel(&case, &deepest.positions_in_patient)
+                .into_iter()
+                .filter(|&place| case.field.depth_mm(place) < deepest.depth_mm - 0.1)
+                .count();
+            assert_eq!(deepest.shallow_count(&case.field), expected);
+            assert_eq!(deepest.unknown_vertices(&case.field), []);
+        }
+        // An ellipsoid of which a face of the volume takes the lower half.
+        let whole = phantom::ellipsoid([34.0, 22.0, 18.0], 1.0);
+        let grid = whole.mask().grid();
+        let [nx, ny, nz] = grid.size();
+        let seen = grid
+            .block([0, 0, nz as i64 / 2], [nx, ny, nz - nz / 2])
+            .unwrap();
+        let inside = whole.mask().voxels().iter().enumerate();
+        let inside = inside.map(|(index, &is)| is && grid.voxel(index)[2] >= nz / 2);
+        let half = crate::Mask::new(grid.clone(), inside.collect()).unwrap();
+        let brain = crate::BrainMask::from_mask(&half, &seen).unwrap();
+        let cuts = brain.cuts(&seen);
+        let distance = distance_map(&crate::cut_envelope(&brain, 4.0, &cuts).unwrap());
+        let field = DepthField::new(&distance);
+        let mesh = envelope_mesh(&field, MeshSize::new(20, 24).unwrap()).unwrap();
+        let shrunk = path_table(&mesh, &distance, &field, Paths::Flow).shrink(5.0);
+        let unknown = shrunk.unknown_vertices(&field);
+        let expected: Vec<usize> = (0..shrunk.positions_in_patient.len())
+            .filter(|&vertex| {
+                let height_mm =
+                    f64::from(shrunk.positions_in_patient[vertex][2]) - cuts[0].offset_mm;
+                height_mm < 5.0 + 1.5
+            })
+            .collect();
+        assert_eq!(unknown, expected);
+        assert!(unknown.len() > 50, "{}", unknown.len());
     }
 
     #[test]

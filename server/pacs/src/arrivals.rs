@@ -41,6 +41,10 @@ pub(crate) struct ArrivalView {
     case: Option<CaseId>,
     /// Images so far.
     instances: usize,
+    /// Images that took the place of others with the same UID since the series was read before.
+    superseded: usize,
+    /// Objects that are no images and were not kept.
+    ignored: usize,
     /// How many there are, if the sender has stated it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected: Option<usize>,
@@ -64,6 +68,8 @@ impl From<Arrival> for ArrivalView {
             reason: arrival.reason.map(Into::into),
             case: arrival.case,
             instances: arrival.instances,
+            superseded: arrival.superseded,
+            ignored: arrival.ignored,
             expected: arrival.expected,
             first_at: arrival.first_at.to_string(),
             last_at: arrival.last_at.to_string(),

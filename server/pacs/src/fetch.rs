@@ -31,15 +31,28 @@ pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
     let Some(retrieval) = store.lease_retrieval(LEASE).await? else {
         return Ok(false);
     };
-    let fetched = match fetch(pacs, &retrieval).await {
-        Ok(()) => TransferEnd::Done,
+    let fetched = fetch(pacs, &retrieval).await;
+    match &fetched {
+        Ok(()) => pacs.note(&retrieval.node, true),
+        Err(FetchError::Node(error)) => pacs.note(&retrieval.node, error.is_answer()),
+        Err(_) => {}
+    }
+    let fetched = match fetched {
+        Ok(()) => {
+            tracing::info!(
+                retrieval = retrieval.id,
+                node = retrieval.node,
+                "a series was fetched"
+            );
+            TransferEnd::Done
+        }
         Err(FetchError::Lost) => return Ok(true),
         Err(error) if error.may_pass() && retrieval.attempts < MAX_ATTEMPTS => {
-            tracing::warn!(retrieval = retrieval.id, %error, "a series will be fetched later");
+            tracing::warn!(retrieval = retrieval.id, node = retrieval.node, %error, "a series will be fetched later");
             TransferEnd::Later(RETRY_AFTER)
         }
         Err(error) => {
-            tracing::warn!(retrieval = retrieval.id, %error, "a series cannot be fetched");
+            tracing::warn!(retrieval = retrieval.id, node = retrieval.node, %error, "a series cannot be fetched");
             TransferEnd::Failed(error.into_failure())
         }
     };

@@ -90,9 +90,11 @@ impl HeldStudy {
     /// A study; `None` if no case was made of it.
     pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Option<Self>, PacsError> {
         let store = pacs.cases().store();
-        let cases = store
+        let mut cases = store
             .cases_of(&SeriesQuery::Study(uid.clone(), None))
             .await?;
+        // Those of a wrong patient are not shown at all.
+        cases.retain(|case| !case.is_superseded);
         if cases.is_empty() {
             return Ok(None);
         }

@@ -389,7 +389,11 @@ async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, Pacs
             found.state = "receiving";
             return Ok(found);
         }
-        if let Some(arrival) = arrivals.into_iter().next_back() {
+        // What was not kept says nothing about the images.
+        let newest = arrivals
+            .into_iter()
+            .max_by_key(|arrival| arrival.instances > 0);
+        if let Some(arrival) = newest {
             found.state = "nothing";
             found.reason = arrival.reason.map(Into::into);
             return Ok(found);

@@ -195,7 +195,7 @@ async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
     Ok(fresh_json(StatusCode::OK, &view))
 }
 
-async fn view(pacs: &Pacs, retrieval: Retrieval) -> Result<RetrievalView, PacsError> {
+pub(crate) async fn view(pacs: &Pacs, retrieval: Retrieval) -> Result<RetrievalView, PacsError> {
     let Retrieval { uids, .. } = &retrieval;
     let query = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
     let arrivals = pacs.cases().store().arrivals_of(&query).await?;

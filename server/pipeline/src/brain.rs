@@ -1,10 +1,12 @@
 //! Finds the brain mask: supplied, from a skull-stripped volume, or extracted.
 
-use extraction::{Judgement, Supplied, judge};
+use extraction::{Judgement, Supplied, closed, judge};
 use geometry::{
-    BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume,
+    BrainCuts, BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask,
+    Volume,
 };
 
+use super::cuts::cuts_of;
 use super::extractor::from_extraction;
 use super::failure::{from_geometry, from_imaging};
 use super::own_mask::own_mask;
@@ -21,9 +23,9 @@ const POSSIBLE_ML: std::ops::RangeInclusive<f64> = 50.0..=8000.0;
 /// The brain of a head and its origin.
 pub(super) struct Found {
     pub(super) brain: BrainMask,
-    /// The faces of the volume that cut it.
+    /// The faces of the field of view that cut it.
     cuts: Vec<Cut>,
-    /// The depth below its envelope, if the extraction has already closed it by the requested radius.
+    /// The depth below its envelope, if the extraction or the rating has already closed it by the requested radius.
     closed: Option<DistanceMap>,
     verdict: Verdict,
 }
@@ -33,6 +35,7 @@ enum Verdict {
     Measured {
         method: MaskMethod,
         largest_component: f64,
+        cut_area_cm2: [f64; 6],
         judgement: Option<Judgement>,
     },
     Extracted(extraction::Method, Box<extraction::Quality>),
@@ -56,17 +59,18 @@ impl Found {
         match &self.verdict {
             Verdict::Known(quality) => (**quality).clone(),
             Verdict::Extracted(method, found) => {
-                let measured =
-                    quality::measure(&self.brain, envelope, found.largest_component, volume_grid);
+                let of_found = (found.largest_component, found.cut_area_cm2);
+                let measured = quality::measure(&self.brain, envelope, of_found);
                 quality::of_extracted(measured, quality::method_of(*method), found, volume_grid)
             }
             Verdict::Measured {
                 method,
                 largest_component,
+                cut_area_cm2,
                 judgement,
             } => {
-                let measured =
-                    quality::measure(&self.brain, envelope, *largest_component, volume_grid);
+                let of_given = (*largest_component, *cut_area_cm2);
+                let measured = quality::measure(&self.brain, envelope, of_given);
                 quality::of_supplied(measured, *method, judgement.as_ref())
             }
         }
@@ -82,7 +86,7 @@ pub(super) fn find_brain(
     steps: &mut Steps<'_>,
 ) -> Result<Found, Failure> {
     if let Some(stored) = &source.brain
-        && let Some(found) = stored_brain(stored, volume.grid())
+        && let Some(found) = stored_brain(stored)
     {
         steps.begin(Stage::Mask)?;
         return Ok(found);
@@ -107,20 +111,39 @@ pub(super) fn find_brain(
         method,
         brain,
     } = placed;
-    let judgement = match method {
-        MaskMethod::Supplied => Some(judged(&mask, &brain, volume, (extractor, steps))?),
-        _ => None,
+    let (judgement, distance, cuts) = match method {
+        MaskMethod::Supplied => {
+            let (distance, cuts) = closed(&brain, volume).map_err(from_extraction)?;
+            let supplied = Supplied {
+                mask: &mask,
+                brain: &brain,
+                closed: &distance,
+                cuts: &cuts,
+                volume,
+            };
+            let judgement = judged(supplied, (extractor, steps))?;
+            let distance = is_closed_so(parameters).then_some(distance);
+            (Some(judgement), distance, cuts)
+        }
+        _ => (None, None, brain.cut_by(volume)),
     };
+    let BrainCuts { cuts, area_cm2 } = cuts;
     Ok(Found {
-        cuts: moved_cuts(&brain, volume.grid(), parameters.offset_mm),
+        cuts: moved_cuts(cuts, parameters.offset_mm),
         brain: moved(brain, parameters.offset_mm)?,
-        closed: None,
+        closed: distance,
         verdict: Verdict::Measured {
             method,
             largest_component: mask.largest_component_share(),
+            cut_area_cm2: area_cm2,
             judgement,
         },
     })
+}
+
+/// Whether the parameters close a brain as it is closed for its rating.
+fn is_closed_so(parameters: &Parameters) -> bool {
+    parameters.offset_mm == 0.0 && closing_radius_mm(parameters) == extraction::CLOSING_RADIUS_MM
 }
 
 /// The stage after reading: resampling a given mask to the working grid, or extracting the brain.
@@ -131,26 +154,20 @@ fn stage_after(is_given: bool) -> Stage {
     }
 }
 
-/// Rates a supplied mask; in doubt, the network extracts the brain too.
+/// Rates a supplied mask; with a network, by the brain that it finds.
 fn judged(
-    mask: &Mask,
-    brain: &BrainMask,
-    volume: &Volume,
+    supplied: Supplied<'_>,
     (extractor, steps): (&Extractor, &Steps<'_>),
 ) -> Result<Judgement, Failure> {
-    let supplied = Supplied {
-        mask,
-        brain,
-        volume,
-    };
-    let ask = || extractor.second_opinion(volume, steps.cancelled());
+    let ask = || extractor.second_opinion(supplied.volume, steps.cancelled());
     judge(supplied, ask).map_err(from_extraction)
 }
 
-/// The faces of a volume that cut a brain, adjusted for a later offset of its surface.
-fn moved_cuts(brain: &BrainMask, volume_grid: &Grid, offset_mm: f64) -> Vec<Cut> {
-    let cuts = brain.cuts(volume_grid).into_iter();
-    cuts.map(|cut| cut.moved_inwards((-offset_mm).max(0.0)))
+/// The faces that cut a brain, adjusted for a later offset of its surface.
+fn moved_cuts(cuts: Vec<Cut>, offset_mm: f64) -> Vec<Cut> {
+    let inwards_mm = (-offset_mm).max(0.0);
+    cuts.into_iter()
+        .map(|cut| cut.moved_inwards(inwards_mm))
         .collect()
 }
 
@@ -168,21 +185,18 @@ fn extracted(
     )?;
     steps.begin(Stage::Mask)?;
     refuse_absurd(&found.brain)?;
-    let is_closed_so = parameters.offset_mm == 0.0
-        && closing_radius_mm(parameters) == extraction::CLOSING_RADIUS_MM;
     Ok(Found {
-        cuts: moved_cuts(&found.brain, volume.grid(), parameters.offset_mm),
-        closed: is_closed_so.then_some(found.closed),
+        cuts: moved_cuts(found.cuts.cuts, parameters.offset_mm),
+        closed: is_closed_so(parameters).then_some(found.closed),
         brain: moved(found.brain, parameters.offset_mm)?,
         verdict: Verdict::Extracted(found.method, Box::new(found.quality)),
     })
 }
 
-fn stored_brain(stored: &StoredBrain, volume_grid: &Grid) -> Option<Found> {
-    let brain = decode_brain(&stored.mask)?;
+fn stored_brain(stored: &StoredBrain) -> Option<Found> {
     Some(Found {
-        cuts: brain.cuts(volume_grid),
-        brain,
+        cuts: cuts_of(&stored.cuts),
+        brain: decode_brain(&stored.mask)?,
         closed: None,
         verdict: Verdict::Known(Box::new(stored.quality.clone())),
     })

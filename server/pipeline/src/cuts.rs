@@ -7,12 +7,16 @@ use glam::DVec3;
 use crate::codec::decode_envelope;
 
 /// The version of the preparation; see [`CaseFacts::pipeline`].
-pub(crate) const PIPELINE: u32 = 2;
+pub(crate) const PIPELINE: u32 = 3;
 
 /// The envelope of a case with its cuts, from its payload; `None` if that is damaged.
 pub fn envelope_of(facts: &CaseFacts, payload: &[u8]) -> Option<Envelope> {
-    let cuts = facts.cuts.iter().filter_map(cut_of).collect();
-    Some(decode_envelope(payload)?.with_cuts(cuts))
+    Some(decode_envelope(payload)?.with_cuts(cuts_of(&facts.cuts)))
+}
+
+/// The cuts of their stored form.
+pub(crate) fn cuts_of(stored: &[CutFacts]) -> Vec<Cut> {
+    stored.iter().filter_map(cut_of).collect()
 }
 
 fn cut_of(stored: &CutFacts) -> Option<Cut> {

@@ -1,22 +1,28 @@
 //! Extracts brains, one at a time.
 
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
-use extraction::{Extraction, ExtractionError, Network, predict, prune};
-use geometry::Volume;
+use extraction::{Extraction, ExtractionError, Method, Network, closed, predict, prune};
+use geometry::{DistanceMap, Grid, Volume};
 
 use super::failure::{cancelled, from_geometry};
-use case::{Failure, FailureKind, MaskSource};
+use super::voxels::voxel_facts;
+use crate::codec::{decode_brain, encode_brain};
+use case::{Failure, FailureKind, MaskSource, VoxelFacts};
 
 /// The published file with the weights of the network.
 pub const NETWORK_FILE: &str = "deepbet-1.0.2-py3-none-any.whl";
 
 /// The default probability above which a voxel is brain.
 const USUAL_THRESHOLD: f32 = 0.5;
+
+/// How many brains are remembered; each takes some ten kilobytes.
+const REMEMBERED: usize = 64;
 
 /// How often a waiting preparation checks whether it was cancelled.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -27,7 +33,34 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 pub struct Extractor {
     network: Option<Network>,
     /// Held while a brain is extracted.
-    turn: Mutex<()>,
+    turn: Mutex<Memory>,
+}
+
+/// What the network found in the last volumes, so that several masks of one head ask it once.
+#[derive(Debug, Default)]
+struct Memory(VecDeque<(VolumeKey, Option<Vec<u8>>)>);
+
+/// What tells volumes apart.
+type VolumeKey = (VoxelFacts, Grid);
+
+fn key_of(volume: &Volume) -> VolumeKey {
+    (voxel_facts(volume), volume.grid().clone())
+}
+
+impl Memory {
+    /// The encoded brain of a volume, or `None` in it if the network was not certain; `None` if it was not asked.
+    fn recall(&self, key: &VolumeKey) -> Option<&Option<Vec<u8>>> {
+        let (_, brain) = self.0.iter().find(|(known, _)| known == key)?;
+        Some(brain)
+    }
+
+    fn remember(&mut self, key: VolumeKey, found: &Extraction) {
+        if self.recall(&key).is_none() {
+            self.0.truncate(REMEMBERED - 1);
+            let brain = found.is_certain().then(|| encode_brain(&found.brain));
+            self.0.push_front((key, brain));
+        }
+    }
 }
 
 /// The reason why the network cannot be used.
@@ -101,7 +134,7 @@ impl Extractor {
         observe: &dyn Fn(f32),
         is_cancelled: &AtomicBool,
     ) -> Result<Extraction, Failure> {
-        let _turn = self.await_turn(is_cancelled)?;
+        let mut turn = self.await_turn(is_cancelled)?;
         let go_on = |done: f32| {
             observe(done);
             if is_cancelled.load(Ordering::Relaxed) {
@@ -117,11 +150,17 @@ impl Extractor {
             (MaskSource::Pruning, Some(_)) => prune(volume, &go_on),
             (_, network) => extraction::extract(volume, network.as_ref(), threshold, &go_on),
         };
-        found.map_err(from_extraction)
+        let found = found.map_err(from_extraction)?;
+        if found.method == Method::Network && threshold == USUAL_THRESHOLD {
+            turn.remember(key_of(volume), &found);
+        }
+        Ok(found)
     }
 
-    /// Extracts the brain with the network, for comparison with a supplied mask, after waiting for its turn; `None`
-    /// without a network.
+    /// The depth below the envelope of the brain that the network finds, for comparison with a supplied mask, after waiting for
+    /// its turn; `None` without a network, or if it is not certain.
+    ///
+    /// What it found in a volume is remembered.
     ///
     /// # Errors
     /// If it finds nothing, or `cancelled` is set.
@@ -129,12 +168,18 @@ impl Extractor {
         &self,
         volume: &Volume,
         is_cancelled: &AtomicBool,
-    ) -> Result<Option<Extraction>, ExtractionError> {
+    ) -> Result<Option<DistanceMap>, ExtractionError> {
         let Some(network) = &self.network else {
             return Ok(None);
         };
+        let key = key_of(volume);
         let turn = self.await_turn(is_cancelled);
-        let _turn = turn.map_err(|_| ExtractionError::Cancelled)?;
+        let mut turn = turn.map_err(|_| ExtractionError::Cancelled)?;
+        if let Some(known) = turn.recall(&key) {
+            let brain = known.as_deref().and_then(decode_brain);
+            let closed = brain.map(|brain| closed(&brain, volume)).transpose()?;
+            return Ok(closed.map(|(distance, _)| distance));
+        }
         let go_on = |_: f32| {
             if is_cancelled.load(Ordering::Relaxed) {
                 ControlFlow::Break(())
@@ -142,10 +187,12 @@ impl Extractor {
                 ControlFlow::Continue(())
             }
         };
-        predict(volume, network, USUAL_THRESHOLD, &go_on).map(Some)
+        let found = predict(volume, network, USUAL_THRESHOLD, &go_on)?;
+        turn.remember(key, &found);
+        Ok(found.is_certain().then_some(found.closed))
     }
 
-    fn await_turn(&self, is_cancelled: &AtomicBool) -> Result<MutexGuard<'_, ()>, Failure> {
+    fn await_turn(&self, is_cancelled: &AtomicBool) -> Result<MutexGuard<'_, Memory>, Failure> {
         loop {
             if is_cancelled.load(Ordering::Relaxed) {
                 return Err(cancelled());
@@ -204,6 +251,30 @@ mod tests {
             cancelled.store(true, Ordering::Relaxed);
             assert_eq!(waiting.join().unwrap().unwrap_err().name, "cancelled");
         });
+    }
+
+    #[test]
+    fn what_the_network_found_is_remembered_for_the_last_volumes() {
+        let volume = geometry::phantom::head(4.0).volume;
+        let mut found = prune(&volume, &|_| ControlFlow::Continue(())).unwrap();
+        let mut memory = Memory::default();
+        let key = key_of(&volume);
+        assert_eq!(memory.recall(&key), None);
+        memory.remember(key.clone(), &found);
+        assert_eq!(memory.recall(&key), Some(&None), "it was not certain");
+
+        (found.quality.agreement, found.quality.uncertain) = (Some(0.98), Some(0.01));
+        let numbered = |number: usize| {
+            let mut other = key.clone();
+            other.0.moments[0] += 1 + number as u64;
+            other
+        };
+        for number in 0..REMEMBERED {
+            memory.remember(numbered(number), &found);
+        }
+        assert_eq!(memory.recall(&key), None, "it is forgotten");
+        let kept = memory.recall(&numbered(0)).unwrap().as_deref().unwrap();
+        assert_eq!(decode_brain(kept).unwrap(), found.brain);
     }
 
     #[test]

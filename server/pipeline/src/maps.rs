@@ -102,14 +102,24 @@ pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> 
     })
 }
 
+/// The side of a position that is so far from the midsagittal plane, to the patient's left.
+pub fn side_at(left_mm: f64) -> PatientSide {
+    patient_side(Side::at(left_mm))
+}
+
+fn patient_side(side: Side) -> PatientSide {
+    match side {
+        Side::Left => PatientSide::Left,
+        Side::Right => PatientSide::Right,
+        Side::Middle => PatientSide::Middle,
+    }
+}
+
 fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
     CandidateFacts {
         position_in_patient: candidate.position_in_patient.to_array(),
         depth_mm: candidate.depth_mm,
-        side: match candidate.side {
-            Side::Left => PatientSide::Left,
-            Side::Right => PatientSide::Right,
-        },
+        side: patient_side(candidate.side),
         score: candidate.score,
         size_mm: candidate.size_mm,
     }

@@ -25,6 +25,7 @@ pub fn of_supplied(
         Some(judgement) => judgement.doubts.clone(),
         None => numbers.doubts(),
     };
+    let comparison = judgement.and_then(|judgement| judgement.comparison);
     let reasons: Vec<Reason> = doubts.into_iter().map(|doubt| doubt.reason).collect();
     Quality {
         state: if reasons.is_empty() {
@@ -36,7 +37,10 @@ pub fn of_supplied(
         numbers: QualityNumbers {
             contrast: judgement.and_then(|judgement| judgement.contrast),
             rim: judgement.and_then(|judgement| judgement.rim.map(|rim| rim.here)),
-            overlap: judgement.and_then(|judgement| judgement.overlap),
+            overlap: comparison.map(|comparison| comparison.overlap),
+            distance_95_mm: comparison.map(|comparison| comparison.apart.percentile_95_mm),
+            distance_mean_mm: comparison.map(|comparison| comparison.apart.mean_mm),
+            distant_cm2: comparison.map(|comparison| comparison.apart.patch_cm2),
             ..measured
         },
         reason_codes: codes(&reasons),
@@ -98,12 +102,12 @@ pub fn method_of(method: Method) -> MaskMethod {
     }
 }
 
-/// Measures a brain mask and its envelope.
+/// Measures a brain mask and its envelope. The share of its largest component, and the area on what cuts it, were measured before
+/// its surface was moved.
 pub fn measure(
     brain: &BrainMask,
     envelope: &Envelope,
-    largest_component: f64,
-    volume_grid: &Grid,
+    (largest_component, cut_area_cm2): (f64, [f64; 6]),
 ) -> QualityNumbers {
     let brain_ml = brain.volume_ml();
     QualityNumbers {
@@ -111,12 +115,15 @@ pub fn measure(
         closing_added: envelope.volume_ml() / brain_ml - 1.0,
         largest_component,
         extents_mm: brain.extents_mm(),
-        cut_area_cm2: brain.cut_area_cm2(volume_grid),
+        cut_area_cm2,
         agreement: None,
         uncertain: None,
         contrast: None,
         rim: None,
         overlap: None,
+        distance_95_mm: None,
+        distance_mean_mm: None,
+        distant_cm2: None,
     }
 }
 
@@ -136,6 +143,9 @@ mod tests {
             contrast: None,
             rim: None,
             overlap: None,
+            distance_95_mm: None,
+            distance_mean_mm: None,
+            distant_cm2: None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! An upload, and its volume.
 
 use bytes::Bytes;
-use case::{Failure, Quality};
+use case::{CutFacts, Failure, Quality};
 use geometry::Volume;
 
 use crate::Limits;
@@ -28,13 +28,15 @@ pub struct Source {
     pub brain: Option<StoredBrain>,
 }
 
-/// A stored extracted brain.
+/// A stored brain that was extracted or rated.
 #[derive(Debug, Clone)]
 pub struct StoredBrain {
     /// The payload of [`ObjectKind::Mask`](case::ObjectKind::Mask).
     pub mask: Bytes,
     /// Its quality.
     pub quality: Quality,
+    /// The faces of the field of view that cut it.
+    pub cuts: Vec<CutFacts>,
 }
 
 /// The whole acquired volume of an upload.

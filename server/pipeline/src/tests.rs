@@ -4,6 +4,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bytes::Bytes;
+use geometry::phantom::PhantomHead;
 use geometry::{Grid, Mask, Volume};
 
 use super::*;
@@ -220,6 +221,7 @@ fn a_raw_head_is_extracted_first_and_a_rebuild_keeps_its_brain() {
     let stored = StoredBrain {
         mask: encode_brain(&prepared.brain).into(),
         quality,
+        cuts: prepared.facts.cuts.clone(),
     };
     let again = Source {
         brain: Some(stored),
@@ -235,6 +237,38 @@ fn a_raw_head_is_extracted_first_and_a_rebuild_keeps_its_brain() {
     };
     let stopped = pipeline.prepare(&raw, &parameters, &limits, &stop, &cancelled);
     assert_eq!(stopped.unwrap_err().name, "cancelled");
+}
+
+#[test]
+fn zeros_within_a_volume_cut_its_brain_as_its_faces_do() {
+    let head = phantom();
+    let grid = head.volume.grid().clone();
+    let height = grid.size()[2];
+    let is_lost = |index: usize| grid.voxel(index)[2] > height * 3 / 5;
+    let lost = |index: usize, value: u16| if is_lost(index) { 0 } else { value };
+    let voxels = head.volume.voxels().iter().enumerate();
+    let voxels = voxels.map(|(index, &value)| lost(index, value)).collect();
+    let brain = head.brain.voxels().iter().enumerate();
+    let brain = brain.map(|(index, &is)| is && !is_lost(index)).collect();
+    let cut = PhantomHead {
+        volume: Volume::new(grid.clone(), voxels, head.volume.rescale()).unwrap(),
+        brain: Mask::new(grid, brain).unwrap(),
+    };
+    let prepared = run(&upload(&cut), &Parameters::default()).unwrap();
+    let facts = prepared.facts;
+    let faces: Vec<&str> = facts.cuts.iter().map(|cut| cut.face.as_str()).collect();
+    assert_eq!(faces, ["superior"]);
+    let quality = facts.quality.unwrap();
+    assert!(
+        quality
+            .reason_codes
+            .contains(&"mask-cut-superior".to_owned()),
+        "{quality:?}"
+    );
+    let distance = &prepared.built.distance;
+    let unknown = (0..distance.inside().len())
+        .filter(|&index| distance.inside()[index] && !distance.is_known(index));
+    assert!(unknown.count() > 1000);
 }
 
 #[test]

@@ -96,6 +96,8 @@ macro_rules! conformance {
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
                 an_image_is_received_once
+                an_image_that_replaces_another_supersedes_the_cases_of_its_series
+                objects_that_are_not_kept_are_counted
                 a_series_is_due_when_nothing_came_for_a_while
                 a_series_with_all_announced_images_waits_no_longer
                 a_late_image_fences_the_reader_off_and_makes_the_series_due_again

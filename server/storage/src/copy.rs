@@ -150,6 +150,7 @@ impl Store {
                         accession_number: arrival.accession_number.clone(),
                         sop_instance_uid: uid.clone(),
                         digest: name.digest,
+                        replaces: None,
                     });
                 } else {
                     lost.push(*name);

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::io::ErrorKind;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::objects::{BUCKET, ObjectError};
 use sqlx::error::DatabaseError;
@@ -119,8 +120,29 @@ fn has_code(error: &(dyn Error + 'static), codes: &[&str]) -> bool {
         .is_some_and(|code| codes.contains(&&*code))
 }
 
+/// Operations that failed since the process started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FailureCounts {
+    /// Of the database.
+    pub database: u64,
+    /// Of the object store, or of the disk.
+    pub objects: u64,
+}
+
+static DATABASE_FAILURES: AtomicU64 = AtomicU64::new(0);
+static OBJECT_FAILURES: AtomicU64 = AtomicU64::new(0);
+
+/// Operations of any store that failed since the process started, for metrics.
+pub fn failures() -> FailureCounts {
+    FailureCounts {
+        database: DATABASE_FAILURES.load(Ordering::Relaxed),
+        objects: OBJECT_FAILURES.load(Ordering::Relaxed),
+    }
+}
+
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
+        DATABASE_FAILURES.fetch_add(1, Ordering::Relaxed);
         Self::Rows(Box::new(error))
     }
 }
@@ -139,6 +161,7 @@ impl From<serde_json::Error> for StoreError {
 
 impl From<ObjectError> for StoreError {
     fn from(error: ObjectError) -> Self {
+        OBJECT_FAILURES.fetch_add(1, Ordering::Relaxed);
         match error {
             ObjectError::Store(source) => Self::Objects(source),
             ObjectError::Disk(source) => Self::Disk(source),

@@ -69,7 +69,7 @@ use case::{Case, CaseId};
 pub use case::arrivals;
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
-pub use self::error::StoreError;
+pub use self::error::{FailureCounts, StoreError, failures};
 pub use self::inspect::{Finding, Inspected};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
@@ -80,9 +80,9 @@ pub use self::page::{Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
     ChangedLayer, Claim, DueSeries, LayerChange, LayerClaim, LayerName, LeaseTerms, Pinned,
-    Published, Release,
+    Published, Release, RowCounts,
 };
-pub use self::signals::{Count, Counters, Signals};
+pub use self::signals::{Count, Counters, ImageStatus, Signals};
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
 
@@ -393,6 +393,17 @@ impl Store {
     /// The changes of a case.
     pub fn subscribe(&self, id: &CaseId) -> Watch {
         Watch::new(self.clone(), *id)
+    }
+
+    /// Free bytes for an unprivileged process on the disk of [`Store::scratch`], for metrics.
+    ///
+    /// # Errors
+    /// If the disk fails.
+    pub async fn free_bytes(&self) -> Result<u64, StoreError> {
+        let scratch = self.scratch();
+        let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&scratch));
+        let disk = disk.await?.map_err(std::io::Error::from)?;
+        Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
     /// Counts since the process started, for metrics.

@@ -77,6 +77,15 @@ pub(crate) struct Sweep {
     pub lease: Duration,
 }
 
+/// How many rows are in which state.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RowCounts {
+    /// What they are (`cases`, `arrivals`, `retrievals`, `results`), the node if they have one, their state, and how many.
+    pub by_state: Vec<(String, String, String, u64)>,
+    /// For how long the oldest result waits that has not been sent.
+    pub oldest_unsent: Option<Duration>,
+}
+
 /// A change of the rows by any process, including this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Change {

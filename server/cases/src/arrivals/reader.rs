@@ -103,8 +103,20 @@ impl Cases {
         };
         let outcome = self.outcome(&due, options).await;
         match &outcome {
-            Outcome::Case(_) => tracing::info!(arrival = due.id, "a series became a case"),
-            Outcome::Layer(_) => tracing::info!(arrival = due.id, "a series became a layer"),
+            Outcome::Case(case) => {
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a case"
+                );
+            }
+            Outcome::Layer(case) => {
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a layer"
+                );
+            }
             Outcome::Nothing(failure) => {
                 let reason = failure.name.as_str();
                 tracing::info!(arrival = due.id, reason, "a series became nothing");
@@ -161,6 +173,17 @@ impl Cases {
             None => None,
         };
         let (of, parameters) = match previous {
+            // Layers, findings and the label stay with the patient whom they are about.
+            Some(case) if !self.is_of_patient(&upload, &case.id).await? => {
+                let name = None;
+                (
+                    None,
+                    Parameters {
+                        name,
+                        ..case.parameters
+                    },
+                )
+            }
             Some(case) => (Some(case.id), case.parameters),
             None => (None, Parameters::default()),
         };

@@ -7,7 +7,8 @@ use storage::{Store, StoreError};
 const CODE: &str = "axes-corrected";
 
 const SENTENCE: &str = "another case has the same voxels with other axes, so that one of the two headers is wrong. The picture cannot tell \
-                        left from right: ask whoever made the file which side is left, and delete the case with the wrong header";
+                        left from right: ask whoever made the file which side is left, then delete both cases and upload the volume with the \
+                        correct header";
 
 /// How many cases with the same voxels are compared.
 const MOST_COMPARED: usize = 100;

@@ -10,7 +10,7 @@ mod request;
 
 pub use self::depth::{DepthMm, ShownDepth};
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for, warm_job};
-pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode};
+pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::layers::{
     ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, PictureLayers, maps_of,
@@ -19,6 +19,6 @@ pub use self::layers::{
 pub use self::numbers::{NumberList, Numbers};
 pub use self::request::{
     CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_annotation,
-    check_count, default_count, default_side, default_zoom, mesh_size, picture_size, window_of,
-    window_of_numbers,
+    check_count, default_count, default_picture_count, default_side, default_zoom, mesh_size,
+    picture_size, window_of, window_of_numbers,
 };

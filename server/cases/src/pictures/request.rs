@@ -33,13 +33,29 @@ pub fn default_zoom() -> f64 {
     1.0
 }
 
-/// The default number of contours and points of a mesh.
+/// The default number of contours and points of a downloaded mesh.
 pub fn default_count() -> usize {
     DeformableModel::DEFAULT_MESH.contour_count()
 }
 
+/// The default number of contours and points of a mesh in a picture: 15 mm deep, the picture then differs from that by `trace` by
+/// 2 of 255 levels on average; with 30 × 30 by 7 to 10, with wedges.
+pub fn default_picture_count() -> usize {
+    200
+}
+
 fn default_paths() -> PathKind {
     PathKind::Flow
+}
+
+/// A word with a default, which a reference to the schema of [`PathKind`] could not have.
+#[cfg(feature = "openapi")]
+fn paths_schema() -> utoipa::openapi::schema::Object {
+    utoipa::openapi::ObjectBuilder::new()
+        .schema_type(utoipa::openapi::schema::Type::String)
+        .enum_values(Some(["forest", "flow"]))
+        .default(Some("flow".into()))
+        .build()
 }
 
 fn default_ambient() -> f64 {
@@ -111,18 +127,18 @@ pub struct PictureRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub background: Background,
-    /// Contours of the mesh, for the renderer `mesh`.
-    #[serde(default = "default_count")]
-    #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 512, default = 30))]
+    /// Contours of the mesh, for the renderer `mesh`. Fewer are faster, and grossly wrong where the surface is hollow.
+    #[serde(default = "default_picture_count")]
+    #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 512, default = 200))]
     pub contours: usize,
     /// Points on each contour of the mesh, for the renderer `mesh`.
-    #[serde(default = "default_count")]
-    #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 1024, default = 30))]
+    #[serde(default = "default_picture_count")]
+    #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 1024, default = 200))]
     pub points: usize,
     /// The paths of the vertices, for the renderer `mesh`. At great depths, meshes along the gradient are closer to the
     /// exact picture than meshes along the forest, which tear.
     #[serde(default = "default_paths")]
-    #[cfg_attr(feature = "openapi", param(inline, default = "flow"))]
+    #[cfg_attr(feature = "openapi", param(schema_with = paths_schema))]
     pub paths: PathKind,
     /// Whether to draw the label, day and short id of the case, depth, window, scale, directions and the notice into
     /// the picture, and the colours of an overlay.
@@ -177,8 +193,8 @@ impl Default for PictureRequest {
             slab_mm: 0.0,
             ambient: default_ambient(),
             background: Background::default(),
-            contours: default_count(),
-            points: default_count(),
+            contours: default_picture_count(),
+            points: default_picture_count(),
             paths: default_paths(),
             annotate: false,
             layer: None,

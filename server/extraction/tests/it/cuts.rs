@@ -65,7 +65,7 @@ fn compared(whole: &DistanceMap, cut: &DistanceMap) -> (Vec<f64>, usize) {
                 let position = cut.grid().patient_from_voxel().transform_point3(voxel);
                 let is_nearer =
                     cut.envelope().cuts().iter().all(|cut| {
-                        cut.distance_mm(position) > f64::from(truth_mm) + 1.5 * voxel_mm
+                        cut.distance_mm(position) > f64::from(truth_mm) + 2.0 * voxel_mm
                     });
                 missed += usize::from(is_nearer);
             }

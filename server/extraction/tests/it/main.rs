@@ -7,6 +7,7 @@ mod cuts;
 mod heads;
 mod network;
 mod pruning;
+mod spoiled;
 mod support;
 mod verdicts;
 mod wrong_heads;

@@ -6,7 +6,8 @@ use case::CaseId;
 use cases::models::{Models, PathKind};
 use cases::pictures::{
     CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, LayerRef, Numbers,
-    PictureJob, PictureLayers, PictureRequest, backend_for, encode, warm_job,
+    PictureJob, PictureLayers, PictureRequest, backend_for, default_picture_count, encode,
+    warm_job,
 };
 use cases::{ConcurrencyLimit, Error, Library, Preparation};
 use clap::Args;
@@ -94,10 +95,10 @@ struct PictureArgs {
     #[arg(long, value_parser = choices::background(), default_value = "black")]
     background: Background,
     /// Number of contours of the mesh, for the renderer mesh.
-    #[arg(long, default_value_t = 30)]
+    #[arg(long, default_value_t = default_picture_count())]
     contours: usize,
     /// Number of points on each contour of the mesh, for the renderer mesh.
-    #[arg(long, default_value_t = 30)]
+    #[arg(long, default_value_t = default_picture_count())]
     points: usize,
     /// The paths of the vertices, for the renderer mesh.
     #[arg(long, value_parser = choices::paths(), default_value = "flow")]

@@ -12,6 +12,7 @@ use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken};
 use http_support::listen::ConnectionLimits;
+use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
 use pipeline::HeadLimits;
 use serde::Deserialize;
@@ -90,6 +91,14 @@ pub enum ConfigError {
         /// The reason.
         source: Box<toml::de::Error>,
     },
+    /// An unknown time zone.
+    #[error(
+        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
+    )]
+    TimeZone {
+        /// The value.
+        zone: String,
+    },
     /// The token is too weak.
     #[error(transparent)]
     Token(#[from] BadToken),
@@ -111,6 +120,14 @@ pub enum ConfigError {
         key: &'static str,
         /// The reason.
         source: BadAddress,
+    },
+    /// An origin is none.
+    #[error("`{key}`: {source}")]
+    Origin {
+        /// The key.
+        key: &'static str,
+        /// The reason.
+        source: NotAnOrigin,
     },
     /// A node of the PACS is invalid.
     #[error("the node `{name}` in `pacs.nodes` is invalid: {source}")]
@@ -136,6 +153,14 @@ pub enum ConfigError {
         "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without spaces and backslashes"
     )]
     Aet,
+    /// The address of a peer is none.
+    #[error(
+        "the `address` of the peer `{aet}` in `pacs.dimse.peers` must be an address, a network such as 10.0.0.0/8, or the name of a host"
+    )]
+    PeerAddress {
+        /// Its title.
+        aet: String,
+    },
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -174,13 +199,32 @@ impl Config {
     /// # Errors
     /// If the token cannot be read or is too weak, or if there is none and the server would listen on the network.
     pub fn access(&self) -> Result<Access, ConfigError> {
-        match self.token_text()? {
-            Some(token) => Ok(Access::with_token(token.trim())?),
-            None if self.http.listen.ip().is_loopback() => Ok(Access::of_this_machine()),
-            None => Err(ConfigError::OpenToStrangers {
-                listen: self.http.listen,
-            }),
-        }
+        let access = match self.token_text()? {
+            Some(token) => Access::with_token(token.trim())?,
+            None if self.http.listen.ip().is_loopback() => Access::of_this_machine(),
+            None => {
+                return Err(ConfigError::OpenToStrangers {
+                    listen: self.http.listen,
+                });
+            }
+        };
+        let [allowed, _] = self.origins()?;
+        Ok(access.with_origins(allowed))
+    }
+
+    /// The origins whose pages may read answers, and those in whose frames the page may stand.
+    ///
+    /// # Errors
+    /// If one is no origin.
+    pub fn origins(&self) -> Result<[Origins; 2], ConfigError> {
+        let parse = |key, texts: &[String]| {
+            let wrong = |source| ConfigError::Origin { key, source };
+            Origins::parse(texts).map_err(wrong)
+        };
+        Ok([
+            parse("http.allowed_origins", &self.http.allowed_origins)?,
+            parse("http.frame_ancestors", &self.http.frame_ancestors)?,
+        ])
     }
 
     /// Whether the page shows the patient of a case from DICOM: unless it is set, if strangers cannot open the page's cases.
@@ -403,6 +447,17 @@ mod tests {
         let none = parsed("[storage]\nkeep_days = 0").unwrap();
         let error = none.check().unwrap_err().to_string();
         assert!(error.contains("`storage.keep_days`"), "{error}");
+    }
+
+    #[test]
+    fn an_origin_is_no_pattern() {
+        let config = parsed("[http]\nallowed_origins = [\"https://viewer.example\"]").unwrap();
+        assert_eq!(config.origins().unwrap()[0].iter().count(), 1);
+        for key in ["allowed_origins", "frame_ancestors"] {
+            let config = parsed(&format!("[http]\n{key} = [\"*\"]")).unwrap();
+            let error = config.origins().unwrap_err().to_string();
+            assert!(error.contains(&format!("`http.{key}`")), "{error}");
+        }
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! Results of a case as DICOM objects: returned, or sent to a node.
 
 mod compose;
+mod directions;
 pub(crate) mod draw;
+mod moment;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
@@ -87,7 +89,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
         (status = 406, description = "A segmentation or a list has no picture"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or its patient or study was corrected since (`superseded`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), or no frame of reference for a segmentation"),
         (status = 503, description = "Too much work is waiting"),
     )
@@ -111,7 +113,7 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let node = asked.node.as_deref().map(|name| pacs.named_node(name));
     let node = node.transpose()?;
     let plan = asked.plan()?;
-    let composer = Composer::begin(pacs.cases(), id, &asked, plan).await?;
+    let composer = Composer::begin(pacs, id, &asked, plan).await?;
     if is_preview {
         return Ok(picture(composer.preview(pacs.cases()).await?));
     }

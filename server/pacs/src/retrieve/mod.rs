@@ -28,7 +28,7 @@ const MAX_FRAMES: usize = 64;
 /// The instances of a study that are kept, as parts: results that were sent, and with `[pacs] keep_source` the images that its cases
 /// were made of (WADO-RS, PS3.18 §10.4).
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}", tag = "pacs", operation_id = "retrieve_study",
     params(StudyPath),
     responses(
         (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
@@ -49,7 +49,7 @@ pub(crate) async fn study(
 ///
 /// As `GET /dicomweb/studies/{study}`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}", tag = "pacs", operation_id = "retrieve_series",
     params(SeriesPath),
     responses(
         (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
@@ -68,7 +68,7 @@ pub(crate) async fn series(
 ///
 /// As `GET /dicomweb/studies/{study}`; with `Accept: application/dicom` the file itself.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}", tag = "pacs", operation_id = "retrieve_instance",
     params(InstancePath),
     responses(
         (status = 200, description = "The file", content(
@@ -90,7 +90,7 @@ pub(crate) async fn instance(
 /// The attributes of every instance as DICOM JSON, without private ones and binary values. Of images that are not kept: what is known of
 /// them.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/metadata", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/metadata", tag = "pacs", operation_id = "retrieve_study_metadata",
     params(StudyPath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
@@ -110,7 +110,7 @@ pub(crate) async fn study_metadata(
 ///
 /// As `GET /dicomweb/studies/{study}/metadata`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/metadata", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/metadata", tag = "pacs", operation_id = "retrieve_series_metadata",
     params(SeriesPath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
@@ -129,7 +129,7 @@ pub(crate) async fn series_metadata(
 ///
 /// As `GET /dicomweb/studies/{study}/metadata`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata", tag = "pacs", operation_id = "retrieve_instance_metadata",
     params(InstancePath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
@@ -148,7 +148,7 @@ pub(crate) async fn instance_metadata(
 ///
 /// Uncompressed samples in little endian, as parts; one frame also as itself.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}", tag = "pacs", operation_id = "retrieve_frames",
     params(FramesPath),
     responses(
         (status = 200, description = "The frames", content(
@@ -197,6 +197,11 @@ async fn load(pacs: &Pacs, named: &Named) -> Result<HeldStudy, PacsError> {
         return Err(missing());
     }
     Ok(study)
+}
+
+/// The file of an instance.
+pub(crate) async fn object_of(pacs: &Pacs, named: &Named) -> Result<ObjectName, PacsError> {
+    Ok(objects(&load(pacs, named).await?)?[0])
 }
 
 /// The files of those instances that may be retrieved.

@@ -4,10 +4,10 @@ use std::future::ready;
 use std::sync::Arc;
 
 use axum::extract::State;
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{MeshSize, PathTable, ShrunkMesh};
+use geometry::{DepthField, MeshSize, PathTable, ShrunkMesh};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
@@ -19,7 +19,7 @@ use case::CaseFacts;
 use cases::Cases;
 use cases::models::PathKind;
 use cases::pictures::{DepthMm, default_count, mesh_size};
-use http_support::conditional::{Content, Format, Question};
+use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::{AppError, Problem};
 
@@ -135,7 +135,8 @@ impl Asked for PathsQuery {
 /// The mesh of the isosurface at a depth
 ///
 /// Depending on `Accept`: only the positions, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points
-/// contour by contour and then the two cap centres; or a complete mesh as GLB (y up, metres), STL, OBJ or PLY (LPS mm).
+/// contour by contour and then the two cap centres, NaN if the depth there is unknown; or a complete mesh as GLB (y up, metres),
+/// STL, OBJ or PLY (LPS mm).
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh", tag = "meshes",
     params(("id" = String, Path, description = "The case"), MeshQuery),
@@ -143,6 +144,8 @@ impl Asked for PathsQuery {
         (status = 200, description = "The mesh", headers(
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this mesh"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
+            ("X-Isocortex-Unknown-Vertices" = usize, description = "How many vertices have no known depth, because a face that cuts the brain is nearer than the dura; their positions are NaN in `application/octet-stream`"),
+            ("X-Isocortex-Shallow-Vertices" = usize, description = "How many vertices are shallower than the mesh, because their paths end before its depth"),
             ("ETag" = String, description = "A strong tag"),
         ), content(
             (Vec<u8> = "application/octet-stream"), (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "model/stl"),
@@ -173,26 +176,58 @@ pub async fn get_mesh(
         let (size, depth) = (values.size, values.depth.shown_in(&facts));
         let model = cases.model(&id).await?;
         let shrunk = model.shrink(size, asked.paths, depth.mm);
-        let body = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
+        let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // This takes microseconds, so it does not wait for a turn.
-            wire::positions(&shrunk.await?.positions_in_patient)
+            encode(shrunk.await?, model.model().field(), (size, format))
         } else {
             let turn = cases.queue.turn().await?;
-            let shrunk = shrunk.await?;
-            turn.run(move || encode(&shrunk, size, format)).await?
+            let (shrunk, model) = (shrunk.await?, Arc::clone(model.model()));
+            let work = move || encode(shrunk, model.field(), (size, format));
+            turn.run(work).await?
         };
+        let mut headers = depth_headers(depth);
+        for (name, count) in [
+            ("x-isocortex-unknown-vertices", lacking.unknown),
+            ("x-isocortex-shallow-vertices", lacking.shallow),
+        ] {
+            let name = HeaderName::from_static(name);
+            conditional::insert(&mut headers, name, &count.to_string());
+        }
         Ok(Content {
-            headers: depth_headers(depth),
+            headers,
             ..body.into()
         })
     };
     question.answer(&cases, Format::of(format), work).await
 }
 
-fn encode(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
+/// How many vertices of a mesh have no true depth.
+struct Lacking {
+    unknown: usize,
+    shallow: usize,
+}
+
+fn encode(
+    mut shrunk: ShrunkMesh,
+    field: &DepthField,
+    (size, format): (MeshSize, &str),
+) -> (Bytes, Lacking) {
+    let unknown = shrunk.unknown_vertices(field);
+    let lacking = Lacking {
+        unknown: unknown.len(),
+        shallow: shrunk.shallow_count(field),
+    };
     if format == POSITIONS {
-        return wire::positions(&shrunk.positions_in_patient);
+        for vertex in unknown {
+            shrunk.positions_in_patient[vertex] = [f32::NAN; 3];
+        }
+        return (wire::positions(&shrunk.positions_in_patient), lacking);
     }
+    (encode_file(&shrunk, size, format), lacking)
+}
+
+/// A mesh as a file. Programs that read such files expect a position for each vertex.
+fn encode_file(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
     let triangles = size.triangles();
     let mesh = wire::Mesh {
         shrunk,
@@ -290,7 +325,11 @@ pub async fn get_paths(
         let paths = asked.paths;
         let model = cases.model(&id).await?;
         let kind = BodyKind::Paths(size, paths);
-        let encode = move |table: Arc<PathTable>| wire::paths(&table, paths);
+        let on_envelope = Arc::clone(model.model());
+        let encode = move |table: Arc<PathTable>| {
+            let unknown = table.shrink(0.0).unknown_vertices(on_envelope.field());
+            wire::paths(&table, paths, unknown.len())
+        };
         let table = model.paths(size, paths);
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
         Ok(body.await?.into())

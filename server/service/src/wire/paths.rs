@@ -10,11 +10,11 @@ const VERSION: u16 = 1;
 const HEADER_LENGTH: usize = 56;
 const PIECE_LENGTH: usize = 24;
 
-/// A table of paths in the layout of the README: header, finer pieces, three planes of differences.
-pub fn paths(table: &PathTable, kind: PathKind) -> Bytes {
+/// A table of paths in the layout of the README: header, finer pieces, three planes of differences. `unknown_vertices` start on a cut.
+pub fn paths(table: &PathTable, kind: PathKind, unknown_vertices: usize) -> Bytes {
     let pieces = 4 * table.first_piece.len() + PIECE_LENGTH * table.pieces.len();
     let mut file = Vec::with_capacity(HEADER_LENGTH + pieces + 6 * table.rows.len());
-    write_header(&mut file, table, kind);
+    write_header(&mut file, table, kind, unknown_vertices);
     let first_piece = table.first_piece.iter();
     file.extend(first_piece.flat_map(|number| number.to_le_bytes()));
     for piece in &table.pieces {
@@ -26,7 +26,7 @@ pub fn paths(table: &PathTable, kind: PathKind) -> Bytes {
     file.into()
 }
 
-fn write_header(file: &mut Vec<u8>, table: &PathTable, kind: PathKind) {
+fn write_header(file: &mut Vec<u8>, table: &PathTable, kind: PathKind, unknown_vertices: usize) {
     let kind: u16 = match kind {
         PathKind::Forest => 0,
         PathKind::Flow => 1,
@@ -49,7 +49,7 @@ fn write_header(file: &mut Vec<u8>, table: &PathTable, kind: PathKind) {
             .flat_map(|&count| (count as u32).to_le_bytes()),
     );
     file.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
-    file.extend_from_slice(&[0; 4]);
+    file.extend_from_slice(&(unknown_vertices as u32).to_le_bytes());
 }
 
 fn write_piece(file: &mut Vec<u8>, piece: &Piece) {
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn a_client_that_follows_the_readme_gets_the_table_back() {
         let table = table();
-        let file = paths(&table, PathKind::Flow);
+        let file = paths(&table, PathKind::Flow, 7);
         assert_eq!(&file[..4], MAGIC);
         assert_eq!(file[6], 1);
         assert_eq!(
@@ -137,6 +137,7 @@ mod tests {
         assert_eq!(u32_at(&file, pieces), 6);
         assert_eq!(f32_at(&file, pieces + 8), 0.75);
         assert_eq!(file[pieces + 12..pieces + 14], [1, 0]);
+        assert_eq!(u32_at(&file, 52), 7);
         assert_eq!(positions_of(&file), table.rows);
     }
 }

@@ -161,6 +161,8 @@ CREATE TABLE arrivals (
     reason           TEXT,    -- JSON, when it became nothing
     case_id          TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
     instances        BIGINT NOT NULL DEFAULT 0,
+    superseded       BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
+    ignored          BIGINT NOT NULL DEFAULT 0, -- objects that were not kept
     expected         BIGINT, -- how many the sender says there are
     first_at         BIGINT NOT NULL,
     last_at          BIGINT NOT NULL,
@@ -189,7 +191,8 @@ CREATE TABLE case_series (
     case_id          TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
-    accession_number TEXT
+    accession_number TEXT,
+    superseded       BIGINT NOT NULL DEFAULT 0 -- whether the patient or the study was corrected since
 );
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);

@@ -128,6 +128,8 @@ CREATE TABLE arrivals (
     reason           TEXT,    -- JSON, when it became nothing
     case_id          TEXT    REFERENCES cases (id) ON DELETE SET NULL,
     instances        INTEGER NOT NULL DEFAULT 0,
+    superseded       INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
+    ignored          INTEGER NOT NULL DEFAULT 0, -- objects that were not kept
     expected         INTEGER, -- how many the sender says there are
     first_at         INTEGER NOT NULL,
     last_at          INTEGER NOT NULL,
@@ -156,7 +158,8 @@ CREATE TABLE case_series (
     case_id          TEXT NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
     study_uid        TEXT NOT NULL,
     series_uid       TEXT NOT NULL,
-    accession_number TEXT
+    accession_number TEXT,
+    superseded       INTEGER NOT NULL DEFAULT 0 -- whether the patient or the study was corrected since
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);

@@ -9,9 +9,9 @@ use super::Subject;
 use crate::ObjectName;
 use crate::Store;
 use crate::arrivals::{
-    AccessionNumber, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries,
-    DueTerms, NOT_T1, NewInstance, Outcome, SeriesQuery, SeriesUids, TransferEnd, TransferState,
-    Uid,
+    AccessionNumber, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries, Change,
+    DueTerms, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome, Received, SeriesQuery, SeriesUids,
+    TransferEnd, TransferState, Uid,
 };
 use crate::rows::{DueSeries, Sweep};
 use crate::testing::{failure, new_case, pinned};
@@ -41,16 +41,21 @@ fn image(number: u32, image: u32) -> NewInstance {
         accession_number: AccessionNumber::parse("A1"),
         digest: blake3::hash(name.as_bytes()),
         sop_instance_uid: uid(&name),
+        replaces: None,
     }
 }
 
 async fn receive(store: &Store, images: &[NewInstance]) -> usize {
+    received(store, images).await.new
+}
+
+async fn received(store: &Store, images: &[NewInstance]) -> Received {
     let names: Vec<_> = images.iter().map(ObjectName::from).collect();
     let pinned = pinned(store, &names).await;
-    let new = store
+    let received = store
         .insert_images(images, &pinned, ArrivalSource::Stow)
         .await;
-    new.unwrap().expect("the pins are there")
+    received.unwrap().expect("the pins are there")
 }
 
 async fn due(store: &Store) -> Option<DueSeries> {
@@ -122,6 +127,103 @@ pub(crate) async fn an_image_is_received_once(subject: &Subject) {
         .await;
     assert_eq!(received.unwrap(), None);
     assert_eq!(store.arrivals_of(&study()).await.unwrap().len(), 2);
+}
+
+pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_series(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    receive(store, &[image(1, 1), image(1, 2)]).await;
+    subject.pass(21);
+    let first = a_case(store, "a").await;
+    let leased = due(store).await.unwrap();
+    assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
+    let corrected = |number: u32, change| NewInstance {
+        digest: blake3::hash(format!("corrected {number}").as_bytes()),
+        replaces: Some(change),
+        ..image(1, number)
+    };
+    let known = store.known(&[image(1, 1), image(1, 3)]).await.unwrap();
+    assert_eq!(known, [Some(ObjectName::from(&image(1, 1))), None]);
+    // Other pixels are no reason to distrust the patient of the case.
+    let pixels = received(store, &[corrected(1, Change::Pixels)]).await;
+    let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(pixels.corrected, [arrival.id.as_str()]);
+    assert_eq!(
+        (arrival.state, arrival.superseded, arrival.instances),
+        (ArrivalState::Receiving, 1, 2)
+    );
+    assert!(
+        !store
+            .series_of(&first)
+            .await
+            .unwrap()
+            .unwrap()
+            .is_superseded
+    );
+    // Of each series, only the first image is reported.
+    let owner = received(store, &[corrected(2, Change::Owner)]).await;
+    assert_eq!((owner.new, owner.corrected.len()), (0, 0));
+    assert!(
+        store
+            .series_of(&first)
+            .await
+            .unwrap()
+            .unwrap()
+            .is_superseded
+    );
+    let old = [image(1, 1), image(1, 2)].map(|image| ObjectName::from(&image));
+    let abandoned = store.abandoned(10).await.unwrap();
+    assert!(old.iter().all(|name| abandoned.contains(name)));
+    // The new case is not superseded, and a correction that is taken back leads to the first one again.
+    subject.pass(21);
+    let second = a_case(store, "b").await;
+    let leased = due(store).await.unwrap();
+    assert_eq!(leased.previous, Some(first));
+    assert!(store.settle(&leased, &Outcome::Case(second)).await.unwrap());
+    assert!(
+        !store
+            .series_of(&second)
+            .await
+            .unwrap()
+            .unwrap()
+            .is_superseded
+    );
+    let back = NewInstance {
+        replaces: Some(Change::Owner),
+        ..image(1, 2)
+    };
+    assert_eq!(received(store, &[back]).await.corrected.len(), 1);
+    subject.pass(21);
+    let leased = due(store).await.unwrap();
+    assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
+    let is_superseded = async |case| store.series_of(case).await.unwrap().unwrap().is_superseded;
+    assert!(!is_superseded(&first).await && is_superseded(&second).await);
+}
+
+pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {
+    let store = &subject.store;
+    let reason = Failure::unusable(OTHER_OBJECTS, "the series has no image");
+    for _ in 0..2 {
+        store
+            .ignore(&series(1), ArrivalSource::CStore, &reason)
+            .await
+            .unwrap();
+    }
+    let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(
+        (arrival.state, arrival.ignored, arrival.instances),
+        (ArrivalState::Nothing, 2, 0)
+    );
+    assert_eq!(arrival.reason, Some(reason));
+    subject.pass(21);
+    assert!(due(store).await.is_none());
+    receive(store, &[image(1, 1)]).await;
+    let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(
+        (arrival.state, arrival.ignored, arrival.instances),
+        (ArrivalState::Receiving, 2, 1)
+    );
 }
 
 pub(crate) async fn a_series_is_due_when_nothing_came_for_a_while(subject: &Subject) {
@@ -307,6 +409,7 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
         case: second,
         uids: series(2),
         accession_number: AccessionNumber::parse("A2"),
+        is_superseded: false,
     };
     for _ in 0..2 {
         store.index_series(&of_second).await.unwrap();

@@ -5,12 +5,12 @@ use std::time::Duration;
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, pins, results, retrievals};
 use crate::arrivals::{
-    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, Uid,
+    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Received,
+    Retrieval, SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
 };
-use crate::rows::{DueSeries, Pinned};
+use crate::rows::{DueSeries, Pinned, RowCounts};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, ObjectKind};
+use case::{CaseId, Failure, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
 pub(super) async fn objects(
@@ -45,25 +45,61 @@ pub(super) async fn objects(
 }
 
 impl Store {
-    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references; returns
-    /// how many are new. An image that is there already stays as it is. `None`, and nothing has changed, if a pin is
+    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references. An image
+    /// that is there already stays as it is, unless the new one replaces it. `None`, and nothing has changed, if a pin is
     /// gone: write the objects again.
     pub(crate) async fn insert_images(
         &self,
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Option<usize>, StoreError> {
+    ) -> Result<Option<Received>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(None);
         }
-        let mut new = 0;
+        let mut received = Received::default();
         for instance in instances {
-            new += usize::from(arrivals::add(&mut transaction, instance, source, now).await?);
+            match arrivals::add(&mut transaction, instance, source, now).await? {
+                arrivals::Added::New => received.new += 1,
+                arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
+                arrivals::Added::Known | arrivals::Added::Replaced => {}
+            }
         }
         transaction.commit().await?;
-        Ok(Some(new))
+        Ok(Some(received))
+    }
+
+    /// The objects of those images that are there already, in the same order.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn known(
+        &self,
+        instances: &[NewInstance],
+    ) -> Result<Vec<Option<ObjectName>>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let mut known = Vec::with_capacity(instances.len());
+        for instance in instances {
+            known.push(arrivals::known(&mut connection, instance).await?);
+        }
+        Ok(known)
+    }
+
+    /// Counts an object that is not kept in the arrival of its series. An arrival that has nothing else became nothing, for
+    /// this reason.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn ignore(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        reason: &Failure,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        arrivals::ignore(&mut transaction, (uids, source), reason, now).await?;
+        transaction.commit().await
     }
 
     /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is
@@ -165,6 +201,41 @@ impl Store {
         arrivals::images_of(&mut self.rows().connect().await?, uids).await
     }
 
+    /// How many cases, series, retrievals and results are in which state, for metrics.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn row_counts(&self) -> Result<RowCounts, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let now = self.rows().now(&mut connection).await?;
+        let rows = connection
+            .query(
+                "SELECT 'cases' AS what, '' AS node, state, count(*) AS number FROM cases GROUP BY state
+                 UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
+                 UNION ALL SELECT 'retrievals', node, state, count(*) FROM retrievals GROUP BY node, state
+                 UNION ALL SELECT 'results', node, state, count(*) FROM results GROUP BY node, state",
+            )
+            .fetch_all()
+            .await?;
+        let read = |row: &Row| {
+            let [what, node, state] = ["what", "node", "state"].map(|column| row.get(column));
+            let number: i64 = row.get("number")?;
+            Ok((what?, node?, state?, number.unsigned_abs()))
+        };
+        let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
+        let oldest = connection
+            .query("SELECT min(created_at) AS oldest FROM results WHERE state IN ('queued', 'running')")
+            .fetch_one()
+            .await?;
+        let oldest: Option<i64> = oldest.get("oldest")?;
+        Ok(RowCounts {
+            by_state,
+            oldest_unsent: oldest.map(|oldest| {
+                Duration::from_micros(now.saturating_sub(oldest).max(0).unsigned_abs())
+            }),
+        })
+    }
+
     /// How many series with how many images have come, and how many results there are.
     ///
     /// # Errors
@@ -252,6 +323,19 @@ impl Store {
         let retrieval = retrievals::request(&mut transaction, node, uids, now).await?;
         transaction.commit().await?;
         Ok(retrieval)
+    }
+
+    /// At most `limit` retrievals after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn retrievals(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<Retrieval>, Option<ArrivalCursor>), StoreError> {
+        retrievals::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
     /// A retrieval.

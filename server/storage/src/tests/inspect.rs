@@ -107,12 +107,13 @@ async fn three_images(store: &Store) -> [ObjectName; 3] {
             accession_number: AccessionNumber::parse("A7"),
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
+            replaces: None,
         };
         images.push((new, file));
     }
     let names = [0, 1, 2].map(|number| ObjectName::from(&images[number].0));
     let source = ArrivalSource::Stow;
-    assert_eq!(store.receive(images, source).await.unwrap(), 3);
+    assert_eq!(store.receive(images, source).await.unwrap().new, 3);
     names
 }
 
